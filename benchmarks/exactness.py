@@ -29,7 +29,7 @@ import numpy as np
 
 from random_scenarios import random_scenario
 from twins import MICROMETRE, Difference, Verdict, difference, judge
-from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.robot_params import scenario_warnings
 from vibroswarm.scenario.scenario import preset

@@ -21,7 +21,7 @@ import statistics
 import sys
 import time
 
-from vibroswarm.motion.event.engine import EVENT
+from vibroswarm.motion.event.event_run import EVENT
 from vibroswarm.scenario.scenario import Scenario, preset
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import kernel
 from vibroswarm.motion.control_step import Swarm
-from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun, steps
 from vibroswarm.motion.geometry import arc
 from vibroswarm.motion.recorder import Record, room

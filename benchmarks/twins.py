@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.recorder import Rows
 from vibroswarm.scenario.scenario import Scenario

@@ -44,7 +44,7 @@ from vibroswarm.core.atomic_io import write_file
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.motion.kernel_run import batch_of
 from vibroswarm.motion.physics import wheels_model
-from vibroswarm.motion.physics.planar_run import PlanarRun
+from vibroswarm.motion.physics.planar import PlanarRun
 from vibroswarm.motion.source import Source, register
 from vibroswarm.result import Result
 from wheel_friction import tracks

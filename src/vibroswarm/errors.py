@@ -1,4 +1,4 @@
-"""Errors that users see, and warnings that are given once.
+"""Errors that users see, checks of arguments that raise them, and warnings that are given once.
 
 ``InputError`` is the user's to fix (exit code 2); ``RunError`` is a failure of the machine or of the program
 (exit code 1). Both are printed as one message, never as a traceback. Warnings go through ``logging``, which shows
@@ -38,20 +38,24 @@ class CodeError(RunError):
 
 
 def nearest(word: object, known: Iterable[str]) -> str:
-    """Return ``", did you mean 'x'?"`` for the known word nearest to ``word``, or an empty string."""
+    """Return ``", did you mean 'x'?"`` for the known word most similar to ``word``, or "" if none is similar."""
     match = difflib.get_close_matches(str(word)[:100], list(known), n=1, cutoff=0.6)
     return f", did you mean '{match[0]}'?" if match else ""
 
 
 def check_format(version: object, newest: int, field: str | None = None) -> None:
-    """Refuse a file or folder whose format is not the one that this version writes.
+    """Refuse a file or folder whose format is not the one that this version of vibroswarm reads.
 
+    Args:
+        version: the format number found in the file, of any type. newest: number of the format that this version reads
+            and writes, the only one.
+        field: the file or folder, for the message.
     Raises:
-        InputError: the format is older or newer.
+        InputError: the format is older or newer, or ``version`` is not an integer.
     """
     if not isinstance(version, int) or version > newest:
         raise InputError(
-            f"is of format {version!r}; this version reads up to {newest}: update vibroswarm", field=field
+            f"is of format {version!r}; this version reads format {newest}: update vibroswarm", field=field
         )
     if version < newest:
         raise InputError(
@@ -60,7 +64,7 @@ def check_format(version: object, newest: int, field: str | None = None) -> None
 
 
 def shown(value: object) -> str:
-    """Return a value as shown in messages: on one line, and short."""
+    """Return the ``repr`` of a value for a message, cut to at most 60 characters."""
     try:
         text = repr(value)
     except ValueError:  # an integer with more digits than Python converts to text
@@ -69,10 +73,12 @@ def shown(value: object) -> str:
 
 
 def whole_number_of(value: object, field: str, low: int, high: int) -> int:
-    """Convert a Python or NumPy integer in a range to a Python one.
+    """Return a Python or NumPy integer as a Python integer, if it is in the range from ``low`` to ``high``, inclusive.
 
+    Args:
+        field: name of the argument, for the message.
     Raises:
-        InputError: another type (booleans are not numbers), or outside ``low`` to ``high``.
+        InputError: the value is of another type (a boolean is refused too), or out of range.
     """
     try:
         number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
@@ -86,10 +92,12 @@ def whole_number_of(value: object, field: str, low: int, high: int) -> int:
 
 
 def number_of(value: object, field: str, low: float = 0.0, high: float = 1e300) -> float:
-    """Return a number from ``low`` to ``high`` as it is.
+    """Return ``value`` unchanged if it is an integer or a float in the range from ``low`` to ``high``, inclusive.
 
+    Args:
+        field: name of the argument, for the message. high: its default leaves out infinity.
     Raises:
-        InputError: the value is of another type (true and false are no numbers), not finite, or out of range.
+        InputError: the value is of another type (a boolean is refused too), not finite, or out of range.
     """
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise InputError(f"{shown(value)} is wrong; give a number from {low:g} to {high:g}", field=field)
@@ -100,7 +108,7 @@ def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
     """Refuse a value that is not among the choices.
 
     Raises:
-        InputError: it lists the choices and suggests the nearest.
+        InputError: the message lists the choices and suggests the one with the most similar spelling.
     """
     known = list(choices)
     if value not in known:
@@ -110,32 +118,33 @@ def check_choice(value: object, field: str, choices: Iterable[str]) -> None:
 
 
 def check_kind(value: object, kind: type | tuple[type, ...], field: str, words: str) -> None:
-    """Refuse a value of another type.
+    """Refuse a value that is not an instance of ``kind``.
 
     Args:
-        kind: as of ``isinstance``. field: its name. words: what the value is not: "a Result, as simulate returns".
+        kind: one type or several, as for ``isinstance``. field: the argument's name, for the message.
+        words: what the value should be, for the message: "a Result, as simulate() returns".
     Raises:
-        InputError: it is of another type.
+        InputError: the value is of another type.
     """
     if not isinstance(value, kind):
         raise InputError(f"{shown(value)} is not {words}", field=field)
 
 
 def check_callable(value: object, field: str) -> None:
-    """Refuse a value that is neither a function nor None.
+    """Refuse a value that is neither callable nor None.
 
     Raises:
-        InputError: it is something else.
+        InputError: the value is something else.
     """
     if value is not None and not callable(value):
         raise InputError(f"{shown(value)} is not a function", field=field)
 
 
 def path_of(value: object, field: str = "path") -> Path:
-    """Return a path that is given as text or as a path.
+    """Return a path, given as text or as a ``Path``, as a ``Path``.
 
     Raises:
-        InputError: it is something else.
+        InputError: the value is of another type.
     """
     check_kind(value, (str, Path), field, "a path")
     return Path(value)  # type: ignore[arg-type]
@@ -144,22 +153,25 @@ def path_of(value: object, field: str = "path") -> Path:
 def check_keywords(given: Iterable[str], function: str, known: Iterable[str]) -> None:
     """Refuse keyword arguments that a function does not have.
 
+    Args:
+        given: names of the arguments in the call. function: its name, for the message. known: names that it accepts.
     Raises:
-        InputError: it suggests the nearest.
+        InputError: the message names the argument and suggests the known name with the most similar spelling.
     """
+    choices = list(known)
     for name in given:
-        if name not in (choices := list(known)):
+        if name not in choices:
             raise InputError(f"{function}() has no such argument{nearest(name, choices)}", field=name)
 
 
 def in_words(number: int) -> str:
-    """Write 2^63 - 1 and the like as powers of two; other numbers as they are."""
+    """Return a number as text, for messages: large numbers of the form 2^n - 1 as such, others in digits."""
     power = (number + 1).bit_length() - 1
     return f"2^{power} - 1" if number > 10**9 and number == 2**power - 1 else str(number)
 
 
 @cache
 def warn_once(message: str) -> None:
-    """Log a warning once; worker processes stay silent."""
+    """Log a warning the first time that it is given; in worker processes do nothing, as the main process warns."""
     if multiprocessing.parent_process() is None:
         logging.getLogger("vibroswarm").warning("vibroswarm: %s", message)

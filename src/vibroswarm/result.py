@@ -1,4 +1,4 @@
-"""Results: the tables of an inspection with its scenario, seed, versions and code hash.
+"""Results: the tables of some simulated or recorded runs, with their scenario, seed, versions and code hash.
 
 On disk a result is a folder: ``scenario.toml``, ``result.json`` and one Parquet file per table. Each Parquet file
 also holds scenario, seed and versions in its metadata, so that it can be used on its own.
@@ -23,7 +23,6 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, read_table
 from vibroswarm.core.untrusted_files import entry, read_json, texts, words
 from vibroswarm.errors import InputError, RunError, check_format, path_of, shown, whole_number_of
-from vibroswarm.faults import FAULT_COLUMNS
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
@@ -32,9 +31,11 @@ from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, SEGMENTS
 from vibroswarm.observation.observe import OBSERVATIONS
 from vibroswarm.result_validation import check_result
 from vibroswarm.scenario import plugins
+from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
 from vibroswarm.scenario.scenario import Scenario
 
 SCHEMA_VERSION: Final = 3
+"""Number of the format of results on disk."""
 
 RECORDED: Final = "recording"
 """Prefix of the source of recorded results, which have no seed."""
@@ -66,6 +67,7 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
     "faults": FAULT_COLUMNS,
     "failures": FAILURES,
 }
+"""Columns of each table of a result, by name of the table."""
 
 NULLABLE: Final[dict[str, frozenset[str]]] = {
     "motion": frozenset({"heading_rad", "drive_s", "turn_s", "avoid_s", "stop_s"}),
@@ -104,54 +106,65 @@ KEYS: Final[dict[str, tuple[str, ...]]] = {
     "faults": ("run", "robot", "fault"),
     "failures": ("run",),
 }
+"""Columns that identify a row of each table; empty if the table has no such columns."""
 SCHEMAS: Final = {name: Schema(columns, NULLABLE[name], KEYS[name]) for name, columns in TABLES.items()}
+"""Columns, nullable columns and keys of each table."""
 
 
 def write_code(folder: Path, scenarios: Iterable[Scenario], motion: str) -> None:
-    """Write copies of the users' files that were used; they are never run from there.
+    """Write copies of the users' code files that the scenarios or the motion source use; the copies are never run.
 
     Args:
-        motion: the source of motion, which may be one of them.
+        folder: an existing folder. motion: name of the motion source, which may be a user's file too.
     Raises:
         RunError: the disk is full or failed.
     """
-    for code, text in plugins.texts_of([motion, *(code_of for s in scenarios for code_of in s.codes)]):
-        with whole_file(folder / code.partition(":")[0]) as part:
+    codes = [motion, *(code for scenario in scenarios for code in scenario.codes)]
+    for code, text in plugins.texts_of(codes):
+        file_name = code.partition(":")[0]  # ``code`` is "file.py:Name"
+        with whole_file(folder / file_name) as part:
             part.write_text(text, encoding="utf-8")
 
 
 @dataclass(frozen=True, eq=False)
 class Result(NotebookView):
-    """All tables of some runs of one scenario, as polars frames (docs/results.md describes the columns).
-
-    Args:
-        scenario, seed, source: what was simulated, from which seed, by which source of motion.
-        motion, ends: one row per sample, one row per robot. segments: the arcs of the paths, moves: drives, turns
-            and stops, where they were kept. places: where robots believed they sampled, if they estimate it.
-        observations, inference: one row per sample. robots: one row per robot. runs, floors: one row per run.
-        faults: one row per fault of a robot, where robots may fail. failures: one row per failed run, if any failed.
-        versions: of the software that made it.
-    """
+    """All tables of some runs of one scenario, as polars frames (docs/results.md describes the columns)."""
 
     scenario: Scenario
+    """What was simulated or recorded."""
     seed: int | None
-    """None for recordings (``recordings``), which draw nothing."""
+    """Seed of the runs; None for recordings (``recordings``), which draw nothing."""
     motion: pl.DataFrame
+    """Where and when robots sampled: one row per sample."""
     ends: pl.DataFrame
+    """Where robots are at the end of a run: one row per robot and run."""
     segments: pl.DataFrame | None
+    """The arcs of the robots' paths; None if they were not requested."""
     observations: pl.DataFrame
+    """What the samples read (bit, energy): one row per sample."""
     inference: pl.DataFrame
+    """What a robot believed, sent and decided after each sample: one row per sample."""
     robots: pl.DataFrame
+    """The outcome of each robot: one row per robot and run."""
     runs: pl.DataFrame
+    """The outcome of each run: one row per run."""
     floors: pl.DataFrame
+    """The floor of each run: one row per run."""
     source: str = "event"
+    """Name of the motion source."""
     versions: Mapping[str, str] = field(default_factory=dict)
+    """Versions of the software that made the result, by name."""
     moves: pl.DataFrame | None = None
+    """The robots' drives, turns and stops; None if they were not requested."""
     faults: pl.DataFrame | None = None
+    """One row per fault of a robot; None if robots cannot fail in this scenario."""
     places: pl.DataFrame | None = None
+    """Where robots believed that they sampled: one row per sample; None if they do not estimate it."""
     failures: pl.DataFrame | None = None
+    """One row per failed run; None if no run failed."""
 
     def __eq__(self, other: object) -> bool:
+        """Return whether scenario, seed, source, versions and all tables are the same."""
         if not isinstance(other, Result):
             return NotImplemented
         if (self.scenario, self.seed, self.source) != (other.scenario, other.seed, other.source):
@@ -161,6 +174,7 @@ class Result(NotebookView):
     __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
+        """Return a summary on one line: runs, robots, strategy, floor, seed, runs by kind of consensus, failed runs."""
         scenario, runs = self.scenario, self.runs.height
         outcomes = self.runs["consensus"].drop_nulls().value_counts(sort=True).rows() if runs else []
         parts = [
@@ -190,33 +204,37 @@ class Result(NotebookView):
     def floor(self, run: int = 0) -> Floor:
         """Return the floor of a run.
 
+        Args:
+            run: number of the run.
         Raises:
-            InputError: there is no such ``run``.
+            InputError: the result has no run of that number.
         """
-        check_threads()
+        check_threads()  # polars, which starts threads, would hang in a forked process
         run = whole_number_of(run, "run", 0, 2**32 - 1)
         rows = self.floors.filter(pl.col("run") == run).to_dicts()
         if not rows:
             raise InputError(f"there is no run {run} in this result", field="run")
-        row, grid = rows[0], (rows[0]["rows"], rows[0]["columns"])
-        tiles = [[int(c) for c in row["tiles"][i * grid[1] : (i + 1) * grid[1]]] for i in range(grid[0])]
+        row = rows[0]
+        columns = row["columns"]
+        # The text ``tiles`` has a character 0 or 1 for each tile, row after row from the top.
+        tiles = [[int(c) for c in row["tiles"][i * columns : (i + 1) * columns]] for i in range(row["rows"])]
         geometry = (row["tile_width_m"], row["tile_height_m"], row["left_m"], row["bottom_m"])
-        return Floor(tiles, *geometry, row["name"])  # type: ignore[arg-type]
+        return Floor(tiles, *geometry, name=row["name"])  # type: ignore[arg-type]
 
     def write(self, path: str | Path, *, replace: bool = False) -> None:
-        """Write the result as a folder, whole or not at all.
+        """Write the result as a folder, which appears complete or not at all.
 
         Args:
-            path: the folder. replace: whether a result that is there is replaced.
+            path: the folder. replace: whether an existing result at this path is replaced.
         Raises:
-            InputError: something is there, or it cannot be written.
+            InputError: ``path`` exists and may not be replaced, or it cannot be written.
             RunError: the disk is full or failed.
         """
         with whole_folder(path_of(path), replace=replace) as part:
             self.write_into(part)
 
     def write_into(self, folder: Path) -> None:
-        """Write the result's files into an existing folder."""
+        """Write scenario, ``result.json``, users' code and all tables of this result into an existing folder."""
         (folder / MARKER).write_text(self.scenario.to_toml(), encoding="utf-8")
         about = self._about()
         (folder / "result.json").write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
@@ -228,7 +246,7 @@ class Result(NotebookView):
                 _write_table(frame, folder / f"{name}.parquet", metadata)
 
     def _about(self) -> dict[str, Any]:
-        """Return the entries of ``result.json``."""
+        """Return the entries to write to ``result.json``."""
         return {
             "schema_version": SCHEMA_VERSION,
             "seed": self.seed,
@@ -240,10 +258,10 @@ class Result(NotebookView):
 
     @classmethod
     def read(cls, path: str | Path) -> Result:
-        """Read a result that ``write`` has written to the folder ``path``; equal to the original.
+        """Read a result from the folder ``path`` that ``write`` wrote; it equals the result that was written.
 
         Raises:
-            InputError: not a result, a newer or older format, or a damaged or missing table.
+            InputError: the folder is not a result, its format is older or newer, or a table is damaged or missing.
         """
         folder = path_of(path)
         about = _head(folder)
@@ -253,7 +271,8 @@ class Result(NotebookView):
         if missing:
             raise InputError(f"result.json names no table '{missing[0]}'", field=str(folder))
         scenario = Scenario.read(folder / MARKER)
-        # Another version may have more fields, and another hash of the same scenario.
+        # The hash is compared only if the same version of the code wrote it: another version may have more fields, so
+        # that its hash of the same scenario differs.
         if about["versions"].get("code") == code_hash() and scenario.hash != about["scenario_hash"]:
             raise InputError(
                 f"is not the scenario that result.json names ({about['scenario_hash']}); put it back",
@@ -265,8 +284,12 @@ class Result(NotebookView):
 
 
 def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> None:
-    """Write a table as Parquet."""
-    check_threads()
+    """Write a table as a Parquet file, with ``metadata`` (texts by name) as the file's own metadata.
+
+    Raises:
+        RunError: the file could not be written.
+    """
+    check_threads()  # polars, which starts threads, would hang in a forked process
     try:
         frame.write_parquet(path, compression="zstd", metadata=metadata)
     except pl.exceptions.PolarsError as error:  # such as a full disk
@@ -274,18 +297,28 @@ def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> N
 
 
 def _read_table(folder: Path, name: str) -> pl.DataFrame:
-    check_threads()
+    """Read one table of a result, and check its columns against its schema.
+
+    Raises:
+        InputError: the table is missing or damaged, or does not have the columns of its schema.
+    """
+    check_threads()  # polars, which starts threads, would hang in a forked process
     return read_table(folder / f"{name}.parquet", SCHEMAS[name], name)
 
 
 def _head(folder: Path) -> dict[str, Any]:
-    """Return the entries of ``result.json``, checked."""
+    """Read and check ``result.json``; return seed (None: recorded), source, tables, scenario_hash and versions by name.
+
+    Raises:
+        InputError: there is no ``result.json``, or one of its entries is missing or wrong.
+    """
     path = folder / "result.json"
     if not path.exists():
         raise InputError("is not a vibroswarm result (there is no result.json)", field=str(folder))
     about = read_json(path, "the head of a result")
     check_format(entry(about, "schema_version", int, path), SCHEMA_VERSION, str(folder))
     source = entry(about, "source", str, path)
+    # Only recordings have no seed.
     recorded = about.get("seed") is None and source.startswith(RECORDED)
     seed = None if recorded else entry(about, "seed", int, path)
     if seed is not None and not 0 <= seed < SEED_LIMIT:
@@ -300,9 +333,15 @@ def _head(folder: Path) -> dict[str, Any]:
 
 
 def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
-    """Return the floors of the runs as a table."""
+    """Return floors as a table (``FLOORS``) with one row per run.
+
+    Args:
+        floors: the floor of each run, by run number; rows are in the order of this mapping.
+    """
+    # Tiles of 0 and 1 become the characters "0" and "1" by adding the code of "0".
     rows = [
         (run, *floor.geometry, (floor.tiles + ord("0")).tobytes().decode("ascii"), floor.name)
         for run, floor in floors.items()
     ]
+    # The inner zip turns rows into columns.
     return pl.DataFrame(dict(zip(FLOORS, zip(*rows, strict=True), strict=True)), schema=FLOORS)

@@ -1,8 +1,9 @@
 """Checks of a result's tables against each other, and against scenario and seed.
 
-A result may come from anywhere. Code that reads its tables relies on each run having all its robots, samples
-being in order, observations and inference matching these samples, and tiles lying on the floor: that is checked
-here.
+A result may come from anywhere. Code that reads its tables relies on four properties, which are checked here: each run
+has all its robots, samples are in order, observations and inference have the same rows as the samples, and each sampled
+tile exists on the floor. Each check raises an InputError that names the file and the column. In all checks ``tables``
+are the tables of the result by name, without optional ones that it lacks, and ``folder`` is its folder, for messages.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from vibroswarm.floors.floor import TILE_LIMIT
 from vibroswarm.scenario.scenario import Scenario
 
 Frames = Mapping[str, pl.DataFrame | None]
+"""Tables by name; None for an optional table that is absent."""
 TOLERANCE_S = 1e-6
+"""Tolerance for rounding of times."""
 
 
 REQUIRED: Final[dict[str, tuple[str, ...]]] = {
@@ -28,27 +31,29 @@ REQUIRED: Final[dict[str, tuple[str, ...]]] = {
     "robots": ("decision", "alpha", "beta", "messages_received", "belief_below"),
     "runs": ("consensus", "right", "wrong", "undecided"),
 }
-"""Columns that a simulation always fills, and a recording may not."""
+"""Columns that have no nulls in a simulated result; a recording may lack their values."""
 
 
 def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated: bool) -> None:
     """Refuse tables that do not fit each other or the scenario.
 
     Args:
-        frames: by name, each of its schema; ``segments`` may be None. folder: for errors.
-        simulated: no recording, so that nothing is unknown.
+        frames: tables by name, each of its schema (``result.SCHEMAS``); None for an optional table that is absent.
+        folder: the result's folder, for messages. simulated: whether the result is no recording; then the columns of
+            ``REQUIRED`` must have no nulls.
     Raises:
-        InputError: names the file and the column.
+        InputError: a table is wrong; the message names the file and the column.
     """
     tables = {name: frame for name, frame in frames.items() if frame is not None}
     runs = tables["runs"]
     if runs.is_empty():
         raise InputError("holds no run", field=_file(folder, "runs"))
-    is_foreign = scenario.strategy.code is not None  # which may keep no posterior and send nothing
-    for name, columns in REQUIRED.items() if simulated else ():
+    is_users = scenario.strategy.code is not None  # a user's strategy may have no posterior and send nothing
+    required = REQUIRED if simulated else {}
+    for name, columns in required.items():
         for column in columns:
             table = tables[name]
-            if is_foreign and column in ("message", "alpha", "beta", "belief_below"):
+            if is_users and column in ("message", "alpha", "beta", "belief_below"):
                 continue
             if (name, column) == ("robots", "belief_below"):
                 table = table.filter(pl.col("samples") > 0)  # robots without samples have no belief yet
@@ -61,14 +66,20 @@ def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated:
 
 
 def _file(folder: Path, name: str) -> str:
+    """Return the path of a table's file, for messages."""
     return str(folder / f"{name}.parquet")
 
 
 def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
-    """Check that each run has each robot once, in order, and that all tables have the same runs and robots."""
+    """Check that the tables ``ends`` and ``robots`` have a row for each robot of each run, sorted by run and robot.
+
+    The tables motion, segments, faults and failures may lack some runs or robots, but must name no unknown ones. The
+    table floors must have the runs of the table runs.
+    """
     runs, robots = tables["runs"]["run"], scenario.swarm.robots
     if not runs.is_sorted():
         raise InputError("column 'run' is not in order", field=_file(folder, "runs"))
+    # Run and robot of each row of ``ends`` and ``robots``.
     expected_run = np.repeat(runs.to_numpy(), robots)
     expected_robot = np.tile(np.arange(robots), runs.len())
     for name in ("ends", "robots"):
@@ -84,32 +95,38 @@ def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder
                     field=_file(folder, name),
                 )
     failed = tables.get("failures")
-    strange_runs = (
+    unknown_runs = (
         [] if failed is None else failed.filter(~pl.col("run").is_in(runs.implode()))["run"].to_list()
     )
-    if strange_runs:
+    if unknown_runs:
         raise InputError(
-            f"column 'run' names run {strange_runs[0]}, which is not in runs", field=_file(folder, "failures")
+            f"column 'run' names run {unknown_runs[0]}, which is not in runs", field=_file(folder, "failures")
         )
     for name in ("motion", "segments", "faults"):
-        table = tables.get(name, tables["ends"])
-        most: Any = table["robot"].max()
-        if most is not None and most >= robots:
+        if name not in tables:
+            continue
+        table = tables[name]
+        largest: Any = table["robot"].max()
+        if largest is not None and largest >= robots:
             raise InputError(
-                f"column 'robot' names robot {most}; the scenario has {robots}, from 0",
+                f"column 'robot' names robot {largest}; the scenario has {robots}, numbered from 0",
                 field=_file(folder, name),
             )
-        strange = table.filter(~pl.col("run").is_in(runs.implode()))["run"]
-        if strange.len():
+        unknown = table.filter(~pl.col("run").is_in(runs.implode()))["run"]
+        if unknown.len():
             raise InputError(
-                f"column 'run' names run {strange[0]}, which is not in runs", field=_file(folder, name)
+                f"column 'run' names run {unknown[0]}, which is not in runs", field=_file(folder, name)
             )
     if not tables["floors"]["run"].equals(runs):
         raise InputError("column 'run' is not that of runs", field=_file(folder, "floors"))
 
 
 def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
-    """Check that samples are in order of run, time and robot, and that observations and inference match them."""
+    """Check order and times of the samples and segments.
+
+    Samples must be sorted by run, time and robot, and each robot's sample numbers must grow with time. The tables
+    observations, inference and places must have the same rows as motion.
+    """
     motion, last_s = tables["motion"], _ends_s(scenario)
     _check_sorted(motion, "time_s", folder, "motion")
     for column in ("time_s", "stop_start_s"):
@@ -118,6 +135,7 @@ def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
     late = motion.filter(pl.col("stop_start_s") > pl.col("time_s") + TOLERANCE_S)
     if late.height:
         raise InputError("column 'stop_start_s' lies after time_s", field=_file(folder, "motion"))
+    # Differences between successive samples of each robot.
     step = motion.select(
         pl.col("sample").cast(pl.Int64).diff().over("run", "robot").alias("step"),
         pl.col("time_s").diff().over("run", "robot").alias("later"),
@@ -131,6 +149,7 @@ def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
                 "columns 'run', 'robot', 'sample' are not those of motion, in order",
                 field=_file(folder, name),
             )
+    # Samples are numbered from 0, so a robot has taken at least one more than its largest number.
     counted = motion.group_by("run", "robot").agg((pl.col("sample").max().cast(pl.Int64) + 1).alias("least"))
     few = tables["robots"].join(counted, on=["run", "robot"]).filter(pl.col("samples") < pl.col("least"))
     if few.height:
@@ -141,22 +160,24 @@ def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
 
 
 def _check_segments(segments: pl.DataFrame, ends: pl.DataFrame, last_s: float, folder: Path) -> None:
-    """Check that segments are sorted, within the run, and start at 0."""
+    """Check that segments are sorted, begin no later than ``last_s``, and that each robot has one that begins at 0."""
     _check_sorted(segments, "start_s", folder, "segments")
     _check_most(segments, "start_s", last_s, folder, "segments")
     first = segments.group_by("run", "robot").agg(pl.col("start_s").min())
     if first.height < ends.height or (first["start_s"] > TOLERANCE_S).any():
         raise InputError(
-            "column 'start_s': each robot of each run has a first segment at 0",
+            "column 'start_s': each robot of each run must have a segment that starts at 0",
             field=_file(folder, "segments"),
         )
 
 
 def _check_sorted(table: pl.DataFrame, time: str, folder: Path, name: str) -> None:
-    """Check that a table is sorted by run, time and robot."""
+    """Check that a table is sorted by run, time (its column ``time``) and robot; rows may be equal in all three."""
     if table.height < 2:
         return
     order = [table[column].to_numpy() for column in ("run", time, "robot")]
+    # Compare each row with the one before it, column by column. rising: the row is larger by the columns so far.
+    # equal: it is equal in all columns so far.
     rising, equal = np.zeros(table.height - 1, dtype=np.bool_), np.ones(table.height - 1, dtype=np.bool_)
     for values in order:
         rising |= equal & (values[1:] > values[:-1])
@@ -168,7 +189,7 @@ def _check_sorted(table: pl.DataFrame, time: str, folder: Path, name: str) -> No
 
 
 def _check_most(table: pl.DataFrame, column: str, most: float, folder: Path, name: str) -> None:
-    """Check that times do not exceed the end of the run."""
+    """Check that no time in a column exceeds ``most``, the latest time that the run allows, s."""
     largest: Any = table[column].max()
     if largest is not None and largest > most:
         raise InputError(
@@ -178,12 +199,15 @@ def _check_most(table: pl.DataFrame, column: str, most: float, folder: Path, nam
 
 
 def _ends_s(scenario: Scenario) -> float:
-    """Return the latest allowed time; the last stop that began may end after the run."""
+    """Return the latest time that a table may hold, s.
+
+    It is one tick after the end of the run, as the last control period may end then.
+    """
     return scenario.run.t_end_s + scenario.tick_s + TOLERANCE_S
 
 
 def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
-    """Check the floors, and that samples are on their tiles."""
+    """Check that each floor's tiles fit its rows and columns, and that every sampled tile exists on its run's floor."""
     floors = tables["floors"]
     name = _file(folder, "floors")
     size = floors["rows"].cast(pl.Int64) * floors["columns"].cast(pl.Int64)
@@ -193,16 +217,20 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
         raise InputError("column 'tiles' does not have rows x columns tiles", field=name)
     if not floors["tiles"].str.contains("^[01]+$").all():
         raise InputError("column 'tiles' holds values other than 0 and 1", field=name)
-    most = floors.select("run", most=size - 1)
-    sampled = tables["observations"].select("run", "tile").join(most, on="run", how="left")
-    if (sampled["tile"] > sampled["most"]).any():
+    last_tile = floors.select("run", last=size - 1)  # largest index of a tile
+    sampled = tables["observations"].select("run", "tile").join(last_tile, on="run", how="left")
+    if (sampled["tile"] > sampled["last"]).any():
         raise InputError(
             "column 'tile' names a tile that its floor does not have", field=_file(folder, "observations")
         )
 
 
 def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
-    """Check that decisions, times and consensus agree."""
+    """Check decisions, consensus and posterior counts.
+
+    Exactly the robots that decided have a decision time, and exactly the runs with a known consensus have counts of
+    right, wrong and undecided robots. A robot has all of its posterior counts or none.
+    """
     robots, runs = tables["robots"], tables["runs"]
     decided, timed = robots["decision"].is_in([0, 1]), robots["decision_time_s"].is_not_null()
     if (decided & ~timed).any() or (~decided & timed).any():
@@ -215,19 +243,20 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
     unknown = runs["consensus"].is_null()
     for column in ("right", "wrong", "undecided"):
         if (runs[column].is_null() != unknown).any():
-            raise InputError(f"column '{column}' is there where 'consensus' is", field=_file(folder, "runs"))
+            raise InputError(
+                f"column '{column}' must be given where 'consensus' is given, and nowhere else",
+                field=_file(folder, "runs"),
+            )
         if (runs[column] > scenario.swarm.robots).any():
             raise InputError(
                 f"column '{column}' counts more than {scenario.swarm.robots} robots",
                 field=_file(folder, "runs"),
             )
-    counts = robots.select(known=pl.all_horizontal(pl.col("alpha", "beta", "messages_received").is_null()))[
-        "known"
-    ]
-    some = robots.select(known=pl.any_horizontal(pl.col("alpha", "beta", "messages_received").is_null()))[
-        "known"
-    ]
-    if not counts.equals(some) and scenario.strategy.code is None:
+    is_null = pl.col("alpha", "beta", "messages_received").is_null()
+    all_null = robots.select(null=pl.all_horizontal(is_null))["null"]
+    any_null = robots.select(null=pl.any_horizontal(is_null))["null"]
+    # A user's strategy (one with ``code``) may have some of these columns only.
+    if not all_null.equals(any_null) and scenario.strategy.code is None:
         raise InputError(
             "columns 'alpha', 'beta', 'messages_received' must be given together or not at all",
             field=_file(folder, "robots"),

@@ -1,4 +1,4 @@
-"""Scenario to result: motion, observation and inference in sequence."""
+"""Simulation of a scenario to a result, and replay of a result: motion, observation and inference in sequence."""
 
 from __future__ import annotations
 
@@ -10,14 +10,13 @@ from importlib.metadata import version
 
 import polars as pl
 
-import vibroswarm.motion.event.engine
+import vibroswarm.motion.event.event_run
 import vibroswarm.motion.fixed_step
 import vibroswarm.motion.physics.sources  # noqa: F401  (these make themselves known as sources)
 from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError, check_callable, check_kind, shown, whole_number_of
-from vibroswarm.faults import fault_frame
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
@@ -30,11 +29,12 @@ from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.observation.observe import observe
 from vibroswarm.result import Result, floor_frame
 from vibroswarm.scenario import plugins
+from vibroswarm.scenario.fault_draws import fault_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
 
 PIECE_S = 100.0
-"""Length of the pieces in which motion advances if progress is reported."""
+"""Length of the pieces in which motion advances if progress is reported, s."""
 
 Progress = Callable[[float], None]
 """Called now and then with the share of the work done, in [0, 1]."""
@@ -51,57 +51,64 @@ def simulate(
     energies: bool = True,
     progress: Progress | None = None,
 ) -> Result:
-    """Simulate a scenario.
+    """Simulate runs of a scenario: motion, observation, messages, beliefs and decisions.
 
     Args:
         scenario: what is to be simulated.
-        seed: a whole number in [0, 2^63). Same scenario, seed and run: the same result, bit by bit.
-        runs: how many runs (0, 1, ...), or which.
-        motion: the source of motion, by name.
-        segments: also keep the table from which poses at any time can be had. moves: also keep that of drives, turns,
-            avoidances and stops, a row each; it is kept in any case if the network or localisation reads it.
-        energies: also keep the energies of the samples.
+        seed: a whole number in [0, 2^63). The same scenario, seed and run number give the same result, bit by bit.
+        runs: number of runs (they are numbered from 0), or a list of run numbers.
+        motion: name of the source of motion.
+        segments: whether the result shall have the table ``segments``, from which poses at any time can be computed.
+        moves: whether it shall have the table ``moves``, with a row for each drive, turn, avoidance and stop; it has
+            this table in any case if the network or localisation reads it.
+        energies: whether it shall have the energies of the samples.
         progress: called with the share of the work done.
     Raises:
-        InputError: a seed or a run out of range, an unknown source, a boundary that readings cannot be tested against.
+        InputError: the seed or a run number is out of range, the source of motion is unknown, or readings cannot be
+            tested against the decision boundary.
     """
     check_scenario(scenario)
     check_callable(progress, "progress")
     seed, chosen = check_seed(seed), check_runs(seed, runs)
     motion = plugins.resolve_code("motion", motion) if plugins.is_code(motion) else motion
-    readings_boundary(scenario)  # refuse early
+    # These two calls refuse scenarios that cannot be simulated before any work is done.
+    readings_boundary(scenario)
     strategy_used(scenario)
     floors = floors_of(scenario, seed, chosen)
-    parts = Wanted(segments, moves or needs_moves(scenario))
+    wanted = Wanted(segments=segments, moves=moves or needs_moves(scenario))
     if steers(scenario):
-        moved = steered_motion(scenario, seed, chosen, floors, motion, parts, progress)
+        moved = steered_motion(scenario, seed, chosen, floors, motion, wanted, progress)
     elif scenario.run.stop == "all_decided":
-        moved = until_all_decided(scenario, seed, chosen, floors, motion, parts, progress)
+        moved = until_all_decided(scenario, seed, chosen, floors, motion, wanted, progress)
     else:
-        moved = _to_the_end(scenario, seed, chosen, motion, parts, progress)
+        moved = _to_the_end(scenario, seed, chosen, motion, wanted, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
     timeline = timeline_of(scenario, moved)
     inference, finals = infer(scenario, seed, timeline, observations)
-    moved = moved if parts.moves else replace(moved, moves=None)
+    if not wanted.moves:
+        moved = replace(moved, moves=None)  # a motion source may have made them all the same
     places = places_of(scenario, seed, timeline)
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion, places)
 
 
 OF_MOTION = ("arena", "swarm", "robot", "rays", "walk", "sample", "run", "motion_faults")
-"""Sections that determine motion (``motion_faults``: part of one); a replay keeps them."""
+"""Sections that determine motion; a replay cannot change them (``motion_faults``: the part of ``faults`` that does)."""
 OF_OBSERVATION = (*OF_MOTION, "floor", "sensor", "faults")
-"""Those that determine what sensors read."""
+"""Sections that determine what the sensors read."""
 
 
 def replay(result: Result, scenario: Scenario) -> Result:
-    """Replay the same motion under another scenario: another floor, sensor, strategy, decision or network.
+    """Replay the motion of a result under another scenario: another floor, sensor, strategy, decision or network.
 
-    Comparisons made this way are paired exactly. Readings are kept too if floor and sensor stay the same.
+    Both results then have exactly the same motion, so they can be compared run by run. If floor, sensor and faults stay
+    the same, the readings do too.
 
     Args:
-        result: runs that went to their end. scenario: as the result's but for the sections named above.
+        result: simulated runs that all lasted to ``run.t_end_s``.
+        scenario: may differ from the result's scenario in all sections that do not determine motion (``OF_MOTION``).
     Raises:
-        InputError: ``scenario`` would move the robots otherwise, or the runs ended when all had decided.
+        InputError: the result was recorded, ``scenario`` would move the robots in another way, or the runs ended when
+            all robots had decided.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     check_scenario(scenario)
@@ -124,14 +131,19 @@ def replay(result: Result, scenario: Scenario) -> Result:
             f"'{scenario.strategy.name}' steers its robots, and a replay keeps their motion; simulate it again",
             field="strategy.name",
         )
-    runs, motion = (
-        result.runs["run"].to_list(),
-        Motion(result.motion, result.ends, result.segments, result.moves, result.failures),
+    runs = result.runs["run"].to_list()
+    motion = Motion(
+        samples=result.motion,
+        ends=result.ends,
+        segments=result.segments,
+        moves=result.moves,
+        failures=result.failures,
     )
     observations = result.observations
     floors = {run: result.floor(run) for run in runs}
     if any(getattr(scenario, section) != getattr(result.scenario, section) for section in OF_OBSERVATION):
         floors = floors_of(scenario, result.seed, runs)
+        # The new result has energies if the given one has.
         energies = observations["energy"].null_count() < observations.height
         observations = observe(scenario, result.seed, result.motion, floors, energies=energies)
     timeline = timeline_of(scenario, motion)
@@ -143,7 +155,7 @@ def replay(result: Result, scenario: Scenario) -> Result:
 
 
 def places_of(scenario: Scenario, seed: int, timeline: Timeline) -> pl.DataFrame | None:
-    """Return where robots believe they sampled, or None if they know it."""
+    """Return the table of places where robots believe they sampled, or None if they know their places."""
     if not is_estimated(scenario):
         return None
     return place_frame(timeline.samples, timeline.estimates(scenario, seed))
@@ -154,8 +166,15 @@ MAX_RUNS = 100_000_000
 
 
 def check_runs(seed: int, runs: int | Sequence[int]) -> list[int]:
-    """Return the runs as a sorted list of distinct numbers; NumPy integers are accepted."""
+    """Check seed and runs as given to ``simulate``, and return the run numbers as a sorted list.
+
+    Args:
+        runs: number of runs (1 or more), or distinct run numbers; NumPy integers are accepted.
+    Raises:
+        InputError: the seed or a run number is out of range, a run is given twice, or no run is given.
+    """
     check_seed(seed)
+    # A number of runs. Texts and floats come here too, so that ``whole_number_of`` refuses them with a clear message.
     if isinstance(runs, str | bytes | float) or not isinstance(runs, Iterable):
         return list(range(whole_number_of(runs, "runs", 1, MAX_RUNS)))
     numbers = list(runs)
@@ -166,16 +185,20 @@ def check_runs(seed: int, runs: int | Sequence[int]) -> list[int]:
 
 
 def check_seed(seed: int) -> int:
-    """Return a seed as a Python integer.
+    """Check a seed, and return it as a Python integer.
 
     Raises:
-        InputError: it is none.
+        InputError: it is not a whole number in [0, 2^63).
     """
     return whole_number_of(seed, "seed", 0, SEED_LIMIT - 1)
 
 
 def check_scenario(scenario: object) -> None:
-    """Refuse anything that is not a scenario, such as the name of one."""
+    """Refuse what is not a ``Scenario``, and scenarios that need a user's code file that is not loaded.
+
+    Raises:
+        InputError: ``scenario`` is of another type (such as the name of a preset), or such code is not loaded.
+    """
     if not isinstance(scenario, Scenario):
         raise InputError(
             f"{shown(scenario)} is not a Scenario; make one with preset('paper') or Scenario.read(file)",
@@ -191,7 +214,10 @@ def check_scenario(scenario: object) -> None:
 
 
 def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:
-    """Return the floor of each run; one object for all if it is not drawn per run."""
+    """Return the floor of each run, by run number.
+
+    If floors are drawn for each run, each run has its own; else all runs share one object, that of run 0.
+    """
     if scenario.floor.drawn_by_run:
         return {run: scenario.floor_for(seed, run) for run in runs}
     return dict.fromkeys(runs, scenario.floor_for(seed, 0))
@@ -205,7 +231,11 @@ def steers(scenario: Scenario) -> bool:
 def _to_the_end(
     scenario: Scenario, seed: int, runs: Sequence[int], motion: str, wanted: Wanted, progress: Progress | None
 ) -> Motion:
-    """Simulate the motion of all runs to t_end, with progress."""
+    """Simulate the motion of all runs to ``run.t_end_s``.
+
+    With ``progress``, runs are simulated one by one in pieces of ``PIECE_S``, so that progress can be reported. The
+    result is the same.
+    """
     engine = source(motion)
     if progress is None:
         return engine.batch(scenario, seed, runs, *wanted)
@@ -225,11 +255,12 @@ def summarise(
     motion: Motion | Timeline,
     observations: pl.DataFrame,
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the tables of robots and of runs, as ``simulate`` gives them, without those of samples.
+    """Return the tables ``robots`` and ``runs`` of a result, without computing its tables of samples.
 
     Args:
-        floors: the floor of each run. motion: of the runs, or its timeline
-            (``inference.deliveries.timeline_of``), built once for many strategies. observations: of its samples.
+        floors: the floor of each run, by run number. motion: the motion of the runs, or its timeline
+            (``inference.deliveries.timeline_of``), which is built once if many strategies are compared.
+        observations: the observations at the samples of this motion.
     """
     return outcome_tables(scenario, floors, outcomes(scenario, seed, motion, observations), motion.ends)
 
@@ -245,7 +276,13 @@ def result_of(
     source_name: str,
     places: pl.DataFrame | None = None,
 ) -> Result:
-    """Assemble the tables of the three stages into a result, with outcomes of robots and runs."""
+    """Assemble the tables of motion, observation and inference into a result; compute the outcomes of robots and runs.
+
+    Args:
+        floors: the floor of each run, by run number. finals: final state of each robot (``inference.agents.FINALS``).
+            source_name: name of the source of motion.
+        places: where robots believe they sampled, if they estimate it.
+    """
     robots, of_runs = outcome_tables(scenario, floors, finals, motion.ends)
     return Result(
         scenario=scenario,

@@ -187,3 +187,23 @@ def test_a_source_that_changes_while_it_is_imported_is_not_kept(started: Started
         path.unlink()
     assert started() == (0, "")
     assert started.files(".nbc") == []
+
+
+@pytest.mark.parametrize("changes", [True, False])
+def test_a_kernel_declared_after_a_source_has_changed_is_not_kept_either(
+    tmp_path: Path, changes: bool
+) -> None:
+    """It may call the changed source; where nothing changes, it is kept."""
+    started = Started(tmp_path)
+    imports = "from two_kernels import twice\nfrom vibroswarm.core.jit import kernel\n\n"
+    later = imports + "@kernel\ndef four(x):\n    return twice(twice(x))\n"
+    (tmp_path / "later.py").write_text(later, encoding="utf-8")
+    touch = "import os\nimport vibroswarm.core.jit\nos.utime(__file__)\n" if changes else ""
+    (tmp_path / "two_kernels.py").write_text(touch + KERNELS, encoding="utf-8")
+    os.utime(tmp_path / "two_kernels.py", (time.time() - 60, time.time() - 60))
+    (tmp_path / "call.py").write_text(
+        "from later import four\n" + CALL + "assert four(1.0) == 4.0\n", encoding="utf-8"
+    )
+    os.utime(tmp_path / "later.py", (time.time() - 60, time.time() - 60))
+    assert started() == (0, "")
+    assert (list(started.cache.rglob("later.*.nbc")) == []) == changes

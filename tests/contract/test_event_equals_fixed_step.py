@@ -23,7 +23,7 @@ import vibroswarm
 from helpers.drawn_scenarios import RAY_COUNTS, motions
 from random_scenarios import APART, SECTIONS, Seeded, fitted, random_scenario, random_values
 from twins import judge
-from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.scenario.fault_fields import MotionFaults
 from vibroswarm.scenario.scenario import Scenario, preset

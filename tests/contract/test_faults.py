@@ -18,7 +18,7 @@ from helpers.result_outcomes import from_result
 from vibroswarm.errors import InputError
 from vibroswarm.inference import replayer
 from vibroswarm.motion import source as motion_source
-from vibroswarm.motion.event.engine import EVENT, EventRun
+from vibroswarm.motion.event.event_run import EVENT, EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.source import Source
 from vibroswarm.optimize.outcomes import outcomes_of

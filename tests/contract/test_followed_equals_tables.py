@@ -16,8 +16,9 @@ from polars.testing import assert_frame_equal
 
 from helpers.drawn_scenarios import Draw, draws
 from helpers.result_outcomes import from_result
+from vibroswarm.inference.closed_loop import ClosedLoop
 from vibroswarm.motion import source as motion_source
-from vibroswarm.motion.event.engine import EVENT, EventRun
+from vibroswarm.motion.event.event_run import EVENT, EventRun
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Source
 from vibroswarm.optimize import outcomes as simulated
@@ -108,9 +109,18 @@ def test_where_one_looks_does_not_matter(
     (usual,) = outcomes_of([scenario], 6, runs)
     monkeypatch.setattr(simulated, "PIECE_S", piece_s)
     monkeypatch.setattr(simulated, "MARGIN_S", margin_s)
-    monkeypatch.setattr(simulated, "_kept", threading.local())
+    monkeypatch.setattr(simulated, "_cache", threading.local())
     (found,) = outcomes_of([scenario], 6, runs)
     equal(found, usual)
+
+
+def test_the_closed_loops_used_last_are_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All of a search's few cells; where one is not found, its buffers are made again for each of its pieces."""
+    monkeypatch.setattr(simulated, "_cache", threading.local())
+    loops = [ClosedLoop(Draw(strategy="none").scenario(), seed) for seed in range(simulated.KEPT + 2)]
+    for loop in loops:
+        simulated._put_back(loop)
+    assert [loop.seed for loop in vars(simulated._cache)["loops"]] == [2, 3, 4, 5]
 
 
 def test_where_a_run_stops_does_not_matter() -> None:
@@ -130,7 +140,7 @@ def test_runs_move_no_further_than_they_must(monkeypatch: pytest.MonkeyPatch) ->
         finish(course, r)
 
     monkeypatch.setattr(simulated._ScenarioRuns, "finish", then_note)
-    monkeypatch.setattr(simulated._ScenarioRuns, "next_look_s", lambda course, now_s: now_s + PIECE_S)
+    monkeypatch.setattr(simulated._ScenarioRuns, "next_check_s", lambda course, now_s: now_s + PIECE_S)
     scenario = preset("paper").with_values({"decision.min_observations": 100, "floor.source": "random:0.32"})
     (found,) = outcomes_of([scenario], 3, range(20))
     moved_s = np.array(reached)

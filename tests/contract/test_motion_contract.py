@@ -11,7 +11,7 @@ import pytest
 
 import helpers.walk_checks as suite
 from helpers.walk_checks import CASES, CHECKS, Check, motion_of
-from vibroswarm.motion.event.engine import EVENT
+from vibroswarm.motion.event.event_run import EVENT
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.source import Motion, MotionState, Source
 from vibroswarm.scenario.scenario import Scenario

@@ -15,7 +15,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.kernel_run import batch_of
 from vibroswarm.motion.physics import library
-from vibroswarm.motion.physics.planar_run import PlanarRun
+from vibroswarm.motion.physics.planar import PlanarRun
 from vibroswarm.motion.physics.sources import PLANAR, WHEELS
 from vibroswarm.motion.source import Source, forget, join, register
 from vibroswarm.result import Result

@@ -13,9 +13,10 @@ from vibroswarm.analysis.verdict import verdict
 from vibroswarm.cli.verdict_text import verdict_text
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.pose import pose
+from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_csv
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import with_beliefs
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import record_of

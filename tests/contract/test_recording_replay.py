@@ -11,9 +11,10 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import (
     _replay_once,
     _rows_of,

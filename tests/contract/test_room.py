@@ -48,15 +48,15 @@ def test_small_swarms_list_everybody_else(robots):
 RUN = """
 import warnings
 import numpy as np
-from vibroswarm.motion.event import engine
-from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.motion.event import event_run
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.scenario.scenario import Scenario
 warnings.simplefilter("ignore", RuntimeWarning)  # of places in which there is no robot
 for robots in (1, 2, 12, 13, 14, 15, 16, 17, 18, 31, 36):
     scenario = Scenario().with_values({values!r} | {{"swarm.robots": robots}})
     EventRun(scenario, 3, 0, segments=True).rows(scenario.run.t_end_s)
-small = engine.empty_lists(36, EventRun(scenario, 3, 0).setup)[:, :4].copy()
-engine.empty_lists = lambda robots, setup: small
+small = event_run.empty_lists(36, EventRun(scenario, 3, 0).setup)[:, :4].copy()
+event_run.empty_lists = lambda robots, setup: small
 try:
     EventRun(scenario, 3, 0).rows(scenario.run.t_end_s)
 except IndexError:

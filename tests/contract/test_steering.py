@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from helpers.walk_checks import CHECKS, Check
 from vibroswarm.errors import InputError
-from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import Rows, joined, tables

@@ -27,10 +27,11 @@ from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.executors import workers_for
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.precision import Precision
+from vibroswarm.study.run import merge
 from vibroswarm.study.runner import Job, StudyProgress, run_batch
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import SHARDS, Store
-from vibroswarm.study.study_result import StudyResult, merge
+from vibroswarm.study.study_result import StudyResult
 
 BASE = {"run": {"t_end_s": 60.0}, "decision": {"min_observations": 5}}
 GRID = {

@@ -12,8 +12,9 @@ import pytest
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.real_vs_simulated import camera_between, compare
 from vibroswarm.floors.floor import Floor
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 

@@ -11,7 +11,7 @@ import pytest
 
 from vibroswarm.errors import InputError
 from vibroswarm.tracking.camera import Camera, Lens, matrix_of
-from vibroswarm.tracking.detection import Detections
+from vibroswarm.tracking.marker_detection import Detections
 from vibroswarm.tracking.markers import usual_markers
 from vibroswarm.tracking.stitch import coarse_offset, fine_offset, stitch, weights_of
 from vibroswarm.tracking.stops import stops_of

@@ -64,16 +64,7 @@ from vibroswarm.motion.event.trajectory import (
 )
 from vibroswarm.motion.kernel_run import no_sample_before
 from vibroswarm.motion.robot_params import setup_of
-from vibroswarm.robot.walk import (
-    AVOID,
-    DRIVE,
-    STOP,
-    TURN,
-    Dice,
-    WalkState,
-    turn_command_percent,
-    walk_step,
-)
+from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkState, turn_command_percent, walk_step
 from vibroswarm.scenario.scenario import Scenario
 
 Row = Any

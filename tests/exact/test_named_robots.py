@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.robot.walk import AVOID, DRIVE
 from vibroswarm.scenario.scenario import Scenario, preset

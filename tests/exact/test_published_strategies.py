@@ -20,16 +20,7 @@ from vibroswarm import preset, simulate
 from vibroswarm.inference.agents import world_of
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies import (
-    asdf,
-    bayes_cpf,
-    dbbs,
-    mcp,
-    strategy,
-    three_valued,
-    totals,
-    valentini,
-)
+from vibroswarm.strategies import asdf, bayes_cpf, dbbs, mcp, strategy, three_valued, totals, valentini
 from vibroswarm.strategies.base import arrays_of
 from vibroswarm.strategies.world import Draws, Reading, u
 from vibroswarm.testing.strategy import CHECKS, SETTINGS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import shutil
 from pathlib import Path
 from typing import Any
@@ -66,10 +67,18 @@ def test_import_computes_the_energies_that_scipy_computes(
     expected = recorded(SHIPPED / "camera.csv", tmp_path / "acceleration.csv")
     assert main(arguments(tmp_path / "acceleration.csv", tmp_path / "lab")) == 0
     assert f"{len(expected)} energies computed from" in capsys.readouterr().out
+    assert f"{len(expected)} energies computed from" in (tmp_path / "lab" / "printed.json").read_text()
     found = Recording.read(tmp_path / "lab").rows["energy"].to_numpy()
     logged = pl.read_csv(SHIPPED / "camera.csv")["rms"].to_numpy()
     np.testing.assert_allclose(np.sort(found), np.sort(expected), rtol=1e-12)
     assert np.abs(np.sort(found) - np.sort(logged)).max() > 0.05  # not those of the log
+
+
+def test_with_json_nothing_else_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    expected = recorded(SHIPPED / "camera.csv", tmp_path / "acceleration.csv")
+    assert main([*arguments(tmp_path / "acceleration.csv", tmp_path / "lab"), "--json"]) == 0
+    (words,) = json.loads(capsys.readouterr().out)["acceleration"]
+    assert f"{len(expected)} energies computed from" in words
 
 
 @pytest.mark.parametrize(

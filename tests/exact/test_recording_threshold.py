@@ -10,8 +10,9 @@ from scipy import optimize, stats
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import (
     at_threshold,
     edge_distance,

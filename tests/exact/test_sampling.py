@@ -76,7 +76,7 @@ def test_by_hand() -> None:
     assert wider == pytest.approx(24 / (25 * 10 / 16 - 1))
     with pytest.raises(InputError, match="tile 3 was sampled"):
         walk_figures(motion, observations, tiles=3)
-    with pytest.raises(ValueError, match="not the same rows"):
+    with pytest.raises(ValueError, match="must have the same rows"):
         walk_figures(motion, observations.head(2))
 
 

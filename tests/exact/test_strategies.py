@@ -316,7 +316,7 @@ def test_a_decision_stands() -> None:
 def test_a_field_cannot_have_the_name_of_a_method_of_numpys_rows(name: str) -> None:
     """Plain Python would find the method, compiled code the field."""
     state = type("State", (), {"__annotations__": {name: int}})
-    with pytest.raises(InputError, match=f"'{name}' is a word of NumPy's rows"):
+    with pytest.raises(InputError, match=f"'{name}' is an attribute of NumPy's records"):
         row_type(state, "state")
     assert row_type(type("State", (), {"__annotations__": {f"{name}_1": int}}), "state").names == (
         f"{name}_1",

@@ -17,11 +17,12 @@ from vibroswarm.tracking.camera import (
     Lens,
     fit_camera,
     matrix_of,
+    outwards,
     square_corners,
     square_errors,
     square_of,
 )
-from vibroswarm.tracking.detection import _Finder
+from vibroswarm.tracking.marker_detection import _Finder
 from vibroswarm.tracking.markers import corners_at, read_markers, usual_markers
 from vibroswarm.tracking.stops import clock_offset, stops_of
 from vibroswarm.tracking.track import too_fast
@@ -91,6 +92,34 @@ def test_a_camera_is_found_from_markers_with_its_lens_and_without() -> None:
     flat = Lens(LENS.matrix, np.zeros(5), 0.0)  # a lens without distortion must fail that bar
     wrong = fit_camera(SIZE, floor_m, seen(floor_m), seen(robots), markers.size_m, 0.03, flat)
     assert np.hypot(*(wrong.at_height(seen(test), 0.03) - test[:, :2]).T).max() > 6e-3
+
+
+@pytest.mark.parametrize("wider_px", [0.0, 0.4, -0.3])
+@pytest.mark.parametrize("lens", [LENS, None])
+def test_how_far_outwards_edges_are_seen_is_found(wider_px: float, lens: Lens | None) -> None:
+    """Corners that blur and thresholds move along their diagonals; the control is 0."""
+    markers = usual_markers(5, 1.0, 1.0)
+    floor_m = np.concatenate([markers.floor_corners(marker) for marker in markers.floor])
+    chance = np.random.default_rng(4)
+    robots_px = seen(
+        np.stack(
+            [
+                corners_at(*chance.uniform(0.05, 0.95, 2), chance.uniform(-3, 3), markers.size_m, 0.03)
+                for _ in range(60)
+            ]
+        )
+    )
+    floor_px = seen(floor_m).reshape(-1, 4, 2)
+    found = fit_camera(
+        SIZE,
+        floor_m,
+        (floor_px + wider_px * outwards(floor_px)).reshape(-1, 2),
+        robots_px + wider_px * outwards(robots_px),
+        markers.size_m,
+        0.03,
+        lens,
+    )
+    assert found.edge_px == pytest.approx(wider_px, abs=0.03)
 
 
 def test_places_that_do_not_fit_are_refused() -> None:

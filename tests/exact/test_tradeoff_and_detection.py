@@ -157,5 +157,5 @@ def test_wrong_wishes_of_detection() -> None:
     with pytest.raises(InputError, match="swarm or robots"):
         needed([one], 100.0, 0.5, of="floor")  # type: ignore[arg-type]
     robots, runs = cell([1.0, 2.0])
-    with pytest.raises(InputError, match="one number of robots"):
+    with pytest.raises(InputError, match="the same number of robots"):
         detection_curve([(robots.head(3), runs)], 100.0)

@@ -7,7 +7,7 @@ import pytest
 
 from vibroswarm.core.jit import kernel
 from vibroswarm.errors import InputError
-from vibroswarm.motion.event.engine import EventRun
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.robot_params import setup_of, veer_shift
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.scenario.validation import widest_veer_shift

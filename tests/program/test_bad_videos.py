@@ -175,7 +175,7 @@ def test_a_video_without_markers_is_refused(
 def test_interrupted_it_leaves_nothing_half_written(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
 ) -> None:
-    from vibroswarm.tracking import detection
+    from vibroswarm.tracking import marker_detection as detection
 
     real, seen = detection.pictures_of, []
 

@@ -45,7 +45,7 @@ from typing import Any
 import polars as pl
 
 from vibroswarm.motion.source import Motion, Source
-from vibroswarm.motion.event.engine import EVENT
+from vibroswarm.motion.event.event_run import EVENT
 
 
 @dataclass
@@ -184,7 +184,7 @@ BAD = {
     ),
     "motion: others in pieces": (
         of_samples("x_m=pl.col('x_m') + 1e-3 * (self.start_s > 0)"),
-        "is the run of a batch: paper, run 0, in pieces and in one: x_m in row ",
+        "is equal to the same run of a batch: paper, run 0, in pieces and in one: x_m in row ",
     ),
     "motion: jumps": (
         spoilt(f"replace(motion, {SEGMENTS}(x_m=pl.col('x_m') + 1e-5 * (pl.col('start_s') > 20)))"),

@@ -236,6 +236,7 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["--runs", "10"], "a search has a --budget"),
         (["--check", "nothing.toml"], "neither a file nor a preset"),
         (["--check", "paper", "--budget", "10"], "not to --check"),
+        (["--check", "paper", "--out", "out"], "not to --check"),
         (["--check", "paper", "--runs", "1"], "at least 2"),
         (["--method", "grid", "--noise", "fixed"], "does not apply to a grid"),
         (["--sensitivity", "--budget", "10"], "too few"),

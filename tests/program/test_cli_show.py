@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from helpers.table_checks import check_table
+from vibroswarm import preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.cli.out_folder import read_printed
 from vibroswarm.cli.tables import table_of
@@ -219,3 +220,11 @@ def test_open(tmp_path, monkeypatch, capsys):
     assert "has no page to open" in capsys.readouterr().err
     assert main(["run", "--open"]) == 2
     assert "--open: needs --out" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("runs", [[5], [5, 6]])
+def test_a_result_without_run_0_is_shown(runs, tmp_path, capsys):
+    short = preset("paper").with_values({"run.t_end_s": 60.0})
+    simulate(short, 1, runs).write(tmp_path / "result")
+    assert main(["show", str(tmp_path / "result")]) == 0
+    assert "'random:0.48'" in capsys.readouterr().out

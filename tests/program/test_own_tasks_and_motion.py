@@ -252,7 +252,7 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
         ("self.tick = max", "self.ticks = max", "its time_s is 0"),
         ("every, robots =", "every, robots, more =", "line 21, in advance: ValueError"),
         ("return Motion(table, ends)", "return Motion(table.reverse(), ends)", "is not sorted"),
-        ("return Motion(table, ends)", "return Motion(table, ends[1:])", "not one row for each of 5 robots"),
+        ("return Motion(table, ends)", "return Motion(table, ends[1:])", "exactly one row for each of the 5 robots"),
     ],
 )  # fmt: skip
 def test_motion_that_is_wrong_is_refused(

@@ -17,8 +17,9 @@ from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.run_page.write import record_of
 from vibroswarm.scenario.scenario import preset
 

@@ -13,8 +13,9 @@ import pytest
 
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
 from vibroswarm.scenario.scenario import preset
 

@@ -26,8 +26,8 @@ from vibroswarm.calibrate.message_loss import (
 )
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import read_tiles
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import recording_of
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.scenario.scenario import preset
 
 FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")

@@ -10,9 +10,9 @@ import pytest
 
 from vibroswarm.calibrate.drive import drive_of, drive_table
 from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
+from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate

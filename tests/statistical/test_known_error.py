@@ -66,7 +66,7 @@ def test_what_the_chains_cannot_settle_is_refused_in_words(
     few = replace(calibrated, runs=calibrated.runs.head(4))
     monkeypatch.setattr(boundary_side, "BATCHES", 1)
     monkeypatch.setattr(boundary_side, "LARGE", 0.0)
-    with pytest.raises(InputError, match="the chains that sample the posterior left"):
+    with pytest.raises(InputError, match="the chains that sample the posterior did not converge"):
         could_be_known(few, "mirror", times_s=TIMES_S)
 
 

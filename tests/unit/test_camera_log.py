@@ -11,7 +11,13 @@ import pytest
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
-from vibroswarm.recordings.readers import CAMERA_LOG, camera_log_bytes, log_file, looks_like_camera, read_log
+from vibroswarm.recordings.log_readers import (
+    CAMERA_LOG,
+    camera_log_bytes,
+    log_file,
+    looks_like_camera,
+    read_log,
+)
 from vibroswarm.recordings.recording import Recording
 
 

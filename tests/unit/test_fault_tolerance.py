@@ -9,8 +9,8 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm.analysis.fault_tolerance import fault_curve, judged_tables
 from vibroswarm.errors import InputError
-from vibroswarm.faults import working
 from vibroswarm.inference.outcomes import CONSENSUS
+from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 

@@ -85,7 +85,7 @@ def test_other_ways_to_write_a_name(written, name):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("diagonal", "needs a fill ratio; say diagonal:0.48 or diagonal:0.46"),
+        ("diagonal", "needs a fill ratio; give diagonal:0.48 or diagonal:0.46"),
         ("diagonal:0.5", "has no fill ratio '0.5'"),
         ("diagonal:nan", "has no fill ratio 'nan'"),
         ("diagnal:0.48", "did you mean 'diagonal:0.48'"),

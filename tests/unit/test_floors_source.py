@@ -70,7 +70,7 @@ def test_a_grid_of_another_size_is_refused(tmp_path):
         ("random:much", "'much' is not a fill ratio"),
         ("random:0.5", "0.5 of 5 x 5 tiles is 12.5"),
         ("random:inf", "is not a share"),
-        ("alternating", "needs a fill ratio; say alternating:0.48 or .*paper-0.46"),
+        ("alternating", "needs a fill ratio; give alternating:0.48 or .*paper-0.46"),
         ("floors/none.txt", "no such file"),
         ("none.csv", "no such file"),
         ("a\0b", "neither a floor nor a file"),

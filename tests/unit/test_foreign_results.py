@@ -15,9 +15,10 @@ import pytest
 
 from vibroswarm.core.tables import ALLOWED, check_table
 from vibroswarm.errors import InputError
+from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import SCHEMAS, TABLES, Result
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate

@@ -90,7 +90,7 @@ def test_who_is_told_the_grid_is_said() -> None:
         "fronts": FRONTS.clear(),
         "floor_differences": on_floors(),
     }
-    assert answers(told, tables)[1].endswith("worse than counting on a wrong one: sure.")
+    assert answers(told, tables)[1].endswith("(with a wrong grid, worse than counting): sure.")
     assert not any("grid" in sentence for sentence in answers(STANDINGS, tables))
 
 

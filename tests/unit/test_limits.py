@@ -16,7 +16,7 @@ from vibroswarm.floors.io import read_tiles
 from vibroswarm.observation import measured_csv
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.recordings.column_map import column_map
-from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.spec import Study

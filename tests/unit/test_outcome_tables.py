@@ -307,10 +307,10 @@ def test_other_rows_are_refused(seen: tuple[Scenario, Motion, pl.DataFrame]) -> 
     assert outcomes(base, 5, motion, observations.clone().rechunk()).equals(
         outcomes(base, 5, motion, observations)
     )
-    with pytest.raises(ValueError, match="14 ends of runs of 5 robots"):
+    with pytest.raises(ValueError, match="14 rows, not 5"):
         timeline_of(base, Motion(motion.samples, motion.ends[:-1]))
     fewer = base.with_values({"swarm.robots": 3})
-    with pytest.raises(ValueError, match="robot 4 in runs of 3"):
+    with pytest.raises(ValueError, match="robot 4; there are 3 robots"):
         timeline_of(fewer, motion)
 
 

@@ -95,5 +95,5 @@ def test_a_digest_is_of_every_value(results: list[Result], came: list[CellResult
 
 
 def test_a_row_too_few_is_told(rows: pl.DataFrame) -> None:
-    with pytest.raises(ValueError, match="rows of"):
+    with pytest.raises(ValueError, match="one row for each is needed"):
         summarise(CELLS, rows[:-1], NUMBERS, RUNS, ROBOTS)

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import recording_of
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.scenario.scenario import preset
 
 SHIPPED = Path(__file__).parents[2] / "examples" / "lab"

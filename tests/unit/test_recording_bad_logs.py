@@ -11,10 +11,10 @@ import pytest
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.floor_fit import ORIENTATIONS, check_floor, floor_fits, turned
 from vibroswarm.recordings.log import in_order, unwrapped
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.scenario.scenario import preset
 
 Rows = list[list[str]]

@@ -10,7 +10,7 @@ import pytest
 from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.infer_settings import infer_settings
 from vibroswarm.recordings.log import in_order
-from vibroswarm.recordings.readers import read_log
+from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 

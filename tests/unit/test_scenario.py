@@ -14,15 +14,7 @@ import pytest
 from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
-from helpers.scenario_fields import (
-    FLAGS,
-    FLOATS,
-    INTS,
-    OTHERS,
-    WORDS,
-    annotation,
-    changed,
-)
+from helpers.scenario_fields import FLAGS, FLOATS, INTS, OTHERS, WORDS, annotation, changed
 from vibroswarm import tasks
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import shadows
@@ -438,7 +430,7 @@ def test_a_wrong_word_names_the_right_ones(name: str) -> None:
         ({"run.control_period_ms": 500}, "run.control_period_ms", "500 ms"),
         ({"sensor.model": "energies"}, "sensor.vibrating_energies", "missing"),
         ({"sensor.vibrating_energies": []}, "sensor.vibrating_energies", "[]"),
-        ({"floor.tiles": ["10", "1"]}, "floor.tiles", "one length"),
+        ({"floor.tiles": ["10", "1"]}, "floor.tiles", "equal length"),
         ({"floor.tiles": ["12"]}, "floor.tiles", "0 and 1"),
         ({"floor.tiles": []}, "floor.tiles", "[]"),
         ({"floor.left_m": 1.0}, "floor.left_m", "outside"),

@@ -27,8 +27,8 @@ from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import LUCK, Front, Truth, front_of, is_too_short, truth_of
 from vibroswarm.report.html import Report, report_html
 from vibroswarm.simulation import versions
+from vibroswarm.study.run import run as run_study
 from vibroswarm.study.spec import Study
-from vibroswarm.study.study_result import run as run_study
 
 SMALL = (Path(__file__).parents[1] / "helpers" / "small_search.toml").read_text()
 START = 'start = [{ "sample.sample_interval_ms" = 2000.0, "decision.min_observations" = 20 }]\n'

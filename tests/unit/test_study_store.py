@@ -20,9 +20,10 @@ from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.batch_table import ROWS
 from vibroswarm.study.plan import plan_of
+from vibroswarm.study.run import merge
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import FORMAT, SHARDS, Store
-from vibroswarm.study.study_result import StudyResult, merge
+from vibroswarm.study.study_result import StudyResult
 
 STUDY = Study(
     {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}}, {"grid": {"strategy.name": ["none", "soft"]}}, 30

@@ -16,9 +16,9 @@ from vibroswarm.errors import InputError
 from vibroswarm.report.html import Report, Section, report_html
 from vibroswarm.report.parts import ReportFrame, ReportFrames
 from vibroswarm.tracking.camera import Camera, Lens, matrix_of
-from vibroswarm.tracking.detection import Detections
 from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, chosen, shots_of
 from vibroswarm.tracking.doubts import ADVICE, TITLES, Doubt, doubts_of
+from vibroswarm.tracking.marker_detection import Detections
 from vibroswarm.tracking.markers import Markers, corners_at, usual_markers
 from vibroswarm.tracking.review import REVIEW, answer, write_review
 from vibroswarm.tracking.stitch import stitch

@@ -2,33 +2,35 @@
 
 | column | what it is |
 |---|---|
-| run, truth, consensus | as the table of runs has them |
-| robots | how many there are |
-| right, wrong, undecided | how many of them; right and wrong null where no decision is right |
-| decision_time_s | mean over robots of min(decision time, t_end), s: the paper's, the restricted mean |
-| belief_in_truth | mean over robots of the belief in what is so, at the decision or at the last sample |
-| consensus_time_s | as the table of runs has it: null where there was none |
-| right_share, wrong_share, undecided_share | shares of the robots |
-| swarm_right, swarm_wrong | 1 where all decided so, else 0; null where no decision is right |
-| swarm_time_s | min(consensus time, t_end), s |
+| run, truth, consensus | copied from the table of runs |
+| robots | number of robots |
+| right, wrong, undecided | number of robots with this outcome; right and wrong are null if the run has no truth |
+| decision_time_s | mean over robots of min(decision time, t_end), s: the restricted mean, as in the paper |
+| belief_in_truth | mean over robots of the belief in the true answer, at the decision or at the last sample |
+| consensus_time_s | copied from the table of runs: null if the run has no consensus |
+| right_share, wrong_share, undecided_share | right, wrong, undecided / robots |
+| swarm_right, swarm_wrong | 1 if all robots decided right (wrong), else 0; null if the run has no truth |
+| swarm_time_s | min(consensus time, t_end), s; t_end if the run has no consensus |
 
-What became of a cell (one scenario, many runs), with intervals; the run is the unit.
+A run has no truth if its fill ratio lies on the boundary, so that neither decision is right.
+
+The figures of a cell (one scenario, many runs) have intervals that treat the run as the independent unit:
 
 | name | what it is | interval |
 |---|---|---|
 | swarm_right, _wrong, _split, _incomplete, _truth_undefined | share of runs with this consensus | Wilson |
-| swarm_error | share wrong among runs with a consensus that is right or wrong | Wilson |
+| swarm_error | share of runs with a wrong consensus among those with a right or wrong one | Wilson |
 | consensus_time_s | mean of min(consensus time, t_end): a run without consensus counts with t_end | t |
-| consensus_median_s | median of the consensus time, a run without one being later than any | order statistics |
+| consensus_median_s | median consensus time; a run without consensus counts as infinitely late | order statistics |
 | robots_right, _wrong, _undecided | share of robots | cluster bootstrap over runs |
 | robot_error | share wrong among the robots that decided | cluster bootstrap over runs |
-| decision_time_s | mean of min(decision time, t_end), the restricted mean: the paper's | t over runs' means |
-| belief_in_truth | mean belief in what is so, at the decision or the last sample; the paper's "accuracy" | t |
-| icc | r = (B - W) / (B + (m - 1) W): intra-run correlation, B and W the mean squares between and within runs | - |
-| design effect | 1 + (m - 1) r: so many robots of m-robot runs tell as much as one independent robot | - |
+| decision_time_s | mean of min(decision time, t_end): the restricted mean, as in the paper | t over runs' means |
+| belief_in_truth | mean belief in the true answer, at the decision or the last sample; the paper's "accuracy" | t |
+| icc | r = (B - W) / (B + (m - 1) W): intra-run correlation; B, W: mean squares between, within runs | - |
+| design effect | 1 + (m - 1) r: number of robots, in runs of m, that inform as much as one independent robot | - |
 
-Right and wrong are shares of the runs in which a decision can be right (fill ratio off the boundary) and not defined
-where there are none. A median that fewer than half of the runs reach is not defined either (None).
+Right and wrong are shares of the runs with a truth; without such runs they are undefined. The median consensus time is
+undefined (None) if fewer than half of the runs reach a consensus.
 """
 
 from __future__ import annotations
@@ -63,16 +65,20 @@ from vibroswarm.inference.outcomes import (
 )
 
 COUNTS: Final = ("right", "wrong", "undecided")
+"""Columns with numbers of robots."""
 FIGURES: Final = (
     *COUNTS,
     *("decision_time_s", "belief_in_truth", "consensus_time_s"),
     *("right_share", "wrong_share", "undecided_share", "swarm_right", "swarm_wrong", "swarm_time_s"),
 )
-"""Columns that are computed, in order."""
+"""Columns that ``run_figures`` computes, in order."""
 
 
 class ByRun(NotebookView):
     """Robots grouped by run; sums have a fixed order, whatever the number of threads.
+
+    ``robots`` is the table sorted by run; ``runs`` are the numbers of its runs, ``first`` the index of each run's first
+    row and ``count`` its number of robots, shape (runs,) each.
 
     Args:
         robots: table of robots, in any order.
@@ -81,9 +87,12 @@ class ByRun(NotebookView):
     def __init__(self, robots: pl.DataFrame) -> None:
         self.robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
         run = self.robots["run"].to_numpy()
-        self.first = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
+        # A run starts at row 0, if the table has rows, and wherever the run number changes.
+        starts = np.append(run.size > 0, run[1:] != run[:-1])
+        self.first = np.flatnonzero(starts)
         self.runs = run[self.first]
-        self.count: NDArray[np.int64] = np.diff(np.append(self.first, run.size)).astype(np.int64)
+        robots_per_run = np.diff(np.append(self.first, run.size))
+        self.count: NDArray[np.int64] = robots_per_run.astype(np.int64)
 
     def sum(self, values: Array) -> Array:
         """Sum a value over the robots of each run, shape (runs,)."""
@@ -99,7 +108,7 @@ class ByRun(NotebookView):
 
 
 def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.DataFrame:
-    """Compute the table above, sorted by run.
+    """Compute one row of figures for each run, sorted by run: the first table of the module's docstring.
 
     Args:
         robots, runs: tables of one cell, as a ``Result`` has them; the same runs in both. t_end_s: end of a run, s.
@@ -107,27 +116,34 @@ def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.
         InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
     """
     if not t_end_s > 0:
-        raise InputError(f"{t_end_s!r} is not an end of a run; give a time above 0, s", field="t_end_s")
+        raise InputError(f"{t_end_s!r} cannot be the end of a run; give a time above 0, s", field="t_end_s")
     by_run = ByRun(robots)
     means = {
         "decision_time_s": by_run.mean(by_run.capped_time_s(t_end_s)),
         "belief_in_truth": by_run.mean(numbers(by_run.robots["belief_in_truth"])),
     }
     of_robots = pl.DataFrame({"run": by_run.runs, "robots": by_run.count})
+    # The inner join loses a run that only one table has, and repeats a run that occurs twice.
     joined = runs.join(of_robots, on="run", how="inner").sort("run")
     if joined.height != runs.height or of_robots.height != runs.height:
-        raise InputError("the tables of robots and of runs are not of the same runs", field="runs")
+        raise InputError("the tables of robots and of runs must have the same runs, once each", field="runs")
     columns = {name: numbers(joined[name]) for name in ("truth", "consensus_time_s", *COUNTS)}
+    # of_swarms compares the integer codes of the categories.
     columns["consensus"] = joined["consensus"].cast(RUNS["consensus"]).to_physical().to_numpy()
     values = means | of_swarms(columns, by_run.count, t_end_s)
     figures = [pl.Series(name, values[name], nan_to_null=True) for name in FIGURES]
-    counts = [column.cast(pl.Int64) if column.name in COUNTS else column for column in figures]
-    return joined.select("run", "truth", "consensus", "robots").with_columns(counts)
+    typed = [column.cast(pl.Int64) if column.name in COUNTS else column for column in figures]
+    return joined.select("run", "truth", "consensus", "robots").with_columns(typed)
 
 
 @dataclass(frozen=True)
 class CellSummary(NotebookView):
-    """Figures of a cell, see the head of this module; times in s."""
+    """Figures of a cell; times in s.
+
+    They are those of the second table of the module's docstring. Correlations and design effects (``icc_``,
+    ``design_effect_``) of the capped decision time, of deciding right and of staying undecided are plain numbers, nan
+    if undefined.
+    """
 
     runs: int
     robots: int
@@ -160,17 +176,22 @@ class CellSummary(NotebookView):
         return {name: value for name, value in self._items() if isinstance(value, Interval)}
 
     def as_row(self) -> dict[str, float | int | None]:
-        """Return a flat row: ``name``, ``name_low``, ``name_high`` for each interval; None if not finite."""
+        """Return the figures as one flat row.
+
+        An interval gives three columns: ``name`` (the estimate), ``name_low``, ``name_high``. Any other figure gives
+        the column ``name``. A value that is not finite becomes None.
+        """
         row: dict[str, float | int | None] = {}
         for name, value in self._items():
             if isinstance(value, Interval):
-                row[name], row[f"{name}_low"], row[f"{name}_high"] = (plain(v) for v in value[:3])
+                estimate, low, high = value[:3]
+                row[name], row[f"{name}_low"], row[f"{name}_high"] = plain(estimate), plain(low), plain(high)
             else:
                 row[name] = plain(value)
         return row
 
     def as_dict(self) -> dict[str, Any]:
-        """Return nested plain values for JSON."""
+        """Return the figures for JSON: intervals become dictionaries, and values that are not finite become None."""
         return {
             name: value.as_dict() if isinstance(value, Interval) else plain(value)
             for name, value in self._items()
@@ -187,19 +208,20 @@ def summary(
 
     Args:
         robots, runs: tables of one scenario's runs, as a ``Result`` has them. t_end_s: the end of a run, s.
-        level: of confidence, each interval for itself. seed: of the bootstrap.
+        level: confidence level of each single interval. seed: seed of the bootstrap.
     Raises:
-        InputError: the tables are not of the same runs, or the level is no share.
+        InputError: the tables have different runs, or the level is not between 0 and 1.
     """
     table = run_figures(robots, runs, t_end_s)
     robot_counts = table["robots"].to_numpy()
-    known = table.filter(pl.col("truth").is_not_null())
-    right, wrong, of_known = (known[name].to_numpy() for name in ("right", "wrong", "robots"))
+    # Right and wrong are defined only in runs with a truth.
+    with_truth = table.filter(pl.col("truth").is_not_null())
+    right, wrong, counts_with_truth = (with_truth[name].to_numpy() for name in ("right", "wrong", "robots"))
     undecided = table["undecided"].to_numpy()
     figures = {name: numbers(table[name]) for name in ("robots", *OF_RUNS)}
     iccs = {
         "decision_time": icc_of_times(robots, t_end_s),
-        "right": icc_of_counts(right, of_known),
+        "right": icc_of_counts(right, counts_with_truth),
         "undecided": icc_of_counts(undecided, robot_counts),
     }
     named: dict[str, Any] = {
@@ -208,14 +230,15 @@ def summary(
         **{f"icc_{name}": value for name, value in iccs.items()},
         **{f"design_effect_{name}": design_effect(value, robot_counts) for name, value in iccs.items()},
     }
-    reached = table["consensus_time_s"].fill_null(math.inf).to_numpy()
+    # A run without consensus counts as later than all others.
+    consensus_s = table["consensus_time_s"].fill_null(math.inf).to_numpy()
     return CellSummary(
         runs=table.height,
         robots=int(robot_counts.sum()),
         t_end_s=t_end_s,
         level=level,
-        consensus_median_s=quantile_interval(reached, 0.5, level),
-        robot_error=cluster_share(wrong, right + wrong, level, seed),
+        consensus_median_s=quantile_interval(consensus_s, 0.5, level),
+        robot_error=cluster_share(count=wrong, of=right + wrong, level=level, seed=seed),
         **named,
     )
 
@@ -225,22 +248,26 @@ MEANS: Final = {
     "belief_in_truth": "belief_in_truth",
     "consensus_time_s": "swarm_time_s",
 }
-"""Means over runs, and the figure of a run each is of."""
+"""Means over runs: name of the mean, and the column of ``run_figures`` that is averaged."""
 SHARES_OF_ROBOTS: Final = {f"robots_{name}": name for name in ("right", "wrong", "undecided")}
-"""Shares of robots, and how many of each run they are of."""
+"""Shares of robots: name of the share, and the column of ``run_figures`` that counts the robots."""
 SHARES_OF_RUNS: Final = ("swarm_right", "swarm_wrong")
-"""Shares of runs."""
+"""Shares of runs: columns of ``run_figures`` that are 1 or 0."""
 INTERVALS: Final = (*MEANS, *SHARES_OF_ROBOTS, *SHARES_OF_RUNS)
 """Names that ``interval`` accepts."""
 OF_RUNS: Final = (*MEANS.values(), *SHARES_OF_ROBOTS.values(), *SHARES_OF_RUNS)
+"""Columns of ``run_figures`` that ``interval`` reads, besides ``robots``."""
 
 
 def interval(name: str, figures: Columns, level: float = 0.95, seed: int = 0) -> Interval:
-    """Return a figure of a cell with its limits, from those of its runs.
+    """Compute one figure of a cell, with its limits, from the figures of the cell's runs.
 
     Args:
-        name: of ``INTERVALS``. figures: of each run (``inference.outcomes.run_figures``) and ``robots``, how many it
-            has; (runs,) each, nan where a run has none. level: of confidence. seed: of the bootstrap.
+        name: one of ``INTERVALS``. Any other name must be a column of 0 and 1 in ``figures``: the figure is the share
+            of runs with a 1.
+        figures: columns of ``run_figures`` by name, with ``robots``, the number of robots; shape (runs,) each, nan
+            where a figure is undefined in a run.
+        level: confidence level. seed: seed of the bootstrap.
     """
     if name in MEANS:
         return mean_interval(figures[MEANS[name]], level)
@@ -248,15 +275,17 @@ def interval(name: str, figures: Columns, level: float = 0.95, seed: int = 0) ->
         count = figures[SHARES_OF_ROBOTS[name]]
         known = ~np.isnan(count)
         return cluster_share(count[known], figures["robots"][known], level, seed)
-    known = ~np.isnan(figures[name])
+    known = ~np.isnan(figures[name])  # the rest are columns of 0 and 1
     return wilson(int(figures[name][known].sum()), int(known.sum()), level)
 
 
 def consensus_shares(table: pl.DataFrame, level: float = 0.95) -> dict[str, Interval]:
-    """Return the shares of runs that are split, incomplete or without a truth, and the consensus error.
+    """Compute the shares of runs that are split, incomplete or without a truth, and ``swarm_error``.
 
     Args:
-        table: of ``run_figures``. level: of confidence.
+        table: from ``run_figures``. level: confidence level.
+    Returns: intervals named ``swarm_split``, ``swarm_incomplete``, ``swarm_truth_undefined`` (of all runs) and
+        ``swarm_error`` (of the runs with a right or wrong consensus).
     """
     counts = dict(table.group_by("consensus").len().iter_rows())
     others = ("split", "incomplete", "truth_undefined")
@@ -266,7 +295,10 @@ def consensus_shares(table: pl.DataFrame, level: float = 0.95) -> dict[str, Inte
 
 
 def icc_of_times(robots: pl.DataFrame, t_end_s: float) -> float:
-    """Compute the intra-run correlation of min(decision time, t_end)."""
+    """Compute the intra-run correlation of min(decision time, t_end) from a table of robots.
+
+    It is nan for fewer than 2 runs, if every run has a single robot, and if all times are equal.
+    """
     by_run = ByRun(robots)
     time_s = by_run.capped_time_s(t_end_s)
     means = by_run.mean(time_s)
@@ -275,18 +307,29 @@ def icc_of_times(robots: pl.DataFrame, t_end_s: float) -> float:
 
 
 def icc_of_counts(count: NDArray[np.int64], of: NDArray[np.int64]) -> float:
-    """Compute the intra-run correlation of a binary outcome that ``count`` of ``of`` robots of each run have."""
+    """Compute the intra-run correlation of a binary outcome, such as having decided right.
+
+    Args:
+        count: number of robots of each run that have the outcome. of: number of all robots of each run; shape (runs,)
+            each. Runs without robots are left out.
+    Returns: the correlation; nan for fewer than 2 runs, single robots, or if all robots have the same outcome.
+    """
     count, of = count[of > 0], of[of > 0]
     size = of.astype(np.float64)
     share = count / size
-    return icc(share, size * share * (1.0 - share), size)
+    squares = size * share * (1.0 - share)  # sum of squares of zeros and ones about their mean
+    return icc(share, squares, size)
 
 
 def icc(means: NDArray[np.float64], within: NDArray[np.float64], sizes: NDArray[np.float64]) -> float:
-    """Compute the intra-run correlation from each run's mean, sum of squares about it and number of robots.
+    """Compute the intra-run correlation by a one-way analysis of variance.
 
-    One-way analysis of variance; runs of unequal size enter with the usual mean size. It may be slightly negative.
-    It is nan for fewer than 2 runs, for single robots, and without any variance.
+    It may be slightly negative. It is nan for fewer than 2 runs, if every run has a single robot, and if all values
+    are equal.
+
+    Args:
+        means: mean over the robots of each run. within: sum of squares about this mean. sizes: number of robots;
+            shape (runs,) each.
     """
     runs, robots = means.size, float(sizes.sum())
     if runs < 2 or robots <= runs:
@@ -294,11 +337,17 @@ def icc(means: NDArray[np.float64], within: NDArray[np.float64], sizes: NDArray[
     grand = float(sizes @ means) / robots
     between = float(sizes @ (means - grand) ** 2) / (runs - 1)  # B
     inside = float(within.sum()) / (robots - runs)  # W
-    size = (robots - float(sizes @ sizes) / robots) / (runs - 1)  # m
+    # m: the number of robots of a run, or for unequal runs the mean size that keeps B and W unbiased.
+    size = (robots - float(sizes @ sizes) / robots) / (runs - 1)
     total = between + (size - 1.0) * inside
     return (between - inside) / total if total > 0 else math.nan  # r
 
 
 def design_effect(correlation: float, of: NDArray[np.int64]) -> float:
-    """Compute the ratio of a figure's variance to that with as many independent robots; nan if the correlation is."""
+    """Compute the ratio of a figure's variance to its variance with the same number of independent robots.
+
+    Args:
+        correlation: intra-run correlation; if it is nan (undefined), so is the result.
+        of: number of robots of each run, (runs,); the result is nan if there are no runs.
+    """
     return 1.0 + (float(of.mean()) - 1.0) * correlation if of.size else math.nan

@@ -1,19 +1,24 @@
-"""Compute pooled counting, a centralised baseline: the decision if all bits of a swarm were in one place at once.
+"""Compute pooled counting, a centralised baseline: one decision per run from the bits of all robots, without delay.
+
+A bit is the 0 or 1 that one sample reads.
 
 | name | symbol | equation |
 |---|---|---|
-| bits so far, ones among them | n, S | of all robots of the run, in order of time |
-| evidence by count | X | S - x n, with x the tested boundary (``observation.boundary``) |
+| number of bits so far, number of ones | n, S | of all robots of the run, in order of time |
+| evidence by count | X | S - x n, x the share of ones that robots test against (``observation.decision_boundary``) |
 | evidence by belief | X | ln[(1 - p) / p], p = I_x(a0 + S, b0 + n - S) with the scenario's prior Beta(a0, b0) |
 | threshold | h | decide 1 once X >= h, 0 once X <= -h; undecided if never |
-| error | - | share wrong + u (share undecided), the same u for both |
+| weight of undecided | u | ``undecided_counts``, 0 to 1: how much being undecided counts as an error |
+| error | - | share wrong + u (share undecided), of runs for the baseline, of robots for the strategy |
 
-h is tuned on one half of the runs: the smallest threshold whose error is at most the strategy's error (or that with the
-least error, if none is). Both are judged on the other half, run by run. With u above 0, a strategy with many undecided
-robots may have the error of a coin toss: then h is almost 0, and u = 0 is more informative.
+h is tuned on one half of the runs: it is the smallest threshold at which the baseline's error is at most the
+strategy's error, or the threshold with the smallest error if no threshold reaches that. The baseline and the strategy
+are then compared on the other half of the runs, run by run. With u above 0, a strategy that leaves many robots
+undecided may have an error near 1/2. The baseline reaches such an error by guessing, with h almost 0; then u = 0 is
+more informative.
 
-This is a reference, not a bound: another rule on the same bits may do better. It shows the cost in time, at equal
-error, of deciding as a swarm.
+The baseline is a reference, not a bound: another rule on the same bits may do better. It shows how much longer, at
+equal error, a swarm takes to decide.
 """
 
 from __future__ import annotations
@@ -42,38 +47,54 @@ from vibroswarm.result import Result
 
 Rule = Literal["count", "belief"]
 RULES: Final = ("count", "belief")
+"""The two kinds of evidence: by count, and by belief."""
 THRESHOLDS: Final = 400
-"""Number of thresholds tried, evenly spaced up to the largest evidence in the tuning half."""
+"""Number of thresholds tried, evenly spaced up to the largest evidence in any of the runs."""
 
 
 @dataclass(frozen=True)
 class PooledCounting(NotebookView):
-    """The reference and the strategy on the judged half of the runs; times in s."""
+    """Pooled counting ("the reference") and the strategy, compared on the half of the runs that did not tune h.
+
+    Times are in s; figures of the strategy have names that start with ``strategy_``.
+    """
 
     rule: Rule
     threshold: float
+    """h."""
     undecided_counts: float
+    """u: how much being undecided counts as an error, 0 to 1."""
     runs_tuned: int
+    """Number of runs that h was tuned on."""
     runs_judged: int
+    """Number of runs of the comparison."""
     tuned_error: float
-    """Error of the reference on the tuning half."""
+    """Error of the reference on the runs that h was tuned on."""
     strategy_tuned_error: float
-    """Error of the strategy on the tuning half, the target."""
+    """Error of the strategy on the same runs, the target of the tuning."""
     time_s: Interval
+    """Time of the reference's decision; the end of the run where it is undecided."""
     wrong: Interval
+    """Share of runs in which the reference decides wrong."""
     undecided: Interval
+    """Share of runs in which the reference does not decide."""
     error: Interval
+    """Error of the reference: ``wrong`` + u ``undecided``."""
     strategy_time_s: Interval
+    """Decision time of the strategy, the mean over robots; the end of the run for an undecided robot."""
     strategy_wrong: Interval
+    """Share of robots that decide wrong."""
     strategy_undecided: Interval
+    """Share of robots that do not decide."""
     strategy_error: Interval
+    """Error of the strategy: ``strategy_wrong`` + u ``strategy_undecided``."""
     time_difference_s: Interval
     """Strategy - reference, paired by run; above 0 if the swarm is slower."""
     error_difference: Interval
-    """Strategy - reference; close to 0 if the tuning generalised."""
+    """Strategy - reference, paired by run; close to 0 if the tuning generalised."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return nested plain values for JSON."""
+        """Return the fields for JSON: intervals become dictionaries, and values that are not finite become None."""
         return {
             name: value.as_dict() if isinstance(value, Interval) else plain(value)
             for name, value in self.__dict__.items()
@@ -87,11 +108,13 @@ def pooled_counting(
     level: float = 0.95,
     seed: int = 0,
 ) -> PooledCounting:
-    """Compute pooled counting at the strategy's own error.
+    """Tune pooled counting to the strategy's error, and compare the two.
 
     Args:
-        result: complete runs with the strategy's decisions; those without a truth are left out.
-        rule: which evidence has the threshold. undecided_counts: u of the module's head, in [0, 1].
+        result: runs to t_end with the strategy's decisions. Runs without a truth (fill ratio on the boundary) are left
+            out.
+        rule: evidence that the threshold h applies to: "count" or "belief". undecided_counts: u, how much being
+            undecided counts as an error, 0 to 1. level: confidence level. seed: of the intervals of differences.
     Raises:
         InputError: an unknown rule, u outside [0, 1], fewer than 4 runs with a truth, or runs that stopped early.
     """
@@ -99,7 +122,9 @@ def pooled_counting(
     if rule not in RULES:
         raise InputError(f"'{rule}' is not a rule of pooled counting; count or belief", field="rule")
     if not 0.0 <= undecided_counts <= 1.0:
-        raise InputError(f"{undecided_counts!r} is not a share; from 0 to 1", field="undecided_counts")
+        raise InputError(
+            f"{undecided_counts!r} is not a share; give a number from 0 to 1", field="undecided_counts"
+        )
     t_end_s = result.scenario.run.t_end_s
     table = run_figures(result.robots, result.runs, t_end_s).filter(pl.col("truth").is_not_null())
     if table.height < 4:
@@ -107,21 +132,24 @@ def pooled_counting(
             "at least 4 runs with a truth are needed: half to tune, half to test", field="result"
         )
     if result.runs["stopped_early"].any():
-        raise InputError("runs that stopped early lack the samples after; run to t_end", field="result")
+        raise InputError(
+            "runs that stopped early lack the samples after they stopped; run to t_end", field="result"
+        )
     passages = first_passages(result, table["run"].to_list(), rule)
-    tuning = np.arange(table.height) % 2 == 0
+    tuning = np.arange(table.height) % 2 == 0  # every other run tunes h, the rest are judged
+    judged = ~tuning
     wrong, undecided = table["wrong_share"].to_numpy(), table["undecided_share"].to_numpy()
     target = float((wrong + undecided_counts * undecided)[tuning].mean())
     truth = table["truth"].to_numpy()
     index, tuned = _tune(passages, truth, tuning, target, undecided_counts)
-    judged = ~tuning
+    # Decisions and times of pooled counting with the tuned threshold, in the runs that are judged.
     decision, time_s = passages.decision[judged, index], passages.time_s[judged, index]
     pooled_wrong = ((decision != -1) & (decision != truth[judged])).astype(np.float64)
-    pooled_left = (decision == -1).astype(np.float64)
-    time_s = np.where(decision == -1, t_end_s, time_s)
+    pooled_undecided = (decision == -1).astype(np.float64)
+    time_s = np.where(decision == -1, t_end_s, time_s)  # an undecided run counts with t_end, as a robot does
     strategy_time_s = table["decision_time_s"].to_numpy()[judged]
     strategy_error = (wrong + undecided_counts * undecided)[judged]
-    error = pooled_wrong + undecided_counts * pooled_left
+    error = pooled_wrong + undecided_counts * pooled_undecided
     n = int(judged.sum())
     return PooledCounting(
         rule=rule,
@@ -133,7 +161,7 @@ def pooled_counting(
         strategy_tuned_error=target,
         time_s=mean_interval(time_s, level),
         wrong=wilson(int(pooled_wrong.sum()), n, level),
-        undecided=wilson(int(pooled_left.sum()), n, level),
+        undecided=wilson(int(pooled_undecided.sum()), n, level),
         error=mean_interval(error, level),
         strategy_time_s=mean_interval(strategy_time_s, level),
         strategy_wrong=mean_interval(wrong[judged], level),
@@ -146,43 +174,61 @@ def pooled_counting(
 
 @dataclass(frozen=True)
 class Passages(NotebookView):
-    """Time and side at which the evidence of each run first passes each threshold; arrays (runs, thresholds).
-
-    Where it never passes, the decision is -1 and the time infinite.
-    """
+    """When, and on which side, the evidence of each run first passes each threshold."""
 
     thresholds: NDArray[np.float64]
+    """Increasing, shape (thresholds,)."""
     decision: NDArray[np.int8]
+    """1 if the evidence reaches the threshold first, 0 if it reaches minus the threshold first, -1 if it never reaches
+    either; shape (runs, thresholds)."""
     time_s: NDArray[np.float64]
+    """Time of the first passage, s, infinite if there is none; shape (runs, thresholds)."""
 
 
 def first_passages(
     result: Result, runs: list[int], rule: Rule, thresholds: NDArray[np.float64] | None = None
 ) -> Passages:
-    """Find the first passages of the evidence of ``runs`` through increasing thresholds; by default an even grid."""
-    at = result.motion["run"].to_numpy()
+    """Find when the evidence of each run first passes each threshold h, upwards (X >= h) or downwards (X <= -h).
+
+    Args:
+        result: its samples are sorted by run and time. runs: numbers of the runs to use.
+        rule: evidence to compute, "count" or "belief". thresholds: values of h, increasing; by default ``THRESHOLDS``
+            evenly spaced values up to the largest absolute evidence of these runs.
+    Returns: passages whose arrays have one row per run, in the order of ``runs``.
+    """
+    run_of_sample = result.motion["run"].to_numpy()
     paths = []
     for run in runs:
-        low, high = np.searchsorted(at, [run, run + 1])
+        low, high = np.searchsorted(run_of_sample, [run, run + 1])
         bits = result.observations["observation"][int(low) : int(high)].to_numpy()
         times = result.motion["time_s"][int(low) : int(high)].to_numpy()
         paths.append((evidence(bits, result, rule), times))
     if thresholds is None:
         furthest = max((float(np.abs(x).max(initial=0.0)) for x, _ in paths), default=0.0)
+        # Without h = 0, which any evidence passes at the first sample.
         thresholds = np.linspace(0.0, furthest, THRESHOLDS + 1)[1:]
     decision = np.full((len(paths), thresholds.size), -1, dtype=np.int8)
     time_s = np.full((len(paths), thresholds.size), np.inf)
     for r, (x, times) in enumerate(paths):
+        # ``up``: for each h the index of the first sample with X >= h, found in the running maximum of X, which is
+        # sorted; ``down``: likewise with -X. The index is the number of samples if X never passes h on that side. The
+        # 1e-9 allows for rounding.
         up, down = (np.searchsorted(np.maximum.accumulate(side), thresholds - 1e-9) for side in (x, -x))
         first = np.minimum(up, down)
         passed = first < x.size
-        decision[r, passed] = up[passed] < down[passed]
+        decision[r, passed] = up[passed] < down[passed]  # 1 if X passes h upwards first, else 0
         time_s[r, passed] = times[first[passed]]
     return Passages(thresholds, decision, time_s)
 
 
 def evidence(bits: NDArray[np.uint8], result: Result, rule: Rule) -> NDArray[np.float64]:
-    """Compute X after each bit, shape as ``bits``; positive values are evidence for 1."""
+    """Compute the evidence X after each bit of one run; positive values are evidence for decision 1.
+
+    Args:
+        bits: readings of all robots of the run in order of time, (samples,). result: whose scenario has the prior and
+            the boundary. rule: "count" or "belief".
+    Returns: X, (samples,).
+    """
     decision, boundary = result.scenario.decision, readings_boundary(result.scenario)
     ones, n = np.cumsum(bits, dtype=np.int64), np.arange(1, bits.size + 1)
     if rule == "count":
@@ -191,7 +237,7 @@ def evidence(bits: NDArray[np.uint8], result: Result, rule: Rule) -> NDArray[np.
     # Both tails are computed, so that a belief near 1 keeps its precision.
     below = betainc(alpha, beta, boundary)
     above = betainc(beta, alpha, 1.0 - boundary)
-    smallest = np.finfo(np.float64).tiny
+    smallest = np.finfo(np.float64).tiny  # in place of a tail that rounds to 0, whose logarithm is infinite
     # ln[(1 - p) / p]
     return np.asarray(np.log(np.maximum(above, smallest)) - np.log(np.maximum(below, smallest)))
 
@@ -203,13 +249,17 @@ def _tune(
     aim: float,
     undecided_counts: float,
 ) -> tuple[int, float]:
-    """Return the index of the smallest threshold whose error on the tuning half is at most ``aim``, and that error.
+    """Find the smallest threshold whose error is at most ``aim``, else the threshold with the smallest error.
 
-    If there is none, it is the threshold with the smallest error.
+    Args:
+        passages: of all runs. truth: right decision of each run, (runs,). tuning: whether the run is in the half that
+            tunes the threshold, (runs,).
+        aim: the strategy's error. undecided_counts: u, how much an undecided run counts as an error.
+    Returns: index of the threshold, and its error over the runs that tune it.
     """
     decision = passages.decision[tuning]
     wrong = ((decision != -1) & (decision != truth[tuning][:, None])).mean(axis=0)
     error = wrong + undecided_counts * (decision == -1).mean(axis=0)
-    enough = np.flatnonzero(error <= aim + 1e-12)
+    enough = np.flatnonzero(error <= aim + 1e-12)  # the tolerance allows for rounding of the means
     index = int(enough[0]) if enough.size else int(np.argmin(error))
     return index, float(error[index])

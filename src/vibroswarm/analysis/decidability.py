@@ -1,28 +1,31 @@
-"""Can it be decided at all? Whether the bits lean to the right side of the boundary, and what would mend it.
+"""Compute whether a question can be decided at all: is the expected share of ones on the right side of the boundary?
+
+A bit is the 0 or 1 that a sample reads. The share of ones is on the right side if it is above the tested boundary
+where the fill ratio is above the boundary, and below where it is below.
 
 | name | symbol | equation |
 |---|---|---|
 | fill ratio, boundary | f, x | the question: is f above x? |
-| tested boundary | q(x) | what the share of ones is held against: x, or q of a floor at x (``observation.boundary``) |
-| false positive, false negative | a(theta), b(theta) | of the sensor at the threshold theta |
-| spill | s | share felt as vibrating beyond f, where vibration reaches across tile edges |
-| tiled share of the arena | c | places off all tiles read as still ones do, where no vibration reaches them |
+| tested boundary | q(x) | what robots compare the share of ones with: x itself, or q of a floor whose f is x |
+| false positive, false negative | a(theta), b(theta) | error rates of the sensor at the threshold theta |
+| spillover | s | share of the tiles' area sensed as vibrating minus f; 0 unless vibration crosses tile edges |
+| tiled share of the arena | c | tiles' area in the arena / arena's area; places off all tiles read like still tiles |
 | share of ones expected | q | c [g (1 - b) + (1 - g) a] + (1 - c) a, g = f + s, at uniformly random places |
 | margin | - | q - q(x) where f > x, q(x) - q where f < x: above 0 is the right side |
-| threshold that mends | theta_- < theta < theta_+ | q of f and q of its mirror 2x - f both on their right sides of x |
-| samples needed | n | P(share of n independent bits not on q's side of q(x)) <= error |
+| correcting ("mending") threshold | theta_- to theta_+ | f and its mirror image 2x - f both have q on x's right side |
+| samples needed | n | P(share of n independent bits is not on q's side of q(x)) <= error |
 
-With ``boundary_of = "readings"`` a robot takes each bit at its word, as if no sensor erred: q(x) = x. So when false
-positives and negatives do not balance at the boundary, floors near it lean to the wrong side, and **more samples make
-the wrong answer surer**. q falls as theta grows; a threshold that is right for f alone (some always is) may only lean
-all floors one way, so it has to do for the mirror image of f across the boundary too (with the same spill). Where
-vibrating tiles do not read higher than still ones none does.
+With ``boundary_of = "readings"`` robots treat each bit as if the sensor made no errors: q(x) = x. If false positives
+and false negatives do not balance at the boundary, q is on the wrong side for fill ratios near the boundary, and **more
+samples make the wrong answer surer**. q falls as theta grows. For any single f some theta puts q on the right side, but
+this theta may put all floors on that side. A correcting threshold therefore has to be right for the mirror image of f
+across the boundary too (with the same spillover). There is none if vibrating tiles do not read higher than still ones.
 
-With "tiles" robots allow for the errors: only mistaken rates, or a floor whose edges lie otherwise than those of random
-floors, can put it on the wrong side.
+With ``boundary_of = "tiles"`` robots correct for the errors. Then q is on the wrong side only if they assume wrong
+error rates, or if vibration crosses the edges of this floor more, or less, than on an average random floor.
 
-This speaks of own samples. Under soft or positive feedback robots hear beliefs and decisions in place of readings: an
-echo, which makes a lean, right or wrong, faster and surer, and cannot turn it.
+All this is about a robot's own samples. Under soft or positive feedback robots also hear beliefs or decisions: these
+make the answer to which the samples lean, right or wrong, faster and surer, but do not change it.
 """
 
 from __future__ import annotations
@@ -54,34 +57,49 @@ Word = Literal[
 ON = 1e-9
 """A share closer to the boundary than this is on it."""
 _EXACT_UP_TO = 100_000
+"""Above this number, ``samples_needed`` uses the normal approximation."""
 _STEPS = 200
+"""Most steps of a bisection; it ends before when no number lies between its limits."""
 
 
 @dataclass(frozen=True)
 class Decidability(NotebookView):
-    """Whether the question can be decided from own samples; see the head of this module."""
+    """Whether the question can be decided from own samples.
+
+    The module's docstring explains the terms.
+    """
 
     verdict: Word
+    """On which side of the tested boundary the share of ones is, in a word."""
     says: str
+    """The verdict in one or two sentences."""
     boundary: float
     """The boundary of the question."""
     tested: float
     """The share of ones with which robots compare: the boundary itself, or the share of ones expected at it."""
     truth: int | None
+    """1: the fill ratio is above the boundary; 0: below; None: neither decision is right."""
     share: float
     """Share of ones, expected or observed."""
     margin: float | None
-    """Distance to the boundary, positive on the right side; None if neither decision is right."""
+    """Distance of the share to the tested boundary, positive on the right side; None if neither decision is right."""
     fill_ratio: float | None = None
+    """f, if the share is computed from a floor."""
     share_low: float | None = None
+    """Lower limit of a measured share."""
     share_high: float | None = None
+    """Upper limit of a measured share."""
     effective_samples: float | None = None
+    """Number of independent samples behind a measured share."""
     samples_needed: int | None = None
     """Independent samples for the wanted error; None if no number suffices."""
     threshold: float | None = None
+    """The sensor's threshold theta."""
     mending_low: float | None = None
+    """theta_-, the lower end of the range of correcting thresholds; None as for ``mending_high``."""
     mending_high: float | None = None
-    """Thresholds between these put neither f nor its mirror on the wrong side; None: none, or not computed."""
+    """theta_- and theta_+: thresholds between them are right for f and its mirror image. None: there are none, or they
+    were not computed."""
 
     @property
     def is_warning(self) -> bool:
@@ -94,29 +112,36 @@ class Decidability(NotebookView):
 
 
 def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = None) -> Decidability:
-    """Decide whether a scenario's question is decidable from the samples that its swarm will take.
+    """Compute whether a scenario's question can be decided from the samples that its swarm will take.
+
+    The verdict is "not assessed" for a task other than ``fill_ratio``, and correcting thresholds are computed for
+    ``boundary_of = "readings"`` only.
 
     Args:
-        error: the probability of a wrong majority that ``samples_needed`` is for.
-        floor: by default that of run 0 with seed 0; random floors share its fill ratio unless the arena cuts them.
+        scenario: only its task, sensor, arena, floor and decision are used, not its motion and strategy.
+        error: wanted probability of a wrong majority of bits, for ``samples_needed``.
+        floor: by default the floor of run 0 with seed 0. The random floors of a scenario all have its fill ratio,
+            unless the arena's border cuts tiles off.
     """
     floor, sensor = floor or scenario.floor_for(0, 0), scenario.sensor
     size = (scenario.arena.width_m, scenario.arena.height_m)
     fill, tiled = floor.fill_ratio_within(*size), tiled_share(floor.geometry, size)
     boundary, tested = scenario.decision.decision_boundary, readings_boundary(scenario)
     truth = truth_on(scenario, floor, fill)
-    felt = sensed_shares_on(sensor, floor, size)
-    spillover = (felt.detected + felt.spillover - felt.vibrating) / tiled
+    sensed = sensed_shares_on(sensor, floor, size)
+    # s: area sensed as vibrating (on and off vibrating tiles) minus area that vibrates, as a share of the tiles' area.
+    # The three areas are shares of the arena's area.
+    spillover = (sensed.detected + sensed.spillover - sensed.vibrating) / tiled
     share = expected_share(sensor, fill, tiled, spillover)
-    of_shares = scenario.task.name == "fill_ratio"
-    verdict = _side(share, tested, truth) if of_shares else "not assessed"
+    asks_fill_ratio = scenario.task.name == "fill_ratio"
+    verdict = _side(share, tested, truth) if asks_fill_ratio else "not assessed"
     says = (
         _words(verdict, share, boundary, tested, truth)
-        if of_shares
+        if asks_fill_ratio
         else f"Whether the task '{scenario.task.name}' is decidable cannot be computed from the share of ones."
     )
     low, high, mend = None, None, ""
-    if of_shares and scenario.decision.boundary_of == "readings":
+    if asks_fill_ratio and scenario.decision.boundary_of == "readings":
         low, high = mending_thresholds(sensor, fill, boundary, tiled, spillover) or (None, None)
         mend = _mend(verdict, sensor.rms_threshold, low, high)
     return Decidability(
@@ -143,13 +168,15 @@ def decidability_of_share(
     level: float = 0.95,
     error: float = 0.05,
 ) -> Decidability:
-    """Judge a measured share of ones as ``decidability`` does the expected one.
+    """Compute from a measured share of ones whether the question can be decided.
 
     Args:
-        share: of ones. truth: 1 if more than the boundary vibrates, else 0; None: neither.
-        effective_samples: number of independent samples behind the share; None: it is exact.
-        level: of the share's interval. error: of the samples needed.
-
+        share: measured share of ones, 0 to 1. boundary: share that robots compare it with.
+        truth: 1 if the fill ratio is above the boundary, 0 if it is below, None if it equals the boundary.
+        effective_samples: number of independent samples behind the share, which need not be whole. It gives the share
+            an interval, and if this interval contains the boundary, the verdict is "indistinguishable from the
+            boundary". None or infinite: the share is exact and gets no interval.
+        level: of the share's interval. error: wanted probability of a wrong majority, for ``samples_needed``.
     Raises:
         InputError: a share, level or error outside its range.
     """
@@ -157,7 +184,8 @@ def decidability_of_share(
         raise InputError(f"{share!r} is not a share; give a number from 0 to 1", field="share")
     check_level(level)
     verdict, low, high = _side(share, boundary, truth), None, None
-    says = _words(verdict, share, boundary, boundary, truth)
+    # The measured share is compared with the boundary itself, so that is the tested boundary too.
+    says = _words(verdict, share, boundary=boundary, tested=boundary, truth=truth)
     if effective_samples is not None and math.isfinite(effective_samples):
         limits = wilson_limits(share * effective_samples, effective_samples, level)
         low, high = (float(limit) for limit in limits)
@@ -183,10 +211,15 @@ def decidability_of_share(
 
 
 def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spillover: float = 0.0) -> float:
-    """Compute q, the share of samples at uniformly random positions that read as vibrating."""
+    """Compute q, the share of samples at uniformly random places in the arena that read as vibrating.
+
+    Args:
+        sensor: its threshold counts. fill_ratio: f. tiled: c, the share of the arena that lies on tiles.
+        spillover: s, area sensed as vibrating minus area that vibrates, as a share of the tiles' area.
+    """
     false_positive, false_negative = error_rates(sensor)
-    felt = min(max(fill_ratio + spillover, 0.0), 1.0)
-    on_tiles = felt * (1.0 - false_negative) + (1.0 - felt) * false_positive
+    sensed = min(max(fill_ratio + spillover, 0.0), 1.0)  # g
+    on_tiles = sensed * (1.0 - false_negative) + (1.0 - sensed) * false_positive
     return tiled * on_tiles + (1.0 - tiled) * false_positive  # q
 
 
@@ -194,16 +227,21 @@ def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spillo
 def mending_thresholds(
     sensor: Sensor, fill_ratio: float, boundary: float, tiled: float = 1.0, spillover: float = 0.0
 ) -> tuple[float, float] | None:
-    """Find (theta_-, theta_+), between which thresholds are right for the fill ratio and its mirror; None if none are.
+    """Find the range of correcting ("mending") thresholds: those with q on the right side for f and its mirror image.
 
-    The mirror is 2x - f, or the nearest possible fill ratio. On the boundary itself both are the threshold at which
-    the sensor's errors balance.
+    The mirror image is 2x - f, clipped to the range 0 to 1. If f is x, both ends of the range are the threshold at
+    which the sensor's errors balance.
+
+    Args:
+        sensor: its own threshold does not matter. fill_ratio: f. boundary: x. tiled: c, the share of the arena that
+            lies on tiles. spillover: s, area sensed as vibrating minus area that vibrates, as a share of the tiles.
+    Returns: the range (theta_-, theta_+), or None if no threshold is right for both fill ratios.
     """
     mirror = min(max(2.0 * boundary - fill_ratio, 0.0), 1.0)
     lower, upper = sorted((fill_ratio, mirror))
 
     def crossing(fill: float) -> float:
-        """Find the threshold at which q falls below the boundary."""
+        """Find the threshold at which q of this fill ratio falls below the boundary."""
         return _falls_through(
             lambda theta: expected_share(
                 sensor.model_copy(update={"rms_threshold": theta}), fill, tiled, spillover
@@ -211,13 +249,20 @@ def mending_thresholds(
             boundary,
         )
 
+    # q falls as the threshold grows. At thresholds above ``low``, q of the lower fill ratio is below the boundary. At
+    # thresholds below ``high``, q of the upper fill ratio is still above it. Between ``low`` and ``high`` both hold.
     low, high = crossing(lower), crossing(upper)
-    right_way = crossing(1.0) > crossing(0.0)
-    return (low, high) if high >= low and right_way else None
+    # For f = x, low and high are equal for any sensor. So the sensor is checked too: if vibrating tiles read higher
+    # than still ones, a floor of only vibrating tiles crosses the boundary at a higher threshold than a still floor.
+    vibrating_reads_higher = crossing(1.0) > crossing(0.0)
+    return (low, high) if high >= low and vibrating_reads_higher else None
 
 
 def _falls_through(share: Callable[[float], float], level: float) -> float:
-    """Find the threshold at which the decreasing ``share`` falls to ``level``, by bisection; 0 if it is never above."""
+    """Find by bisection the threshold, 0 or more, at which the decreasing function ``share`` falls to ``level``.
+
+    Returns: the threshold; 0 if ``share`` is at most ``level`` already at the threshold 0.
+    """
     low, high = 0.0, 1.0
     if share(low) <= level:
         return low
@@ -225,18 +270,21 @@ def _falls_through(share: Callable[[float], float], level: float) -> float:
         high *= 2.0
     for _ in range(_STEPS):
         middle = (low + high) / 2
-        if middle in (low, high):
+        if middle in (low, high):  # neighbouring numbers: no number lies between them
             break
         low, high = (middle, high) if share(middle) > level else (low, middle)
     return high
 
 
 class ObservedShare(NamedTuple):
-    """Share of ones with equal weight for each tile, and the number of independent samples to which it corresponds."""
+    """Share of ones with equal weight for each tile, and how precise it is."""
 
     share: float
+    """The share; nan without samples on tiles."""
     standard_error: float
+    """Standard error of the share; nan without samples on tiles."""
     effective_samples: float
+    """Number of independent samples whose share of ones would have this standard error."""
     tiles: int
     """Number of tiles that were sampled; others are left out."""
 
@@ -245,38 +293,49 @@ class ObservedShare(NamedTuple):
 
 
 def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
-    """Estimate the share of ones under unlimited even sampling of the sampled tiles.
+    """Estimate the share of ones if each tile were sampled equally often, from the tiles that were sampled.
 
-    It is the mean over tiles of each tile's share of ones, so that unequal visits do not matter. Its
-    variance is the sum of p (1 - p) / n over tiles, over their number squared, with p = (ones + 1/2) / (n + 1).
-    Without a sample on a tile the share is nan.
+    It is the mean over tiles of each tile's share of ones, so that unequal numbers of samples per tile do not matter.
+    The share of ones of a tile with n samples has the variance p (1 - p) / n. The sum of these variances over tiles,
+    divided by the squared number of tiles, is the variance of the mean. In it p = (ones + 1/2) / (n + 1), because the
+    share of ones itself would give a tile whose bits are all equal the variance 0. Without a sample on any tile, share
+    and standard error are nan.
 
     Args:
-        tile: tile of each sample, -1 for none. bits: what it read; both of shape (samples,).
+        tile: index of the tile of each sample, -1 off all tiles. bits: the bit it read; both of shape (samples,).
     """
     tile_of, bit = np.asarray(tile, dtype=np.int64).ravel(), np.asarray(bits, dtype=np.float64).ravel()
     on = tile_of >= 0
     visits = np.bincount(tile_of[on])
     ones, n = np.bincount(tile_of[on], bit[on])[visits > 0], visits[visits > 0].astype(np.float64)
     if n.size == 0:
-        return ObservedShare(math.nan, math.nan, 0.0, 0)
+        return ObservedShare(share=math.nan, standard_error=math.nan, effective_samples=0.0, tiles=0)
     share, smooth = float((ones / n).mean()), (ones + 0.5) / (n + 1.0)
     variance = float((smooth * (1.0 - smooth) / n).sum()) / n.size**2
+    # Variance of a single independent sample. The smoothed variance is its minimum, so that it is above 0 even if all
+    # bits are equal. Divided by the variance of the share, it gives the effective number of samples.
     variance_of_one = max(share * (1.0 - share), float((smooth * (1.0 - smooth)).mean()))
     return ObservedShare(share, math.sqrt(variance), variance_of_one / variance, n.size)
 
 
 def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | None:
-    """Compute how many independent samples put the share of ones on its own side of the boundary but for ``error``.
+    """Compute how many independent samples decide on which side of the boundary the true share of ones lies.
 
-    Exact (binomial; a share on the boundary counts as an error) up to some 100,000, normal beyond; None on the
-    boundary. Divide by effective samples per second to get a time.
+    With this number of samples or more, the observed share lies on the same side of the boundary as the true share
+    with a probability of at least 1 - ``error``. The number is computed from the binomial law (an observed share on the
+    boundary counts as an error), or by the normal approximation if it is above some 100,000. It is None if the true
+    share is on the boundary. Divide the number by effective samples per second to get a time.
 
+    Args:
+        share: the true share of ones. boundary: share with which it is compared. error: wanted probability that the
+            observed share is on the wrong side.
     Raises:
         InputError: an error that is not between 0 and 0.5.
     """
     if not 0.0 < error < 0.5:
-        raise InputError(f"{error!r} is not an error to aim at; give a share below 0.5", field="error")
+        raise InputError(
+            f"{error!r} cannot be the wanted error; give a share above 0 and below 0.5", field="error"
+        )
     distance = abs(share - boundary)
     if distance < ON:
         return None
@@ -284,49 +343,72 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
     normal = math.ceil((z * math.sqrt(share * (1.0 - share)) / distance) ** 2)
     if normal > _EXACT_UP_TO:
         return normal
-    from scipy import stats  # half a second, for this alone
+    # Imported here, because the import takes half a second and only this function needs it.
+    from scipy import stats
 
+    # The error is not monotonic in n, since counts are whole. So the error is computed for all n up to about twice the
+    # normal approximation (and a margin, as small n may need more); the answer is the n after the last one whose error
+    # is too large.
     n = np.arange(1, 2 * normal + 2 * math.ceil(1.0 / distance) + 50)
-    at = boundary * n
+    ones_at_boundary = boundary * n
+    # ON: a product that differs from a whole number by rounding alone counts as that number.
     if share > boundary:
-        wrong = stats.binom.cdf(np.floor(at + ON), n, share)
+        wrong = stats.binom.cdf(np.floor(ones_at_boundary + ON), n, share)  # P(ones <= boundary n)
     else:
-        wrong = stats.binom.sf(np.ceil(at - ON) - 1, n, share)
+        wrong = stats.binom.sf(np.ceil(ones_at_boundary - ON) - 1, n, share)  # P(ones >= boundary n)
     over = np.flatnonzero(wrong > error)
     return int(n[over[-1]]) + 1 if over.size else 1
 
 
 def _side(share: float, boundary: float, truth: int | None) -> Word:
+    """Return on which side of the boundary the share of ones is; "on the boundary" if there is no truth."""
     if truth is None or abs(share - boundary) < ON:
         return "on the boundary"
     return "decidable" if (share > boundary) == (truth == 1) else "wrong side"
 
 
 def _margin(share: float, boundary: float, truth: int | None) -> float | None:
+    """Return how far the share of ones is on the right side of the boundary; negative: on the wrong side."""
     return None if truth is None else (share - boundary) * (1 if truth == 1 else -1)
 
 
 def _words(verdict: Word, share: float, boundary: float, tested: float, truth: int | None) -> str:
-    """Write the verdict as a sentence."""
+    """Write the verdict as a sentence.
+
+    Args:
+        verdict: on which side of the tested boundary the share of ones is.
+        share: q, the expected or measured share of ones. boundary: x, the boundary of the fill ratio.
+        tested: q(x), the share that robots compare the share of ones with; it is x unless they correct for the errors
+            of the sensor.
+        truth: 1 if the fill ratio f is above x, 0 if it is below x, None if it is x.
+    """
     if truth is None:
         return f"The fill ratio is the boundary itself, {boundary:.1%}: neither decision is right."
-    kind = "more" if truth == 1 else "less"
-    seen = f"{share:.1%} of the samples read as vibrating"
-    line = f"the boundary of {boundary:.1%}"
+    share_of_ones = f"{share:.1%} of the samples read as vibrating"
+    tested_boundary = f"the boundary of {boundary:.1%}"
     if tested != boundary:
-        line = f"the {tested:.1%} by which robots recognise {line}"
+        tested_boundary = f"the {tested:.1%} by which robots recognise {tested_boundary}"
     if verdict == "decidable":
-        return f"{seen}, on the right side of {line}: it can be decided."
+        return f"{share_of_ones}, on the right side of {tested_boundary}: it can be decided."
     if verdict == "wrong side":
-        problem = f"but {kind} than {boundary:.1%} vibrates"
         if tested != boundary:
-            problem = f"on the wrong side of {line}"
-        return f"{seen}, {problem}: more samples make the wrong answer surer, and feedback makes it faster."
-    return f"{seen}, just {line}: however many samples are taken, it is decided by chance alone."
+            problem = f"on the wrong side of {tested_boundary}"
+        else:
+            problem = f"but {'more' if truth == 1 else 'less'} than {boundary:.1%} vibrates"
+        return f"{share_of_ones}, {problem}: more samples make the wrong answer surer, and feedback makes it faster."
+    # The remaining verdict: the share of ones equals the tested boundary.
+    return f"{share_of_ones}, just {tested_boundary}: however many samples are taken, it is decided by chance alone."
 
 
 def _mend(verdict: Word, threshold: float, low: float | None, high: float | None) -> str:
-    """Write which thresholds would put the share on the right side; empty if none is needed."""
+    """Write which thresholds would put q on the right side: a sentence to append to the verdict's sentence.
+
+    Args:
+        verdict: with the present threshold. threshold: the sensor's present threshold.
+        low, high: range of correcting thresholds from ``mending_thresholds``; both None if no threshold corrects.
+    Returns: the sentence, with a leading blank; "" if the verdict is "decidable" and the present threshold lies inside
+        the range.
+    """
     if verdict == "decidable" and low is not None and high is not None and low < threshold < high:
         return ""
     if low is None or high is None:

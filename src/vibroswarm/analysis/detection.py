@@ -2,18 +2,22 @@
 
 | name | what it is | limits |
 |---|---|---|
+| horizon | a time since the start of the run, s | |
 | missed | share of runs without a right consensus by the horizon | Wilson |
-| wrong | share of runs with a wrong consensus by then | Wilson |
-| false alarm | a wrong consensus on a floor below the boundary: the swarm says "more", and it is not so | Wilson |
-| robots_missed | share of robots that had not decided right by then | cluster bootstrap over runs |
-| robots_wrong, robots_false_alarm | share that had decided wrong; that on floors below the boundary | the same |
-| needed | the first time at which the upper limit of the misses lies below the wanted error | |
-| clear until | the time from which on the upper limit of the false alarms is no longer below what is wanted | |
+| wrong | share of runs with a wrong consensus by the horizon | Wilson |
+| false_alarm | wrong, on a floor below the boundary: the swarm decides "more" although it is less | Wilson |
+| robots_missed | share of robots that had not decided right by the horizon | cluster bootstrap over runs |
+| robots_wrong | share of robots that had decided wrong by the horizon | cluster bootstrap over runs |
+| robots_false_alarm | robots_wrong, on a floor below the boundary | cluster bootstrap over runs |
+| needed | the first time at which the upper limit of the misses is below the wanted rate of misses | |
+| clear until | the first time at which the upper limit of the false alarms is not below their wanted rate | |
 
-A miss is not an error made: undecided counts as missed. Misses fall with time and false alarms rise, so a floor above
-the boundary and one below it are distinguished as wanted at a time T with needed <= T < clear until: the first is T =
-needed. All upper limits are taken, not the estimates: with too few runs (fewer than about 73 for 5 % at the level of
-95 %) nothing is enough. Each limit holds by itself; both of a pair together hold at twice the error of the level.
+An undecided run or robot counts as missed, although it made no error. Misses fall with time and false alarms rise. So a
+floor above the boundary and a floor below it are distinguished at the wanted rates between two times: "needed" of the
+floor above, and "clear until" of the floor below. The upper limits are compared with the wanted rates, not the
+estimates: with few runs (fewer than about 73 for a rate of 5 % at a level of 95 %) the limits never fall below the
+wanted rate. Each limit by itself is wrong with probability 1 - level. The time of a pair of floors rests on two limits;
+the probability that at least one of the two is wrong is up to 2 (1 - level).
 """
 
 from __future__ import annotations
@@ -31,7 +35,7 @@ from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.errors import InputError
 
 Cells = Iterable[tuple[pl.DataFrame, pl.DataFrame]]
-"""Tables of robots and of runs of each cell, one scenario's runs; fill ratio and number of robots stand in them."""
+"""Table of robots and table of runs of each cell: runs of one scenario, with one number of robots."""
 
 HORIZONS: Final = 6
 """Default number of horizons, evenly spaced up to t_end."""
@@ -46,48 +50,55 @@ def detection_curve(
     level: float = 0.95,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Tabulate misses against the fill ratio at each horizon; one row for each cell and horizon.
+    """Tabulate misses and false alarms of each cell at each horizon.
 
     Args:
-        cells: tables ``robots`` and ``runs`` of each. t_end_s: end of their runs, s. horizons_s: times, s, up to it.
-        level: of the intervals. seed: of the bootstrap.
-    Returns: fill_ratio, truth (1: above the boundary), robots, runs, horizon_s, and missed, wrong, false_alarm,
-        robots_missed, robots_wrong, robots_false_alarm, each with ``_low`` and ``_high``; null where no decision is
-        right, false alarms also above the boundary.
+        cells: for each cell its table of robots and its table of runs. t_end_s: end of all runs, s.
+        horizons_s: times up to ``t_end_s``, s; by default ``HORIZONS`` evenly spaced times.
+        level: confidence level of the intervals. seed: seed of the bootstrap.
+    Returns: one row per cell and horizon, sorted by robots, fill_ratio and horizon_s. Columns: fill_ratio, truth (1:
+        above the boundary, 0: below, null: neither, or different in different runs), robots (number of robots in a
+        run), runs (number of runs), horizon_s, and the shares missed, wrong, false_alarm, robots_missed, robots_wrong
+        and robots_false_alarm, each with ``_low`` and ``_high``. All shares are null if no run has a truth; false
+        alarms are null unless truth is 0.
     """
+    # By default without a horizon at 0, when no robot has decided.
     horizons = time_grid(
         t_end_s, np.linspace(0, t_end_s, HORIZONS + 1)[1:] if horizons_s is None else horizons_s
     )
     frames = []
     for robots, runs in cells:
-        swarm = swarm_incidence(robots, runs, t_end_s, horizons, level)
-        each = robot_incidence(robots, runs, t_end_s, horizons, level, seed)
-        frames.append(
-            pl.DataFrame({"horizon_s": horizons}).select(
-                *(pl.lit(value).alias(name) for name, value in _about(robots, runs, t_end_s).items()),
-                "horizon_s",
-                *_missed(swarm, "missed"),
-                *_same(swarm, "wrong"),
-                *_missed(each, "robots_missed"),
-                *_same(each, "robots_wrong"),
-            )
+        of_swarm = swarm_incidence(robots, runs, t_end_s, horizons, level)
+        of_robots = robot_incidence(robots, runs, t_end_s, horizons, level, seed)
+        frame = pl.DataFrame({"horizon_s": horizons}).select(
+            *(pl.lit(value).alias(name) for name, value in _about(robots, runs, t_end_s).items()),
+            "horizon_s",
+            *_missed(of_swarm, "missed"),
+            *_wrong(of_swarm, "wrong"),
+            *_missed(of_robots, "robots_missed"),
+            *_wrong(of_robots, "robots_wrong"),
         )
-        below = pl.col("truth") == 0
-        frames[-1] = frames[-1].with_columns(
-            pl.when(below).then(pl.col(f"{unit}wrong{end}")).alias(f"{unit}false_alarm{end}")
+        is_below = pl.col("truth") == 0
+        false_alarms = [
+            pl.when(is_below).then(pl.col(f"{unit}wrong{end}")).alias(f"{unit}false_alarm{end}")
             for unit in ("", "robots_")
             for end in ("", "_low", "_high")
-        )
+        ]
+        frames.append(frame.with_columns(false_alarms))
     if not frames:
         raise InputError("give at least one cell", field="cells")
     return pl.concat(frames).sort("robots", "fill_ratio", "horizon_s")
 
 
 def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str, Any]:
-    """Return fill ratio, truth, number of robots and number of runs of a cell."""
+    """Return the columns that describe a cell: fill_ratio (mean over runs), truth, robots (of each run) and runs.
+
+    Raises:
+        InputError: the runs have different numbers of robots.
+    """
     sizes = run_figures(robots, runs, t_end_s)["robots"].unique()
     if sizes.len() != 1:
-        raise InputError("a cell is of one scenario, with one number of robots", field="cells")
+        raise InputError("all runs of a cell must have the same number of robots", field="cells")
     return {
         "fill_ratio": _fill_ratio(runs["fill_ratio"]),
         "truth": _truth(runs["truth"]),
@@ -107,7 +118,11 @@ def _truth(truths: pl.Series) -> int | None:
 
 
 def _missed(frame: pl.DataFrame, name: str) -> list[pl.Series]:
-    """Return the share of misses with limits: 1 - the share of right decisions."""
+    """Return the share of misses, which is 1 - the share ``right``, and its limits as three columns.
+
+    They are called ``name``, ``name_low`` and ``name_high``. The upper limit of ``right`` gives the lower limit of the
+    misses, and vice versa.
+    """
     return [
         (1.0 - frame["right"]).alias(name),
         (1.0 - frame["right_high"]).alias(f"{name}_low"),
@@ -115,7 +130,8 @@ def _missed(frame: pl.DataFrame, name: str) -> list[pl.Series]:
     ]
 
 
-def _same(frame: pl.DataFrame, name: str) -> list[pl.Series]:
+def _wrong(frame: pl.DataFrame, name: str) -> list[pl.Series]:
+    """Return the column ``wrong`` as ``name``, with its limits."""
     return [frame[f"wrong{end}"].alias(f"{name}{end}") for end in ("", "_low", "_high")]
 
 
@@ -128,32 +144,37 @@ def needed(
     seed: int = 0,
     false_alarms: float | None = None,
 ) -> pl.DataFrame:
-    """Compute how long each cell needs until the upper limit of its misses is below ``error``.
+    """Compute for each cell the first time at which the upper limit of its misses is below ``error``.
 
     Args:
-        t_end_s: end of the runs, s. error: the wanted probability of a miss.
-        of: of a right consensus, or of a robot that has decided right (then to the next of 481 times).
-        false_alarms: the wanted probability of a false alarm; without, ``error``.
-    Returns: fill_ratio, truth, robots, runs, needed_s (null: not by t_end), missed and missed_high at t_end, and
-        ``fewest``: whether no cell of this fill ratio gets there with fewer robots; of floors below the boundary
-        false_alarm and false_alarm_high at t_end, and clear_until_s (null: to the end; 0: never); by fill ratio and
-        robots.
+        cells: for each cell its table of robots and its table of runs. t_end_s: end of all runs, s.
+        error: wanted rate of misses, above 0 and below 1.
+        of: "swarm": the rates are shares of runs, with consensus as the decision; "robots": shares of robots, computed
+            only at ``GRID`` times since their limits are bootstrapped.
+        level: confidence level of the limits. seed: seed of the bootstrap.
+        false_alarms: wanted rate of false alarms; by default ``error``.
+    Returns: one row per cell, sorted by fill_ratio and robots. Columns: fill_ratio, truth, robots, runs; needed_s, the
+        time (null: none by t_end); missed and missed_high, the share of misses at t_end and its upper limit; fewest,
+        whether this cell has the smallest number of robots, of the cells of its fill ratio that have a needed_s.
+        Columns that are null unless truth is 0:
+        false_alarm and false_alarm_high, the share of false alarms at t_end and its upper limit; clear_until_s, the
+        first time at which this limit is too high (0: from the start; null: never by t_end).
     Raises:
-        InputError: an error or level outside 0 to 1, neither swarm nor robots.
+        InputError: no cell, a rate or level that is not between 0 and 1, or ``of`` is neither swarm nor robots.
     """
     check_level(level)
     alarm_rate = error if false_alarms is None else false_alarms
     for name, value in (("error", error), ("false_alarms", alarm_rate)):
         if not 0.0 < value < 1.0:
-            raise InputError(f"{value!r} is not an error to aim at; give a share such as 0.05", field=name)
+            raise InputError(f"{value!r} is not a rate between 0 and 1; give one such as 0.05", field=name)
     if of not in ("swarm", "robots"):
-        raise InputError(f"'{of}' cannot miss; swarm or robots", field="of")
+        raise InputError(f"'{of}' is not known; give swarm or robots", field="of")
     rows = []
     for robots, runs in cells:
         row = _about(robots, runs, t_end_s)
         events = _swarm_events if of == "swarm" else _robot_events
         right, wrong = events(robots, runs, t_end_s, level, seed)
-        row |= _first_below(right, error)
+        row |= _needed(right, error)
         row |= _clear(wrong, alarm_rate) if row["truth"] == 0 else dict.fromkeys(_ALARM)
         rows.append(row)
     if not rows:
@@ -161,18 +182,22 @@ def needed(
     integers = {"truth": pl.Int8, "robots": pl.Int64, "runs": pl.Int64}
     shares = dict.fromkeys(("needed_s", "missed", "missed_high", *_ALARM), pl.Float64)
     frame = pl.DataFrame(rows, schema={"fill_ratio": pl.Float64, **integers, **shares})
+    # Number of robots of a cell that reaches the wanted rate; null for other cells.
     enough = pl.when(pl.col("needed_s").is_not_null()).then(pl.col("robots"))
     fewest = (enough == enough.min().over("fill_ratio")).fill_null(False)
     return frame.with_columns(fewest=fewest).sort("fill_ratio", "robots")
 
 
 def pairs(found: pl.DataFrame) -> pl.DataFrame:
-    """Compute when a floor above the boundary is distinguished from one below it at the wanted error rates.
+    """Compute when a floor above the boundary is distinguished from a floor below it at the wanted rates.
 
     Args:
-        found: of ``needed``.
-    Returns: fill_ratio (above), fill_ratio_below, robots, time_s (null: not by the end, or only with more false
-        alarms), fewest (whether no fewer robots do it); a row for each two floors and number of robots.
+        found: table from ``needed``.
+    Returns: one row for each pair of floors and each number of robots. Columns, by the first three of which the rows
+        are sorted: fill_ratio (of the floor above the boundary), fill_ratio_below (of the floor below it), robots,
+        time_s, and fewest (whether this is the smallest number of robots with a time_s, for these two floors). time_s
+        is needed_s of the floor above the boundary; it is null unless that time is before clear_until_s of the floor
+        below it (null there: never too many false alarms).
     """
     above = found.filter(pl.col("truth") == 1).select("fill_ratio", "robots", "needed_s")
     below = found.filter(pl.col("truth") == 0).select(
@@ -181,6 +206,7 @@ def pairs(found: pl.DataFrame) -> pl.DataFrame:
     both = above.join(below, on="robots")
     clear = pl.col("clear_until_s").is_null() | (pl.col("needed_s") < pl.col("clear_until_s"))
     both = both.with_columns(time_s=pl.when(clear).then(pl.col("needed_s")))
+    # Number of robots that distinguishes the two floors; null for a number that does not.
     enough = pl.when(pl.col("time_s").is_not_null()).then(pl.col("robots"))
     fewest = (enough == enough.min().over("fill_ratio", "fill_ratio_below")).fill_null(False)
     chosen = both.with_columns(fewest=fewest).select(
@@ -190,39 +216,49 @@ def pairs(found: pl.DataFrame) -> pl.DataFrame:
 
 
 _ALARM: Final = ("false_alarm", "false_alarm_high", "clear_until_s")
+"""Columns that are null unless the floor lies below the boundary."""
 
 
 class _Events(NamedTuple):
-    """A cumulative share: increasing times, and the share from each time on, with its limits.
-
-    All are of shape (times,), the first time being 0.
-    """
+    """A share that grows with time in steps; all arrays have the shape (times,)."""
 
     time_s: NDArray[np.float64]
+    """Times of the steps, increasing from 0."""
     share: NDArray[np.float64]
+    """Value from each time until the next."""
     low: NDArray[np.float64]
+    """Lower limit of the share."""
     high: NDArray[np.float64]
+    """Upper limit of the share."""
 
 
 def _swarm_events(
     robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float, seed: int
 ) -> tuple[_Events, _Events]:
-    """Compute the shares of right and wrong consensus at each time at which one is reached."""
+    """Compute the cumulative shares of runs with a right consensus and with a wrong consensus.
+
+    Only runs with a truth count. ``seed`` is not used; it is an argument only because ``_robot_events`` needs it.
+
+    Returns: (right, wrong). The times of each are 0 and the times at which a run reaches that consensus.
+    """
     table = run_figures(robots, runs, t_end_s).filter(pl.col("truth").is_not_null())
     n, events = table.height, []
     for outcome in ("right", "wrong"):
-        at = np.sort(table.filter(pl.col("consensus") == outcome)["consensus_time_s"].to_numpy())
-        count = np.arange(at.size + 1)
+        reached_s = np.sort(table.filter(pl.col("consensus") == outcome)["consensus_time_s"].to_numpy())
+        count = np.arange(reached_s.size + 1)  # 0 runs at time 0, and one run more at each further time
         low, high = wilson_limits(count, n, level)
         share = count / n if n else np.full(count.size, np.nan)
-        events.append(_Events(np.append(0.0, at), share, low, high))
+        events.append(_Events(np.append(0.0, reached_s), share, low, high))
     return events[0], events[1]
 
 
 def _robot_events(
     robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float, seed: int
 ) -> tuple[_Events, _Events]:
-    """Compute the shares of robots that had decided right, and wrong, on an even grid of times."""
+    """Compute the cumulative shares of robots that had decided right, and that had decided wrong, at ``GRID`` times.
+
+    Returns: (right, wrong).
+    """
     times = np.linspace(0.0, t_end_s, GRID)
     table = robot_incidence(robots, runs, t_end_s, times, level, seed)
     events = [
@@ -232,8 +268,14 @@ def _robot_events(
     return events[0], events[1]
 
 
-def _first_below(right: _Events, error: float) -> dict[str, float | None]:
-    """Find when the upper limit of the misses first is below ``error`` (None: never), and the misses at the end."""
+def _needed(right: _Events, error: float) -> dict[str, float | None]:
+    """Find the first time at which the upper limit of the misses is below ``error``.
+
+    The share of misses is 1 - the share of right decisions, so its upper limit is 1 - the lower limit of that share.
+
+    Returns: needed_s, the time (None if there is none), and missed and missed_high, the share of misses and its upper
+        limit at the end.
+    """
     enough = np.flatnonzero(1.0 - right.low < error)
     return {
         "needed_s": float(right.time_s[enough[0]]) if enough.size else None,
@@ -243,8 +285,12 @@ def _first_below(right: _Events, error: float) -> dict[str, float | None]:
 
 
 def _clear(wrong: _Events, wanted: float) -> dict[str, float | None]:
-    """Find until when the upper limit of false alarms is below ``wanted`` (None: to the end), and those at the end."""
-    over = np.flatnonzero(~(wrong.high < wanted))
+    """Find the first time at which the upper limit of the false alarms is not below the rate ``wanted``.
+
+    Returns: clear_until_s, the time (None if there is none), and false_alarm and false_alarm_high, the share of false
+        alarms and its upper limit at the end.
+    """
+    over = np.flatnonzero(~(wrong.high < wanted))  # negated, so that a limit of nan counts as too high
     return {
         "false_alarm": plain(float(wrong.share[-1])),
         "false_alarm_high": plain(float(wrong.high[-1])),

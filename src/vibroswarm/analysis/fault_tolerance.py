@@ -1,18 +1,19 @@
-"""Compute how many robots that fail a strategy bears: its outcomes over the share of faulty robots.
+"""Compute how a strategy tolerates faulty robots: its outcomes against the share of robots with a fault.
 
-| name | symbol | unit | equation |
-|---|---|---|---|
-| share | - | - | share of the swarm that has the fault, rounded to whole robots |
-| judged | - | - | robots whose decisions count: those without any fault in the run, or all |
-| wrong, undecided, right | - | - | share of the robots judged, over all runs; the run is the unit |
-| swarm_wrong, swarm_right | - | - | share of the runs in which all robots judged decided so |
+| name | what it is |
+|---|---|
+| share | share of the swarm that has the fault, rounded to whole robots |
+| judged | robots whose decisions count: those without any fault in the run ("working"), or "all" |
+| wrong, undecided, right | share of the judged robots, over all runs; intervals treat the run as the unit |
+| swarm_wrong, swarm_right | share of the runs in which all judged robots decided wrong, right |
 
-By default the working robots are judged. What is asked is how a strategy bears the faults of others: a robot that does
-not move or hear cannot decide, whatever its strategy, and would only show as undecided, in proportion to the share.
-The tables of a result count all robots, as an operator who does not know which have failed would. A run in which every
-robot fails has nobody to judge and is left out.
+By default the working robots are judged, since the question is how a strategy tolerates the faults of other robots. A
+robot that does not move or hear cannot decide, whatever its strategy; it would only add to the undecided. (The tables
+of a result count all robots, as an operator does who does not know which robots have failed.) A run in which every
+robot fails has no robot to judge and is left out.
 
-Robots that fail at a share fail at each larger one too, in the same runs on the same floors: points are paired.
+Robots that fail at one share also fail at each larger share, in the same runs on the same floors. So the points of a
+curve can be compared run by run.
 """
 
 from __future__ import annotations
@@ -24,19 +25,20 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.cell_summary import summary
-from vibroswarm.analysis.intervals import Interval, plain
+from vibroswarm.analysis.intervals import plain
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.faults import working
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import as_series, numbers, run_columns
 from vibroswarm.motion.source import source
 from vibroswarm.observation.observe import observe
+from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.fault_fields import FAULTS, MOTION_FAULTS, robots_of_share
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_runs, floors_of, simulate, steers, summarise
 
 Judged = Literal["working", "all"]
 JUDGED: Final = ("working", "all")
+"""Which robots' decisions count: those without any fault in the run, or all."""
 FIGURES: Final = {
     "wrong": "robots_wrong",
     "undecided": "robots_undecided",
@@ -44,50 +46,61 @@ FIGURES: Final = {
     "swarm_wrong": "swarm_wrong",
     "swarm_right": "swarm_right",
 }
-"""Columns of a curve, and the figures of ``cell_summary`` they are."""
+"""Columns of a curve, and the fields of ``CellSummary`` from which they are copied."""
 
 
 def judged_tables(
     scenario: Scenario, seed: int, robots: pl.DataFrame, runs: pl.DataFrame, judged: Judged = "working"
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the tables of robots and of runs as if only some robots had been there.
+    """Return the tables of robots and of runs with only the judged robots counted.
 
     Args:
-        scenario, seed: of the runs. robots, runs: as a ``Result`` has them, with all robots of each run.
+        scenario, seed: of the runs. robots, runs: as a ``Result`` has them, with all robots of each run, sorted by run.
         judged: "working": the robots without any fault before the end of the run; "all": the tables as they are.
-    Returns: the rows of the robots judged, and the runs that have any, with consensus and counts of these robots.
+    Returns: the table of the judged robots, and the table of the runs with at least one of them. In the table of runs
+        consensus, its time and the numbers of right, wrong and undecided robots are computed from these robots alone.
     """
     check_choice(judged, "judged", JUDGED)
     if judged == "all" or not scenario.faults.kinds:
         return robots, runs
-    fine = working(scenario, seed, runs["run"].to_list())
-    shape = fine.shape
-    if robots.height != fine.size:
-        raise InputError("the tables of robots and of runs are not of the same runs", field="runs")
+    has_no_fault = working(scenario, seed, runs["run"].to_list())  # (runs, robots)
+    shape = has_no_fault.shape
+    if robots.height != has_no_fault.size:
+        raise InputError(
+            "the tables of robots and of runs must have the same runs, with all robots", field="runs"
+        )
     decision = robots["decision"].to_numpy().reshape(shape)
     time_s, truth = numbers(robots["decision_time_s"]).reshape(shape), numbers(runs["truth"])
     end_s, fills = runs["end_s"].to_numpy(), runs["fill_ratio"].to_numpy()
     columns: dict[str, list[Any]] = {
         name: [] for name in ("consensus", "consensus_time_s", "right", "wrong", "undecided")
     }
-    kept = np.flatnonzero(fine.any(axis=1))
-    for r in kept:
-        own, one = fine[r], slice(r, r + 1)
+    with_working = np.flatnonzero(has_no_fault.any(axis=1))
+    # Runs are computed one by one, since the number of working robots differs between runs. A slice of one run keeps
+    # the axis of runs, which ``run_columns`` expects.
+    for r in with_working:
+        working_robots, one_run = has_no_fault[r], slice(r, r + 1)
         found = run_columns(
-            decision[one, own], time_s[one, own], fills[one], truth[one], end_s[one], scenario.run.t_end_s
+            decision[one_run, working_robots],
+            time_s[one_run, working_robots],
+            fills[one_run],
+            truth[one_run],
+            end_s[one_run],
+            scenario.run.t_end_s,
         )
         for name, values in columns.items():
             values.append(found[name][0])
-    some = runs[kept.tolist()]
+    judged_runs = runs[with_working.tolist()]
     new = [
         as_series(
             name,
+            # A time is nan without a consensus; the other columns have whole numbers.
             np.array(values, dtype=np.float64 if name == "consensus_time_s" else np.int64),
-            some.schema[name],
+            judged_runs.schema[name],
         )
         for name, values in columns.items()
     ]
-    return robots.filter(pl.Series(fine.ravel())), some.with_columns(new)
+    return robots.filter(pl.Series(has_no_fault.ravel())), judged_runs.with_columns(new)
 
 
 def fault_curve(
@@ -100,54 +113,65 @@ def fault_curve(
     judged: Judged = "working",
     level: float = 0.95,
 ) -> pl.DataFrame:
-    """Simulate a scenario with larger and larger shares of faulty robots; return one row per share.
+    """Simulate a scenario with each of several shares of faulty robots.
+
+    Every run goes to t_end, also if the scenario stops early.
 
     Args:
-        scenario: its other faults stay as they are. kind: of the fault, such as "stuck_at_1". shares: of the swarm,
-            from 0 to 1. seed, runs: as of ``simulate``. judged: whose decisions count, see the module. level: of
-            confidence of each interval.
-    Returns: share, robots (how many have the fault), runs, and each of ``FIGURES`` with its limits (``wrong``,
-        ``wrong_low``, ``wrong_high``); null where nobody is judged.
+        scenario: its other kinds of fault stay as they are. kind: of the fault that is varied, such as "stuck_at_1".
+        shares: shares of the swarm that have this fault, from 0 to 1. seed: of the runs. runs: their number, or the
+            numbers of the runs.
+        judged: robots whose decisions count: "working" or "all". level: confidence level of each interval.
+    Returns: one row per share, in the order given: share, robots (number of robots with the fault), runs (number of
+        runs with a judged robot), and each of ``FIGURES`` with its limits (``wrong``, ``wrong_low``, ``wrong_high``);
+        these are null if no run has a judged robot.
     Raises:
-        InputError: an unknown kind, a share that is none, or a scenario that cannot be simulated.
+        InputError: an unknown kind, no share, a share outside 0 to 1, or a scenario that cannot be simulated.
     """
     check_choice(kind, "kind", FAULTS)
     check_choice(judged, "judged", JUDGED)
     points = [scenario.with_values({f"faults.{kind}": float(share), "run.stop": "t_end"}) for share in shares]
     if not points:
         raise InputError("give at least one share", field="shares")
-    numbers_of = check_runs(seed, runs)
-    tables = _tables(points, kind, seed, numbers_of)
+    run_numbers = check_runs(seed, runs)
+    tables = _tables(points, kind, seed, run_numbers)
     rows = []
     for share, point, (robots, of_runs) in zip(shares, points, tables, strict=True):
         head = {"share": float(share), "robots": robots_of_share(float(share), point.swarm.robots)}
-        some_robots, some_runs = judged_tables(point, seed, robots, of_runs, judged)
-        rows.append(head | {"runs": some_runs.height} | _figures(point, some_robots, some_runs, level))
+        judged_robots, judged_runs = judged_tables(point, seed, robots, of_runs, judged)
+        rows.append(head | {"runs": judged_runs.height} | _figures(point, judged_robots, judged_runs, level))
+    # Types of columns are inferred from all rows, since the first rows may be null.
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def _figures(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, level: float) -> dict[str, Any]:
-    """Return the figures of one point, with their limits; None if no run has a robot that is judged."""
-    found: dict[str, Any] = {}
-    whole = summary(robots, runs, scenario.run.t_end_s, level) if runs.height else None
-    for name, figure in FIGURES.items():
-        value: Interval | None = None if whole is None else getattr(whole, figure)
-        for end, limit in zip(
-            ("", "_low", "_high"), (None,) * 3 if value is None else value[:3], strict=True
-        ):
-            found[f"{name}{end}"] = None if limit is None else plain(limit)
-    return found
+    """Return ``FIGURES`` of one point of the curve with their limits; all are None if there are no runs."""
+    row: dict[str, Any] = {}
+    cell = summary(robots, runs, scenario.run.t_end_s, level) if runs.height else None
+    for name, field in FIGURES.items():
+        estimate, low, high = (None, None, None) if cell is None else getattr(cell, field)[:3]
+        row |= {name: plain(estimate), f"{name}_low": plain(low), f"{name}_high": plain(high)}
+    return row
 
 
 def _tables(
     points: Sequence[Scenario], kind: str, seed: int, runs: Sequence[int]
 ) -> list[tuple[pl.DataFrame, pl.DataFrame]]:
-    """Return the tables of robots and runs of each point; motion is shared unless fault or strategy changes it."""
+    """Simulate the scenarios ``points``, and return the table of robots and the table of runs of each.
+
+    The motion is simulated once for all points, unless the fault changes it or the strategy steers.
+
+    Args:
+        points: scenarios that differ only in the share of robots with the fault ``kind``. runs: numbers of the runs.
+    """
     first = points[0]
     if kind in MOTION_FAULTS or steers(first):
         results = (simulate(point, seed, runs, energies=False) for point in points)
         return [(result.robots, result.runs) for result in results]
-    motion = source("event").batch(first, seed, runs, False, needs_moves(first))
+    # Event-driven motion is the default of ``simulate``. Decisions need no segments (the paths between samples), and
+    # the tables of robots and runs no energies. All points share motion and floors, so those of the first point are
+    # used.
+    motion = source("event").batch(first, seed, runs, segments=False, moves=needs_moves(first))
     timeline, floors = timeline_of(first, motion), floors_of(first, seed, runs)
     return [
         summarise(point, seed, floors, timeline, observe(point, seed, motion.samples, floors, energies=False))

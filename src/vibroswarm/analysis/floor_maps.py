@@ -1,13 +1,18 @@
-"""The maps that robots of ``places`` and ``explore`` have of the floor, as tables: by robot, and of all own samples.
+"""Compute the maps of the floor that robots of the strategies ``places`` and ``explore`` keep, and a pooled map.
 
-| name | equation |
+A map has for each tile the probability p that it vibrates. Each robot keeps log odds of each tile by sender: those from
+its own samples, and those from each other robot's messages.
+
+| name | what it is |
 |---|---|
-| vibrating | p of a tile: 1 / (1 + exp(-log odds)), of all senders as the robot weighs them |
+| vibrating | p = 1 / (1 + exp(-log odds)); log odds are the sum over senders, by the robot's weight of each sender |
 | spread | sqrt(p (1 - p)) |
-| pooled | p from what each robot knows by its own samples, all of them trusted |
-| at a time | from the samples taken by then, and all messages about them |
-| draws of places | p is the mean over the maps of all draws |
-| pairs of rates | p is the mean over them, by the robot's probabilities; pooled: by the mean of these |
+| pooled map | from the log odds that each robot has from its own samples, summed with equal weights |
+| map at a time | from the samples taken by then, and all messages about these samples |
+
+A strategy may keep several maps at once. Over draws of its place, p is the mean over the maps of all draws. Over pairs
+of error rates, p is the mean over the pairs, weighted by the robot's probabilities of the pairs (in the pooled map: by
+the mean of these probabilities over robots).
 """
 
 from __future__ import annotations
@@ -39,15 +44,17 @@ MAPS: Final[dict[str, Any]] = {
     "spread": pl.Float64,
     "vibrates": pl.UInt8,
 }
-"""One row per run, robot (null: pooled) and tile, rows from the top. ``vibrating``: the belief that the tile vibrates;
-``vibrates``: whether it does."""
+"""One row per run, robot (null: pooled) and tile. ``row``, ``column``: of the tile, rows from the top. ``vibrating``:
+belief that the tile vibrates; ``spread``: its standard deviation; ``vibrates``: 1 if the tile does vibrate, else 0."""
 
 WITH_MAP: Final = ("places", "explore")
 """Strategies whose robots keep a map."""
 
 
 def floor_maps(result: Result) -> pl.DataFrame:
-    """Return the robots' maps at the end of each run (``MAPS``); the grid of tiles is known to them.
+    """Return the robots' maps and the pooled map at the end of each run: a table with the columns ``MAPS``.
+
+    Results do not hold maps, so the strategy is replayed.
 
     Args:
         result: of a strategy in ``WITH_MAP``, simulated to its end.
@@ -56,7 +63,7 @@ def floor_maps(result: Result) -> pl.DataFrame:
     """
     seed = _check_maps(result)
     scenario = result.scenario
-    timeline = timeline_of(scenario, Motion(result.motion, result.ends, None, result.moves))
+    timeline = timeline_of(scenario, Motion(samples=result.motion, ends=result.ends, moves=result.moves))
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()
     by_robot, pooled = _beliefs(
         replay_to_end(scenario, seed, timeline, *bits_and_energies(result.observations)),
@@ -68,17 +75,19 @@ def floor_maps(result: Result) -> pl.DataFrame:
     for r, run in enumerate(runs):
         floor = result.floor(run)
         frames += [_frame(run, i, by_robot[r, i], floor.tiles) for i in range(robots)]
-        frames.append(_frame(run, None, pooled[r], floor.tiles))
+        frames.append(_frame(run, robot=None, belief=pooled[r], tiles=floor.tiles))
     return pl.concat(frames)
 
 
 def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a run's maps at times, (times, robots + 1, tiles) beliefs that the tile vibrates; the last is pooled.
+    """Return the maps of one run at several times.
 
     Args:
-        result: as for ``floor_maps``. time_s: (times,).
+        result: of a strategy in ``WITH_MAP``, simulated to its end. run: number of the run. time_s: times of the maps,
+            s, (times,).
+    Returns: beliefs that each tile vibrates, (times, robots + 1, tiles); the last entry of axis 1 is the pooled map.
     Raises:
-        InputError: as ``floor_maps``.
+        InputError: another strategy, a recording, or a result without the moves that estimated places need.
     """
     seed = _check_maps(result)
     scenario, robots = result.scenario, result.scenario.swarm.robots
@@ -87,29 +96,32 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
     moves = None if result.moves is None else result.moves.filter(of_run)
     seen = result.observations.filter(of_run)
     observation, energy = bits_and_energies(seen)
-    whole = timeline_of(scenario, Motion(samples, ends, None, moves))
-    estimates = whole.estimates(scenario, seed)  # of the past alone, so the same for any later end
+    whole = timeline_of(scenario, Motion(samples=samples, ends=ends, moves=moves))
+    # An estimated place depends on the past alone, so the estimates of the whole run hold at each time too.
+    estimates = whole.estimates(scenario, seed)
     taken_s, maps = samples["time_s"].to_numpy(), []
+    # The map at a time is the final map of a replay with only the samples taken by then.
     for now_s in time_s:
-        known = taken_s <= now_s
-        until = timeline_of(scenario, Motion(samples.filter(known), ends, None, moves))
-        if estimates.size:
+        taken = taken_s <= now_s
+        so_far = timeline_of(scenario, Motion(samples=samples.filter(taken), ends=ends, moves=moves))
+        if estimates.size:  # it is empty if robots know their true places
+            # The shortened timeline gets the estimates in its cache, so that it does not compute them again.
             cache: dict[Any, NDArray[np.float64]] = {
-                estimates_key(scenario, seed): read_only(estimates[known])
+                estimates_key(scenario, seed): read_only(estimates[taken])
             }
-            until = replace(until, _estimates=cache)
-        told = None if energy is None else energy[known]
-        swarm = replay_to_end(scenario, seed, until, read_only(observation[known]), told)
-        by_robot, pooled = _beliefs(swarm, 1, robots, draws_read(scenario))
+            so_far = replace(so_far, _estimates=cache)
+        energy_so_far = None if energy is None else energy[taken]
+        swarm = replay_to_end(scenario, seed, so_far, read_only(observation[taken]), energy_so_far)
+        by_robot, pooled = _beliefs(swarm, runs=1, robots=robots, draws=draws_read(scenario))
         maps.append(np.concatenate([by_robot[0], pooled]))
     return np.array(maps)
 
 
 def _check_maps(result: Result) -> int:
-    """Return the seed of a result whose robots keep maps.
+    """Check that the robots of a result keep maps that can be recomputed, and return the result's seed.
 
     Raises:
-        InputError: they keep none, or the result is a recording.
+        InputError: the strategy keeps no map, or the result is a recording.
     """
     name = result.scenario.strategy.name
     if name not in WITH_MAP:
@@ -117,31 +129,46 @@ def _check_maps(result: Result) -> int:
             f"'{name}' keeps no map of the floor; {' and '.join(WITH_MAP)} do", field="strategy.name"
         )
     if result.seed is None:
-        raise InputError("was recorded; its maps cannot be computed again", field="result")
+        raise InputError(
+            "is a recording, whose maps cannot be recomputed; give a simulated result", field="result"
+        )
     return result.seed
 
 
 def _beliefs(
     swarm: Swarm, runs: int, robots: int, draws: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the maps by robot, (runs, robots, tiles), and pooled, (runs, tiles)."""
+    """Return each robot's map, (runs, robots, tiles), and the pooled map, (runs, tiles).
+
+    Args:
+        swarm: final state of all robots of all runs. draws: number of draws of each place; 0: none.
+    """
+    # A robot keeps one map for each pair of error rates (with the pair's probability, ``credence``) or for each draw.
     has_pairs = hasattr(swarm.arrays, "credence")
     maps = PAIRS if has_pairs else max(draws, 1)
+    # Axes: run, robot, map, sender, tile.
     odds = swarm.arrays.odds.reshape(runs, robots, maps, robots, -1)
     weight = swarm.arrays.weight.reshape(runs, robots, 1, robots, 1)
     credence = np.full((runs, robots, maps, 1), 1.0 / maps)
     if has_pairs:
         credence = swarm.arrays.credence.reshape(runs, robots, PAIRS, 1)
     by_robot = (expit((odds * weight).sum(axis=3)) * credence).sum(axis=2)
+    # Robot i's log odds from sender i are those from its own samples; indexing puts the axis of robots first.
     own = odds[:, np.arange(robots), :, np.arange(robots)].sum(axis=0)
     pooled = (expit(own) * credence.mean(axis=1)).sum(axis=1)
-    return np.clip(by_robot, 0.0, 1.0), np.clip(pooled, 0.0, 1.0)  # sums of shares round
+    # Rounding may put a sum of weighted probabilities outside [0, 1].
+    return np.clip(by_robot, 0.0, 1.0), np.clip(pooled, 0.0, 1.0)
 
 
 def _frame(
     run: int, robot: int | None, belief: NDArray[np.float64], tiles: NDArray[np.uint8]
 ) -> pl.DataFrame:
-    """Return the map of one robot, or pooled."""
+    """Return one map as a table with the columns ``MAPS``.
+
+    Args:
+        robot: its number; None: the pooled map. belief: that each tile vibrates, (tiles,), row by row.
+        tiles: of the floor, 1 where it vibrates, (rows, columns).
+    """
     row, column = np.indices(tiles.shape)
     return pl.DataFrame(
         {
@@ -154,5 +181,5 @@ def _frame(
             "vibrates": tiles.ravel(),
         },
         schema=MAPS,
-        strict=False,
+        strict=False,  # converts the integers to the types of the schema
     )

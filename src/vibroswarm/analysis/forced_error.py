@@ -1,28 +1,29 @@
 """Compute forced errors, and compare two strategies at equal error: is one faster, or only wrong more often?
 
-The forced error is the share of robots that would be wrong if all had to answer at the end of the run. A strategy that
-decides seldom is wrong seldom, and the forced error charges for that: a robot that guesses has 1/2. Right, wrong and
-undecided are still to be given beside it.
+The forced error is the share of robots that would be wrong if every undecided robot had to decide at the end of the run
+by its belief. A strategy that seldom decides is seldom wrong; the forced error also counts what its undecided robots
+would get wrong (1/2 for a robot without a belief). Report the shares right, wrong and undecided with it.
 
-Every strategy can be made faster by letting it err more often. So two strategies are compared along what each reaches
-with its own settings: the fields of ``fronts.toml``, in all combinations. Each setting is a point (decision time,
-forced error); the front joins those that no other beats in both by straight lines. Every point of a line can be
-reached: a swarm that draws one of two settings for each run has the mean time and error of both.
+Every strategy can be made faster by letting it err more often. So two strategies are compared over the settings of
+each: all combinations of the values that ``fronts.toml`` lists for its fields. Each setting is a point (decision time,
+forced error). The front consists of the points that no other point beats in both, joined by straight lines. Every point
+of a line can be reached: a swarm that draws one of two settings for each run has a weighted mean of their times and of
+their errors.
 
 | name | symbol | equation |
 |---|---|---|
 | wrong | W | robots that decided wrong / robots |
-| leaning wrong | U | undecided robots whose belief in the truth is below 1/2; half of those at 1/2 or without one |
+| leaning wrong | U | undecided robots with a belief in the truth below 1/2, + half of those at 1/2 or without belief |
 | forced error | e | W + U / robots |
-| matched error | e* | e of the one of the two that errs more, as it was run; both can reach it |
-| time at equal error | T(e*) | shortest time of a front at which its error is at most e* |
-| difference in time | - | T(e*) of the first - T(e*) of the reference, both along their fronts |
-| error at equal time | E(T*) | least error of a front at the time T* of the one that errs more, as it was run |
+| matched error, time | e*, T* | of the strategy that errs more with its own settings (point 0) |
+| time at equal error | T(e*) | shortest time on a front at which the error is at most e* |
+| difference in time | - | T(e*) of the first - T(e*) of the reference, each on its own front |
+| error at equal time | E(T*) | smallest error on a front at a time of at most T* |
 
-Limits are percentiles of a bootstrap over runs, drawn once for both strategies, so that the comparison stays paired;
-each draw has its own fronts and its own e* and T*. A front that does not reach e* or T* has no value. If more than one
-draw in twenty has no value, no limits are given. Both fronts are those of the estimates: the
-best of many points are partly lucky, in both strategies alike.
+Limits are percentiles of a bootstrap over runs. The same draws of runs serve both strategies, so that the comparison
+stays paired; each draw has its own fronts and its own e* and T*. The result of a draw is undefined if a front does not
+reach e* or T*. If more than one draw in twenty is undefined, no limits are given. The best of many points are partly
+lucky, so both fronts are somewhat too good.
 """
 
 from __future__ import annotations
@@ -48,15 +49,18 @@ from vibroswarm.inference.outcomes import Array, numbers
 from vibroswarm.scenario.scenario import Scenario
 
 HALF = 0.5
+"""Belief of a robot that leans to neither answer, and the error expected of it."""
 
 
 def forced_errors(decision: NDArray[np.integer], belief_in_truth: Array, truth: Array) -> Array:
-    """Return 1 for each robot that is wrong or leans to the wrong side, 1/2 for one that leans to neither, else 0.
+    """Return the forced error of each robot: 1 if it is wrong, 0 if it is right.
+
+    An undecided robot counts as deciding for the answer that it believes in more; without such an answer it has 1/2.
 
     Args:
-        decision: 0, 1, or -1 while undecided. belief_in_truth: at the end of the run for an undecided robot; nan: it
-            has none. truth: 0 or 1; nan: neither decision is right.
-    Returns: shape as they broadcast; nan where the truth is.
+        decision: 0, 1, or -1 while undecided. belief_in_truth: belief in the true answer, of an undecided robot at the
+            end of the run; nan: it has no belief. truth: 0 or 1; nan: neither decision is right.
+    Returns: errors in the broadcast shape of the arguments; nan where the truth is nan.
     """
     doubt = np.where(np.isnan(belief_in_truth), HALF, 1.0 - belief_in_truth)
     leaning = np.where(doubt > HALF, 1.0, np.where(doubt < HALF, 0.0, HALF))
@@ -69,7 +73,7 @@ def forced_error_by_robot(robots: pl.DataFrame, runs: pl.DataFrame) -> Array:
 
     Args:
         robots, runs: tables of one cell, as a ``Result`` has them.
-    Returns: (rows of robots,).
+    Returns: errors in the order of the rows of ``robots``; nan where neither decision is right.
     """
     truth = robots.select("run").join(
         runs.select("run", "truth"), on="run", how="left", maintain_order="left"
@@ -84,7 +88,7 @@ def forced_error_by_run(robots: pl.DataFrame, runs: pl.DataFrame) -> pl.DataFram
 
     Args:
         robots, runs: tables of one cell, as a ``Result`` has them.
-    Returns: run, forced_error (null where no decision is right), by run.
+    Returns: run and forced_error (null if neither decision is right), one row per run, sorted by run.
     """
     errors = pl.Series("forced_error", forced_error_by_robot(robots, runs), nan_to_null=True)
     by_run = robots.select("run").with_columns(errors).sort("run").group_by("run", maintain_order=True)
@@ -92,9 +96,11 @@ def forced_error_by_run(robots: pl.DataFrame, runs: pl.DataFrame) -> pl.DataFram
 
 
 DRAWS: Final = 1000
+"""Bootstrap draws of runs."""
 LEAST_KNOWN: Final = 0.95
-"""Least share of draws with a value for which limits are given."""
+"""Smallest share of defined draws for which limits are given."""
 BATCH: Final = 100
+"""Runs that are replayed together."""
 DEFAULT: Final[dict[str, tuple[Any, ...]]] = {
     "decision.credible_threshold": (0.7, 0.8, 0.9, 0.95, 0.98, 0.995),
     "decision.min_observations": (0, 100, 250, 417),
@@ -104,7 +110,10 @@ DEFAULT: Final[dict[str, tuple[Any, ...]]] = {
 
 @dataclass(frozen=True)
 class Reached(NotebookView):
-    """Decision time, s, and forced error of each setting in each run, (points, runs); point 0: the scenario itself."""
+    """Decision time (s) and forced error of each point (setting) in each run, both of shape (points, runs).
+
+    Point 0 is the scenario as given.
+    """
 
     time_s: Array
     error: Array
@@ -115,11 +124,11 @@ class MatchedError(NotebookView):
     """Two strategies at equal error, and at equal time; times in s, errors as shares."""
 
     of_first: bool
-    """Whether the first errs more, so that its error and time as it was run are those compared at."""
+    """Whether the first strategy, as given, errs more than the reference, so that e* and T* are its error and time."""
     error: float
-    """Forced error at which times are compared."""
+    """e*, the forced error at which times are compared."""
     time_s: float
-    """Decision time at which errors are compared."""
+    """T*, the decision time at which errors are compared."""
     time_difference_s: Interval
     """First - reference, at equal error; nan if a front does not reach it."""
     error_difference: Interval
@@ -127,18 +136,21 @@ class MatchedError(NotebookView):
 
 
 def front_settings() -> dict[str, dict[str, Any]]:
-    """Return, by strategy, the fields by which it trades time against error, with their values."""
+    """Read ``fronts.toml``: for each strategy the fields that trade time against error, and the values to try."""
     text = files("vibroswarm.analysis").joinpath("fronts.toml").read_text(encoding="utf-8")
     return parsed_toml(text, "fronts.toml")
 
 
 def reached(scenario: Scenario, seed: int, runs: Sequence[int]) -> Reached:
-    """Replay a scenario with each of its strategy's settings, on the same motion and readings.
+    """Replay a scenario as given (to t_end) and with each combination of its strategy's settings (``front_settings``).
+
+    All points have the same motion and readings. A combination that the scenario refuses is left out.
 
     Args:
-        scenario: its strategy must not steer. seed, runs: as ``simulate`` has them.
+        scenario: its strategy must not steer. seed: of the runs. runs: their numbers.
+    Returns: times and errors of each point in each run; point 0 is the scenario as given.
     Raises:
-        InputError: no setting can be run, or in a run no decision is right.
+        InputError: the scenario cannot be run, or in some run neither decision is right.
     """
     base = scenario.with_values({"run.stop": "t_end"})
     fields: Mapping[str, Sequence[Any]] = front_settings().get(base.strategy.name, DEFAULT)
@@ -149,54 +161,74 @@ def reached(scenario: Scenario, seed: int, runs: Sequence[int]) -> Reached:
         except InputError:  # a setting that this scenario refuses
             continue
     time_s, error = np.empty((len(points), len(runs))), np.empty((len(points), len(runs)))
-    at = 0
-    for part in replayed(base, points, seed, runs, BATCH, 1):
-        for k, (robots, of_runs) in enumerate(part):
+    runs_done = 0
+    # One thread: batches are computed one after the other, which takes the least memory.
+    for batch in replayed(base, points, seed, runs, batch=BATCH, workers=1):
+        for k, (robots, of_runs) in enumerate(batch):  # the tables of each point
             by_run = ByRun(robots)
-            chosen = slice(at, at + by_run.runs.size)
-            time_s[k, chosen] = by_run.mean(by_run.capped_time_s(base.run.t_end_s))
-            error[k, chosen] = by_run.mean(forced_error_by_robot(by_run.robots, of_runs))
-        at += by_run.runs.size
+            # Columns of the results for the runs of this batch.
+            columns = slice(runs_done, runs_done + by_run.runs.size)
+            time_s[k, columns] = by_run.mean(by_run.capped_time_s(base.run.t_end_s))
+            error[k, columns] = by_run.mean(forced_error_by_robot(by_run.robots, of_runs))
+        runs_done += by_run.runs.size
     if np.isnan(error).any():
-        raise InputError("in some runs no decision is right", field="floor")
+        raise InputError(
+            "in some runs neither decision is right; give fill ratios off the boundary", field="floor"
+        )
     return Reached(time_s, error)
 
 
 def matched_error(first: Reached, reference: Reached, seed: int = 0) -> MatchedError:
-    """Compare two strategies at the error, and at the time, of the one that errs more as it was run.
+    """Compare two strategies at the error, and at the time, of the strategy that errs more as given (point 0).
 
     Args:
-        first, reference: on the same runs. seed: of the bootstrap.
+        first, reference: on the same runs. seed: seed of the bootstrap.
     """
     runs = reference.time_s.shape[1]
     rng = generator(seed, "matched error")
-    weights = rng.multinomial(runs, np.full(runs, 1.0 / runs), size=DRAWS) / runs
-    times, errors = np.empty(DRAWS + 1), np.empty(DRAWS + 1)
-    means = [
-        tuple(np.column_stack([each.mean(axis=1), each @ weights.T]) for each in (one.time_s, one.error))
-        for one in (first, reference)
-    ]
-    of_first = bool(means[0][1][0, 0] > means[1][1][0, 0])
-    time_as_run, error_as_run = (each[0] for each in means[0 if of_first else 1])
+    weights = rng.multinomial(runs, np.full(runs, 1.0 / runs), size=DRAWS) / runs  # (draws, runs)
+
+    def means_of(values: Array) -> Array:
+        """Return means over all runs (column 0) and over each bootstrap draw, (points, 1 + draws)."""
+        return np.column_stack([values.mean(axis=1), values @ weights.T])
+
+    time_means = [means_of(strategy.time_s) for strategy in (first, reference)]
+    error_means = [means_of(strategy.error) for strategy in (first, reference)]
+    # Lists: index 0 is the first strategy, 1 the reference. Arrays: row 0 is the strategy as given, column 0 all runs.
+    of_first = bool(error_means[0][0, 0] > error_means[1][0, 0])
+    matched = 0 if of_first else 1
+    time_as_given, error_as_given = time_means[matched][0], error_means[matched][0]
+    time_differences_s, error_differences = np.empty(DRAWS + 1), np.empty(DRAWS + 1)
+    # Draw 0 is the estimate from all runs; the others are bootstrap draws.
     for draw in range(DRAWS + 1):
-        fronts = [front_of(time_s[:, draw], error[:, draw]) for time_s, error in means]
-        at_error = [_least(error_as_run[draw], y[::-1], x[::-1]) for x, y in fronts]
-        at_time = [_least(time_as_run[draw], x, y) for x, y in fronts]
-        times[draw], errors[draw] = at_error[0] - at_error[1], at_time[0] - at_time[1]
+        fronts = [
+            front_of(time_s[:, draw], error[:, draw])
+            for time_s, error in zip(time_means, error_means, strict=True)
+        ]
+        # ``_least`` wants rising x and falling y. Along a front time rises and error falls; so the front is reversed to
+        # look up the time at an error.
+        time_at_error = [_least(error_as_given[draw], error[::-1], time_s[::-1]) for time_s, error in fronts]
+        error_at_time = [_least(time_as_given[draw], time_s, error) for time_s, error in fronts]
+        time_differences_s[draw] = time_at_error[0] - time_at_error[1]
+        error_differences[draw] = error_at_time[0] - error_at_time[1]
     return MatchedError(
-        of_first, float(error_as_run[0]), float(time_as_run[0]), _limits(times, runs), _limits(errors, runs)
+        of_first=of_first,
+        error=float(error_as_given[0]),
+        time_s=float(time_as_given[0]),
+        time_difference_s=_limits(time_differences_s, runs),
+        error_difference=_limits(error_differences, runs),
     )
 
 
 def _least(value: float, x: Array, y: Array) -> float:
-    """Return the least y that a front has up to x = ``value``; nan if all x are larger. ``x`` rises, ``y`` falls."""
+    """Return the smallest y of a front at x of at most ``value``; nan if all x are larger. ``x`` rises, ``y`` falls."""
     return float(y[-1]) if value > x[-1] else on_line(value, x, y)
 
 
 def _limits(values: Array, runs: int) -> Interval:
     """Return the estimate ``values[0]`` with the 95 % percentile interval of its bootstrap draws ``values[1:]``.
 
-    The limits are NaN if the estimate is, or if less than ``LEAST_KNOWN`` of the draws are numbers.
+    The limits are nan if the estimate is nan, or if less than ``LEAST_KNOWN`` of the draws are defined.
     """
     drawn = values[1:][~np.isnan(values[1:])]
     is_enough = drawn.size >= LEAST_KNOWN * DRAWS and not math.isnan(values[0])
@@ -205,18 +237,19 @@ def _limits(values: Array, runs: int) -> Interval:
 
 
 def front_of(time_s: Array, error: Array) -> tuple[Array, Array]:
-    """Return the points that no other beats in both, by rising time and falling error.
+    """Return the times and errors of the points that no other point beats in both, sorted by rising time.
 
     Args:
-        time_s, error: (points,) each.
+        time_s, error: of each point, (points,) each.
     """
-    order = np.lexsort((error, time_s))
+    order = np.lexsort((error, time_s))  # by time, at equal times by error
     x, y = time_s[order], error[order]
     best = np.minimum.accumulate(y)
-    keep = np.append(True, y[1:] < best[:-1])
-    return x[keep], y[keep]
+    # The fastest point is on the front. Any other point is on it if its error is below the errors of all faster points.
+    on_front = np.append(True, y[1:] < best[:-1])
+    return x[on_front], y[on_front]
 
 
 def on_line(value: float, x: Array, y: Array) -> float:
-    """Interpolate y at a value of x, which rises; nan beyond its ends."""
+    """Interpolate y linearly at x = ``value``; nan outside the range of ``x``, which rises."""
     return float(np.interp(value, x, y)) if x[0] <= value <= x[-1] else np.nan

@@ -1,7 +1,8 @@
-"""Compute the cumulative incidence of right and wrong decisions, of robots and of swarms.
+"""Compute the cumulative incidence of right and wrong decisions, of robots and of swarms, over time.
 
-Runs go to t_end or stop when all robots have decided: there is no censoring before t_end, and the cumulative incidence
-is a plain share. A robot that revises its decision counts at its final one. Limits are pointwise.
+Runs go to t_end, or stop when all robots have decided. So no observation is censored before t_end, and the cumulative
+incidence is simply the share that has decided by each time. A robot that revises its decision counts from the time of
+its final decision. Limits hold at each time by itself.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ POINTS = 121
 
 
 def time_grid(t_end_s: float, times_s: ArrayLike | None) -> NDArray[np.float64]:
-    """Return the given times, or an even grid from 0 to t_end, s."""
+    """Return the given times as a flat array, or by default ``POINTS`` evenly spaced times from 0 to t_end, s."""
     if times_s is None:
         return np.linspace(0.0, t_end_s, POINTS)
     return np.asarray(times_s, dtype=np.float64).ravel()
@@ -32,28 +33,30 @@ def robot_incidence(
     level: float = 0.95,
     seed: int = 0,
 ) -> pl.DataFrame:
-    """Compute the shares of robots that had decided right, wrong, or not yet at each time; limits over runs.
+    """Compute the shares of robots that had decided right, decided wrong, or not decided by each time.
 
     Args:
-        robots, runs: tables of a result. t_end_s: end of the runs, s. times_s: when, s; without, a grid up to the end.
-        level: of the limits. seed: of the bootstrap.
-    Returns: time_s, and ``right``, ``wrong``, ``undecided``, each with ``_low`` and ``_high``; one row per time. Right
-    and wrong are of the runs whose truth is known, null where there are none.
+        robots, runs: tables of a result. t_end_s: end of the runs, s.
+        times_s: at which shares are computed, s; by default the grid of ``time_grid``.
+        level: confidence level of the limits. seed: of their bootstrap over runs.
+    Returns: one row per time: time_s, and ``right``, ``wrong``, ``undecided``, each with ``_low`` and ``_high``. Right
+        and wrong are shares of the robots in runs with a truth; null if there are no such runs.
     """
     table = run_figures(robots, runs, t_end_s)
     times = time_grid(t_end_s, times_s)
     known = table.filter(pl.col("truth").is_not_null())
-    with_truth = robots.join(table.select("run", "truth"), on="run")
+    robots_and_truth = robots.join(table.select("run", "truth"), on="run")
     decided = pl.col("decision") != -1
+    # For each share, the runs whose robots count, and which robots are counted at their decision times.
     parts = {
         "right": (known, decided & (pl.col("decision") == pl.col("truth"))),
         "wrong": (known, decided & (pl.col("decision") != pl.col("truth"))),
         "undecided": (table, decided),
     }
     columns: dict[str, NDArray[np.float64]] = {"time_s": times}
-    for name, (table_of, which) in parts.items():
-        counted = _counts_over_time(with_truth.filter(which), table_of, times)
-        if name == "undecided":
+    for name, (runs_counted, robots_counted) in parts.items():
+        counted = _counts_over_time(robots_and_truth.filter(robots_counted), runs_counted, times)
+        if name == "undecided":  # the undecided robots are the rest of a run, size - number that had decided
             counted = [(size, size - count, number) for size, count, number in counted]
         limits = _limits(counted, times.size, level, seed)
         columns |= {name: limits[:, 0], f"{name}_low": limits[:, 1], f"{name}_high": limits[:, 2]}
@@ -61,14 +64,21 @@ def robot_incidence(
 
 
 Counted = list[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]
-"""For each time: robots of a run, how many of them decided, and the number of such runs; each (distinct,)."""
+"""For each time, three arrays with one entry per kind of run: number of robots of a run, number of them that had
+decided, and number of runs of this kind."""
 
 
 def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np.float64]) -> Counted:
-    """Count, for each time, in how many runs how many robots had decided.
+    """Count for each time the runs in which 0, 1, 2, ... robots had decided.
 
-    At least k robots of a run decided by t if its k-th decision time is at most t: one search for each k, without a
-    table of runs by times."""
+    At least k robots of a run had decided by t if its k-th decision time is at most t. So one sorted list of k-th
+    decision times per k serves all times, without a table of runs by times.
+
+    Args:
+        decided: rows of the robots that decided. of: ``run_figures`` of the runs that count. times: times, s.
+    Returns: for each time the arrays (size, count, number), one entry for each size of a run and each count k from 0 to
+        this size: ``number`` runs have ``size`` robots, of which ``count`` had decided.
+    """
     ranked = (
         decided.lazy()
         .join(of.lazy().select("run", size="robots"), on="run")
@@ -78,6 +88,8 @@ def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np
     )
     counted: list[list[tuple[int, int, int]]] = [[] for _ in times]
     for size, number in of.group_by("robots").len().sort("robots").iter_rows():
+        # at_least[t, k]: number of runs with at least k decided robots at time t. The last column, for size + 1 robots,
+        # stays 0, so that the differences of columns give the runs with exactly k.
         at_least = np.zeros((times.size, size + 2), dtype=np.int64)
         at_least[:, 0] = number
         of_size = ranked.filter(pl.col("size") == size)
@@ -87,6 +99,7 @@ def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np
         exactly = at_least[:, :-1] - at_least[:, 1:]
         for t in range(times.size):
             counted[t] += [(size, k, int(exactly[t, k])) for k in range(size + 1)]
+    # ``reshape`` gives an array of three columns also if there are no runs.
     return [
         (rows[:, 0], rows[:, 1], rows[:, 2])
         for rows in (np.array(c, dtype=np.int64).reshape(-1, 3) for c in counted)
@@ -94,10 +107,15 @@ def _counts_over_time(decided: pl.DataFrame, of: pl.DataFrame, times: NDArray[np
 
 
 def _limits(counted: Counted, times: int, level: float, seed: int) -> NDArray[np.float64]:
-    """Compute estimate, low and high at each time, shape (times, 3)."""
+    """Compute the share of robots with its lower and upper limit at each time, shape (times, 3).
+
+    Args:
+        counted: runs of each kind at each time, from ``_counts_over_time``. times: number of times.
+    """
     limits = np.full((times, 3), np.nan)
     for t, (size, count, number) in enumerate(counted):
-        limits[t] = cluster_share_of_distinct(count, size, number, level, seed)[:3]
+        interval = cluster_share_of_distinct(count, size, number, level, seed)
+        limits[t] = interval.estimate, interval.low, interval.high
     return limits
 
 
@@ -108,24 +126,31 @@ def swarm_incidence(
     times_s: ArrayLike | None = None,
     level: float = 0.95,
 ) -> pl.DataFrame:
-    """Compute the shares of runs that had a right consensus, a wrong one, or none at each time; Wilson's limits.
+    """Compute the shares of runs with a right consensus, a wrong consensus, or no consensus by each time.
 
-    Args and returns: as ``robot_incidence``, with ``open`` (no consensus yet, or split) in place of ``undecided``.
+    Args:
+        robots, runs: tables of a result. t_end_s: end of the runs, s.
+        times_s: at which shares are computed, s; by default the grid of ``time_grid``.
+        level: confidence level of the limits.
+    Returns: one row per time: time_s, and ``right``, ``wrong``, ``open``, each with Wilson's limits ``_low`` and
+        ``_high``. ``open`` is the share of runs without consensus yet, or with split decisions. Right and wrong are
+        shares of the runs with a truth; null if there are no such runs.
     """
     check_level(level)
     table = run_figures(robots, runs, t_end_s)
     times = time_grid(t_end_s, times_s)
-    known = table["truth"].count()
-    together = table.filter(pl.col("consensus_time_s").is_not_null())
+    with_truth = table["truth"].count()
+    with_consensus = table.filter(pl.col("consensus_time_s").is_not_null())
     columns = {"time_s": times}
     for name, outcomes, n in (
-        ("right", ("right",), known),
-        ("wrong", ("wrong",), known),
+        ("right", ("right",), with_truth),
+        ("wrong", ("wrong",), with_truth),
         ("open", ("right", "wrong", "truth_undefined"), table.height),
     ):
-        reached = together.filter(pl.col("consensus").cast(pl.String).is_in(outcomes))
-        at = np.sort(reached["consensus_time_s"].to_numpy())
-        count = np.searchsorted(at, times, side="right").astype(np.float64)
+        reached = with_consensus.filter(pl.col("consensus").cast(pl.String).is_in(outcomes))
+        reached_s = np.sort(reached["consensus_time_s"].to_numpy())
+        count = np.searchsorted(reached_s, times, side="right").astype(np.float64)
+        # Open runs are all runs except those with a consensus of any kind, which ``count`` has counted.
         count = n - count if name == "open" else count
         low, high = wilson_limits(count, n, level)
         share = count / n if n else np.full(times.size, np.nan)

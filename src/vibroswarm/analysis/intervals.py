@@ -4,12 +4,14 @@
 |---|---|---|---|
 | ``wilson`` | share of runs | (k + z^2/2 +- z sqrt(k(n-k)/n + z^2/4)) / (n + z^2) | Wilson 1927 |
 | ``mean_interval`` | mean over runs | mean +- t s / sqrt(n) | Student 1908 |
-| ``bootstrap_mean`` | mean over runs | percentiles of means of runs drawn anew | Efron 1979 |
-| ``cluster_share`` | share of robots | the same on sum(count) / sum(of); see there | Davison & Hinkley 1997, 3.8 |
+| ``bootstrap_mean`` | mean over runs | percentiles of means of resampled runs | Efron 1979 |
+| ``cluster_share`` | share of robots | percentiles of shares in resampled runs | Davison & Hinkley 1997, 3.8 |
 | ``sign_flip`` | mean of differences | quantiles of means of random subsets | Hartigan 1969 |
 | ``quantile_interval`` | quantile over runs | order statistics, binomial | Thompson 1936 |
 
 Random numbers come from Philox with a key of (seed, purpose), so that they do not depend on other draws.
+
+With very many distinct values a resampling method is replaced by the normal law that it approaches ("normal limit").
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from vibroswarm.errors import InputError
 DRAWS: Final = 1999
 """Bootstrap and sign-flip draws; one less than 2000, so that 2.5 % and 97.5 % are whole ranks."""
 FEW: Final = 10
-"""With fewer runs whose share is not 0, or not 1, a bootstrap of a share is unreliable."""
+"""If fewer runs than this have a share other than 0, or other than 1, a bootstrap of the share is unreliable."""
 _EXACT: Final = 10
 """Up to this number of differences all subsets are enumerated."""
 _MANY_VALUES: Final = 2000
@@ -36,16 +38,17 @@ _MANY_VALUES: Final = 2000
 _TAIL: Final = 5
 """With fewer draws as extreme as the observed sum, the p-value is that of the normal limit."""
 _BLOCK: Final = 4_000_000
-"""Most numbers in memory at a time."""
+"""Most random numbers in memory at a time: draws are made in blocks of this size."""
 
 Values = NDArray[np.float64]
+"""Floats, of any shape."""
 
 
 class Interval(NamedTuple):
-    """An estimate with its limits.
+    """An estimate, its lower and upper limit, their confidence level, the number of units, and the method's name.
 
-    ``n`` counts the independent units (runs, pairs); ``how`` names the method. All are nan if the figure is undefined;
-    limits are infinite if there are too few data.
+    ``n`` is the number of independent units (runs, pairs); ``how`` names the method. Estimate and limits are nan if the
+    figure is undefined; the limits are infinite if there are too few data.
     """
 
     estimate: float
@@ -59,16 +62,16 @@ class Interval(NamedTuple):
         return html_view(self)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; None for what is not finite."""
+        """Return the fields for JSON; a number that is not finite becomes None."""
         return {name: plain(value) for name, value in self._asdict().items()}
 
     def excludes(self, value: float) -> bool:
-        """Return whether the value is outside; False without limits."""
+        """Return whether the value lies outside the limits; False if the limits are nan."""
         return self.high < value or self.low > value
 
 
 def plain(value: Any) -> Any:
-    """Return a value for JSON: None for what is not finite."""
+    """Return a value for JSON: a float that is not finite becomes None, any other value stays as it is."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -83,27 +86,33 @@ def generator(seed: int, purpose: str) -> np.random.Generator:
 
 
 def check_level(level: float) -> None:
-    """Refuse a level outside (0, 1).
+    """Check that a level of confidence is between 0 and 1.
 
     Raises:
-        InputError: it is outside.
+        InputError: it is not.
     """
     if not 0.0 < level < 1.0:
         raise InputError(f"{level!r} is not a level of confidence; give a share such as 0.95", field="level")
 
 
 def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tuple[Values, Values]:
-    """Compute Wilson's limits of shares, broadcasting inputs; nan where n is 0. Counts need not be whole."""
+    """Compute Wilson's limits of shares.
+
+    Args:
+        successes: number of successes; need not be whole. n: number of trials. Both broadcast.
+    Returns: lower and upper limits, in the broadcast shape; nan where n is 0.
+    """
     check_level(level)
     k, total = np.asarray(successes, dtype=np.float64), np.asarray(n, dtype=np.float64)
     z = float(ndtri(0.5 + level / 2))
     with np.errstate(invalid="ignore", divide="ignore"):
-        half = z * np.sqrt(np.maximum(k * (total - k) / total, 0.0) + z * z / 4)  # Wilson 1927
+        # Wilson 1927. k, which need not be whole, may exceed the total by rounding: then 0 replaces a negative product.
+        half = z * np.sqrt(np.maximum(k * (total - k) / total, 0.0) + z * z / 4)
         low, high = (k + z * z / 2 - half) / (total + z * z), (k + z * z / 2 + half) / (total + z * z)
     # Rounding must not exclude a share of 0 or 1.
-    return np.where(k <= 0, np.where(total > 0, 0.0, np.nan), low), np.where(
-        k >= total, np.where(total > 0, 1.0, np.nan), high
-    )
+    low = np.where(k <= 0, np.where(total > 0, 0.0, np.nan), low)
+    high = np.where(k >= total, np.where(total > 0, 1.0, np.nan), high)
+    return low, high
 
 
 def wilson(successes: int, n: int, level: float = 0.95) -> Interval:
@@ -116,13 +125,16 @@ def wilson(successes: int, n: int, level: float = 0.95) -> Interval:
 
 
 def finite(values: ArrayLike) -> Values:
-    """Drop nan, the value of a run in which a figure is undefined."""
+    """Return the values as a flat array without nan (runs in which a figure is undefined); infinite values stay."""
     array = np.asarray(values, dtype=np.float64).ravel()
     return array[~np.isnan(array)]
 
 
 def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
-    """Compute a mean over runs with Student's limits: infinite for one run, of width 0 if all runs are equal."""
+    """Compute a mean over runs with Student's limits; values of nan are left out.
+
+    The limits are infinite for one run, and equal to the mean if all runs have the same value.
+    """
     check_level(level)
     runs = finite(values)
     if runs.size == 0:
@@ -136,32 +148,34 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
 
 
 def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
-    """Compute a mean of shares with Student's limits of asin(sqrt(share)), back as shares: they stay in [0, 1].
+    """Compute a mean over runs of shares, with limits that stay in [0, 1]; values of nan are left out.
 
-    Few shares near 0 or 1 are skew; Student's own limits leave the range there. For one run it is [0, 1].
+    A few shares near 0 or 1 have a skew distribution, and Student's limits of their mean may lie outside [0, 1]. So
+    Student's limits are computed for asin(sqrt(share)) and transformed back. For one run the limits are 0 and 1.
     """
     shares = finite(values)
-    plain = mean_interval(shares, level)
+    of_shares = mean_interval(shares, level)
     if shares.size < 2:
-        return plain._replace(low=max(plain.low, 0.0), high=min(plain.high, 1.0))
+        return of_shares._replace(low=max(of_shares.low, 0.0), high=min(of_shares.high, 1.0))
     of_angles = mean_interval(np.arcsin(np.sqrt(np.clip(shares, 0.0, 1.0))), level)
+    # The angle of a share is from 0 to pi / 2; limits outside that range become those of the shares 0 and 1.
     low, high = (math.sin(min(max(end, 0.0), math.pi / 2)) ** 2 for end in (of_angles.low, of_angles.high))
-    return plain._replace(
-        low=min(low, plain.estimate), high=max(high, plain.estimate), how="t of asin(sqrt(share))"
-    )
+    # The estimate is the mean of the shares themselves, which the limits must include.
+    mean = of_shares.estimate
+    return of_shares._replace(low=min(low, mean), high=max(high, mean), how="t of asin(sqrt(share))")
 
 
 def _mean(values: Values) -> float:
-    """Compute the mean, clipped to the range of the values against rounding."""
+    """Compute the mean, clipped to the range of the values so that rounding cannot put it outside."""
     return float(np.clip(values.mean(), values.min(), values.max()))
 
 
 def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> Interval:
-    """Compute a mean over runs with a percentile bootstrap over runs.
+    """Compute a mean over runs with limits from a percentile bootstrap over runs; values of nan are left out.
 
-    Equal runs are drawn together (multinomial over the distinct values), which is equivalent and fast. For very many
-    distinct values the normal limit is used. The spread is multiplied by sqrt(n / (n - 1)), which makes the variance
-    unbiased.
+    Runs with equal values are drawn together (by a multinomial over the distinct values), which is equivalent and
+    faster. For very many distinct values the normal limit is used. The deviations of the draws from the mean are
+    multiplied by sqrt(n / (n - 1)), which makes their variance unbiased.
     """
     check_level(level)
     runs = finite(values)
@@ -171,6 +185,7 @@ def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     if runs.size == 1:
         return Interval(mean, -math.inf, math.inf, level, 1, "bootstrap")
     distinct, counts = np.unique(runs, return_counts=True)
+    # ``_resampled`` computes a ratio of sums; with denominators of 1 the ratio is the mean.
     low, high = _resampled(distinct, np.ones(distinct.size), counts, level, seed, draws)
     return Interval(mean, low, high, level, runs.size, "bootstrap")
 
@@ -178,11 +193,17 @@ def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws:
 def _resampled(
     numerators: Values, denominators: Values, counts: NDArray[np.int64], level: float, seed: int, draws: int
 ) -> tuple[float, float]:
-    """Return the bootstrap limits of sum(numerator) / sum(denominator) over units; ``counts`` units have each value."""
+    """Return the bootstrap limits of sum(numerator) / sum(denominator) over runs.
+
+    Args:
+        numerators, denominators: of each kind of run, (distinct,); runs with equal values are of one kind.
+        counts: number of runs of each kind, (distinct,); 2 or more in all. draws: number of bootstrap draws.
+    """
     n = int(counts.sum())
     ratio = float(numerators @ counts) / float(denominators @ counts)
-    widen = math.sqrt(n / (n - 1))
+    widen = math.sqrt(n / (n - 1))  # makes the variance of the draws unbiased
     if counts.size > _MANY_VALUES:
+        # Normal limit, with the variance of a ratio by its linearisation.
         residual = (numerators - ratio * denominators) / (denominators @ counts)
         half = float(ndtri(0.5 + level / 2)) * widen * math.sqrt(float(counts @ residual**2))
         return ratio - half, ratio + half
@@ -190,25 +211,31 @@ def _resampled(
     at_once = max(1, _BLOCK // counts.size)
     for first in range(0, draws, at_once):
         weights = random.multinomial(n, shares, size=min(at_once, draws - first))
-        below = weights @ denominators
-        above = weights @ numerators
-        drawn.append(np.divide(above, below, out=np.full(below.size, ratio), where=below > 0))
+        bottom = weights @ denominators
+        top = weights @ numerators
+        # A draw of runs without any robot has no ratio of its own; it gets the ratio of all runs.
+        drawn.append(np.divide(top, bottom, out=np.full(bottom.size, ratio), where=bottom > 0))
     spread = ratio + widen * (np.concatenate(drawn) - ratio)
     low, high = np.quantile(spread, [0.5 - level / 2, 0.5 + level / 2])  # Efron 1979
     return float(low), float(high)
 
 
 def cluster_share(count: ArrayLike, of: ArrayLike, level: float = 0.95, seed: int = 0) -> Interval:
-    """Compute a share of robots, sum(count) / sum(of), from the counts of each run, (runs,): the run is the unit.
+    """Compute a share of robots, sum(count) / sum(of), with limits that treat the run as the independent unit.
 
-    Limits are percentiles of a bootstrap over runs. If fewer than ``FEW`` runs differ from 0 or from 1, these would be
-    too narrow (of width 0 if all runs agree); then they are Wilson's limits for the effective number of independent
-    robots, n' = p(1-p) / Var of the share: at most the number of robots, and the number of runs if all agree, since
-    the robots of a run are strongly correlated.
+    Limits are percentiles of a bootstrap over runs. These would be too narrow (of width 0 if all runs have the same
+    share) if fewer than ``FEW`` runs have a share other than 0, or other than 1. In that case the limits are Wilson's,
+    with an effective number of independent robots in place of n: p (1 - p) / Var(share), but at most the number of
+    robots. If the variance is 0, the effective number is the number of runs, as if each run were a single robot.
+
+    Args:
+        count: number of robots with an outcome, such as wrong, in each run, (runs,).
+        of: number of robots of the run, (runs,). level: confidence level. seed: seed of the bootstrap.
     """
     numerator, denominator = np.asarray(count, dtype=np.int64), np.asarray(of, dtype=np.int64)
+    # Each pair is encoded as one number, whose distinct values are found faster than those of pairs.
     width = int(denominator.max(initial=0)) + 1
-    pairs, counts = np.unique(numerator * width + denominator, return_counts=True)  # faster than by rows
+    pairs, counts = np.unique(numerator * width + denominator, return_counts=True)
     return cluster_share_of_distinct(pairs // width, pairs % width, counts, level, seed)
 
 
@@ -219,34 +246,48 @@ def cluster_share_of_distinct(
     level: float = 0.95,
     seed: int = 0,
 ) -> Interval:
-    """Compute ``cluster_share`` from distinct pairs: ``runs`` runs have ``count`` of ``of`` robots, (distinct,) each.
+    """Compute a share of robots as ``cluster_share`` does, from numbers of runs that have the same counts.
 
-    The order of the pairs does not matter. Undefined without any robot.
+    Runs with the same numbers of robots and of robots with the outcome are of one kind. The kinds may be in any order.
+
+    Args:
+        count: number of robots with the outcome in a run of each kind. of: number of all robots in such a run.
+        runs: number of runs of each kind; (kinds,) each. level: confidence level. seed: seed of the bootstrap.
+    Returns: the share with its limits; undefined (nan) if there are no robots.
     """
     check_level(level)
-    order = np.lexsort((of, count))  # one order, so that the same runs get the same draws
+    # A fixed order of the kinds, by count and then by size, so that the same runs get the same bootstrap draws.
+    order = np.lexsort((of, count))
     count, of, runs = count[order], of[order], runs[order]
     valid = (of > 0) & (runs > 0)
-    ones, sizes, times = count[valid].astype(np.float64), of[valid].astype(np.float64), runs[valid]
-    n = int(times.sum())
+    ones, sizes, number = count[valid].astype(np.float64), of[valid].astype(np.float64), runs[valid]
+    n = int(number.sum())
     if n == 0:
         return undefined(level, 0, "cluster bootstrap")
-    share = float(ones @ times) / float(sizes @ times)
-    off_zero, off_one = int(times[ones > 0].sum()), int(times[ones < sizes].sum())
-    if min(off_zero, off_one) < FEW:
-        effective = _independent_robots(ones, sizes, times, share)
+    share = float(ones @ number) / float(sizes @ number)
+    runs_above_0, runs_below_1 = int(number[ones > 0].sum()), int(number[ones < sizes].sum())
+    if min(runs_above_0, runs_below_1) < FEW:
+        effective = _independent_robots(ones, sizes, number, share)
         low, high = wilson_limits(share * effective, effective, level)
+        # Rounding must not put the share outside its limits.
         return Interval(share, min(float(low), share), max(float(high), share), level, n, "cluster wilson")
-    low_, high_ = _resampled(ones, sizes, times, level, seed, DRAWS)
+    low_, high_ = _resampled(ones, sizes, number, level, seed, DRAWS)
     return Interval(share, max(low_, 0.0), min(high_, 1.0), level, n, "cluster bootstrap")
 
 
-def _independent_robots(above: Values, below: Values, runs: NDArray[np.int64], share: float) -> float:
-    """Compute how many independent robots give this variance of the share; the number of runs if the variance is 0."""
-    n, robots = float(runs.sum()), float(below @ runs)
-    variance = float(runs @ (above - share * below) ** 2) / robots**2
+def _independent_robots(count: Values, of: Values, runs: NDArray[np.int64], share: float) -> float:
+    """Compute how many independent robots would give the share the variance that it has between runs.
+
+    Args:
+        count, of: number of robots with the outcome, and of all robots, in a run of each kind. runs: number of runs of
+            each kind; (kinds,) each. share: sum of ``count`` / sum of ``of`` over runs.
+    Returns: the number, at most that of all robots; the number of runs if the variance is 0.
+    """
+    n, robots = float(runs.sum()), float(of @ runs)
+    # Variance of the share between runs, by linearisation of the ratio of sums.
+    variance = float(runs @ (count - share * of) ** 2) / robots**2
     if n > 1:
-        variance *= n / (n - 1)
+        variance *= n / (n - 1)  # unbiased
     if variance <= 0.0:
         return n
     return min(share * (1.0 - share) / variance, robots)
@@ -265,18 +306,19 @@ class SignFlip(NamedTuple):
 def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws: int = DRAWS) -> SignFlip:
     """Estimate the mean of paired differences, one for each run, by inverting the sign-flip test.
 
-    If the differences are symmetric about m, each d - m is as likely to have the one sign as the other. Flipping the
-    signs of a subset S gives a sum at least as large as the observed one exactly when the mean of S is at most m. So
-    the limits are quantiles of the means of random subsets (each difference in or out with probability 1/2: Hartigan's
-    typical values), and 0 lies outside exactly when p < 1 - level. For symmetric differences the interval is exact, for
-    others it is right in the limit of many, like Student's. With fewer than 6 pairs the limits at 95 % are infinite;
-    without pairs, estimate, limits and p are nan.
+    If the differences are symmetric about m, each d - m is equally likely to be positive or negative. Flipping the
+    signs of all d - m in a subset S gives a sum at least as large as the observed sum of d - m exactly when the mean of
+    the d in S is at most m. So the limits are quantiles of the means of random subsets, in which each difference is
+    included with probability 1/2 (Hartigan's typical values). 0 lies outside the limits exactly when p < 1 - level. For
+    symmetric differences the interval is exact; for others it is correct for many runs, like Student's. With fewer than
+    6 pairs the limits at 95 % are infinite; without pairs, estimate, limits and p are nan.
 
-    If fewer than ``_TAIL`` of the drawn sums are as extreme as the observed one, p is that of the normal limit if it
-    is smaller: a correction over many comparisons needs p-values smaller than the draws can give.
+    Up to 10 differences all subsets are enumerated. For more, ``draws`` random subsets are drawn (equal differences
+    together), and for very many distinct differences the normal limit is used.
 
-    Up to 10 differences all subsets are enumerated; otherwise ``draws`` subsets are drawn (equal differences
-    together), and for very many distinct ones the normal limit is used.
+    If fewer than ``_TAIL`` of the random sums are as extreme as the observed sum, p is the smaller of two values: the
+    p-value from the draws and that of the normal limit. A limited number of draws cannot give p-values as small as a
+    correction over many comparisons needs.
     """
     check_level(level)
     d = finite(differences)
@@ -288,48 +330,65 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
         return _sign_flip_of_many(d, mean, level)
     means = _all_subsets(d) if d.size <= _EXACT else _subsets(distinct, counts, mean, seed, draws)
     means.sort()
-    rank = math.floor((means.size + 1) * (0.5 - level / 2) + 1e-9)  # Hartigan 1969
+    # Hartigan 1969: the rank-th smallest and rank-th largest means are the limits; with rank 0 there are too few means.
+    # The 1e-9 keeps rounding from lowering a whole rank by 1.
+    rank = math.floor((means.size + 1) * (0.5 - level / 2) + 1e-9)
     low = float(means[rank - 1]) if rank else -math.inf
     high = float(means[-rank]) if rank else math.inf
-    # Rounding of a subset's mean must not put 0 on a side where all differences are 0.
+    # A mean that differs from 0 by rounding alone counts on both sides of 0.
     tiny = 1e-12 * float(np.abs(d).max())
     at_most, at_least = int((means <= tiny).sum()), int((means >= -tiny).sum())
     beyond = min(at_most, at_least)
     p_value = min(1.0, 2.0 * (1 + beyond) / (means.size + 1))
-    if beyond < _TAIL and d.size > _EXACT:  # too far out for the draws to tell how far
-        p_value = min(p_value, _far_out(d))
+    if beyond < _TAIL and d.size > _EXACT:  # too few draws beyond 0 to estimate a small p-value
+        p_value = min(p_value, _normal_p_value(d))
     return SignFlip(Interval(mean, low, high, level, d.size, "sign flip"), p_value)
 
 
-def _far_out(d: Values) -> float:
-    """Compute the p-value from the normal limit of the sum, but at least 2 / 2^n, the smallest that n signs allow."""
+def _normal_p_value(d: Values) -> float:
+    """Compute the p-value of sum(d) from the normal limit of the sum with random signs.
+
+    It is at least 2 / 2^n, the smallest p-value that n random signs can give.
+    """
     spread = math.sqrt(float((d * d).sum()))
     if spread == 0.0:
         return 1.0
-    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), 2.0 ** (1 - min(d.size, 1000)))
+    # 2 / 2^n; n is limited, because a float below 2^-1074 rounds to 0.
+    smallest = 2.0 ** (1 - min(d.size, 1000))
+    return max(float(2.0 * ndtr(-abs(float(d.sum())) / spread)), smallest)
 
 
 def _all_subsets(d: Values) -> Values:
-    """Compute the means of all non-empty subsets, shape (2^n - 1,)."""
+    """Compute the means of all non-empty subsets of n differences, shape (2^n - 1,)."""
+    # The bits of the numbers 1 to 2^n - 1 say which differences are in a subset.
     chosen = (np.arange(1, 2**d.size)[:, None] >> np.arange(d.size)) & 1
     return np.asarray((chosen @ d) / chosen.sum(axis=1))
 
 
 def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int, draws: int) -> Values:
-    """Compute the means of random subsets, shape (draws,); an empty subset counts with the mean of all."""
-    random, drawn, alone = generator(seed, "sign flip"), [], bool((counts == 1).all())
+    """Compute the means of random subsets of the differences, shape (draws,).
+
+    An empty subset has no mean; it gets the value ``mean``.
+
+    Args:
+        distinct: the distinct differences. counts: how often each occurs. mean: of all differences.
+    """
+    random, drawn, all_differ = generator(seed, "sign flip"), [], bool((counts == 1).all())
     at_once = max(1, _BLOCK // distinct.size)
     for first in range(0, draws, at_once):
         size = (min(at_once, draws - first), distinct.size)
-        # One of each: a bit in place of a binomial number.
-        taken = random.integers(0, 2, size, np.int8) if alone else random.binomial(counts, 0.5, size)
+        # How many of each difference are in the subset; if each occurs once, random bits are faster.
+        taken = random.integers(0, 2, size, np.int8) if all_differ else random.binomial(counts, 0.5, size)
         number = taken.sum(axis=1, dtype=np.int64)
         drawn.append(np.divide(taken @ distinct, number, out=np.full(number.size, mean), where=number > 0))
     return np.concatenate(drawn)
 
 
 def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
-    """Use the normal limit: the mean of a random subset has standard deviation sqrt(sum (d - mean)^2) / n."""
+    """Compute the interval and p-value of ``sign_flip`` from the normal limit.
+
+    The mean of a random subset has the standard deviation sqrt(sum (d - mean)^2) / n about the mean of all d.
+    """
     error = math.sqrt(float(((d - mean) ** 2).sum())) / d.size
     half = float(ndtri(0.5 + level / 2)) * error
     p_value = float(2.0 * ndtr(-abs(mean) / error))
@@ -337,16 +396,19 @@ def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
 
 
 def sign_flip_interval(differences: ArrayLike, level: float = 0.95, seed: int = 0) -> Interval:
-    """Return only the interval of ``sign_flip``."""
+    """Compute the interval of ``sign_flip``, without the p-value."""
     return sign_flip(differences, level, seed).interval
 
 
 def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95) -> Interval:
     """Compute a quantile over runs with distribution-free limits from order statistics.
 
-    Values may be infinite (a run that never reached the event). The estimate is the ceil(share n)-th smallest value,
-    or the mean of the middle two for the median of an even number. Limits are infinite if there are too few values.
+    The estimate is the ceil(share n)-th smallest value, or the mean of the middle two for the median of an even number
+    of values. It is infinite if one of these values is. Limits are infinite if there are too few values.
 
+    Args:
+        values: of the runs; infinite for a run that never reached the event; nan is left out.
+        share: of runs below the quantile, 0.5 for the median. level: confidence level.
     Raises:
         InputError: a share or level that is not between 0 and 1.
     """
@@ -357,13 +419,19 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
     n = runs.size
     if n == 0:
         return undefined(level, 0, "order statistics")
-    from scipy import stats  # half a second, for this alone
+    # Imported here, because the import takes half a second and only this function needs it.
+    from scipy import stats
 
     tail = 0.5 - level / 2
     ranks = np.arange(n + 1)
-    # Thompson 1936
-    lower = int(np.searchsorted(stats.binom.cdf(ranks - 1, n, share), tail, side="right")) - 1
-    upper = int(np.searchsorted(-stats.binom.sf(ranks - 1, n, share), -tail))
+    # Thompson 1936: the number B of values below the quantile is binomial. The r-th smallest value is above the
+    # quantile with the probability P(B <= r - 1), and below it with P(B >= r).
+    p_above, p_below = stats.binom.cdf(ranks - 1, n, share), stats.binom.sf(ranks - 1, n, share)
+    # lower: the largest rank r with p_above <= tail, 0 if there is none. upper: the smallest rank r with
+    # p_below <= tail, n + 1 if there is none; p_below falls with r, and is negated because searchsorted needs rising
+    # values.
+    lower = int(np.searchsorted(p_above, tail, side="right")) - 1
+    upper = int(np.searchsorted(-p_below, -tail))
     low = float(runs[lower - 1]) if lower >= 1 else -math.inf
     high = float(runs[upper - 1]) if upper <= n else math.inf
     middle = runs[[n // 2 - 1, n // 2]] if share == 0.5 and n % 2 == 0 else runs[[math.ceil(share * n) - 1]]

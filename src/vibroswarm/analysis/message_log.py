@@ -1,7 +1,7 @@
-"""Every message of a run, and what became of it at each robot: received, lost, or not due before the end.
+"""Compute for every message of a run whether each robot received it, lost it, or could not read it before the end.
 
-The tables of a result hold only counts; this is recomputed from them with the run's random numbers. Every message
-addressed to a robot is in one state: sent = received + lost + not due.
+The tables of a result hold only counts of messages. The log is recomputed from the samples with the run's random
+numbers. A message is addressed to every robot but its sender, and has one state there: received, lost or not due.
 """
 
 from __future__ import annotations
@@ -26,9 +26,11 @@ from vibroswarm.networks import network as network_of
 from vibroswarm.result import Result
 
 RECEIVED: Final = 0
+"""The robot read the message."""
 LOST: Final = 1
+"""The network lost the message on its way to the robot."""
 NOT_DUE: Final = 2
-"""It would have been read after the run's end, or by a robot that was standing when the run ended."""
+"""Not lost, but not read: it arrived after the last tick at which the robot read messages."""
 OWN: Final = 3
 """The robot sent it."""
 MAX_ENTRIES: Final = 50_000_000
@@ -40,9 +42,11 @@ class MessageLog:
     """The messages of a run, in the order of time and sender; robots by number."""
 
     tick_s: float
+    """Length of a tick, s."""
     sender: NDArray[np.int64]
+    """(messages,): number of the robot that sent it."""
     tick: NDArray[np.int64]
-    """(messages,): when it was sent."""
+    """(messages,): tick at which it was sent."""
     arrival_tick: NDArray[np.int64]
     """(messages, robots): tick from which it can be read; -1: lost, or sent by this robot."""
     last_read_tick: NDArray[np.int64]
@@ -55,14 +59,19 @@ class MessageLog:
 
     @cached_property
     def state(self) -> NDArray[np.uint8]:
-        """``RECEIVED``, ``LOST``, ``NOT_DUE`` or ``OWN``, (messages, robots)."""
+        """State of each message at each robot: ``RECEIVED``, ``LOST``, ``NOT_DUE`` or ``OWN``, (messages, robots)."""
+        # ``arrival_tick`` is -1 for the sender too; its state is set to ``OWN`` below.
         is_due = self.arrival_tick <= self.last_read_tick
         state = np.where(self.arrival_tick < 0, LOST, np.where(is_due, RECEIVED, NOT_DUE)).astype(np.uint8)
         state[np.arange(self.sender.size), self.sender] = OWN
         return state
 
     def counts(self, until_s: float = np.inf) -> pl.DataFrame:
-        """Count the messages sent until a time, a row per robot: sent, addressed, received, lost, not_due."""
+        """Count the messages that were sent up to the time ``until_s``, s.
+
+        Returns: one row per robot with numbers of messages: sent (by this robot), addressed (to this robot), and of the
+            addressed ones received, lost and not_due (not lost, but not read by the end).
+        """
         state = self.state[self.time_s <= until_s]
         own, received, lost, not_due = (
             (state == kind).sum(axis=0) for kind in (OWN, RECEIVED, LOST, NOT_DUE)
@@ -73,47 +82,63 @@ class MessageLog:
 
 
 def log_size(result: Result, run: int = 0) -> int:
-    """Return messages times robots of a run."""
+    """Return the number of entries of a run's log: messages times robots."""
     sent = result.robots.filter(pl.col("run") == run)["sent"].sum()
     return int(sent) * result.scenario.swarm.robots
 
 
 def message_log(result: Result, run: int = 0) -> MessageLog:
-    """Return the messages of a run of a simulation.
+    """Recompute when each message of a simulated run arrived at each robot.
 
     Raises:
-        InputError: the result is a recording, has no such run, or no moves although its network reads positions; or
-            there are too many messages.
+        InputError: the result is a recording, has no such run, has no moves although its network reads positions, or
+            has more than ``MAX_ENTRIES`` messages times robots.
     """
     scenario, of_run = result.scenario, pl.col("run") == run
     ends = result.ends.filter(of_run)
     if result.seed is None:
-        raise InputError("is a recording, and does not tell which messages were lost", field="result")
+        raise InputError(
+            "is a recording, whose lost messages are not known; give a simulated result", field="result"
+        )
     if ends.is_empty():
         raise InputError(f"the result has no run {run}", field="run")
     moves = None if result.moves is None else result.moves.filter(of_run)
-    motion = Motion(result.motion.filter(of_run), ends, None, moves)
+    motion = Motion(samples=result.motion.filter(of_run), ends=ends, moves=moves)
     timeline = timeline_of(scenario, motion)
     sender, tick = sent_messages(scenario, result.seed, timeline, result.observations.filter(of_run))
     robots, messages = scenario.swarm.robots, sender.size
     if messages * robots > MAX_ENTRIES:
-        raise InputError(f"{messages} messages to {robots} robots are too many to list", field="run")
-    log = np.full((messages, robots), -1, dtype=np.int64)
-    nothing = read_only(np.zeros(messages, dtype=np.int64))
+        raise InputError(
+            f"{messages} messages to {robots} robots are too many to list: more than {MAX_ENTRIES} entries",
+            field="run",
+        )
+    # compute_deliveries sends one message per row of motion, so it gets one row per message. Arrival ticks depend only
+    # on run, sender and tick of the messages (and on tracks); the columns about reading are zeros of the right shape.
     rows = Rows(
-        read_only(np.array([0, messages])),
-        read_only(np.array([run], dtype=np.int64)),
-        read_only(sender.astype(np.uint16)),
-        read_only(np.zeros(messages, dtype=np.uint32)),
-        read_only(np.zeros(messages)),
-        read_only(np.zeros((messages, 3), dtype=np.int32)),
-        read_only(np.zeros((robots, 3), dtype=np.int32)),
+        bounds=read_only(np.array([0, messages])),
+        runs=read_only(np.array([run], dtype=np.int64)),
+        robot=read_only(sender.astype(np.uint16)),
+        sample=read_only(np.zeros(messages, dtype=np.uint32)),
+        time_s=read_only(np.zeros(messages)),
+        heard=read_only(np.zeros((messages, 3), dtype=np.int32)),
+        heard_at_end=read_only(np.zeros((robots, 3), dtype=np.int32)),
     )
     of_motion = timeline.stops
-    unused = read_only(np.zeros(messages, dtype=np.int32))
     stops = Stops(
-        read_only(tick), nothing, unused, of_motion.first, of_motion.walked_tick, of_motion.known_tick
+        tick=read_only(tick),
+        stop_tick=read_only(np.zeros(messages, dtype=np.int64)),
+        following=read_only(np.zeros(messages, dtype=np.int32)),
+        first=of_motion.first,
+        walked_tick=of_motion.walked_tick,
+        known_tick=of_motion.known_tick,
     )
     tracks = timeline.tracks if network_of(scenario.network.name).reads_positions else NO_TRACKS
-    compute_deliveries(scenario, result.seed, rows, stops, tracks, log)
-    return MessageLog(scenario.tick_s, sender, tick, log, of_motion.walked_tick)
+    arrival_tick = np.full((messages, robots), -1, dtype=np.int64)  # filled by compute_deliveries
+    compute_deliveries(scenario, result.seed, rows, stops, tracks, arrival_tick)
+    return MessageLog(
+        tick_s=scenario.tick_s,
+        sender=sender,
+        tick=tick,
+        arrival_tick=arrival_tick,
+        last_read_tick=of_motion.walked_tick,
+    )

@@ -1,43 +1,44 @@
-"""Compute when the answer could be known: the posterior over tiles from all bits with their positions.
+"""Compute when the answer could be known: the posterior of the floor from all bits of a run with their true places.
+
+A bit is the 0 or 1 that a sample reads. x is the decision boundary.
 
 | name | symbol | equation |
 |---|---|---|
-| tiles in the arena | N | those of which some part lies inside |
-| prior of k vibrating tiles | pi_k | each set of k tiles as likely as any other |
-| posterior | P(k) | from the likelihood of the model that draws the bits, see below |
-| known | - | P(k > x N) >= 1 - alpha, or P(k < x N) >= 1 - alpha |
-| claimed error | - | 1 - max(P(k > x N), P(k < x N)) when it is known: at most alpha |
+| tiles in the arena | N | number of tiles with some part inside the arena |
+| prior of k vibrating tiles | pi_k | as in the next table; each set of k tiles has the same probability |
+| posterior | P(k) | from the likelihood of the model that draws the bits |
+| known | - | P(k > x N) >= 1 - alpha (decision 1), or P(k < x N) >= 1 - alpha (decision 0) |
+| claimed error | - | 1 - max(P(k > x N), P(k < x N)) at the time when it is known: at most alpha |
 
 | prior | pi_k |
 |---|---|
-| ``tiles`` | C(N, k) / 2^N: each tile vibrates or not as a coin falls |
-| ``counts`` | 1 / (N + 1): each fill ratio as likely as any other |
-| ``mirror`` | 1/2 each for the run's own number of vibrating tiles and its mirror across the boundary, 2xN - k |
+| ``tiles`` | C(N, k) / 2^N: each tile vibrates with probability 1/2 |
+| ``counts`` | 1 / (N + 1): all fill ratios have the same probability |
+| ``mirror`` | 1/2 each for the run's own number k of vibrating tiles and its mirror across the boundary, 2xN - k |
 | (N + 1,) numbers | as given |
 
 | sensor | posterior |
 |---|---|
-| a reading depends on the tile below alone | exact: ``tile_posterior`` |
-| edges are felt, or tiles or robots differ | by Markov chains over floors and factors, with their Monte Carlo error |
+| a reading depends only on the tile below | exact: ``tile_posterior`` |
+| vibration crosses tile edges, or tiles or robots differ | Markov chains over floors, with a Monte Carlo error |
 
-Edges are ``sensor.edge_reach_m`` and ``edge_blur_m``, factors ``tile_spread`` and ``robot_spread``; the chains are
-those of ``vibroswarm.posterior``.
+Edges are set by ``sensor.edge_reach_m`` and ``edge_blur_m``, differences by ``tile_spread`` and ``robot_spread``. The
+chains are those of ``vibroswarm.posterior``.
 
-**What it bounds.** Nobody who has these bits, their places, the sensor's model and this prior can be surer: a rule that
-decides only where its posterior error is at most alpha decides no sooner in any run. A rule that keeps alpha on average
-only, some runs worse and some better, may; so may one that knows more, such as the energies or the floor's pattern.
+**What it bounds.** With these bits, their places, the sensor's model and this prior, no observer can be surer. A rule
+that decides only when its posterior error is at most alpha decides no sooner in any run. Two kinds of rule may decide
+sooner: a rule whose error is alpha only on average over runs, and a rule with more knowledge, such as the energies or
+the floor's pattern.
 
-**What error to expect.** Over floors as the prior has them the share wrong is the mean of the claimed errors, which is
-at most alpha and somewhat less, since a sample takes the posterior past 1 - alpha and it is looked at from time to time
-only. ``wrong`` and ``claimed`` show both. Over other floors the share wrong may be anything: with floors near the
-boundary ``tiles`` and above all ``counts`` believe too soon, since few of their floors are as near. Under ``mirror``
-floors lie on both sides equally often; those of one side alone may be mistaken more often than those of the other.
+**What error to expect.** If floors follow the prior, the expected share of wrong decisions is the mean claimed error.
+That is somewhat below alpha, since the posterior jumps past 1 - alpha, and is computed at certain times only. ``wrong``
+and ``claimed`` show the two. If floors do not follow the prior, the share wrong may have any value. With floors near
+the boundary, ``tiles`` and even more ``counts`` decide too soon, since they give such floors little weight. Under
+``mirror`` the error holds as a mean over both sides of the boundary; on one side alone it may be larger.
 
-``on_both_sides`` puts every second run on a floor with the mirrored fill ratio, to average over the prior ``mirror``.
-
-A cell has floors on one side of the boundary. A test that does not know the side may err more often on one side than on
-the other, and its nominal error is that over both. So every second run is observed again on a random floor whose number
-of vibrating tiles is mirrored across the boundary; motion is reused, since it does not depend on floors.
+The floors of one cell all lie on one side of the boundary. To average over the prior ``mirror``, ``on_both_sides``
+observes every second run again on a random floor with the mirrored number of vibrating tiles. The motion is reused,
+since it does not depend on floors.
 """
 
 from __future__ import annotations
@@ -60,27 +61,36 @@ from vibroswarm.result import Result
 from vibroswarm.simulation import replay
 
 POINTS: Final = 241
+"""Number of times in the default grid from 0 to t_end."""
 UNSETTLED: Final = 0.05
 """If Markov chains do not converge in a larger share of the runs, no figure is returned."""
 
 
 @dataclass(frozen=True)
 class Known(NotebookView):
-    """When the side of the boundary could be known; times in s."""
+    """When the side of the boundary could be known; times in s.
+
+    The module's docstring explains the terms.
+    """
 
     prior: str
+    """Name of the prior; "given" for a prior of N + 1 weights."""
     alpha: float
+    """Posterior error at which a side counts as known."""
     how: Literal["exact", "chains"]
     """How the posterior was computed."""
     runs: pl.DataFrame
-    """run, known_s (null: not by the end), decision (-1: none), truth, claimed_error (when known), monte_carlo_error
-    (standard error of that), belief_in_truth (at the end; null where chains stop once it is known)."""
+    """One row per run: run, known_s (null: not by the end), decision (-1: not known), truth, claimed_error (when
+    known), monte_carlo_error (standard error of claimed_error), belief_in_truth (posterior of the true side at the end;
+    null with chains, which stop when the side is known)."""
     over_time: pl.DataFrame
-    """time_s, known, known_low, known_high, wrong (share known and wrong), belief_in_truth (mean; null with chains)."""
+    """One row per time: time_s, known (share of runs known by then), known_low, known_high, wrong (share of runs known
+    and wrong), belief_in_truth (mean posterior of the true side; null with chains)."""
     known: Interval
-    """Share of runs in which it could be known by the end."""
+    """Share of runs in which the side of the boundary could be known by the end."""
     wrong: Interval
-    """Share wrong among these; its expected value is ``claimed`` if floors follow the prior."""
+    """Share of the runs with a known side in which this side is wrong; its expected value is ``claimed`` if floors
+    follow the prior."""
     claimed: Interval
     """Mean posterior error at the time of knowing: the expected share wrong, at most alpha."""
     time_s: Interval
@@ -88,10 +98,11 @@ class Known(NotebookView):
     monte_carlo_error: float
     """Largest Monte Carlo standard error of a posterior at a decision; 0 if it is exact."""
     unsettled: int
-    """Runs in which the Monte Carlo error was too large to compare a posterior with 1 - alpha; not known there."""
+    """Runs in which the Monte Carlo error was too large to compare a posterior with 1 - alpha. In these runs the side
+    counts as not known."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, including the figures over time but not the runs."""
+        """Return the fields for JSON, with the figures over time but without the table of runs."""
         curve = [
             {name: plain(value) for name, value in row.items()}
             for row in self.over_time.iter_rows(named=True)
@@ -116,40 +127,50 @@ def could_be_known(
     energies: bool = False,
     level: float = 0.95,
 ) -> Known:
-    """Compute when the side of the boundary could be known with posterior error alpha, on a grid of times.
+    """Compute for each run the first of the times ``times_s`` at which the side of the boundary is known.
 
-    If robots sense across tile edges, or tiles or robots differ, it takes some tenths of a second a run.
+    The side is known if the posterior of one side is at least 1 - ``alpha``. Where the posterior needs Markov chains
+    (vibration crosses tile edges, or tiles or robots differ), this takes some tenths of a second per run.
 
     Args:
-        result: runs to their end. prior: see the module's head. times_s: increasing; without it 241 from 0 to t_end.
-        energies: take the energies that were read (Gamma sensor), not only the bits.
+        result: runs to t_end. prior: "tiles", "counts", "mirror" or N + 1 weights. alpha: posterior error, below 1/2.
+        times_s: at which the posterior is computed, increasing, s; by default ``POINTS`` from 0 to t_end.
+        energies: compute the posterior from the energies that were read (Gamma sensor), not from the bits.
+        level: confidence level of the limits.
     Raises:
-        InputError: an alpha outside (0, 1/2), times that do not increase, a prior of other length than N + 1, energies
-            that the result does not hold or whose density is not known or depends on more than the tile below, no tile
-            in the arena or one cut by it, runs that stopped early, chains that do not find the posterior.
+        InputError: runs that stopped early; an alpha outside (0, 1/2); times that do not increase; an unknown prior, or
+            one of other length than N + 1; energies that the result does not hold, or whose densities are not known or
+            depend on more than the tile below; no tile in the arena, or tiles that its border cuts; or too many runs
+            in which the chains do not converge.
     """
     if result.runs["stopped_early"].any():
-        raise InputError("runs that stopped early lack the samples after; run to t_end", field="result")
+        raise InputError(
+            "runs that stopped early lack the samples after they stopped; run to t_end", field="result"
+        )
     if not 0.0 < alpha < 0.5:
-        raise InputError(f"{alpha!r} is not a posterior error; give a share below 0.5", field="alpha")
+        raise InputError(
+            f"{alpha!r} is not a posterior error; give a share above 0 and below 0.5", field="alpha"
+        )
     t_end_s = result.scenario.run.t_end_s
     times = _times(t_end_s, times_s)
     chains = needs_chains(result.scenario.sensor)
-    if chains and energies:
-        raise InputError(
-            "the posterior from energies is not computed where edges are felt or tiles or robots differ; "
-            "leave energies out",
-            field="energies",
-        )
-    find = _by_chains if chains else _exactly
-    posteriors = find(result, prior, alpha, times, energies)
+    if chains:
+        if energies:
+            raise InputError(
+                "the posterior from energies is not computed where edges are felt or tiles or robots differ; "
+                "leave energies out",
+                field="energies",
+            )
+        posteriors = _by_chains(result, prior, alpha, times)
+    else:
+        posteriors = _exactly(result, prior, alpha, times, energies)
     runs = pl.DataFrame([p.row for p in posteriors], schema=_RUNS, orient="row")
     decided = runs.filter((pl.col("decision") != -1) & pl.col("truth").is_not_null())
     wrong = decided.filter(pl.col("decision") != pl.col("truth")).height
     unsettled = sum(not p.settled for p in posteriors)
     if unsettled > UNSETTLED * len(posteriors):
         raise InputError(
-            f"the chains that sample the posterior left {unsettled} of {len(posteriors)} runs open "
+            f"the chains that sample the posterior did not converge in {unsettled} of {len(posteriors)} runs "
             f"(Monte Carlo error over {SMALL:g} near 1 - alpha): no figure is given",
             field="result",
         )
@@ -163,6 +184,7 @@ def could_be_known(
         wrong=wilson(wrong, decided.height, level),
         claimed=mean_interval(decided["claimed_error"].to_numpy(), level),
         time_s=mean_interval(runs["known_s"].fill_null(t_end_s).to_numpy(), level),
+        # ``or 0.0``: the largest error of no runs is None.
         monte_carlo_error=float(runs["monte_carlo_error"].fill_null(0.0).max() or 0.0),  # type: ignore[arg-type]
         unsettled=unsettled,
     )
@@ -177,28 +199,45 @@ _RUNS: Final[dict[str, Any]] = {
     "monte_carlo_error": pl.Float64,
     "belief_in_truth": pl.Float64,
 }
+"""Columns of ``Known.runs``."""
+_NOT_KNOWN: Final[dict[str, Any]] = {
+    "known_s": None,
+    "decision": -1,
+    "claimed_error": None,
+    "monte_carlo_error": None,
+}
+"""Values of a run in which the side of the boundary is not known by the end."""
 
 
 @dataclass(frozen=True)
 class _RunPosterior:
     row: tuple[Any, ...]
+    """One value for each column of ``_RUNS``, in that order."""
     in_truth: Values | None
-    """Posterior of the truth at each time."""
+    """Posterior of the true side at each time; None without a truth, and with chains."""
     settled: bool
+    """Whether the Monte Carlo error was small enough, wherever needed, to compare the posterior with 1 - alpha."""
 
 
 def _times(t_end_s: float, times_s: ArrayLike | None) -> Values:
-    """Return the given times, checked, or an even grid from 0 to t_end, s."""
+    """Return the given times after checking them, or by default ``POINTS`` evenly spaced from 0 to t_end, s."""
     if times_s is None:
         return np.linspace(0.0, t_end_s, POINTS)
     times = np.asarray(times_s, dtype=np.float64).ravel()
     if times.size == 0 or not np.isfinite(times).all() or not (np.diff(times) > 0).all():
-        raise InputError("give at least one time, s, and each later than the one before", field="times_s")
+        raise InputError(
+            "give at least one finite time, s, and each later than the one before", field="times_s"
+        )
     return times
 
 
-def _of_floor(prior: Prior, floor: Floor, inside: NDArray[np.int64], boundary: float) -> Values:
-    """Compute ln pi_k for the floor of a run."""
+def _log_prior_of_run(prior: Prior, floor: Floor, inside: NDArray[np.int64], boundary: float) -> Values:
+    """Compute ln pi_k for k = 0 to N vibrating tiles, (N + 1,); only the prior "mirror" depends on the run's floor.
+
+    Args:
+        prior: "tiles", "counts", "mirror" or N + 1 weights. floor: the run's floor. inside: indices of the N tiles in
+            the arena. boundary: x, the decision boundary.
+    """
     if isinstance(prior, str) and prior == "mirror":
         prior = mirrored(int(floor.tiles.ravel()[inside].sum()), inside.size, boundary)
     return log_prior(prior, inside.size)
@@ -207,66 +246,90 @@ def _of_floor(prior: Prior, floor: Floor, inside: NDArray[np.int64], boundary: f
 def _exactly(
     result: Result, prior: Prior, alpha: float, times: Values, energies: bool
 ) -> list[_RunPosterior]:
-    """Compute the posterior of each run exactly (``tile_posterior``)."""
+    """Compute the posterior of each run exactly, at all times, from the likelihood ratios of its tiles.
+
+    Args:
+        prior: "tiles", "counts", "mirror" or N + 1 weights. alpha: posterior error at which a side counts as known.
+        times: at which the posterior is computed, increasing, s. energies: read energies instead of bits.
+    """
     scenario, ratios = result.scenario, log_ratios(result, energies)
-    at, below = result.motion["run"].to_numpy(), result.observations["tile"].to_numpy()
-    when, boundary = result.motion["time_s"].to_numpy(), scenario.decision.decision_boundary
+    run_of_sample, tile = result.motion["run"].to_numpy(), result.observations["tile"].to_numpy()
+    taken_s, boundary = result.motion["time_s"].to_numpy(), scenario.decision.decision_boundary
     posteriors = []
     for run, truth in result.runs.select("run", "truth").iter_rows():
-        part = slice(*(int(k) for k in np.searchsorted(at, [run, run + 1])))
+        low, high = np.searchsorted(run_of_sample, [run, run + 1])
+        part = slice(int(low), int(high))
         floor = result.floor(run)
         inside = tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m)
-        sums = _sums_over_time(ratios[part], below[part], when[part], inside, times)
-        above, under = sides_of(sums, _of_floor(prior, floor, inside, boundary), boundary)
-        row: tuple[Any, ...] = (None, -1, truth, None, None)
+        sums = _sums_over_time(ratios[part], tile[part], taken_s[part], inside, times)
+        # Posterior of either side of the boundary at each time, (times,) each.
+        above, under = sides_of(sums, _log_prior_of_run(prior, floor, inside, boundary), boundary)
+        in_truth = None if truth is None else (above if truth == 1 else under)
+        at_end = None if in_truth is None else float(in_truth[-1])
+        row: dict[str, Any] = {"run": run, "truth": truth, **_NOT_KNOWN, "belief_in_truth": at_end}
         sure = np.flatnonzero(np.maximum(above, under) >= 1.0 - alpha)
         if sure.size:
-            k = sure[0]
-            row = (times[k], int(above[k] > under[k]), truth, 1.0 - max(above[k], under[k]), 0.0)
-        in_truth = None if truth is None else (above if truth == 1 else under)
-        end = None if in_truth is None else float(in_truth[-1])
-        posteriors.append(_RunPosterior((run, *row, end), in_truth, True))
+            k = sure[0]  # the first time at which a side is known
+            row["known_s"], row["decision"] = times[k], int(above[k] > under[k])
+            row["claimed_error"], row["monte_carlo_error"] = 1.0 - max(above[k], under[k]), 0.0
+        posteriors.append(_RunPosterior(tuple(row[name] for name in _RUNS), in_truth, settled=True))
     return posteriors
 
 
-def _by_chains(
-    result: Result, prior: Prior, alpha: float, times: Values, energies: bool
-) -> list[_RunPosterior]:
-    """Compute the posterior of each run with Markov chains, until it is known."""
+def _by_chains(result: Result, prior: Prior, alpha: float, times: Values) -> list[_RunPosterior]:
+    """Estimate the posterior of each run with Markov chains, at one time after the other until a side is known.
+
+    Args:
+        prior: "tiles", "counts", "mirror" or N + 1 weights. alpha: posterior error at which a side counts as known.
+        times: at which the posterior is estimated, increasing, s.
+    Returns: one element per run, in the order of ``result.runs``. ``in_truth`` is None: the posterior of the true side
+        is not estimated at the times after the side is known. ``settled`` is whether the Monte Carlo error was small
+        enough at each time up to the one at which the side is known, or up to the last time.
+    Raises:
+        InputError: tiles outside the arena, or chains that cannot be computed for this scenario.
+    """
     scenario = result.scenario
-    at, boundary = result.motion["run"].to_numpy(), scenario.decision.decision_boundary
+    run_of_sample, boundary = result.motion["run"].to_numpy(), scenario.decision.decision_boundary
     posteriors = []
     for run, truth in result.runs.select("run", "truth").iter_rows():
-        low, high = (int(k) for k in np.searchsorted(at, [run, run + 1]))
+        # Samples are sorted by run: those of this run have the indices from ``low`` to ``high`` - 1.
+        low, high = (int(k) for k in np.searchsorted(run_of_sample, [run, run + 1]))
         floor = result.floor(run)
         inside = tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m)
         if inside.size < floor.tiles.size:
             raise InputError(
-                "tiles beyond the arena may be felt from within; give a floor that ends with the arena",
+                "tiles outside the arena may be sensed from inside; give a floor that ends with the arena",
                 field="floor",
             )
         known = sides_until_known(
             scenario, floor, result.motion[low:high], result.observations["observation"][low:high].to_numpy(),
-            _of_floor(prior, floor, inside, boundary), alpha, times, result.seed or 0, run,
+            _log_prior_of_run(prior, floor, inside, boundary), alpha, times,
+            result.seed or 0,  # seed of the chains' random numbers: a recording has none, so 0 is taken
+            run,
         )  # fmt: skip
-        row: tuple[Any, ...] = (None, -1, truth, None, None)
+        # Chains stop when the side is known, so there is no posterior at the end: ``belief_in_truth`` is null.
+        row: dict[str, Any] = {"run": run, "truth": truth, **_NOT_KNOWN, "belief_in_truth": None}
         if known.time_s is not None:
-            look = known.look
-            row = (known.time_s, int(look.above > look.under), truth, 1.0 - look.larger, look.error)
-        posteriors.append(_RunPosterior((run, *row, None), None, known.settled))
+            look = known.look  # the estimate of the posterior at ``known.time_s``
+            row["known_s"], row["decision"] = known.time_s, int(look.above > look.under)
+            row["claimed_error"], row["monte_carlo_error"] = 1.0 - look.larger, look.error
+        values = tuple(row[name] for name in _RUNS)
+        posteriors.append(_RunPosterior(values, in_truth=None, settled=known.settled))
     return posteriors
 
 
 def tiles_inside(floor: Floor, width_m: float, height_m: float) -> NDArray[np.int64]:
-    """Find the tiles in the arena, of this width and height in m; returns their indices, (tiles,).
+    """Find the tiles with some part inside an arena of this width and height (m).
 
+    Returns: their indices, increasing, (tiles,).
     Raises:
-        InputError: no tile lies in the arena, or those that do have unequal parts inside: the truth counts the area
-            of vibrating tiles, the posterior whole tiles.
+        InputError: no tile lies in the arena, or tiles have parts of different area inside. The truth goes by the area
+            of vibrating tiles and the posterior by their number, which agree only if all areas are equal.
     """
     sides = sides_inside(floor.geometry, width_m, height_m)
-    if sides is None:
+    if sides is None:  # no tile is cut or outside
         return np.arange(floor.tiles.size)
+    # Widths of the columns and heights of the rows inside the arena; at most 1e-9 m is rounding and counts as 0.
     across, up = (np.where(side > 1e-9, side, 0.0) for side in sides)
     area = np.outer(up, across).ravel()
     inside = np.flatnonzero(area > 0.0)
@@ -274,8 +337,8 @@ def tiles_inside(floor: Floor, width_m: float, height_m: float) -> NDArray[np.in
         raise InputError("no tile lies in the arena; nothing can be known", field="floor")
     if not np.allclose(area[inside], area[inside[0]], rtol=1e-6):
         raise InputError(
-            "the arena cuts some of the tiles: what is true of the floor goes by area, and the posterior by whole "
-            "tiles; give a floor that ends with the arena",
+            "the arena's border cuts some of the tiles: the true answer goes by area, the posterior by whole tiles; "
+            "give a floor that ends with the arena",
             field="floor",
         )
     return inside
@@ -284,16 +347,27 @@ def tiles_inside(floor: Floor, width_m: float, height_m: float) -> NDArray[np.in
 def _sums_over_time(
     ratios: Values,
     tile: NDArray[np.int32],
-    when: Values,
+    taken_s: Values,
     inside: NDArray[np.int64],
     times: Values,
 ) -> Values:
-    """Compute ln L_t from the samples until each time, (times, N); samples off the tiles ``inside`` do not count."""
+    """Compute ln L_t, the log likelihood ratio of each tile from the samples taken by each time.
+
+    Args:
+        ratios: log likelihood ratio of each sample. tile: index of its tile, -1 off all tiles. taken_s: its time;
+            (samples,) each. inside: increasing indices of the N tiles that count; samples elsewhere do not.
+        times: increasing, s.
+    Returns: ln L_t, (times, N).
+    """
+    # ``column``: column of the result for the tile of each sample. ``on``: whether this tile is one of ``inside``; if
+    # not, ``column`` has no meaning.
     column = np.searchsorted(inside, tile)
     on = (tile >= 0) & (column < inside.size)
     on[on] = inside[column[on]] == tile[on]
-    step = np.searchsorted(times, when)  # counts from the first time that is not before the sample
+    # A sample counts from the first of ``times`` that is not before it; never if there is none.
+    step = np.searchsorted(times, taken_s)
     on &= step < times.size
+    # Sums by step and tile, then running sums over steps.
     flat = np.bincount(step[on] * inside.size + column[on], ratios[on], times.size * inside.size)
     return np.asarray(np.cumsum(flat.reshape(times.size, inside.size), axis=0))
 
@@ -301,11 +375,16 @@ def _sums_over_time(
 def _over_time(
     runs: pl.DataFrame, in_truth: list[Values | None], times: Values, level: float
 ) -> pl.DataFrame:
-    """Tabulate the shares of runs known and wrong, and the mean belief in the truth, at each time."""
-    at = runs["known_s"].fill_null(np.inf).to_numpy()
-    wrong = (runs["decision"] != runs["truth"]).fill_null(False).to_numpy() & np.isfinite(at)
-    number = max(runs.height, 1)
-    known = np.searchsorted(np.sort(at), times, side="right")
+    """Compute the table ``Known.over_time``.
+
+    Args:
+        runs: the table ``Known.runs``. in_truth: for each run the posterior of the true side at each time, (times,), or
+            None if it was not computed. times: times of the rows, s. level: confidence level of the limits.
+    """
+    known_s = runs["known_s"].fill_null(np.inf).to_numpy()
+    wrong = (runs["decision"] != runs["truth"]).fill_null(False).to_numpy() & np.isfinite(known_s)
+    number = max(runs.height, 1)  # without runs the shares are 0 / 1
+    known = np.searchsorted(np.sort(known_s), times, side="right")
     low, high = wilson_limits(known, runs.height, level)
     beliefs = [beliefs_of_run for beliefs_of_run in in_truth if beliefs_of_run is not None]
     return pl.DataFrame(
@@ -314,36 +393,49 @@ def _over_time(
             "known": known / number,
             "known_low": low,
             "known_high": high,
-            "wrong": np.searchsorted(np.sort(at[wrong]), times, side="right") / number,
+            "wrong": np.searchsorted(np.sort(known_s[wrong]), times, side="right") / number,
             "belief_in_truth": np.mean(beliefs, axis=0) if beliefs else np.full(times.size, math.nan),
         }
     ).fill_nan(None)
 
 
 def on_both_sides(result: Result) -> Result:
-    """Keep the even-numbered runs, and put the odd-numbered ones on floors with the mirrored fill ratio.
+    """Return a result with the even-numbered runs as they are and the odd-numbered runs on mirrored floors.
+
+    A mirrored floor is a random floor whose fill ratio lies at the same distance on the other side of the boundary. An
+    odd-numbered run keeps its motion, and is observed and decided again on such a floor. The scenario stays as it is:
+    the floors are in the table of floors.
 
     Args:
-        result: runs to their end, with floors drawn at random for each run.
+        result: runs to t_end, with floors drawn at random for each run.
     Raises:
-        InputError: floors are not drawn for each run, the arena cuts them, or they lie on the boundary.
+        InputError: floors are not drawn for each run, the arena's border cuts them, or their fill ratio is the
+            boundary.
     """
     scenario = result.scenario
     if not scenario.floor.drawn_by_run:
         raise InputError(
-            "only floors that are drawn for each run have a mirrored fill ratio", field="floor.source"
+            "only floors that are drawn for each run can be mirrored; give a random floor such as random:0.55",
+            field="floor.source",
         )
     if result.runs["truth"].null_count():
-        raise InputError("the fill ratio lies on the boundary; it has no mirror", field="floor.source")
+        raise InputError(
+            "the fill ratio is the boundary, which has no mirror; give another", field="floor.source"
+        )
+    # The floor of the first run; the floors of all runs have the same number of vibrating tiles.
     floor = result.floor(int(result.runs["run"][0]))
     tiles = floor.tiles.size
     if tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m).size < tiles:
-        raise InputError("the arena cuts the floor; give one that ends with the arena", field="floor")
+        raise InputError(
+            "the arena's border cuts the floor; give one that ends with the arena", field="floor"
+        )
     vibrating = int(floor.tiles.sum())
+    # ``mirrored`` gives weights of 1 to two numbers of tiles: the floor's own number and its mirror. With the weight of
+    # the floor's own number set to 0, the mirror is the only one left.
     weights = mirrored(vibrating, tiles, scenario.decision.decision_boundary)
     weights[vibrating] = 0.0
-    fill = int(weights.argmax()) / tiles
-    other = replay(result, scenario.with_values({"floor.source": f"random:{fill!r}"}))
+    mirror = int(weights.argmax())
+    other = replay(result, scenario.with_values({"floor.source": f"random:{mirror / tiles!r}"}))
     tables = {
         name: _alternating(getattr(result, name), getattr(other, name))
         for name in ("observations", "inference", "robots", "runs", "floors")

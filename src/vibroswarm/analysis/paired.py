@@ -1,15 +1,15 @@
-"""Compare two cells run by run: they have the same seed, so that run r has the same motion and floor in both.
+"""Compare two cells run by run: with the same seed, run r has the same motion and floor in both cells.
 
 | figure | symbol | equation |
 |---|---|---|
 | difference | D | mean over runs of d_r = first_r - second_r |
 | interval, p-value | - | sign flips of the d_r, see ``intervals.sign_flip`` |
-| p-value of a family | - | Holm: cumulative maximum of (m - i + 1) p_(i), at most 1 (Holm 1979) |
+| corrected p-value | - | Holm, for m figures: cumulative maximum of (m - i + 1) p_(i), at most 1 (Holm 1979) |
 | equivalent | - | the interval lies inside (-margin, margin): two one-sided tests, each at (1 - level) / 2 |
 
 **What pairing does not do.** Common random numbers remove the luck of each run from the comparison, but all comparisons
-on one block of seeds share the same luck. An important comparison is therefore repeated on a second block, with fresh
-motion and floors, and counts as confirmed only if both intervals exclude 0 on the same side (``confirmed``).
+on the same block of seeds share their luck. An important comparison is therefore repeated on a second block, with fresh
+motion and floors. It counts as confirmed only if both intervals exclude 0 on the same side (``confirmed``).
 
 **Motion and floor are two sources of variance.** With a fresh floor for each run the interval over runs covers both.
 With one fixed floor it covers motion only and applies to that floor: more runs do not generalise it. With I motions
@@ -45,19 +45,23 @@ FIGURES: Final = {
     "wrong_share": -1,
     "undecided_share": -1,
 }
-"""Columns of ``cell_summary.run_figures`` that are compared; 1 if higher is better, -1 if lower is."""
+"""Columns of ``cell_summary.run_figures`` compared by default; 1 if higher is better, -1 if lower is better."""
 
 DIRECTIONS: Final = FIGURES | {"forced_error": -1, "swarm_right": 1, "swarm_wrong": -1, "swarm_time_s": -1}
+"""All columns that can be compared, each with 1 if larger values are better and -1 if smaller values are better."""
 
 
 @dataclass(frozen=True)
 class Paired(NotebookView):
-    """One figure in two cells: ``difference`` is first - second, over runs that have the figure in both.
+    """Comparison of one figure in two cells, over the runs that have the figure in both ("pairs").
 
-    A win is a run in which the first cell does better. ``p_holm`` is corrected over the family it was compared in.
+    ``first`` and ``second`` are the means; ``difference`` is first - second. ``wins``, ``ties`` and ``losses`` count
+    the runs in which the first cell does better, equally well and worse. ``p_holm`` is the p-value corrected for all
+    figures that were compared at once.
     """
 
     figure: str
+    """Name of the figure, a column of ``run_figures``."""
     first: float
     second: float
     difference: Interval
@@ -66,19 +70,22 @@ class Paired(NotebookView):
     losses: int
     pairs: int
     unpaired: int
-    """Runs left out: in one cell only, or without the figure in one."""
+    """Runs left out: they are in one cell only, or lack the figure in a cell."""
     p_value: float
     p_holm: float
 
     def as_row(self) -> dict[str, float | int | str | None]:
-        """Return a flat row; None for what is not finite."""
+        """Return the fields as one flat row; a number that is not finite becomes None.
+
+        The interval is written as ``difference``, ``difference_low``, ``difference_high`` and ``level``, at the end.
+        """
         row: dict[str, Any] = {name: plain(value) for name, value in self.__dict__.items()}
         interval = row.pop("difference")
         row["difference"], row["difference_low"], row["difference_high"] = (plain(v) for v in interval[:3])
         return row | {"level": interval.level}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return nested plain values for JSON."""
+        """Return the fields for JSON, with the interval as a dictionary; a number that is not finite becomes None."""
         return {name: plain(v) for name, v in self.__dict__.items()} | {
             "difference": self.difference.as_dict()
         }
@@ -94,10 +101,11 @@ def compare(
     """Compare two cells figure by figure; p-values are Holm-corrected over the figures.
 
     Args:
-        first, second: ``run_figures`` of the two cells, of the same seed: runs of one number are a pair.
-        figures: columns of these.
+        first, second: ``run_figures`` of the two cells, of the same seed; rows with the same run number are a pair.
+        figures: columns to compare. level: confidence level of the intervals. seed: of the sign flips.
+    Returns: one comparison per figure, in the order of ``figures``.
     Raises:
-        InputError: no such figure, or no run in both.
+        InputError: a figure that cannot be compared, or no run in both cells.
     """
     check_level(level)
     for figure in figures:
@@ -110,14 +118,21 @@ def compare(
     both = first.join(second, on="run", how="inner", suffix="_second").sort("run")
     if both.is_empty():
         raise InputError("the two cells have no run in common; give cells of one seed", field="second")
-    one_sided = first.height + second.height - 2 * both.height
-    compared = [_compare_one(both, figure, one_sided, level, seed) for figure in figures]
+    in_one_only = first.height + second.height - 2 * both.height  # number of runs that only one cell has
+    compared = [_compare_one(both, figure, in_one_only, level, seed) for figure in figures]
     corrected = holm([paired.p_value for paired in compared])
     return tuple(replace(paired, p_holm=p) for paired, p in zip(compared, corrected, strict=True))
 
 
-def _compare_one(both: pl.DataFrame, figure: str, one_sided: int, level: float, seed: int) -> Paired:
-    """Compare one figure over the runs that have it in both cells."""
+def _compare_one(both: pl.DataFrame, figure: str, in_one_only: int, level: float, seed: int) -> Paired:
+    """Compare one figure over the runs that have it in both cells; ``p_holm`` is the p-value, not corrected yet.
+
+    Args:
+        both: one row for each run that both cells have. Columns of the first cell have the names of their figures;
+            those of the second cell end in ``_second``.
+        in_one_only: number of runs that only one cell has.
+        level: confidence level of the interval. seed: seed of the sign flips.
+    """
     values = both.select(first=pl.col(figure), second=pl.col(f"{figure}_second")).drop_nulls()
     a, b = (values[name].cast(pl.Float64).to_numpy() for name in ("first", "second"))
     d = a - b
@@ -133,19 +148,22 @@ def _compare_one(both: pl.DataFrame, figure: str, one_sided: int, level: float, 
         ties=int((better == 0).sum()),
         losses=int((better < 0).sum()),
         pairs=d.size,
-        unpaired=one_sided + both.height - d.size,
+        unpaired=in_one_only + both.height - d.size,
         p_value=p_value,
         p_holm=p_value,
     )
 
 
 def holm(p_values: ArrayLike) -> list[float]:
-    """Correct p-values over their family by Holm's method, in their order; nan stays nan and does not count."""
+    """Correct p-values of figures that are compared at once, by Holm's method.
+
+    Returns: the corrected p-values, in the given order; nan stays nan and does not count as a comparison.
+    """
     p = np.asarray(p_values, dtype=np.float64).ravel()
     corrected = np.full(p.size, np.nan)
     defined = np.flatnonzero(~np.isnan(p))
     order = defined[np.argsort(p[defined], kind="stable")]
-    scaled = p[order] * np.arange(order.size, 0, -1)
+    scaled = p[order] * np.arange(order.size, 0, -1)  # (m - i + 1) p_(i)
     corrected[order] = np.minimum(np.maximum.accumulate(scaled), 1.0)  # Holm 1979
     return [float(value) for value in corrected]
 
@@ -155,12 +173,15 @@ class Confirmation(NotebookView):
     """A comparison on a first block of seeds and its repetition on a second."""
 
     first: Paired
+    """The comparison of two cells on the first block."""
     second: Paired
+    """The comparison of the same cells on the second block."""
     confirmed: bool
     says: str
+    """The result in words."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return nested plain values for JSON."""
+        """Return the fields for JSON, with the comparisons as dictionaries."""
         return {
             "first": self.first.as_dict(),
             "second": self.second.as_dict(),
@@ -170,14 +191,18 @@ class Confirmation(NotebookView):
 
 
 def confirmed(first: Paired, second: Paired) -> Confirmation:
-    """Tell whether a second block of seeds (fresh motion, fresh floors) confirms the first.
+    """Determine whether the comparison on a second block of seeds (fresh motion, fresh floors) confirms the first.
 
+    A second comparison confirms the first if the intervals of both differences exclude 0 on the same side.
+
+    Args:
+        first, second: comparisons of the same two cells on the first and on the second block.
     Raises:
         InputError: they compare different figures.
     """
     if first.figure != second.figure:
         raise InputError(
-            f"'{second.figure}' does not confirm '{first.figure}'; give one figure", field="second"
+            f"'{second.figure}' cannot confirm '{first.figure}'; give the same figure twice", field="second"
         )
     sides = [side(first.difference), side(second.difference)]
     if sides[0] == 0:
@@ -188,19 +213,20 @@ def confirmed(first: Paired, second: Paired) -> Confirmation:
         says = "not confirmed: the blocks differ in opposite ways"
     else:
         says = f"confirmed: the first cell is {'higher' if sides[0] > 0 else 'lower'} in both blocks"
-    return Confirmation(first, second, sides[0] != 0 and sides[0] == sides[1], says)
+    return Confirmation(first, second, confirmed=sides[0] != 0 and sides[0] == sides[1], says=says)
 
 
 def side(interval: Interval) -> int:
-    """Return 1 if the interval is above 0, -1 if below, 0 if it contains 0 or has no limits."""
+    """Return 1 if the interval lies above 0, -1 if it lies below 0, and 0 if it contains 0 or its limits are nan."""
     return int(interval.low > 0) - int(interval.high < 0)
 
 
 def equivalent(interval: Interval, margin: float) -> bool:
-    """Tell whether the difference is smaller than a margin set beforehand: the interval is inside (-margin, margin).
+    """Return whether the whole interval lies inside (-margin, margin), for a margin that was set beforehand.
 
-    A 95 % interval gives two one-sided tests at 2.5 % each; for 5 % give a 90 % interval. An interval without width, of
-    pairs with equal differences, is not enough, since rarer pairs may not have occurred.
+    A 95 % interval gives two one-sided tests at 2.5 % each; for tests at 5 % give a 90 % interval. The result is always
+    false for an interval of width 0. Such an interval comes from pairs that all have the same difference, which does
+    not exclude that other differences occur, but rarely.
 
     Raises:
         InputError: a margin that is not above 0.

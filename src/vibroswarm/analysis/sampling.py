@@ -1,40 +1,44 @@
-"""Describe how a swarm samples: distances, intervals, evenness, and the effective number of samples.
+"""Describe how a swarm samples: distances, intervals, effective number of samples, correlations, packet loss.
 
-| name | symbol | unit | equation |
-|---|---|---|---|
-| samples of a run on tiles | n | - | those off all tiles count in no figure of evenness |
-| share of a run's samples on tile t | w_t | - | sum over t is 1 |
-| tiles | N | - | |
-| fill ratio | f | - | |
-| false positive, false negative | a, b | - | a still tile reads as 1, a vibrating one as 0 |
-| share of ones expected | q | - | f (1 - b) + (1 - f) a |
-| share of ones of a run | O | - | over its samples |
-| effective samples, over runs | n_eff | - | q (1 - q) / Var(O), over runs with floors drawn anew |
-| effective samples, of visits | n_v | - | (N - 1) / (N sum w_t^2 - 1) |
-
-**Effective samples.** n samples at independent, uniformly random places of a floor drawn anew have
-Var(O) = q (1 - q) / n; n_eff is the n that would give the variance seen. It can be had from one run's visits too:
-for floors with exactly f N vibrating tiles thrown at random, and given the visits w,
-
-    Var(O | w) = (1 - a - b)^2 f (1 - f) / n_v + [f b (1 - b) + (1 - f) a (1 - a)] / n,
-
-exactly: the first part is the luck of the floor under the visits (draws without replacement), the second the sensor's.
-n_v is 1 / sum w_t^2 (as many tiles as are looked at equally) with the finite number of tiles taken in. It is n on
-average for n independent uniform places (1 / n_v has mean 1 / n), less where a robot's next sample falls near its last,
-more where tiles are visited more evenly than by chance, and infinite when all are visited equally often: then a
-perfect sensor knows the fill ratio. With the places' n_v and the sensor's n, q (1 - q) / Var(O | w) is n_eff.
-
-How alike the bits of samples are: near each other on the floor, and one after the other; and what was lost.
+A bit is the 0 or 1 that a sample reads.
 
 | name | symbol | equation |
 |---|---|---|
-| correlogram | I(d) | mean over pairs at distance d of (o_i - m)(o_j - m), over the mean of (o_i - m)^2 |
-| lag-1 correlation | r | the same over pairs of one robot's consecutive samples |
+| samples of a run on tiles | n | samples off all tiles do not count in effective samples |
+| share of a run's samples on tile t | w_t | their sum over t is 1 |
+| number of tiles, fill ratio | N, f | - |
+| false positive, false negative | a, b | P(a still tile reads as 1), P(a vibrating tile reads as 0) |
+| share of ones expected | q | f (1 - b) + (1 - f) a |
+| share of ones of a run | O | over its samples |
+| effective samples, over runs | n_eff | q (1 - q) / Var(O), over runs that each have a new random floor |
+| effective samples, of visits | n_v | (N - 1) / (N sum w_t^2 - 1) |
+
+**Effective samples.** n samples at independent, uniformly random places of new random floors have
+Var(O) = q (1 - q) / n. n_eff is the n that would give the observed variance. It can also be computed from the visits of
+a single run. For random floors with exactly f N vibrating tiles, and given the visits w, exactly
+
+    Var(O | w) = (1 - a - b)^2 f (1 - f) / n_v + [f b (1 - b) + (1 - f) a (1 - a)] / n.
+
+The first term is the variance between floors (tiles are drawn without replacement), the second that of sensor errors.
+n_eff is then q (1 - q) / Var(O | w).
+
+n_v is 1 / sum w_t^2, corrected for the finite number of tiles; 1 / sum w_t^2 is the number of tiles which, visited
+equally often, would give this sum. For n independent uniform places 1 / n_v has the mean 1 / n. n_v is smaller if a
+robot's next sample lies near its last, and larger if tiles are visited more evenly than by chance. It is infinite if
+all tiles are visited equally often: then the samples of a perfect sensor give the fill ratio exactly.
+
+**Correlations and losses.**
+
+| name | symbol | equation |
+|---|---|---|
+| correlogram | I(d) | mean over pairs at distance d of (o_i - m)(o_j - m), divided by the mean of (o_i - m)^2 |
+| lag-1 correlation | r | the same over pairs of consecutive samples of one robot |
 | packet loss | - | 1 - heard / addressed |
 
-m is the run's own mean, which draws I down by about 1 / (samples - 1) even where nothing is alike. Pairs are of one
-run, of any two robots; I is Moran's with the pairs at that distance as neighbours. The run is the unit: figures are
-made for each run and averaged.
+o_i is the bit of sample i and m the mean of the run's bits. Since m comes from the same bits, I is about
+-1 / (samples - 1) without any correlation. Both samples of a pair are of one run, of the same or different robots; I
+is Moran's I with the pairs at that distance as neighbours. The run is the unit: figures are computed for each run and
+averaged.
 """
 
 from __future__ import annotations
@@ -67,51 +71,60 @@ WALK: Final[dict[str, Any]] = {
 
 _TABLE_PER_SAMPLE: Final = 4
 """Visits are counted in a dense table of runs by tiles up to this number of entries per sample."""
+_SMALL_TABLE: Final = 4096
+"""Entries of the dense table that are allowed in addition, however few samples there are."""
 
 
 def walk_figures(
     motion_samples: pl.DataFrame, observations: pl.DataFrame, tiles: int | None = None
 ) -> pl.DataFrame:
-    """Compute one row of sampling figures for each run; a run without samples has none.
+    """Compute one row of sampling figures for each run that has samples.
 
     Args:
-        motion_samples, observations: tables of a result, with the same rows.
-        tiles: tiles in the arena, the N above. Without it each run takes one more than the highest tile index that
-            it visited, which is N unless the last tile was never sampled.
-    Returns: run, samples, avoid_per_sample_s (null where the source cannot know it), distance_m and spacing_s (mean
-        over consecutive samples of a robot; null where no robot has two), ones (share of all samples),
-        effective_samples (n_v of the module's head; null without samples on tiles, infinite at equal visits).
+        motion_samples, observations: tables of a result, with the same rows, sorted by run and time.
+        tiles: N, the number of tiles in the arena. By default each run takes the highest index of a visited tile + 1,
+            which is N unless the last tile was never sampled.
+    Returns: run; samples; avoid_per_sample_s, mean time spent avoiding per sample (null if the source cannot know it);
+        distance_m and spacing_s, mean distance and time between consecutive samples of a robot (null if no robot has
+        two); ones, share of ones; effective_samples, n_v (null without samples on tiles, infinite if all tiles are
+        visited equally often).
     Raises:
-        ValueError: the two tables have not the same number of rows.
+        ValueError: the two tables have different numbers of rows.
     """
     if motion_samples.height != observations.height:
-        raise ValueError("motion and observations have not the same rows")
+        raise ValueError("the tables of motion and of observations must have the same rows")
     tile, observation = (observations[name].to_numpy() for name in ("tile", "observation"))
     figures = Walk(motion_samples).figures(tile, observation, tiles)
     return pl.DataFrame(figures).fill_nan(None).cast(WALK)  # type: ignore[arg-type]
 
 
 class Walk(NotebookView):
-    """``walk_figures`` of one motion for many floors and sensors; what does not depend on these is computed once.
+    """Compute ``walk_figures`` of one motion for many floors and sensors; figures of motion alone are computed once.
+
+    ``first`` is the index of each run's first row, ``count`` its number of rows, (runs,) each.
 
     Args:
-        motion_samples: table of a result.
+        motion_samples: table of a result, sorted by run and time.
     """
 
     def __init__(self, motion_samples: pl.DataFrame) -> None:
         run = motion_samples["run"].to_numpy()
+        # A run starts at row 0, if the table has rows, and wherever the run number changes.
         self.first = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
         self.count: NDArray[np.int64] = np.diff(np.append(self.first, run.size))
+        # The columns that depend on motion only.
         self.of_motion = {"run": run[self.first], "samples": self.count, **self._steps(motion_samples)}
+        # Cache of the last call: the arguments tile and tiles, and n_v of each run.
         self._effective: tuple[NDArray[np.int32], int | None, NDArray[np.float64]] | None = None
 
     def figures(
         self, tile: NDArray[np.int32], observation: NDArray[np.uint8], tiles: int | None = None
     ) -> dict[str, NDArray[Any]]:
-        """Compute the columns of ``walk_figures`` for each run with samples; nan instead of null.
+        """Compute the columns of ``walk_figures`` for one floor and sensor, with nan in place of null.
 
         Args:
-            tile, observation: (rows,), of the observation table. tiles: as ``walk_figures`` has them.
+            tile, observation: columns of the table of observations, (rows,) each. tiles: number of tiles in the arena;
+                None: for each run the highest index of a visited tile + 1.
         """
         if self.first.size == 0:
             return {name: np.empty(0) for name in WALK}
@@ -119,23 +132,28 @@ class Walk(NotebookView):
         return {**self.of_motion, "ones": ones, "effective_samples": self._effective_of(tile, tiles)}
 
     def _effective_of(self, tile: NDArray[np.int32], tiles: int | None) -> NDArray[np.float64]:
-        """Return n_v of each run; cached, since several sensors share a floor."""
-        known = self._effective
-        if known is None or known[0] is not tile or known[1] != tiles:
+        """Return n_v of each run, (runs,).
+
+        The last result is cached: callers compute several sensors on one floor and pass the same array ``tile`` each
+        time, so an identity test recognises it.
+        """
+        cached = self._effective
+        if cached is None or cached[0] is not tile or cached[1] != tiles:
+            # A run without samples on tiles divides 0 by 0.
             with np.errstate(invalid="ignore", divide="ignore"):
-                worth = _effective(tile, self.first, self.count, tiles)
-            known = self._effective = (tile, tiles, worth)
-        return known[2]
+                n_v = _effective(tile, self.first, self.count, tiles)
+            cached = self._effective = (tile, tiles, n_v)
+        return cached[2]
 
     def _steps(self, samples: pl.DataFrame) -> dict[str, NDArray[np.float64]]:
-        """Compute the figures that depend on motion only, by run."""
+        """Compute the columns of ``walk_figures`` that depend on motion only, (runs,) each."""
         if samples.is_empty():
             return {}
         before, after = _consecutive(samples, self.first, self.count)
         x, y, t = (samples[name].to_numpy() for name in ("x_m", "y_m", "time_s"))
         per_step = _mean_of_steps(after, self.first)
         distance = np.sqrt((x[after] - x[before]) ** 2 + (y[after] - y[before]) ** 2)
-        avoid = samples["avoid_s"].to_numpy().astype(np.float64)  # null: not a number
+        avoid = samples["avoid_s"].to_numpy().astype(np.float64)  # null becomes nan
         with np.errstate(invalid="ignore", divide="ignore"):
             return {
                 "avoid_per_sample_s": _mean_of_known(avoid, self.first),
@@ -147,45 +165,64 @@ class Walk(NotebookView):
 def _consecutive(
     samples: pl.DataFrame, first: NDArray[np.int64], count: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows of each sample and of the same robot's next, both (pairs,), ordered by run and robot.
+    """Return all pairs of consecutive samples of a robot as row indices (before, after), (pairs,) each.
 
-    The rows are sorted by run and time; a stable sort by run and robot groups each robot's rows in the order of time.
-    It uses 16-bit keys where these suffice, which is faster.
+    Pairs are ordered by run, robot and time. Rows are sorted by run and time, so a stable sort by run and robot groups
+    each robot's rows in the order of time.
+
+    Args:
+        samples: at least one row. first, count: first row of each run and number of its rows, (runs,) each.
     """
     robot = samples["robot"].to_numpy()
     robots = int(robot.max()) + 1
-    group = np.repeat(np.arange(first.size) * robots, count) + robot
+    group = np.repeat(np.arange(first.size) * robots, count) + robot  # one number for each run and robot
     if first.size * robots < 2**16:
-        group = group.astype(np.uint16)
+        group = group.astype(np.uint16)  # numpy sorts these faster
     order = np.argsort(group, kind="stable")
     sorted_group = group[order]
-    same = sorted_group[1:] == sorted_group[:-1]
-    return order[:-1][same], order[1:][same]
+    same_robot = sorted_group[1:] == sorted_group[:-1]
+    return order[:-1][same_robot], order[1:][same_robot]
 
 
 def _mean_of_steps(
     after: NDArray[np.int64], first: NDArray[np.int64]
 ) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
-    """Return a function that averages the steps of each run, in the order of ``_consecutive``; nan without steps."""
-    # Rows of a run stay together there, so the smallest row of a run's steps or of a later one tells where it ends.
+    """Return a function that averages values of steps over each run; nan for a run without steps.
+
+    A step is a pair of consecutive samples of a robot. The function takes an array with one value per step, in the
+    order of ``after``, and returns the means, (runs,).
+
+    Args:
+        after: row of the later sample of each step, from ``_consecutive``. first: first row of each run, (runs,).
+    """
+    # bounds[r]: index of the first step of run r, where its steps begin and those of run r - 1 end. Steps are ordered
+    # by run, so it is the first step at which the running maximum of ``after`` is at least first[r], the first row of
+    # run r. A run without steps has the same bound as the next run. The appended row lies behind all others, so that
+    # the last bound is the number of steps.
     bounds = np.searchsorted(np.maximum.accumulate(after), np.append(first, after.max(initial=0) + 1))
     steps = np.diff(bounds)
 
     def mean(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        # Summed run by run, and nothing else with them, so that no figure depends on the runs beside it.
-        means, some = np.full(steps.size, np.nan), steps > 0
-        if some.any():
-            means[some] = np.add.reduceat(values, bounds[:-1][some]) / steps[some]
+        """Average one value per step over each run, (runs,)."""
+        # Each run is summed by itself (no running sum over runs), so that its figure does not depend on other runs.
+        means, has_steps = np.full(steps.size, np.nan), steps > 0
+        if has_steps.any():
+            means[has_steps] = np.add.reduceat(values, bounds[:-1][has_steps]) / steps[has_steps]
         return means
 
     return mean
 
 
 def _mean_of_known(values: NDArray[np.float64], first: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Average each run's values that are not nan, shape (runs,); nan if a run has none."""
+    """Average the values of each run that are not nan, shape (runs,); the mean is nan if all values of the run are nan.
+
+    Args:
+        values: (rows,), run by run. first: first row of each run, (runs,).
+    """
     known = ~np.isnan(values)
-    if known.all():
+    if known.all():  # the usual case, which is faster without a mask
         return np.asarray(np.add.reduceat(values, first) / np.diff(np.append(first, values.size)))
+    # A run without known values gives 0 / 0, which is nan; the caller suppresses NumPy's warning.
     total = np.add.reduceat(np.where(known, values, 0.0), first)
     return np.asarray(total / np.add.reduceat(known.astype(np.int64), first))
 
@@ -193,36 +230,56 @@ def _mean_of_known(values: NDArray[np.float64], first: NDArray[np.int64]) -> NDA
 def _effective(
     tile: NDArray[np.int32], first: NDArray[np.int64], count: NDArray[np.int64], tiles: int | None
 ) -> NDArray[np.float64]:
-    """Compute n_v of each run, shape (runs,); nan if a run has no sample on a tile."""
+    """Compute n_v of each run, shape (runs,); nan if a run has no sample on a tile.
+
+    Args:
+        tile: index of each sample's tile, -1 off all tiles, (rows,). first, count: first row of each run and number of
+            its rows, (runs,) each. tiles: N; None: for each run the highest index of a visited tile + 1.
+    """
+    # In all runs the indices of tiles are below ``width``.
     run_count, width = first.size, int(tile.max(initial=0)) + 1
-    key = np.repeat(np.arange(run_count) * width, count) + tile
-    if tile.min(initial=0) < 0:
+    key = np.repeat(np.arange(run_count) * width, count) + tile  # one number for each run and tile
+    if tile.min(initial=0) < 0:  # the key of tile -1 would be that of the last tile of the run before
         key = key[tile >= 0]
-    if run_count * width <= _TABLE_PER_SAMPLE * key.size + 4096:
+    # Visits are counted in a dense table of runs by tiles; if it would be mostly empty, only visited tiles are listed.
+    if run_count * width <= _TABLE_PER_SAMPLE * key.size + _SMALL_TABLE:
         visits = np.bincount(key, minlength=run_count * width).reshape(run_count, width).astype(np.float64)
         squares, on_tiles = (visits * visits).sum(axis=1), visits.sum(axis=1)
-        highest = width - 1 - np.argmax(visits[:, ::-1] > 0, axis=1)
+        # Index of the last tile with a visit: argmax finds the first visit in the reversed row.
+        last_visited = width - 1 - np.argmax(visits[:, ::-1] > 0, axis=1)
     else:
         keys, times = np.unique(key, return_counts=True)
-        of_key, weights = keys // width, times.astype(np.float64)
-        squares = np.bincount(of_key, weights**2, run_count)
-        on_tiles = np.bincount(of_key, weights, run_count)
-        highest = np.zeros(run_count, dtype=np.int64)
-        highest[of_key] = keys % width  # sorted, so that the highest of a run is written last
+        run_of_key, visits_of_key = keys // width, times.astype(np.float64)
+        squares = np.bincount(run_of_key, visits_of_key**2, run_count)
+        on_tiles = np.bincount(run_of_key, visits_of_key, run_count)
+        last_visited = np.zeros(run_count, dtype=np.int64)
+        # Keys are sorted, so the last visited tile of a run is written last, and stays.
+        last_visited[run_of_key] = keys % width
+    # Sum of w_t^2. It is nan (0 / 0) for a run without samples on tiles, so that ``last_visited`` has no effect there.
+    sum_of_squares = squares / on_tiles**2
     if tiles is None:
-        return effective_samples(squares / on_tiles**2, highest + 1)
+        return effective_samples(sum_of_squares, last_visited + 1)
     if tiles < width:
-        raise InputError(f"{tiles} tiles, but tile {width - 1} was sampled", field="tiles")
-    return effective_samples(squares / on_tiles**2, tiles)
+        raise InputError(
+            f"{tiles} is too few, since tile {width - 1} was sampled; at least {width}", field="tiles"
+        )
+    return effective_samples(sum_of_squares, tiles)
 
 
 def effective_samples(sum_of_squares: ArrayLike, tiles: ArrayLike) -> NDArray[np.float64]:
-    """Compute n_v from sum w_t^2 and the number of tiles, broadcasting; infinite at equal visits, nan for one tile."""
+    """Compute n_v, the effective number of samples, from how evenly the tiles were visited.
+
+    It is infinite if all tiles are visited equally often, and nan for a single tile or without visits.
+
+    Args:
+        sum_of_squares: sum of w_t^2 over tiles, w_t the share of a run's samples on tile t; nan without visits.
+        tiles: N, the number of tiles. The two arguments broadcast.
+    """
     s, number = np.asarray(sum_of_squares, dtype=np.float64), np.asarray(tiles, dtype=np.float64)
-    excess = number * s - 1.0
+    excess = number * s - 1.0  # 0 at equal visits, but for rounding
     with np.errstate(invalid="ignore", divide="ignore"):
-        worth = (number - 1.0) / np.where(np.abs(excess) < 1e-12, 0.0, excess)  # n_v
-    return np.asarray(np.where(np.isnan(s), np.nan, worth))
+        n_v = (number - 1.0) / np.where(np.abs(excess) < 1e-12, 0.0, excess)
+    return np.asarray(np.where(np.isnan(s), np.nan, n_v))
 
 
 def effective_with_sensor(
@@ -232,10 +289,12 @@ def effective_with_sensor(
     false_positive: float,
     false_negative: float,
 ) -> NDArray[np.float64]:
-    """Compute n_eff = q (1 - q) / Var(O | w) of runs with these samples and n_v, including the sensor's errors.
+    """Compute n_eff = q (1 - q) / Var(O | w), the effective samples of runs including the sensor's errors.
 
     Args:
-        samples, effective_visits: n and n_v, shape (runs,) or one each. The three others are f, a and b, shares.
+        samples: n, number of samples on tiles. effective_visits: n_v, from ``effective_samples``; each is an array
+            (runs,) or a number. fill_ratio: f.
+        false_positive, false_negative: a and b, the error rates of the sensor.
     """
     n, visits = np.asarray(samples, dtype=np.float64), np.asarray(effective_visits, dtype=np.float64)
     f, a, b = fill_ratio, false_positive, false_negative
@@ -247,6 +306,7 @@ def effective_with_sensor(
 
 
 Of = Literal["bits", "tiles"]
+"""Which values of samples are correlated: what they read, or whether the tile below vibrates."""
 
 EXCHANGE: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -260,20 +320,23 @@ EXCHANGE: Final[dict[str, Any]] = {
 def correlogram(
     result: Result, edges_m: ArrayLike | None = None, of: Of = "bits", level: float = 0.95
 ) -> pl.DataFrame:
-    """Correlate the values of samples as a function of the distance between them.
+    """Compute the correlogram I(d): the correlation of the values of two samples by the distance between them.
 
-    All pairs of a run are taken: about 20 ms per run of 1200 samples, so give some tens of runs.
+    All pairs of samples of a run are used. That takes about 20 ms per run of 1200 samples, so some tens of runs take a
+    second.
 
     Args:
-        edges_m: edges of the bins of distance, increasing, m; without it, a tenth of the shorter side of the arena.
-        of: the bits that were read, or what lies below (1 where the tile vibrates): the floor without the sensor.
-    Returns: from_m, to_m, pairs (mean per run), correlation, low, high (over runs); one row per bin, null without
-        pairs.
+        result: whose samples are correlated.
+        edges_m: edges of the bins of distance, increasing, m; by default 10 bins up to the shorter side of the arena.
+        of: "bits": the values that were read; "tiles": 1 if the tile below vibrates, else 0, without sensor errors.
+        level: confidence level of the limits.
+    Returns: one row per bin: from_m, to_m, pairs (mean number per run), correlation (mean over runs), low, high (its
+        limits); null in a bin without pairs.
     Raises:
-        InputError: edges that do not increase, a wrong ``of``.
+        InputError: fewer than two edges, edges that do not increase, or another ``of``.
     """
     if of not in ("bits", "tiles"):
-        raise InputError(f"'{of}' has no correlogram; bits or tiles", field="of")
+        raise InputError(f"'{of}' has no correlogram; give bits or tiles", field="of")
     arena = result.scenario.arena
     side_m = min(arena.width_m, arena.height_m)
     edges = np.linspace(0.0, side_m, 11) if edges_m is None else np.asarray(edges_m, dtype=np.float64)
@@ -282,21 +345,22 @@ def correlogram(
     x, y = result.motion["x_m"].to_numpy(), result.motion["y_m"].to_numpy()
     values = _values(result, of)
     by_run = [
-        _of_run(x[low:high], y[low:high], values[low:high], edges) for low, high in _bounds(result.motion)
+        _correlogram_of_run(x[low:high], y[low:high], values[low:high], edges)
+        for low, high in _bounds(result.motion)
     ]
     rows = []
-    for k, (from_m, to_m) in enumerate(pairwise(edges.tolist())):
+    for k, (from_m, to_m) in enumerate(pairwise(edges.tolist())):  # bin by bin
         interval = mean_interval([correlation[k] for correlation, _ in by_run], level)
         pairs = float(np.mean([number[k] for _, number in by_run])) if by_run else 0.0
         rows.append((from_m, to_m, pairs, *interval[:3]))
     names = ("from_m", "to_m", "pairs", "correlation", "low", "high")
     frame = pl.DataFrame(rows, schema=dict.fromkeys(names, pl.Float64), orient="row")
-    finite = [pl.when(pl.col(name).is_finite()).then(pl.col(name)).alias(name) for name in names]
-    return frame.with_columns(finite)
+    null_unless_finite = [pl.when(pl.col(name).is_finite()).then(pl.col(name)).alias(name) for name in names]
+    return frame.with_columns(null_unless_finite)
 
 
 def _values(result: Result, of: Of) -> NDArray[np.float64]:
-    """Return the bit of each sample, or 1 where its tile vibrates."""
+    """Return the value of each sample, (samples,): its bit, or for "tiles" 1 if its tile vibrates, else 0."""
     if of == "bits":
         return result.observations["observation"].cast(pl.Float64).to_numpy()
     tile = result.observations["tile"].to_numpy()
@@ -308,19 +372,24 @@ def _values(result: Result, of: Of) -> NDArray[np.float64]:
 
 
 def _bounds(samples: pl.DataFrame) -> list[tuple[int, int]]:
-    """Return the first row and one past the last of each run in a table sorted by run."""
+    """Return (first row, last row + 1) of each run in a table sorted by run."""
     run = samples["run"].to_numpy()
     first = np.flatnonzero(np.append(True, run[1:] != run[:-1])) if run.size else np.zeros(0, np.int64)
     return [(int(low), int(high)) for low, high in pairwise(np.append(first, run.size))]
 
 
-def _of_run(
+def _correlogram_of_run(
     x: NDArray[np.float64], y: NDArray[np.float64], values: NDArray[np.float64], edges: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Compute the correlation in each bin (nan without pairs or variance) and the pairs; shapes (bins,)."""
+    """Compute the correlation I(d) and the number of pairs in each bin of distance of one run.
+
+    Args:
+        x, y: places of the samples, m. values: of the samples; (samples,) each. edges: of the bins, m, (bins + 1,).
+    Returns: correlations (nan in a bin without pairs, or if all values are equal) and numbers of pairs, (bins,) each.
+    """
     total, pairs = np.zeros(edges.size - 1), np.zeros(edges.size - 1, dtype=np.int64)
     deviation = values - values.mean()
-    for i in range(values.size - 1):
+    for i in range(values.size - 1):  # sample i with all later samples, so that each pair counts once
         distance = np.hypot(x[i + 1 :] - x[i], y[i + 1 :] - y[i])
         inside = (distance >= edges[0]) & (distance < edges[-1])
         bins = np.searchsorted(edges, distance[inside], side="right") - 1
@@ -334,51 +403,65 @@ def _of_run(
 
 
 def lag_one(result: Result, level: float = 0.95) -> Interval:
-    """Compute the correlation of consecutive bits of a robot, over all robots of a run; its mean over runs.
+    """Compute the correlation of the bits of consecutive samples of a robot (lag-1 correlation), averaged over runs.
 
-    Runs without consecutive samples, or whose bits are all equal, are left out.
+    The pairs of all robots of a run count together. Runs without consecutive samples, and runs whose bits are all
+    equal, are left out.
     """
     ordered = result.observations.sort("run", "robot", "sample")
+    # A number that is the same in all rows of one robot in one run.
     robot = ordered.select(pl.struct("run", "robot").rle_id()).to_series().to_numpy()
     correlations = []
     for low, high in _bounds(ordered):
         bits = ordered["observation"][low:high].cast(pl.Float64).to_numpy()
         deviation = bits - bits.mean()
-        same = robot[low + 1 : high] == robot[low : high - 1]
-        products = (deviation[1:] * deviation[:-1])[same]
+        same_robot = robot[low + 1 : high] == robot[low : high - 1]
+        products = (deviation[1:] * deviation[:-1])[same_robot]
         variance = float((deviation**2).mean())
         correlations.append(float(products.mean()) / variance if products.size and variance > 0 else math.nan)
     return mean_interval(correlations, level)
 
 
 def packet_loss(result: Result) -> pl.DataFrame:
-    """Count the messages addressed to the robots of each run and those received; compute the share lost.
+    """Count the messages addressed to, and received by, the robots of each run; compute the share that was lost.
 
-    Only messages sent at least two control periods before the receiver's last stop began count: when it took its last
-    sample, each of these had been received or lost. Later ones may still have been on their way. Robots that never
-    sampled are left out, and a robot's own messages are not addressed to it. Messages are counted by the numbers of
-    samples, so that those whose rows a recording lost count too. If a recording does not contain what was received in
-    a run, ``heard`` and ``packet_loss`` are null; ``packet_loss`` is also null if no message counts.
+    Each robot broadcasts one message per sample. Of the other robots' messages, those sent at least two control periods
+    before the receiver's last stop began are counted as addressed to it: when it took its last sample, each of these
+    had been received or lost, while later ones may still have been under way. Robots without samples do not count.
+
+    A recording may lack rows of samples whose messages were sent nevertheless. So messages are counted by the index
+    ``sample`` of a robot's samples, not by rows.
+
+    Returns: one row per run, in the columns ``EXCHANGE``. heard and packet_loss are null if a recording does not
+        contain the number of received messages; packet_loss is also null if no message was addressed.
     """
     tick_s = result.scenario.tick_s
     tick = np.rint(result.motion["time_s"].to_numpy() / tick_s).astype(np.int64)
-    last = (
+    last = (  # one row per robot of each run: its last sample
         result.motion.with_columns(heard=result.inference["messages_received"])
         .with_row_index("row")
         .group_by("run", "robot", maintain_order=True)
         .last()
     )
-    begun = np.rint(last["stop_start_s"].to_numpy() / tick_s).astype(np.int64) - 2
-    # One clock for all runs, so that one search answers for all.
+    last_counted_tick = np.rint(last["stop_start_s"].to_numpy() / tick_s).astype(np.int64) - 2
+    # One clock for all runs, in which each run has ``span`` ticks, so that one search serves all runs. A last counted
+    # tick below 0 (a stop in the first ticks) is replaced by -1 below. No sample has this tick: the clock has 2 ticks
+    # between the last possible sample of a run and the next run's tick 0.
     span = int(max(tick.max(initial=0), 0)) + 3
     clock = result.motion["run"].to_numpy().astype(np.int64) * span + tick
-    of_run = last["run"].to_numpy().astype(np.int64)
-    number = pl.col("sample").cast(pl.Int64)
-    since = number - number.shift(1).over("run", "robot").fill_null(-1)  # 1, and more after lost rows
-    so_far = np.append(0, np.cumsum(result.motion.select(since).to_series().to_numpy()))
-    sent = so_far[np.searchsorted(clock, of_run * span + np.maximum(begun, -1), side="right")]
-    sent -= so_far[np.searchsorted(clock, of_run * span, side="left")]
-    own = last["sample"].to_numpy().astype(np.int64)  # all before its last, each long before that stop
+    run_start = last["run"].to_numpy().astype(np.int64) * span
+    # Messages that each row stands for: 1, and more after rows that were lost. A robot's first sample has index 0.
+    index = pl.col("sample").cast(pl.Int64)
+    messages = index - index.shift(1).over("run", "robot").fill_null(-1)
+    sent_before = np.append(0, np.cumsum(result.motion.select(messages).to_series().to_numpy()))
+    # Messages of all robots of the run from its start to the last counted tick.
+    sent = sent_before[np.searchsorted(clock, run_start + np.maximum(last_counted_tick, -1), side="right")]
+    sent -= sent_before[np.searchsorted(clock, run_start, side="left")]
+    # Among them are the receiver's own messages, one for each sample before its last; the index of the last sample is
+    # the number of these.
+    own = last["sample"].to_numpy().astype(np.int64)
+    # If rows just before the last sample were lost, their messages count with the last sample, which is too late for
+    # ``sent`` but not for ``own``. So the difference may be negative.
     counted = last.select("run", "heard").with_columns(addressed=pl.Series(np.maximum(sent - own, 0)))
     unknown = pl.col("heard").is_null().any()
     table = counted.group_by("run", maintain_order=True).agg(

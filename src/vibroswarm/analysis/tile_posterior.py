@@ -2,12 +2,14 @@
 
 | name | symbol | equation |
 |---|---|---|
-| likelihood ratio of tile t | L_t | product over its samples of P(reading, vibrating) / P(reading, still) |
+| number of tiles | N | - |
+| likelihood ratio of tile t | L_t | product over its samples of P(reading given vibrating) / P(reading given still) |
 | weight of k vibrating tiles | e_k | sum over all sets of k tiles of the product of their L_t |
-| posterior | P(k) | pi_k e_k / C(N, k), over its sum; pi_k the prior, each set of k tiles as likely as any other |
+| prior | pi_k | of k vibrating tiles; each set of k tiles has the same probability |
+| posterior | P(k) | pi_k e_k / C(N, k), divided by the sum over k |
 
-e_k comes from the Poisson-binomial recursion with p_t = L_t / (1 + L_t), since prod (1 - p_t + p_t z) is
-sum e_k z^k over prod (1 + L_t).
+With p_t = L_t / (1 + L_t), prod_t (1 - p_t + p_t z) = sum_k e_k z^k / prod_t (1 + L_t). So e_k is, up to a constant,
+the Poisson-binomial probability of k ones among N bits with probabilities p_t, which a recursion over tiles computes.
 """
 
 from __future__ import annotations
@@ -37,10 +39,12 @@ _SMALL: Final = 1e-290
 
 
 def log_ratios(result: Result, energies: bool = False) -> Values:
-    """Compute ln P(reading, vibrating) / P(reading, still) of each sample, shape (samples,).
+    """Compute ln [P(reading given vibrating) / P(reading given still)] of each sample, shape (samples,).
 
+    Args:
+        energies: the reading is the sample's energy; by default it is the bit.
     Raises:
-        InputError: readings that depend on more than the tile below have no such ratio.
+        InputError: readings depend on more than the tile below, or energies are missing or have no density.
     """
     sensor = result.scenario.sensor
     if needs_chains(sensor):
@@ -52,15 +56,19 @@ def log_ratios(result: Result, energies: bool = False) -> Values:
         return _log_density_ratio(result.observations["energy"], sensor)
     a, b = error_rates(sensor)
     with np.errstate(divide="ignore"):
-        of_one, of_zero = np.log([1.0 - b, a]), np.log([b, 1.0 - a])
-    # A reading that only one kind of tile gives settles it: as good as certain, and still a number.
-    of_bit = np.array([np.clip(of_zero[0], -700, 0) - np.clip(of_zero[1], -700, 0)])
-    of_bit = np.append(of_bit, np.clip(of_one[0], -700, 0) - np.clip(of_one[1], -700, 0))
+        if_vibrating, if_still = np.log([b, 1.0 - b]), np.log([1.0 - a, a])  # of the bits 0 and 1
+    # With an error rate of 0 a bit excludes one kind of tile: its probability there is 0 and the logarithm infinite.
+    # exp(-700), nearly the smallest positive float, in place of 0 keeps the ratio finite.
+    of_bit = np.clip(if_vibrating, -700, 0) - np.clip(if_still, -700, 0)
     return np.asarray(of_bit[result.observations["observation"].to_numpy()])
 
 
 def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
-    """Compute the log ratio of the energy densities on vibrating and still tiles for each sample."""
+    """Compute ln [density on vibrating tiles / density on still tiles] of each sample's energy, shape (samples,).
+
+    Raises:
+        InputError: a sensor model without densities, or missing energies.
+    """
     from scipy import stats
 
     if sensor.model != "gamma":
@@ -69,21 +77,25 @@ def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
         )
     if energy.null_count():
         raise InputError(
-            "this result holds none; simulate with energies, or leave them out", field="energies"
+            "this result holds no energies; simulate with energies, or leave them out", field="energies"
         )
     read = energy.cast(pl.Float64).to_numpy()
-    densities = [
+    if_vibrating, if_still = (
         stats.gamma.logpdf(read, shape, loc=location, scale=scale)
-        for shape, scale, location in (gamma_of(sensor, kind) for kind in (True, False))
-    ]
-    return np.asarray(np.clip(densities[0], -700, None) - np.clip(densities[1], -700, None))
+        for shape, scale, location in (gamma_of(sensor, vibrating) for vibrating in (True, False))
+    )
+    # exp(-700) in place of a density of 0 keeps the ratio finite.
+    return np.asarray(np.clip(if_vibrating, -700, None) - np.clip(if_still, -700, None))
 
 
 def log_prior(prior: Prior, tiles: int) -> Values:
-    """Compute ln pi_k, shape (tiles + 1,).
+    """Compute ln pi_k for k = 0 to ``tiles``, shape (tiles + 1,).
 
+    Args:
+        prior: "tiles" (each tile vibrates with probability 1/2), "counts" (all numbers have the same probability), or
+            a weight for each number. "mirror" depends on the run: give the weights of ``mirrored``.
     Raises:
-        InputError: a prior of another name, or weights that are negative, all 0, or not tiles + 1.
+        InputError: another name, or weights that are negative, all 0, or not tiles + 1.
     """
     if isinstance(prior, str):
         if prior == "tiles":
@@ -103,16 +115,21 @@ def log_prior(prior: Prior, tiles: int) -> Values:
 
 
 def mirrored(vibrating: int, tiles: int, boundary: float) -> Values:
-    """Return weights of 1 for a number of vibrating tiles and its mirror across the boundary, else 0, (tiles + 1,).
+    """Return weights of 1 for a number of vibrating tiles and for its mirror across the boundary, else 0.
 
-    The mirror, 2xN - k, is rounded to a possible whole number on the other side of the boundary. A number on the
-    boundary has no mirror."""
-    weights, on = np.zeros(tiles + 1), boundary * tiles
+    The mirror of k is 2xN - k, rounded to a whole number on the other side of the boundary and cut off at 0 and N. A
+    number on the boundary has no mirror.
+
+    Args:
+        vibrating: k. tiles: N. boundary: x, as a share of tiles.
+    Returns: weights of the numbers 0 to N, (tiles + 1,).
+    """
+    weights, on_boundary = np.zeros(tiles + 1), boundary * tiles
     weights[vibrating] = 1.0
-    if vibrating > on + 1e-9:
-        mirror = min(round(2.0 * on - vibrating), math.ceil(on - 1e-9) - 1)
-    elif vibrating < on - 1e-9:
-        mirror = max(round(2.0 * on - vibrating), math.floor(on + 1e-9) + 1)
+    if vibrating > on_boundary + 1e-9:  # the mirror is at most the largest number below the boundary
+        mirror = min(round(2.0 * on_boundary - vibrating), math.ceil(on_boundary - 1e-9) - 1)
+    elif vibrating < on_boundary - 1e-9:  # the mirror is at least the smallest number above the boundary
+        mirror = max(round(2.0 * on_boundary - vibrating), math.floor(on_boundary + 1e-9) + 1)
     else:
         return weights
     weights[min(max(mirror, 0), tiles)] = 1.0
@@ -120,15 +137,23 @@ def mirrored(vibrating: int, tiles: int, boundary: float) -> Values:
 
 
 def _log_choose(n: int) -> Values:
+    """Compute ln C(n, k) for k = 0 to n."""
     k = np.arange(n + 1)
     return np.asarray(gammaln(n + 1.0) - gammaln(k + 1.0) - gammaln(n - k + 1.0), dtype=np.float64)
 
 
 def count_weights(log_likelihood_ratios: Values) -> Values:
-    """Compute e_k up to a constant of each row, (N + 1, rows), from ln L_t, (rows, N), by recursion over tiles."""
+    """Compute the weights e_k, up to a constant factor of each row, by recursion over tiles.
+
+    Args:
+        log_likelihood_ratios: ln L_t, (rows, N).
+    Returns: weights of k = 0 to N, (N + 1, rows).
+    """
     vibrates, still = expit(log_likelihood_ratios.T), expit(-log_likelihood_ratios.T)
     weights = np.zeros((vibrates.shape[0] + 1, vibrates.shape[1]))
     weights[0] = 1.0
+    # Of the tiles up to t, k vibrate if k of the tiles before t vibrate and t is still, or if k - 1 of them vibrate and
+    # t vibrates too. weights[0] is updated last, because the line above reads its old value.
     for t in range(vibrates.shape[0]):
         weights[1 : t + 2] = weights[1 : t + 2] * still[t] + weights[: t + 1] * vibrates[t]
         weights[0] *= still[t]
@@ -136,7 +161,13 @@ def count_weights(log_likelihood_ratios: Values) -> Values:
 
 
 def log_count_weights(log_likelihood_ratios: Values) -> Values:
-    """Compute ``count_weights`` in logarithms, without underflow; ten times slower."""
+    """Compute the logarithms of the weights e_k without underflow; this is ten times slower than ``count_weights``.
+
+    Args:
+        log_likelihood_ratios: ln L_t, (rows, N).
+    Returns: ln e_k up to an added constant of each row, for k = 0 to N, (N + 1, rows).
+    """
+    # ln p_t and ln (1 - p_t) of each tile. The recursion is that of ``count_weights``, with sums in place of products.
     vibrates, still = (
         -np.logaddexp(0.0, -log_likelihood_ratios.T),
         -np.logaddexp(0.0, log_likelihood_ratios.T),
@@ -150,12 +181,18 @@ def log_count_weights(log_likelihood_ratios: Values) -> Values:
 
 
 def posterior_of_counts(log_likelihood_ratios: Values, log_of_prior: Values) -> Values:
-    """Compute P(k) for each row of ln L_t, from (rows, N) to (rows, N + 1)."""
+    """Compute the posterior P(k) for each row of likelihood ratios.
+
+    Args:
+        log_likelihood_ratios: ln L_t, (rows, N). log_of_prior: ln pi_k, (N + 1,).
+    Returns: P(k), (rows, N + 1).
+    """
     rows, tiles = log_likelihood_ratios.shape
-    of_set = log_of_prior - _log_choose(tiles)
+    of_set = log_of_prior - _log_choose(tiles)  # ln [pi_k / C(N, k)], the prior of one set of k tiles
+    # The largest becomes 0, so that exp does not underflow. This constant factor of all weights cancels below.
     of_set -= of_set.max()
     at_once = max(1, _BLOCK // (tiles + 1))
-    parts = [np.empty((0, tiles + 1))]
+    parts = [np.empty((0, tiles + 1))]  # the result for 0 rows
     for first in range(0, rows, at_once):
         ratios = log_likelihood_ratios[first : first + at_once]
         joint = count_weights(ratios) * np.exp(of_set)[:, None]  # pi_k e_k / C(N, k)
@@ -170,9 +207,14 @@ def posterior_of_counts(log_likelihood_ratios: Values, log_of_prior: Values) -> 
 
 
 def sides_of(log_likelihood_ratios: Values, log_of_prior: Values, boundary: float) -> tuple[Values, Values]:
-    """Compute P(k > x N) and P(k < x N) for each row of ln L_t, (rows,) each; the rest is P(k = x N)."""
+    """Compute P(k > x N) and P(k < x N) for each row, (rows,) each; they add up to 1 - P(k = x N).
+
+    Args:
+        log_likelihood_ratios: ln L_t, (rows, N). log_of_prior: ln pi_k, (N + 1,). boundary: x.
+    """
     tiles = log_likelihood_ratios.shape[1]
     k = np.arange(tiles + 1)
     posterior = posterior_of_counts(log_likelihood_ratios, log_of_prior)
+    # A k that differs from x N by rounding alone is on the boundary.
     above, below = k > boundary * tiles + 1e-9, k < boundary * tiles - 1e-9
     return posterior[:, above].sum(axis=1), posterior[:, below].sum(axis=1)

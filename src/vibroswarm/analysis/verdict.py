@@ -2,12 +2,13 @@
 
 | name | symbol | equation |
 |---|---|---|
-| confidence at decision time | - | p for decision 0, 1 - p for decision 1, at the decision |
+| confidence at decision time | - | p for decision 0, 1 - p for decision 1, at the time of the decision |
 | estimate | f | alpha / (alpha + beta), posterior mean at the end |
 | interval | - | 2.5 % and 97.5 % quantiles of Beta(alpha, beta) |
 
-Without feedback the bits that robots count are readings, so that alpha / (alpha + beta) estimates the share of ones.
-Under feedback they also count what others have concluded: the posterior runs away from the readings, and is an opinion.
+Without feedback robots count only readings (0 or 1), so that alpha / (alpha + beta) estimates the share of ones. Under
+feedback robots also count the conclusions of others as if they were readings. The posterior then departs from the
+readings: it is an opinion, not an estimate.
 """
 
 from __future__ import annotations
@@ -28,28 +29,39 @@ from vibroswarm.scenario.scenario import Scenario
 
 @dataclass(frozen=True)
 class RobotVerdict(NotebookView):
-    """The outcome of one robot; times in s."""
+    """The outcome of one robot; times in s. Values that a recording does not contain are None."""
 
     robot: int
+    """Number of the robot."""
     decision: int
+    """0 or 1; -1: undecided."""
     decision_time_s: float | None
+    """Time of the decision; None if there is none."""
     belief_at_decision: float | None
+    """p, the belief that the share of ones is below the boundary, at the decision."""
     belief_in_decision: float | None
+    """Confidence at decision time."""
     belief: float | None
+    """p at the end."""
     estimate: float | None
-    """None, like the posterior, if a recording does not contain it."""
+    """Posterior mean of the share of ones."""
     interval: tuple[float, float] | None
+    """95 % credible interval of the share of ones."""
     alpha: int | None
     beta: int | None
+    """alpha and beta of the posterior at the end."""
     samples: int
+    """Number of samples that the robot took."""
     received: int | None
+    """Number of messages that it received."""
 
     def __repr__(self) -> str:
+        """Return the outcome in one line, such as "RobotVerdict(robot 3: decision 1 at 250.0 s, 125 samples)"."""
         at = "" if self.decision_time_s is None else f" at {self.decision_time_s:.1f} s"
-        known = {None: "not logged", -1: "undecided"}
+        without_decision = {None: "not logged", -1: "undecided"}
         estimate = "" if self.estimate is None else f", estimate {self.estimate:.3f}"
-        decided = known.get(self.decision, f"decision {self.decision}{at}")
-        return f"RobotVerdict(robot {self.robot}: {decided}{estimate}, {self.samples} samples)"
+        decision = without_decision.get(self.decision, f"decision {self.decision}{at}")
+        return f"RobotVerdict(robot {self.robot}: {decision}{estimate}, {self.samples} samples)"
 
 
 @dataclass(frozen=True)
@@ -59,9 +71,11 @@ class Verdict(NotebookView):
     consensus: str | None
     """None if a recording does not contain decisions."""
     consensus_time_s: float | None
+    """When the last robot decided; None without a consensus."""
     decision: int | None
     """The decision of all robots if they agree, else None."""
     truth: int | None
+    """The right decision; None if neither decision is right."""
     fill_ratio: float
     decision_boundary: float
     answers: tuple[str, str]
@@ -69,9 +83,13 @@ class Verdict(NotebookView):
     of_shares: bool
     """Whether the question is about the share of vibrating tiles."""
     right: int
+    """Number of robots that decided right."""
     wrong: int
+    """Number of robots that decided wrong."""
     undecided: int
+    """Number of undecided robots."""
     end_s: float
+    """End of the run."""
     readings_boundary: float
     """The share of ones with which robots compare their readings (``observation.decision_boundary``)."""
     share_of_ones_expected: float
@@ -81,18 +99,19 @@ class Verdict(NotebookView):
     robots: tuple[RobotVerdict, ...]
 
     def __repr__(self) -> str:
+        """Return the outcome in one line: consensus, numbers of robots and fill ratio."""
         at = "" if self.consensus_time_s is None else f" by {self.consensus_time_s:.1f} s"
         counts = [
             f"{count} {word}"
             for word, count in (("right", self.right), ("wrong", self.wrong), ("undecided", self.undecided))
-            if count is not None
+            if count is not None  # a recording without decisions has no counts
         ]
         robots = f"{len(self.robots)} robot{'s' * (len(self.robots) != 1)}"
         outcome = "decisions not logged" if self.consensus is None else f"{self.consensus}{at}"
         return f"Verdict({outcome}; {', '.join([*counts, f'of {robots}'])}; fill ratio {self.fill_ratio:.4g})"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+        """Return the fields for JSON, robots as a list of dictionaries."""
         return asdict(self)
 
 
@@ -100,7 +119,7 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     """Summarise one run of a result.
 
     Args:
-        run: its number; by default the first of the result.
+        run: number of the run; by default the first run of the result.
     Raises:
         InputError: the result holds no such run.
     """
@@ -113,7 +132,8 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
     robots = tuple(_robot(row) for row in result.robots.filter(of_run).to_dicts())
-    alike = {robot.decision for robot in robots}
+    decisions = {robot.decision for robot in robots}
+    is_agreed = len(decisions) == 1 and not decisions & {-1, None}
     fill = summary["fill_ratio"]
     arena = result.scenario.arena
     size = (arena.width_m, arena.height_m)
@@ -121,7 +141,7 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     return Verdict(
         consensus=summary["consensus"],
         consensus_time_s=summary["consensus_time_s"],
-        decision=alike.pop() if len(alike) == 1 and not alike & {-1, None} else None,
+        decision=decisions.pop() if is_agreed else None,
         truth=summary["truth"],
         fill_ratio=fill,
         decision_boundary=result.scenario.decision.decision_boundary,
@@ -139,7 +159,7 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
 
 
 def answers_of(scenario: Scenario) -> tuple[str, str]:
-    """Return the meaning of decisions 0 and 1; "no" and "yes" for a task whose code is not loaded."""
+    """Return the meaning of decisions 0 and 1 in words; "no" and "yes" for a task whose code is not loaded."""
     known = tasks.known().get(scenario.task.name)
     boundary = f"{100 * scenario.decision.decision_boundary:.4g} %"
     no, yes = known.answers if known is not None else ("no", "yes")
@@ -147,17 +167,18 @@ def answers_of(scenario: Scenario) -> tuple[str, str]:
 
 
 def _robot(row: dict[str, Any]) -> RobotVerdict:
-    """Summarise one robot, with a credible interval of the share of ones."""
+    """Summarise one robot from its row of the table of robots, ``row``: values by column name."""
     from scipy.special import betaincinv
 
     alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]
-    sure = None if belief is None else (belief if row["decision"] == 0 else 1.0 - belief)
+    # A belief is the probability that decision 0 is right.
+    confidence_at_decision = None if belief is None else (belief if row["decision"] == 0 else 1.0 - belief)
     return RobotVerdict(
         robot=row["robot"],
         decision=row["decision"],
         decision_time_s=row["decision_time_s"],
         belief_at_decision=belief,
-        belief_in_decision=sure,
+        belief_in_decision=confidence_at_decision,
         belief=row["belief_below"],
         estimate=None if alpha is None else alpha / (alpha + beta),
         interval=None
@@ -171,7 +192,7 @@ def _robot(row: dict[str, Any]) -> RobotVerdict:
 
 
 def strategy_name(name: str) -> str:
-    """Return a readable name of a strategy: the beginning of its description, or its name."""
+    """Return a readable name of a strategy: its description up to a colon, or else the name itself."""
     known = strategies.known().get(name)
     return known.about.partition(":")[0] if known is not None and known.about else name
 
@@ -182,16 +203,20 @@ def percent(share: float) -> str:
 
 
 def decision_words(decision: int | None, answers: tuple[str, str]) -> str:
-    """Return what a decision means for the floor.
+    """Return the meaning of a decision in words; "undecided" for -1 or None.
 
     Args:
-        answers: ``verdict.answers_of`` the scenario.
+        answers: meaning of decisions 0 and 1, from ``answers_of``.
     """
     return "undecided" if decision is None or decision == -1 else answers[decision]
 
 
 def headline(found: Verdict) -> str:
-    """Return the outcome in one sentence."""
+    """Return the swarm's outcome as one sentence, such as "CONSENSUS, RIGHT: all 20 robots decided ...".
+
+    Args:
+        found: of the run, from ``verdict``.
+    """
     if found.consensus is None:
         return "Decisions were not logged."
     robots = len(found.robots)
@@ -213,7 +238,13 @@ def headline(found: Verdict) -> str:
 
 
 def confidence(found: Verdict) -> str:
-    """Return the robots' confidence in their decisions."""
+    """Return a sentence with the range, over robots, of the confidence at decision time.
+
+    If no robot decided, the sentence gives the range of their beliefs in answer 0 at the end of the run.
+
+    Args:
+        found: outcome of the run, from ``verdict``.
+    """
     beliefs = [r.belief_in_decision for r in found.robots if r.belief_in_decision is not None]
     note = "Robots treat all bits as independent; those of neighbouring samples are not."
     if not beliefs:
@@ -228,6 +259,10 @@ def confidence(found: Verdict) -> str:
 
 
 def _range(shares: list[float]) -> str:
+    """Write the range of beliefs (shares from 0 to 1) in percent, such as "51.2 % to 98 %".
+
+    It is cut to 0.01 % to 99.99 %: a belief is never exactly 0 or 1, and only rounding would make it so.
+    """
     low, high = (
         percent(min(max(share, 1e-4), 1 - 1e-4)) for share in (round(min(shares), 4), round(max(shares), 4))
     )
@@ -235,20 +270,24 @@ def _range(shares: list[float]) -> str:
 
 
 def robot_row(robot: RobotVerdict, answers: tuple[str, str]) -> list[object]:
-    """Return one robot as a row of the table."""
+    """Return one robot as a row of the printed table.
+
+    The cells are its number, decision in words, decision time (s), confidence at decision time (%), estimate with
+    interval, number of samples, and number of received messages.
+    """
     at = "never" if robot.decision_time_s is None else f"{robot.decision_time_s:.1f}"
     sure = "" if robot.belief_in_decision is None else f"{100 * robot.belief_in_decision:.1f}"
     estimate = "-"
     if robot.estimate is not None and robot.interval is not None:
         estimate = f"{robot.estimate:.3f} [{robot.interval[0]:.3f}, {robot.interval[1]:.3f}]"
-    heard = "-" if robot.received is None else robot.received
-    decision = decision_words(robot.decision, answers).replace(
-        " % vibrates", " %"
-    )  # the headline has the verb
-    return [robot.robot, decision, at, sure, estimate, robot.samples, heard]
+    received = "-" if robot.received is None else robot.received
+    # "more than 50 % vibrates" is shortened, since the headline above the table has the verb.
+    decision = decision_words(robot.decision, answers).replace(" % vibrates", " %")
+    return [robot.robot, decision, at, sure, estimate, robot.samples, received]
 
 
 _ALWAYS: Final = frozenset({"positive", "soft"})
+"""Strategies with feedback, whatever their parameters."""
 
 OPINION_NOTE: Final = (
     "Under feedback a robot's posterior is its opinion, not an estimate of the fill ratio: it counts what other robots "
@@ -257,6 +296,6 @@ OPINION_NOTE: Final = (
 
 
 def holds_opinions(scenario: Scenario) -> bool:
-    """Return whether robots count conclusions of others as readings; False for strategies that are not shipped."""
+    """Return whether robots count conclusions of others as readings; False for a strategy that is not built in."""
     name = scenario.strategy.name
     return name in _ALWAYS or (name == "bayes_bots" and bool(scenario.strategy.params.positive_feedback))

@@ -2,10 +2,14 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| magnification | - | - | 1 + h / (H - h), h the height of the marker, H that of a camera above the centre |
-| shift | - | m | offset of the centre c of the arena in the image |
+| seen position | x' | m | position of a robot as the camera reports it |
+| true position | x | m | position of the robot on the floor |
+| centre | c | m | centre of the arena |
+| magnification | - | - | 1 + h / (H - h), h the height of the marker on a robot, H the height of the camera |
+| shift | - | m | x' - c of a robot at the centre |
 
-Positions beyond the walls are clipped to them, as in the study's logs.
+Seen positions beyond a wall are clipped to it, as in the study's logs. ``RIGHT`` is a camera without error, whose seen
+positions are the true ones.
 """
 
 from __future__ import annotations
@@ -27,11 +31,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Camera(NotebookView):
-    """Camera model, see the head of this module."""
+    """A camera that magnifies and shifts the positions of robots; the default is a camera without error."""
 
     magnification: float = 1.0
+    """Seen distance from the arena's centre, divided by the true distance."""
     shift_x_m: float = 0.0
+    """Seen minus true x of a robot at the arena's centre."""
     shift_y_m: float = 0.0
+    """Seen minus true y of a robot at the arena's centre."""
 
     @classmethod
     def of(cls, scenario: Scenario) -> Camera:
@@ -40,49 +47,59 @@ class Camera(NotebookView):
         return cls(fields.magnification or 1.0, fields.shift_x_m or 0.0, fields.shift_y_m or 0.0)
 
     def fields(self) -> dict[str, float]:
-        """Return the fields of the scenario that hold it; none for a camera without error."""
+        """Return this camera as scenario fields, value by dotted field name; empty for a camera without error."""
         if self == RIGHT:
             return {}
+        # A scenario holds fitted values with five digits after the point: lengths to 0.01 mm.
         return {f"camera.{name}": round(getattr(self, name), 5) for name in self.__dataclass_fields__}
 
     @property
     def words(self) -> str:
-        """A short description."""
+        """A description for people: the magnification, and the shift in mm."""
         return (
             f"magnification {self.magnification:.4g}, shift {1000 * self.shift_x_m:+.1f} mm to the right, "
             f"{1000 * self.shift_y_m:+.1f} mm up"
         )
 
     def true(self, x_m: Floats, y_m: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:
-        """Return the true positions of objects seen at (x, y), m.
+        """Return the true x and y (m) of objects that the camera sees at ``x_m``, ``y_m``.
+
+        This is the inverse of ``seen``, except for objects that ``seen`` clips to a wall.
 
         Args:
+            x_m, y_m: seen coordinates, arrays of one shape; the results have this shape too.
             size_m: width and height of the arena.
         """
-        x0, y0 = size_m[0] / 2, size_m[1] / 2
+        x0, y0 = size_m[0] / 2, size_m[1] / 2  # the centre c
         return (
             x0 + (x_m - x0 - self.shift_x_m) / self.magnification,
             y0 + (y_m - y0 - self.shift_y_m) / self.magnification,
         )
 
     def seen(self, x_m: Floats, y_m: Floats, size_m: tuple[float, float]) -> tuple[Floats, Floats]:
-        """Return the positions at which objects at (x, y) are seen, m; those beyond a wall are moved onto it.
+        """Return the x and y (m) at which the camera sees objects at ``x_m``, ``y_m``.
+
+        Objects that it would see beyond a wall are seen on the wall.
 
         Args:
+            x_m, y_m: true coordinates, arrays of one shape; the results have this shape too.
             size_m: width and height of the arena.
         """
-        x0, y0 = size_m[0] / 2, size_m[1] / 2
+        x0, y0 = size_m[0] / 2, size_m[1] / 2  # the centre c
         x = x0 + self.shift_x_m + self.magnification * (x_m - x0)
         y = y0 + self.shift_y_m + self.magnification * (y_m - y0)
         return np.clip(x, 0.0, size_m[0]), np.clip(y, 0.0, size_m[1])
 
 
 RIGHT: Final = Camera()
-"""A camera without error."""
+"""A camera without error: it sees robots at their true ("right") positions."""
 
 
 def corrected(result: Result, camera: Camera) -> Result:
-    """Correct the positions of a recording, samples and tracks; a simulation is returned unchanged."""
+    """Return a recording with the true positions of its samples and tracks; a simulation is returned unchanged.
+
+    The positions of a recording are those that the camera saw. The positions of a simulation are true already.
+    """
     if camera == RIGHT or not isinstance(result, Recording):
         return result
     size = (result.scenario.arena.width_m, result.scenario.arena.height_m)
@@ -92,7 +109,10 @@ def corrected(result: Result, camera: Camera) -> Result:
 
 
 def seen_through(result: Result, camera: Camera) -> Result:
-    """Return a simulation with samples where the camera would have seen them; a recording is returned unchanged."""
+    """Return a simulation with samples where the camera would have seen them; a recording is returned unchanged.
+
+    The positions of a recording are already those that the camera saw.
+    """
     if camera == RIGHT or isinstance(result, Recording):
         return result
     motion, arena = result.motion, result.scenario.arena
@@ -101,5 +121,6 @@ def seen_through(result: Result, camera: Camera) -> Result:
 
 
 def _moved(frame: pl.DataFrame, camera: Camera, size: tuple[float, float]) -> pl.DataFrame:
+    """Replace the seen positions (``x_m``, ``y_m``) of a table by the true ones."""
     x, y = camera.true(frame["x_m"].to_numpy(), frame["y_m"].to_numpy(), size)
     return frame.with_columns(x_m=pl.Series(x), y_m=pl.Series(y))

@@ -1,20 +1,18 @@
-"""Train a classifier to distinguish stretches of a real robot's samples from simulated ones, split by robot and
-session.
+"""Train a classifier to distinguish real robots' samples from simulated ones, and test it on other robots and sessions.
 
-Ridge logistic regression on features of ``STRETCH`` consecutive samples of one robot (about a minute): mean and
-standard
-deviation of energies by kind of tile, distances, times, avoidance, positions, turns from step to step, and
-correlation of
-neighbours. A single sample says little; a stretch shows that a robot keeps its speed, veers, or reads alike twice
-in a row.
-The classifier is tested on other robots and other sessions than it was trained on, so it cannot recognise a robot
-by its
-speed or a session by its battery. Reported is the balanced accuracy; 0.5 is chance. The accuracy for real
-sessions against
-each other, split by robot, shows what differences between sessions alone give. (It is below 0.5 where the difference
-between two sessions has opposite sign for different robots.)
+A session is one run. A stretch is ``STRETCH`` consecutive samples of one robot in one session, about a minute. The
+classifier is a ridge logistic regression on features of a stretch: mean and standard deviation of energies by kind of
+tile, distances, times, avoidance, positions, turns from step to step, and the correlation of neighbouring samples. A
+single sample says little; a stretch shows that a robot keeps its speed, veers, or reads similar energies twice in a
+row.
 
-With some hundred rows and some ten columns scipy's optimiser is enough, so no machine-learning library is needed.
+The classifier is tested on other robots and other sessions than it was trained on, so it cannot recognise a robot by
+its speed or a session by its battery. The result is the balanced accuracy, the mean of the two classes' shares of
+correct predictions; 0.5 is chance. The accuracy for real sessions against each other, tested on other robots, shows
+how far sessions alone differ. (It is below 0.5 where the difference between two sessions has opposite sign for
+different robots.)
+
+With some hundred rows and some twenty columns scipy's optimiser is enough, so no machine-learning library is needed.
 """
 
 from __future__ import annotations
@@ -36,7 +34,7 @@ from vibroswarm.errors import InputError
 
 Floats = NDArray[np.float64]
 Stretches = dict[int, Floats]
-"""Figures of a session's stretches by robot, (stretches, columns) each."""
+"""Features of one session's stretches by robot: ``columns_of`` each, (stretches, columns)."""
 STRETCH: Final = 20
 """Samples of a stretch."""
 RIDGE: Final = 3.0
@@ -50,79 +48,92 @@ class ClassifierAccuracy(NotebookView):
     simulated: Interval
     """Real against simulated, tested on other robots and, if there are several, other sessions than trained on."""
     simulated_by_robot: Interval
-    """The same split by robot only, session by session, comparable with ``real``."""
+    """Real against simulated, trained and tested on the same two sessions but on different robots, as ``real`` is."""
     real: Interval | None
-    """Real sessions against each other, split by robot; None with one session."""
+    """Real sessions against each other, tested on other robots than trained on; None with one real session."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return each interval as a dictionary of estimate, low and high, for JSON; None where there is no interval."""
 
-        def plain(one: Interval | None) -> dict[str, float] | None:
-            return None if one is None else {"estimate": one.estimate, "low": one.low, "high": one.high}
+        def as_limits(interval: Interval | None) -> dict[str, float] | None:
+            if interval is None:
+                return None
+            return {"estimate": interval.estimate, "low": interval.low, "high": interval.high}
 
-        return {name: plain(value) for name, value in self.__dict__.items()}
+        return {name: as_limits(value) for name, value in self.__dict__.items()}
 
 
 def columns_of(samples: pl.DataFrame) -> Floats:
-    """Return the features of a robot's stretches, (stretches, columns).
+    """Return the features of a robot's stretches, (stretches, columns); shape (0, 0) without a complete stretch.
 
-    Samples without a step or a time spent avoiding, and an incomplete last stretch, are left out; (0, 0) if there is
-    no complete stretch.
+    Samples without a previous sample or without a time spent avoiding are left out, and so is an incomplete last
+    stretch. Energies, times and distances from the wall have skewed distributions, so their logarithms are used. Before
+    a logarithm is taken, values are raised to a smallest value, which keeps the logarithm finite. The arena is taken to
+    be 1 m by 1 m. Constant factors do not matter, because ``balanced_accuracy`` standardises the columns.
 
     Args:
-        samples: of one robot and session, ordered by time (``features.sample_table``).
+        samples: samples of one robot in one session, ordered by time (``features.sample_table``).
     """
     stepped = samples.filter(pl.col("dx_m").is_not_null() & pl.col("avoid_s").is_not_null())
-    x, y, avoid, kind = (
+    x, y, avoid, vibrating = (
         stepped[name].to_numpy().astype(float) for name in ("x_m", "y_m", "avoid_s", "vibrating")
     )
+    # The smallest values (0.05 of energy, 0.1 s, 5 mm) are far below the usual ones, so few values are raised.
     energy = np.log(np.maximum(stepped["energy"].to_numpy(), 0.05))
     distance, spacing = stepped["distance_m"].to_numpy(), stepped["spacing_s"].to_numpy()
     course = np.arctan2(stepped["dy_m"].to_numpy(), stepped["dx_m"].to_numpy())
+    # Change of the course from the previous step, in [-pi, pi); 0 for the first step.
     turned = np.append(0.0, (np.diff(course) + np.pi) % (2 * np.pi) - np.pi)
     wall = np.minimum(np.minimum(x, 1 - x), np.minimum(y, 1 - y))
     rows = []
     for first in range(0, len(x) - STRETCH + 1, STRETCH):
         k = slice(first, first + STRETCH)
-        shaking = kind[k] == 1
+        on_vibrating = vibrating[k] == 1
         rows.append(
             [
-                *_mean_and_spread(energy[k][shaking]),
-                *_mean_and_spread(energy[k][~shaking]),
-                *_mean_and_spread(distance[k] / 0.1),
+                *_mean_and_spread(energy[k][on_vibrating]),
+                *_mean_and_spread(energy[k][~on_vibrating]),
+                *_mean_and_spread(distance[k] / 0.1),  # in units of 0.1 m, about the usual distance
                 float(np.median(distance[k])) / 0.1,
                 *_mean_and_spread(np.log(np.maximum(spacing[k], 0.1))),
-                float((avoid[k] > 1e-9).mean()),
+                float((avoid[k] > 1e-9).mean()),  # share of the samples before which the robot avoided
+                # Times spent avoiding are often 0, so 1 s is added before the logarithm; negative ones count as 0.
                 *_mean_and_spread(np.log1p(np.maximum(avoid[k], 0.0))),
                 *_mean_and_spread(np.log(np.maximum(wall[k], 0.005))),
                 *_mean_and_spread(turned[k]),
                 float(np.median(turned[k])),
                 float(np.median(np.abs(turned[k]))),
-                _alike(energy[k]),
-                _alike(distance[k]),
-                float(shaking.mean()),
+                _lag_one_correlation(energy[k]),
+                _lag_one_correlation(distance[k]),
+                float(on_vibrating.mean()),
             ]
         )
     return np.array(rows).reshape(len(rows), -1) if rows else np.empty((0, 0))
 
 
 def _mean_and_spread(values: Floats) -> tuple[float, float]:
+    """Return the mean and standard deviation; zeros without values, as in a stretch without tiles of one kind."""
     return (float(values.mean()), float(values.std())) if values.size else (0.0, 0.0)
 
 
-def _alike(values: Floats) -> float:
-    """Return the correlation of each value with the next; 0 if all are equal."""
+def _lag_one_correlation(values: Floats) -> float:
+    """Return the correlation between each value and the next value, a lag of one; 0 if all values are equal."""
     deviation = values - values.mean()
-    square = float((deviation**2).mean())
-    return float((deviation[1:] * deviation[:-1]).mean()) / square if square > 0 else 0.0
+    variance = float((deviation**2).mean())
+    return float((deviation[1:] * deviation[:-1]).mean()) / variance if variance > 0 else 0.0
 
 
 def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
-    """Fit a logistic regression with a ridge penalty; return its coefficients, the intercept first.
+    """Fit a logistic regression with a ridge penalty, and return its coefficients, shape (1 + columns,).
 
-    Both labels weigh the same in all. The intercept is not penalised; columns should be standardised.
+    The intercept comes first and is not penalised. Rows are weighted so that the two labels have equal total weight.
+
+    Args:
+        columns: features, (rows, columns), standardised, because one penalty (``RIDGE``) applies to all of them.
+        label: class of each row, (rows,).
     """
     design = np.column_stack([np.ones(len(columns)), columns])
+    # The smallest value keeps the weight finite if a label does not occur.
     weight = np.where(label, 0.5 / max(label.mean(), 1e-9), 0.5 / max(1 - label.mean(), 1e-9))
     sign = np.where(label, 1.0, -1.0)
     ridge = np.append(0.0, np.full(columns.shape[1], RIDGE))
@@ -130,18 +141,19 @@ def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
     def loss(w: Floats) -> float:
         return float(weight @ np.logaddexp(0.0, -sign * (design @ w))) + 0.5 * float(ridge @ w**2)
 
-    def slope(w: Floats) -> Floats:
+    def gradient(w: Floats) -> Floats:
         return np.asarray(ridge * w - design.T @ (weight * sign * expit(-sign * (design @ w))))
 
-    def curvature(w: Floats) -> Floats:
-        share = expit(design @ w)
-        return np.asarray((design.T * (weight * share * (1.0 - share))) @ design + np.diag(ridge))
+    def hessian(w: Floats) -> Floats:
+        probability = expit(design @ w)
+        return np.asarray((design.T * (weight * probability * (1.0 - probability))) @ design + np.diag(ridge))
 
+    # With about twenty columns, the exact Hessian is cheap and saves iterations.
     optimum = minimize(
         loss,
         np.zeros(design.shape[1]),
-        jac=slope,
-        hess=curvature,
+        jac=gradient,
+        hess=hessian,
         method="trust-exact",
         options={"gtol": 1e-4},
     )
@@ -149,43 +161,53 @@ def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
 
 
 def balanced_accuracy(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) -> float:
-    """Train a classifier on rows of two kinds, and return its balanced accuracy on other rows.
+    """Train a classifier on rows of two classes, and return its balanced accuracy on other rows.
 
     Args:
-        train, test: rows of the first and of the second kind, (rows, columns).
+        train, test: rows of the first and of the second class, each (rows, columns).
     """
     columns = np.concatenate(train)
     mean, spread = columns.mean(axis=0), columns.std(axis=0)
-    spread = np.where(spread > 1e-9, spread, 1.0)
+    spread = np.where(spread > 1e-9, spread, 1.0)  # a constant column becomes 0
     label = np.r_[np.zeros(len(train[0]), dtype=np.bool_), np.ones(len(train[1]), dtype=np.bool_)]
     weights = fit_logistic((columns - mean) / spread, label)
     shares = []
-    for kind, rows in enumerate(test):
-        says = (rows - mean) / spread @ weights[1:] + weights[0] > 0
-        shares.append(float((says == bool(kind)).mean()))
+    for class_number, rows in enumerate(test):
+        predicted = (rows - mean) / spread @ weights[1:] + weights[0] > 0
+        shares.append(float((predicted == bool(class_number)).mean()))
     return float(np.mean(shares))
 
 
 def classifier_accuracy(
     real: Sequence[pl.DataFrame], simulated: Sequence[pl.DataFrame], level: float = 0.95
 ) -> ClassifierAccuracy:
-    """Train and test for every session, with one robot at a time held out.
+    """Measure how well a classifier distinguishes real sessions from simulated ones, and from each other.
+
+    Every classifier is tested on one robot and trained on the other robots. The result has three figures.
+    ``simulated``: real session i is tested against simulated session i, by a classifier trained on the other sessions;
+    if there are fewer simulated sessions than real ones, the simulated ones are used again from the first.
+    ``simulated_by_robot``: each pair of a real and a simulated session is distinguished by a classifier trained on the
+    other robots of this pair. ``real``: each pair of real sessions is distinguished in the same way.
 
     Args:
-        real, simulated: sessions (``features.sessions_of``).
+        real, simulated: samples of each session (``features.sessions_of``).
+        level: confidence level of the intervals, which are over the real sessions.
     Raises:
-        InputError: fewer than two robots, or a session too short for one stretch of each.
+        InputError: a session has no times spent avoiding, or is too short for one stretch of each robot; or fewer than
+            two robots took part in all sessions.
     """
     if any(session["avoid_s"].null_count() == session.height for session in (*real, *simulated)):
         raise InputError(
             "a session has no times spent avoiding, which the classifier needs; let robots log avoid_total_s",
             field="sessions",
         )
-    a, b = [_by_robot(session) for session in real], [_by_robot(session) for session in simulated]
-    robots = sorted(set.intersection(*(set(session) for session in (*a, *b))))
+    real_stretches = [_stretches_by_robot(session) for session in real]
+    simulated_stretches = [_stretches_by_robot(session) for session in simulated]
+    sessions = [*real_stretches, *simulated_stretches]
+    robots = sorted(set.intersection(*(set(session) for session in sessions)))
     if len(robots) < 2:
         raise InputError("a classifier split by robot needs at least two robots", field="robots")
-    short = [robot for session in (*a, *b) for robot in robots if not len(session[robot])]
+    short = [robot for session in sessions for robot in robots if not len(session[robot])]
     if short:
         raise InputError(
             f"robot {short[0]} has fewer than {STRETCH} intervals between samples in a session; the classifier needs "
@@ -193,68 +215,87 @@ def classifier_accuracy(
             field="sessions",
         )
     return ClassifierAccuracy(
-        simulated=_share_interval([_held_out(a, b, i, robots) for i in range(len(a))], level),
+        simulated=_share_interval(
+            [_held_out(real_stretches, simulated_stretches, i, robots) for i in range(len(real))], level
+        ),
         simulated_by_robot=_share_interval(
             [
-                float(np.mean([_by_robot_share(session, other_session, robots) for other_session in b]))
-                for session in a
+                float(np.mean([_accuracy_over_robots(own, other, robots) for other in simulated_stretches]))
+                for own in real_stretches
             ],
             level,
         ),
-        real=_among(a, robots, level),
+        real=_accuracy_among(real_stretches, robots, level),
     )
 
 
 def _share_interval(shares: list[float], level: float) -> Interval:
-    """Return ``mean_interval`` of shares, clipped to [0, 1]."""
+    """Return the interval of the mean of some shares, with its limits clipped to [0, 1]."""
     interval = mean_interval(shares, level)
     return interval._replace(low=max(interval.low, 0.0), high=min(interval.high, 1.0))
 
 
-def _by_robot(samples: pl.DataFrame) -> Stretches:
+def _stretches_by_robot(samples: pl.DataFrame) -> Stretches:
+    """Return the features of all stretches of one session, by robot."""
     return {int(key[0]): columns_of(own) for key, own in samples.group_by("robot", maintain_order=True)}
 
 
 def _rows(sessions: Sequence[Stretches], robots: Sequence[int]) -> Floats:
+    """Return the stretches of these robots in all these sessions, (rows, columns)."""
     return np.concatenate([session[robot] for session in sessions for robot in robots])
 
 
 def _held_out(real: list[Stretches], simulated: list[Stretches], session: int, robots: list[int]) -> float:
-    """Return the accuracy on one real and one simulated session, mean over robots, trained on the other sessions.
+    """Return the accuracy on real session number ``session`` and one simulated session, trained on the other sessions.
 
-    Where there is only one session of a kind, it is trained on too, without the robot that is tested.
+    The accuracy is the mean over robots, each tested by a classifier trained on the other robots. If there is only one
+    real session, or only one simulated one, the classifier is trained on that session too.
+
+    Args:
+        real, simulated: features of the stretches of each session.
+        session: index of the real session that is held out for the test.
+        robots: robots that take part in all sessions.
     """
-    other = session % len(simulated)
+    other = session % len(simulated)  # simulated sessions are used again where there are fewer of them
     rest_real = [table for i, table in enumerate(real) if i != session] or real
     rest_simulated = [table for i, table in enumerate(simulated) if i != other] or simulated
-    return _by_robot_share(real[session], simulated[other], robots, (rest_real, rest_simulated))
+    return _accuracy_over_robots(real[session], simulated[other], robots, (rest_real, rest_simulated))
 
 
-def _by_robot_share(
+def _accuracy_over_robots(
     one: Stretches,
     other: Stretches,
     robots: list[int],
     train: tuple[list[Stretches], list[Stretches]] | None = None,
 ) -> float:
-    """Return the accuracy on two sessions, mean over robots; each is tested by a classifier trained on the others.
+    """Return the mean accuracy over robots, each tested by a classifier trained on the other robots.
 
     Args:
-        train: sessions of both kinds to train on; None: the two sessions themselves.
+        one, other: the two sessions to distinguish; a robot's stretches in ``one`` and in ``other`` are the test rows.
+        robots: robots that take part in all sessions.
+        train: sessions of the first and of the second class to train on; None: ``one`` and ``other`` themselves.
     """
     train = train or ([one], [other])
     shares = []
     for robot in robots:
         others = [each for each in robots if each != robot]
         rows = (_rows(train[0], others), _rows(train[1], others))
-        shares.append(balanced_accuracy(rows, (one[robot], other[robot])))
+        shares.append(balanced_accuracy(train=rows, test=(one[robot], other[robot])))
     return float(np.mean(shares))
 
 
-def _among(sessions: list[Stretches], robots: list[int], level: float) -> Interval | None:
-    """Return the accuracy between pairs of real sessions, averaged for each session; None with one session."""
+def _accuracy_among(sessions: list[Stretches], robots: list[int], level: float) -> Interval | None:
+    """Return the mean balanced accuracy between pairs of sessions, with its interval; None with one session.
+
+    For each session, the accuracies of the pairs that contain it are averaged. The interval is over these averages.
+    """
     if len(sessions) < 2:
         return None
     numbers = range(len(sessions))
-    pairs = {(i, j): _by_robot_share(sessions[i], sessions[j], robots) for i, j in combinations(numbers, 2)}
-    by_session = [float(np.mean([share for pair, share in pairs.items() if i in pair])) for i in numbers]
+    accuracies = {
+        (i, j): _accuracy_over_robots(sessions[i], sessions[j], robots) for i, j in combinations(numbers, 2)
+    }
+    by_session = [
+        float(np.mean([accuracy for pair, accuracy in accuracies.items() if i in pair])) for i in numbers
+    ]
     return _share_interval(by_session, level)

@@ -1,10 +1,11 @@
 """Leave-one-session-out cross-validation of a fit.
 
-Reported for each held-out session: similarity of each feature to simulated sessions, to the other real sessions
-and to
-another simulator, at equal sample counts; their energy distances; and error rates, with the mean and standard
-deviation of
-simulated sessions: a value agrees if the real session lies within 95 % of them (t with their number minus one).
+Each real session is held out once: the scenario is fitted to the other sessions, and ``SIMULATED`` sessions are
+simulated with it on the floor of the held-out session. A fold is the result of one such comparison. For each feature,
+it has the similarity and the energy distance of the held-out session to three sources: the simulated sessions, the
+other real sessions and the sessions of another simulator. All similarities of a feature are at equal sample counts. A
+fold also has the error rates of the held-out session, with the mean and standard deviation of the same rates over the
+simulated sessions.
 """
 
 from __future__ import annotations
@@ -32,25 +33,34 @@ from vibroswarm.simulation import simulate
 
 Floats = NDArray[np.float64]
 SIMULATED: Final = 40
+"""Sessions simulated for each held-out one."""
 CLASSIFIED: Final = 6
+"""The first simulated sessions, which a classifier has to distinguish from the held-out one."""
 EDGES_M: Final = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.1)
+"""Limits of the classes of distance from the nearest tile of the other kind, for error rates near edges."""
 _SEED: Final = 34
+"""Seed of the simulations of session 0; session k has the seed ``_SEED`` + k."""
 
 
 @dataclass(frozen=True)
 class Score(NotebookView):
-    """Similarity and energy distance of one feature of a held-out session to three sources, at equal counts; nan if
-    missing.
-    """
+    """Similarity and energy distance of one feature of a held-out session to three sources; NaN if missing."""
 
     feature: str
     count: int
+    """Number of values drawn from each source for the similarities."""
     fitted: float
+    """Similarity to the simulations of the fitted scenario."""
     other_sessions: float
+    """Similarity to the other real sessions."""
     other_simulator: float
+    """Similarity to the sessions of another simulator."""
     distance_fitted: float
+    """Energy distance to the simulations of the fitted scenario."""
     distance_sessions: float
+    """Energy distance to the other real sessions."""
     distance_simulator: float
+    """Energy distance to the sessions of another simulator."""
 
 
 @dataclass(frozen=True)
@@ -58,9 +68,13 @@ class Reading(NotebookView):
     """A statistic of the held-out session, with mean and standard deviation over simulated sessions."""
 
     name: str
+    """Name of the statistic, see ``readings_of``."""
     recorded: float
+    """Its value in the held-out session."""
     simulated: float
+    """Its mean over the simulated sessions."""
     spread: float
+    """Its standard deviation over the simulated sessions."""
 
     @property
     def deviation(self) -> float:
@@ -73,19 +87,24 @@ class Fold(NotebookView):
     """Result for one held-out session."""
 
     session: int
+    """Number of the held-out session."""
     fit: Fit
+    """The fit to the other sessions."""
     scores: tuple[Score, ...]
+    """Comparison of each feature, in the order of ``FEATURES``."""
     readings: tuple[Reading, ...]
+    """Statistics of the bits, without those that are unknown."""
     accuracy_fitted: float
-    """Accuracy of a classifier between the session's stretches and simulated ones, tested on other robots than
-    trained on;
-    mean over ``CLASSIFIED`` simulated sessions. Chance is 0.5."""
+    """Accuracy of a classifier between the session's stretches and simulated ones, tested on other robots than trained
+    on; mean over ``CLASSIFIED`` simulated sessions. Chance is 0.5."""
     accuracy_simulator: float
-    """The same for the other simulator; nan if there is none."""
+    """Accuracy of a classifier between the session's stretches and those of another simulator; NaN without one."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; null where a value is unknown."""
+        """Return plain values for JSON; null where a value is unknown.
 
+        ``told_apart`` is ``accuracy_fitted``, and ``told_apart_other`` is ``accuracy_simulator``.
+        """
         return {
             "session": self.session,
             "fields": self.fit.changed,
@@ -99,12 +118,16 @@ class Fold(NotebookView):
 
 
 def on_floor(base: Scenario, floor: Floor) -> Scenario:
-    """Return the scenario on this floor."""
+    """Return the scenario with this floor's tiles, their size and place.
+
+    If the tiles fill the arena exactly, the fields of the tile size become None, the scenario's default: a scenario
+    without a tile size has tiles that fill its arena.
+    """
     rows, columns, width, height, left, bottom = floor.geometry
     arena = base.arena
-    fills = np.allclose(
-        (columns * width, rows * height, left, bottom), (arena.width_m, arena.height_m, 0.0, 0.0)
-    )
+    # Width, height, left and bottom of all tiles together.
+    tiled = (columns * width, rows * height, left, bottom)
+    fills = np.allclose(tiled, (arena.width_m, arena.height_m, 0.0, 0.0))
     return base.with_values(
         {
             "floor.source": floor.name or "recorded",
@@ -125,11 +148,16 @@ def folds(
     candidates: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> list[Fold]:
-    """Hold out each session in turn.
+    """Hold out each session once: fit the scenario to the other sessions, and compare simulations with the session.
 
     Args:
-        found: at least two sessions. other: sessions of another simulator, for comparison.
-        candidates: as of ``fit.fit``. progress: called with the share that is done.
+        found: real sessions, at least two.
+        base: scenario that the fits start from.
+        other: sessions of another simulator, for comparison; None: there is no other simulator.
+        candidates: number of parameter vectors that each fit simulates; None: the default of ``fit.fit``.
+        progress: called with the share of the work that is done, 0 to 1.
+    Returns:
+        One fold per session, in the order of ``found.sessions``.
     Raises:
         InputError: fewer than two sessions.
     """
@@ -139,9 +167,13 @@ def folds(
     results = []
     for k, session in enumerate(sessions):
 
-        def report(share: float, k: int = k) -> None:
+        def report(share: float, done: int = k) -> None:
+            """Report progress over all sessions, from the share of this fit that is done.
+
+            ``done`` is the number of sessions held out before; as a default value it keeps this iteration's ``k``.
+            """
             if progress is not None:
-                progress((k + share) / len(sessions))
+                progress((done + share) / len(sessions))
 
         rest = found.only([number for number in sessions if number != session])
         results.append(
@@ -151,32 +183,45 @@ def folds(
 
 
 def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Dataset | None) -> Fold:
-    """Evaluate a fit on the session that was held out."""
+    """Compare the held-out session with simulations of the scenario that was fitted to the other sessions.
+
+    Args:
+        found: all real sessions. rest: all real sessions but the held-out one.
+        session: number of the held-out session. fitted: fit to ``rest``.
+        other: sessions of another simulator; None: there is no other simulator.
+    """
     scenario = on_floor(fitted.scenario, found.floors[session])
+    # Each fold has a seed of its own, so that its simulations are independent of those of the other folds.
     dataset = dataset_of([simulate(scenario, _SEED + session, SIMULATED)])
     simulated = replace(dataset, samples=dataset.seen_by(fitted.camera))
     held_out = found.only([session]).samples
     threshold = scenario.sensor.rms_threshold
     scores = tuple(_score(feature, held_out, simulated, rest, other) for feature in FEATURES)
     recorded = readings_of(held_out, threshold)
-    each = [readings_of(samples, threshold) for samples in simulated.by_session]
-    readings = tuple(
-        Reading(name, value, float(np.nanmean(own)), float(np.nanstd(own, ddof=1)))
-        for name, value in recorded.items()
-        if np.isfinite(own := np.array([rates[name] for rates in each])).sum() > 1 and np.isfinite(value)
-    )
+    by_session = [readings_of(samples, threshold) for samples in simulated.by_session]
+    readings = []
+    for name, value in recorded.items():
+        in_simulation = np.array([rates[name] for rates in by_session])
+        # A standard deviation needs two values.
+        if np.isfinite(value) and np.isfinite(in_simulation).sum() > 1:
+            mean, spread = float(np.nanmean(in_simulation)), float(np.nanstd(in_simulation, ddof=1))
+            readings.append(Reading(name, value, mean, spread))
     accuracy_simulator = np.nan if other is None else _recognised(held_out, other.by_session)
     return Fold(
-        session,
-        fitted,
-        scores,
-        readings,
-        _recognised(held_out, simulated.by_session[:CLASSIFIED]),
-        accuracy_simulator,
+        session=session,
+        fit=fitted,
+        scores=scores,
+        readings=tuple(readings),
+        accuracy_fitted=_recognised(held_out, simulated.by_session[:CLASSIFIED]),
+        accuracy_simulator=accuracy_simulator,
     )
 
 
 def _recognised(held: pl.DataFrame, others: list[pl.DataFrame]) -> float:
+    """Return how well a classifier distinguishes one session from each of the others: mean balanced accuracy.
+
+    It is tested on other robots than it was trained on. With one real session it cannot be tested on other sessions.
+    """
     return float(
         np.mean([classifier_accuracy([held], [other]).simulated_by_robot.estimate for other in others])
     )
@@ -185,18 +230,28 @@ def _recognised(held: pl.DataFrame, others: list[pl.DataFrame]) -> float:
 def _score(
     feature: str, held: pl.DataFrame, simulated: Dataset, rest: Dataset, other: Dataset | None
 ) -> Score:
-    """Compare one feature of the held-out session with simulated, other real, and another simulator's sessions."""
+    """Compare one feature of the held-out session with simulated, other real, and another simulator's sessions.
+
+    The sessions of each source are pooled. All similarities use the same number of values, so that they can be
+    compared: the number that the held-out session or the smallest source has, whichever is smaller. Without another
+    simulator, the figures of the other simulator are NaN.
+
+    Args:
+        held: samples of the held-out session. simulated: simulated sessions. rest: the other real sessions.
+        other: sessions of another simulator; None: there is no other simulator.
+    """
     own = values_of(held, feature)
     sources = [simulated, rest, *([] if other is None else [other])]
     pooled = [
         np.concatenate([values_of(samples, feature) for samples in source.by_session]) for source in sources
     ]
     count = min(len(own), *(len(values) for values in pooled))
-    alike = [at_equal_counts(feature, own, values, count) for values in pooled]
+    similarities = [at_equal_counts(feature, own, values, count) for values in pooled]
     distances = [_distance(feature, own, values) for values in pooled]
     if other is None:
-        alike, distances = [*alike, np.nan], [*distances, np.nan]
-    return Score(feature, count, *alike, *distances)
+        similarities, distances = [*similarities, np.nan], [*distances, np.nan]
+    # The fields of a score are in the order of ``sources``, first all similarities, then all distances.
+    return Score(feature, count, *similarities, *distances)
 
 
 def _distance(feature: str, own: Floats, other: Floats) -> float:
@@ -206,25 +261,33 @@ def _distance(feature: str, own: Floats, other: Floats) -> float:
 
 
 def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
-    """Return the error rates of one session, also by distance from the edge, and the lag-1 correlation of bits.
+    """Return statistics of the bits (energy above the threshold) of one session, by name.
 
-    A rate without samples is NaN.
+    The statistics are the false positive and false negative rates, over all samples and by distance from the edge
+    (``EDGES_M``), the share of ones, and the correlation of successive bits of a robot. A rate without samples is NaN.
+
+    Args:
+        samples: samples of one session, with ``edge_m`` (``Dataset.samples``).
+        threshold: threshold theta_E of the RMS energy.
     """
     ordered = samples.sort("robot", "time_s")
     on, edge = ordered["vibrating"].to_numpy(), np.abs(ordered["edge_m"].to_numpy())
     bits = ordered["energy"].to_numpy() > threshold
     robot = ordered["robot"].to_numpy()
     deviation = bits - bits.mean()
-    products = (deviation[1:] * deviation[:-1])[robot[1:] == robot[:-1]]
+    of_one_robot = robot[1:] == robot[:-1]
+    products = (deviation[1:] * deviation[:-1])[of_one_robot]
     wrong = bits != on
 
     def share(where: NDArray[np.bool_]) -> float:
+        """Return the share of wrong bits among these samples."""
         return float(wrong[where].mean()) if where.any() else np.nan
 
     rates = {
         "false positive": share(~on),
         "false negative": share(on),
         "share of ones": float(bits.mean()),
+        # If all bits are equal, the products and the variance are 0; dividing by 1e-12 then gives a correlation of 0.
         "lag-1 correlation of bits": float(products.mean() / max((deviation**2).mean(), 1e-12)),
     }
     for low, high in pairwise(EDGES_M):

@@ -1,4 +1,7 @@
-"""Gather what a fit uses: samples and drives of several sessions, with distances from the nearest edge."""
+"""Gather what a fit uses: samples and drives of several sessions, with distances from the nearest edge.
+
+An edge is a border between a vibrating and a still tile. Each run of each recording (or simulation) is one session.
+"""
 
 from __future__ import annotations
 
@@ -28,49 +31,60 @@ class Dataset(NotebookView):
     """Sessions, numbered consecutively over all recordings (column ``run``)."""
 
     samples: pl.DataFrame
-    """``features.sample_table``, with edge_m, tile and other (``signed_edge_distance``)."""
+    """One row per sample: the columns of ``features.sample_table``; edge_m, the signed distance from the nearest tile
+    of the other kind, negative on a vibrating tile; tile and other, the numbers of the tile below and of that nearest
+    tile."""
     drives: pl.DataFrame
-    """``drive.DRIVES``."""
+    """One row per undisturbed drive between two samples, with its speed and veer (columns ``drive.DRIVES``)."""
     approaches: pl.DataFrame
-    """``wall_approach.APPROACHES``."""
+    """One row per turn away from a wall (columns ``wall_approach.APPROACHES``)."""
     turns: pl.DataFrame
-    """``wall_approach.TURNS``."""
+    """One row per turn at the end of a leg (columns ``wall_approach.TURNS``)."""
     exchange: pl.DataFrame
-    """``sampling.packet_loss``."""
+    """One row per session: messages addressed and received, and the share lost (``analysis.sampling.packet_loss``)."""
     floors: tuple[Floor, ...]
+    """The floor of each session, at the index that is the session's number; also floors of sessions that ``only``
+    removed."""
     arena_m: tuple[float, float]
+    """Width and height of the arena."""
     results: tuple[Result, ...]
-    """The results it was made from."""
+    """The recordings or simulations from which the dataset was made; also those of sessions that ``only`` removed."""
 
     @property
     def sessions(self) -> list[int]:
-        """Numbers of the sessions."""
+        """Numbers of the sessions, ascending."""
         return [int(run) for run in self.samples["run"].unique().sort()]
 
     @property
     def by_session(self) -> list[pl.DataFrame]:
-        """The samples of each session."""
+        """The samples of each session, in the order of ``sessions``."""
         return [self.samples.filter(pl.col("run") == run) for run in self.sessions]
 
     def corrected(self, camera: Camera) -> Dataset:
-        """Return the same with positions of recordings corrected for a camera."""
+        """Return the same sessions with the true positions of recordings that a camera made; simulations do not change.
+
+        All tables are recomputed, because distances, drives and edges depend on the positions.
+        """
         if camera == RIGHT:
             return self
+        # ``results`` still has the sessions that ``only`` removed, so they are removed again.
         return dataset_of([corrected(result, camera) for result in self.results]).only(self.sessions)
 
     def seen_by(self, camera: Camera) -> pl.DataFrame:
-        """Return ``samples`` as a camera would see them: all columns that depend on the position are recomputed."""
+        """Return ``samples`` as a camera would see them: all columns that depend on the position are recomputed.
+
+        The camera sees a sample at another place, so the tile below it may be another tile, and ``vibrating`` may
+        change. Rows are grouped by session; within a session they keep the order of ``samples``.
+        """
         x, y = camera.seen(self.samples["x_m"].to_numpy(), self.samples["y_m"].to_numpy(), self.arena_m)
         moved = self.samples.with_columns(x_m=pl.Series(x), y_m=pl.Series(y))
         parts = []
         for own in moved.partition_by("run", maintain_order=True):
             floor = self.floors[own["run"][0]]
             relocated = _with_edges(own, floor)
-            parts.append(
-                relocated.with_columns(
-                    vibrating=pl.Series(floor.tiles.ravel()[relocated["tile"].to_numpy()] == 1)
-                )
-            )
+            vibrating = floor.tiles.ravel()[relocated["tile"].to_numpy()] == 1
+            parts.append(relocated.with_columns(vibrating=pl.Series(vibrating)))
+        # Columns dx_m and dy_m: the step from the robot's previous sample, between the places that the camera sees.
         steps = {f"d{name}": pl.col(name).diff().over("run", "robot") for name in ("x_m", "y_m")}
         return (
             pl.concat(parts)
@@ -79,14 +93,22 @@ class Dataset(NotebookView):
         )
 
     def only(self, sessions: Sequence[int]) -> Dataset:
-        """Return the data of these sessions only; they keep their numbers."""
+        """Return a dataset whose tables have only the rows of these sessions.
+
+        Sessions keep their numbers. ``floors`` keeps all its entries because it is indexed by session number.
+        ``results`` keeps all its entries because ``corrected`` makes the dataset again from them, and this numbers the
+        sessions in the order of the results: without some of the results, the other sessions would get other numbers.
+        """
         chosen = pl.col("run").is_in(list(sessions))
         tables = ("samples", "drives", "approaches", "turns", "exchange")
         return replace(self, **{name: getattr(self, name).filter(chosen) for name in tables})
 
 
 def dataset_of(results: Sequence[Result]) -> Dataset:
-    """Gather results (recordings, or simulations with energies and segments); each run is a session.
+    """Gather recordings, or simulations with energies and segments, into one dataset; each run is a session.
+
+    Sessions are numbered from 0, in the order of the results and, within a result, of its runs. ``REAL`` in the
+    messages of errors is the command-line argument that names the recordings.
 
     Raises:
         InputError: no results, no energies, or arenas of different sizes.
@@ -100,7 +122,8 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
         raise InputError("the recordings have arenas of different sizes; fit them separately", field="REAL")
     for result in results:
         runs = result.runs["run"].to_list()
-        number = {int(run): len(floors) + k for k, run in enumerate(runs)}
+        # ``floors`` has one entry for each session of the earlier results, so its length is the next free number.
+        session_of = {int(run): len(floors) + k for k, run in enumerate(runs)}
         table = sample_table(result)
         parts = [_with_edges(table.filter(pl.col("run") == run), result.floor(run)) for run in runs]
         approaches, turns = approach_tables(result, table)
@@ -108,11 +131,11 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
             "samples": pl.concat(parts), "drives": drive_table(result), "approaches": approaches, "turns": turns,
             "exchange": packet_loss(result),
         }  # fmt: skip
-        numbered = pl.col("run").replace_strict(number, return_dtype=pl.UInt32)
+        numbered = pl.col("run").replace_strict(session_of, return_dtype=pl.UInt32)
         tables.append({name: frame.with_columns(numbered) for name, frame in frames.items()})
         floors += [result.floor(run) for run in runs]
     return Dataset(
-        **{name: pl.concat([table_set[name] for table_set in tables]) for name in tables[0]},
+        **{name: pl.concat([of_result[name] for of_result in tables]) for name in tables[0]},
         floors=tuple(floors),
         arena_m=next(iter(sizes)),
         results=tuple(results),
@@ -128,11 +151,21 @@ def _with_edges(samples: pl.DataFrame, floor: Floor) -> pl.DataFrame:
 def signed_edge_distance(
     floor: Floor, x_m: Floats, y_m: Floats
 ) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Return how far each place is from the nearest tile of the other kind, and both tiles; (places,) each.
+    """Find the nearest tile of the other kind for each place: its signed distance, the tile below, and that tile.
 
-    Returns: the distance, m, negative where the tile below vibrates (inf or -inf without a tile of the other kind); the
-        index of the tile below (beyond the rim of the nearest one, as the authors count); and that of the nearest tile
-        of the other kind (-1: none).
+    The other kind is still tiles for a place on a vibrating tile, and vibrating tiles for a place on a still one. The
+    index of a tile is row x columns + column, from the top left tile.
+
+    Args:
+        x_m, y_m: the places, (places,) each.
+    Returns:
+        A tuple of three arrays, (places,) each:
+
+        1. Distance from the nearest tile of the other kind, m; negative where the tile below vibrates. It is infinite,
+           with the same sign, if there is no tile of the other kind.
+        2. Index of the tile below. A place beyond the floor's rim counts as on the nearest tile, as for the authors of
+           the recordings.
+        3. Index of the nearest tile of the other kind; -1 if there is none.
     """
     row, column = nearest_tile(floor, x_m, y_m)
     vibrating = floor.tiles[row, column] == 1

@@ -1,28 +1,33 @@
-"""Measure how robots drive: speed, its variation between and within robots, battery, veer; and how they turn and how
-far they get in undisturbed intervals: one drive between two samples, nothing else.
+"""Measure how robots drive: speed, its variation between and within robots, its drop as the battery empties, and veer;
+and how robots turn and how far they get in undisturbed intervals.
+
+An interval lies between two successive samples of a robot. It is undisturbed if the robot only drove in it, without
+avoidance and without a turn on the spot.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| speed | v | m/s | distance over time of steps between tracked positions; without tracks, of whole drives |
-| speed at the start | v_0 | m/s | of v = v_0 (1 - t / life), by least squares for each robot and session |
+| speed | v | m/s | distance / time of the steps between tracked positions; without tracks, of the whole drive |
+| speed at the start | v_0 | m/s | v at t = 0, from v = v_0 (1 - t / life) by least squares for each robot and session |
 | drop | - | - | T / life: share of the speed lost in T = 1200 s |
-| sd between, within | - | m/s | standard deviation of robots' mean speeds; of a robot's speed about its line |
+| sd between | - | m/s | standard deviation over robots of the mean speed |
+| sd within | - | m/s | standard deviation of a robot's speed about its line v(t) |
 | share between | - | - | between^2 / (between^2 + within^2) |
-| veer | w | rad/s | slope of the course against time while driving, anticlockwise positive; its sd likewise |
-| undisturbed | - | - | no avoidance, and lasting the median of such intervals within ``CALM_S``: no turn either |
-| turn | D | rad | change of the direction of the step from one undisturbed interval to the next, below ``MOST_TURN`` |
-| own misalignment | m | - | D track / (2 L), L the length of the arc: what a straight robot lacks |
-| its spread | s | - | interquartile range of D about the robot's median, / 1.349: insensitive to hidden turns |
-| slow share | c | - | autocorrelation of D, clipped, over ``SLOW_LAGS`` samples |
-| from sample to sample | - | - | s sqrt(2 (1 - c)): D is the mean of two intervals' turns |
-| slow | - | - | s sqrt(c) |
-| variation of distance | - | - | interquartile range about its line in time / 1.435 (triangular), / its median |
+| veer | w | rad/s | slope of the course against time while driving, anticlockwise positive |
+| turn | D | rad | direction from sample to sample minus that in the interval before (both undisturbed) |
+| own misalignment | m | - | D track / (2 L), L the length of the arc; 0 for a robot that drives straight |
+| spread | s | - | interquartile range of D about the robot's median, / 1.349: insensitive to undetected turns |
+| slow share | c | - | mean autocorrelation of D over ``SLOW_LAGS``: share of the variance that changes slowly |
+| spread from sample to sample | - | - | s sqrt(2 (1 - c)): D is the mean of two intervals' turns |
+| slow spread | - | - | s sqrt(c) |
+| variation of distance | - | - | interquartile range about a line in time, / 1.435 (triangular law) / the median |
 
-A drive lies between two samples of a robot without avoidance or turn in between, recognised by its usual duration
-(``CALM_S``). The first and last step, in which the robot starts and stops, are left out.
+An undisturbed interval is recognised by its duration: intervals without avoidance usually have no turn either, so their
+median duration is that of an undisturbed interval, and intervals within ``CALM_S`` of this median count as undisturbed.
+The drive is the part of the interval before the robot stops to sample. Speed and veer are measured without the first
+and last tracked steps of the drive, in which the robot starts and stops.
 
-What matters to where robots sample is the turn from sample to sample, with starts and stops, not the slope of the
-course in the middle of a drive, which is smaller.
+Where a robot samples depends on the turn from sample to sample, which includes starts and stops. The veer does not: it
+is the slope of the course in the middle of a drive, and is smaller.
 """
 
 from __future__ import annotations
@@ -42,13 +47,15 @@ from vibroswarm.result import Result
 Floats = NDArray[np.float64]
 
 CALM_S: Final = 0.3
-"""A drive lasts the median of the intervals without avoidance, within this tolerance."""
+"""An undisturbed interval lasts the median of the intervals without avoidance, within this tolerance."""
 LEAST_M: Final = 0.05
+"""Shortest distance between the two samples of an undisturbed interval."""
 SPAN_S: Final = 1200.0
+"""Time T in which the drop of the speed is measured."""
 STEP_S: Final = 0.22
 """Interval at which simulated paths are sampled, as a camera does."""
 MOST_VEER: Final = np.radians(40.0)
-"""A steeper course is an undetected turn."""
+"""Largest veer of a drive, rad/s (40 degrees per second); a faster change of the course is an undetected turn."""
 
 DRIVES: Final = {
     "run": pl.UInt32,
@@ -57,6 +64,7 @@ DRIVES: Final = {
     "speed_m_s": pl.Float64,
     "veer_rad_s": pl.Float64,
 }
+"""Columns of the table of drives; time_s is the time of the sample at the end of the drive."""
 
 
 LEAST_DRIVES: Final = 10
@@ -64,31 +72,46 @@ LEAST_DRIVES: Final = 10
 
 
 def drive_table(result: Result) -> pl.DataFrame:
-    """Return one row per drive (``DRIVES``); veer is null where there is no track or too short a course."""
+    """Return one row per drive in an undisturbed interval: run, robot, time_s of the sample at its end, speed and veer.
+
+    A drive that cannot be measured on the robot's track, or that veers by ``MOST_VEER`` or more, is left out. For a
+    robot without a track, the speed is the distance between the two samples divided by the time of the drive, and the
+    veer is null. Columns and units are those of ``DRIVES``.
+    """
     table = sample_table(result).join(
         result.motion.select("run", "robot", "sample", "stop_start_s"), on=["run", "robot", "sample"]
     )
+    # A drive lasts from the previous sample to the stop for this sample.
     table = table.with_columns(since_s=pl.col("time_s").shift(1).over("run", "robot"))
-    calm = table.filter((pl.col("avoid_s") < 1e-9) & (pl.col("distance_m") > LEAST_M))
-    lasting = calm["spacing_s"].median()
-    drives = calm.filter((pl.col("spacing_s") - lasting).abs() <= CALM_S)
+    # In recordings, avoidance times are differences of logged totals; 1e-9 s allows for rounding.
+    unavoided = table.filter((pl.col("avoid_s") < 1e-9) & (pl.col("distance_m") > LEAST_M))
+    usual_s = unavoided["spacing_s"].median()
+    drives = unavoided.filter((pl.col("spacing_s") - usual_s).abs() <= CALM_S)
     rows: list[tuple[int, int, float, float, float | None]] = []
     for (run, robot), own in drives.group_by("run", "robot", maintain_order=True):
         track = track_of(result, int(run), int(robot))
         for time_s, since_s, stop_s, distance_m in own.select(
             "time_s", "since_s", "stop_start_s", "distance_m"
         ).iter_rows():
-            seen = None if track is None else _on_track(track, since_s, stop_s)
-            if track is not None and seen is None:
-                continue
-            speed, veer = seen if seen is not None else (distance_m / (stop_s - since_s), None)
+            speed: float
+            veer: float | None
+            if track is None:
+                speed, veer = distance_m / (stop_s - since_s), None
+            else:
+                tracked = _on_track(track, since_s, stop_s)
+                if tracked is None:
+                    continue
+                speed, veer = tracked
             if veer is None or abs(veer) < MOST_VEER:
                 rows.append((int(run), int(robot), time_s, speed, veer))
     return pl.DataFrame(rows, schema=DRIVES, orient="row")
 
 
 def track_of(result: Result, run: int, robot: int) -> Floats | None:
-    """Return a robot's path as a camera saw it or would have seen it, (positions, 3): s, m, m; None if unknown."""
+    """Return a robot's path at the rate of a camera: rows of time (s), x (m) and y (m); None if it is not known.
+
+    The path of a recording is what the camera tracked; that of a simulation is true, at intervals of ``STEP_S``.
+    """
     if isinstance(result, Recording):
         own = result.tracks.filter((pl.col("run") == run) & (pl.col("robot") == robot))
         return own.select("time_s", "x_m", "y_m").to_numpy() if own.height else None
@@ -101,22 +124,31 @@ def track_of(result: Result, run: int, robot: int) -> Floats | None:
 
 
 def _on_track(track: Floats, since_s: float, until_s: float) -> tuple[float, float] | None:
-    """Return the speed and veer of one drive without its first and last steps; None: too short, or the robot stood."""
+    """Return the speed (m/s) and veer (rad/s) of one drive; None if it is too short, or if the robot stood in it.
+
+    Args:
+        track: rows of time (s), x (m) and y (m), ``track_of``.
+        since_s, until_s: beginning and end of the drive.
+    """
     first, last = np.searchsorted(track[:, 0], [since_s, until_s])
     time, x, y = track[first:last].T
+    # Seven positions give six steps. Without the first and the last step, a slope has four points.
     if time.size < 7:
         return None
-    dx, dy, dt = (each[2:-1] - each[1:-2] for each in (x, y, time))
+    dx, dy, dt = (each[2:-1] - each[1:-2] for each in (x, y, time))  # without the first and the last step
     step = np.hypot(dx, dy)
+    # A step much shorter than the others means that the robot stood, so this was no undisturbed drive. The second
+    # condition also rejects a robot that stood all the time, whose median step is 0.
     if step.min() < 0.2 * _median(step) or step.min() <= 0.0:
         return None
     course = np.arctan2(dy, dx)
-    if np.abs(np.diff(course)).max() >= math.pi:  # np.unwrap is slow and rarely needed
+    # np.unwrap removes jumps of the angle by 2 pi. It is slow and changes nothing if no change reaches pi.
+    if np.abs(np.diff(course)).max() >= math.pi:
         course = np.unwrap(course)
-    middle = ((time[1:] + time[:-1]) / 2)[1:-1]
-    middle = middle - middle.mean()
-    slope = float(middle @ course / (middle @ middle))  # least squares
-    return float(step.sum() / dt.sum()), slope
+    middle_s = ((time[1:] + time[:-1]) / 2)[1:-1]  # middle of each step, without the first and the last step
+    middle_s = middle_s - middle_s.mean()
+    veer = float(middle_s @ course / (middle_s @ middle_s))  # least-squares slope of the course against time
+    return float(step.sum() / dt.sum()), veer
 
 
 def _median(values: Floats) -> float:
@@ -127,27 +159,33 @@ def _median(values: Floats) -> float:
 
 
 def drive_of(drives: pl.DataFrame) -> dict[str, float | None]:
-    """Return the statistics of one session's drives by name; None with too few drives, or for the veer without paths.
+    """Return statistics of one session's drives by name, in SI units; a statistic is None if it cannot be computed.
 
-    ``lag_one``: correlation of a robot's speed with that of its next drive, about its own line.
+    Robots with fewer than ``LEAST_DRIVES`` drives are left out. Without tracks the veer is unknown, and its statistics
+    are None. ``lag_one`` is the correlation between the deviations of a robot's speed from its line v(t) in one drive
+    and in the next drive.
+
+    Args:
+        drives: rows of ``drive_table`` of one session.
     """
     own = [
         robot_drives
         for robot_drives in drives.partition_by("robot", maintain_order=True)
         if robot_drives.height >= LEAST_DRIVES
     ]
-    fits = np.array([_robot(robot_drives) for robot_drives in own]).reshape(-1, 7)
+    fits = np.array([_robot(robot_drives) for robot_drives in own]).reshape(-1, 7)  # (robots, statistics)
+    # Each statistic of the robots that have it.
     mean, start, drop, within, lag, veers, veers_within = (column[~np.isnan(column)] for column in fits.T)
     between = float(mean.std(ddof=1)) if mean.size > 1 else None
-    spread = float(np.sqrt((within**2).mean())) if within.size else None
-    shared = between is not None and spread is not None
+    spread = float(np.sqrt((within**2).mean())) if within.size else None  # root mean square over robots
+    both_known = between is not None and spread is not None
     return {
         "speed_m_s": _mean(mean),
         "start_speed_m_s": _mean(start),
         "drop": _mean(drop),
         "between_m_s": between,
         "within_m_s": spread,
-        "share_between": between**2 / (between**2 + spread**2) if shared else None,  # type: ignore[operator]
+        "share_between": between**2 / (between**2 + spread**2) if both_known else None,  # type: ignore[operator]
         "lag_one": _mean(lag),
         "veer_rad_s": _mean(veers),
         "veer_between_rad_s": float(np.std(veers, ddof=1)) if veers.size > 1 else None,
@@ -156,70 +194,83 @@ def drive_of(drives: pl.DataFrame) -> dict[str, float | None]:
 
 
 def _mean(values: Floats) -> float | None:
+    """Return the mean, or None without values."""
     return float(values.mean()) if values.size else None
 
 
 def _robot(own: pl.DataFrame) -> tuple[float, ...]:
-    """Return the mean speed, speed at the start, drop, spread within, lag-1 correlation, veer and its spread (nan: too
-    few)."""
+    """Return seven statistics of one robot's drives in one session.
+
+    They are the mean speed, the speed at the start, the drop, the sd of the speed about its line v(t), the lag-1
+    correlation of the deviations from that line, and the mean and sd of the veer. The mean and sd of the veer are NaN
+    with fewer than ``LEAST_DRIVES`` measured veers.
+
+    Args:
+        own: rows of ``drive_table`` of the robot, in the order of time.
+    """
     time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
     slope, start = np.polyfit(time, speed, 1)
-    rest = speed - (start + slope * time)
-    square = float((rest**2).mean())
+    deviation = speed - (start + slope * time)
+    variance = float((deviation**2).mean())
     veer = own["veer_rad_s"].drop_nulls().to_numpy()
-    lag = float((rest[1:] * rest[:-1]).mean()) / square if square > 0 else 0.0
+    lag = float((deviation[1:] * deviation[:-1]).mean()) / variance if variance > 0 else 0.0
     veers = (float(veer.mean()), float(veer.std(ddof=1))) if veer.size >= LEAST_DRIVES else (math.nan,) * 2
     return (
         float(speed.mean()),
         float(start),
         float(-slope * SPAN_S / start),
-        float(np.sqrt(square)),
+        float(np.sqrt(variance)),
         lag,
         *veers,
     )
 
 
 MOST_TURN: Final = np.radians(40.0)
-"""A larger turn is one that the clock hides."""
+"""A larger turn between undisturbed intervals is a turn on the spot that was too short to be recognised by time."""
 SLOW_LAGS: Final = (4, 6, 8, 10, 12)
-"""Samples: beyond what neighbouring intervals share, within a slow variation."""
+"""Lags of the autocorrelation, in samples: longer than what neighbouring intervals share, shorter than the time in
+which a slow variation changes."""
 CLIPPED: Final = 2.5
-"""Deviations are clipped to so many spreads for autocorrelations."""
+"""Deviations are clipped to this many spreads for autocorrelations."""
 LEAST_TURNS: Final = 30
 """Fewest turns of a robot in a session."""
 IQR: Final = 1.349
 """Interquartile range of a standard normal distribution."""
 IQR_TRIANGULAR: Final = 2.0 * (np.sqrt(6.0) - np.sqrt(3.0))
-"""That of a triangular one of variance 1."""
+"""Interquartile range of a triangular distribution of variance 1."""
 
 
 def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
-    """Return the undisturbed intervals that follow another one.
+    """Return the undisturbed intervals whose previous interval is undisturbed too, so that a turn is defined.
 
     Args:
-        samples: of ``features.sample_table``, of any number of sessions.
+        samples: ``features.sample_table``, of any number of sessions.
     Returns:
-        One row an interval: run, robot, index (of the sample that ends it), time_s, turn_rad, distance_m.
+        One row per interval: run, robot; index and time_s of the sample that ends the interval (the index counts a
+        robot's samples in a run from 0); turn_rad, the direction of the interval's step minus that of the previous
+        interval's; and distance_m. Rows are ordered by run, robot and time.
     """
     key = ["run", "robot"]
-    free = pl.col("avoid_s") < 1e-9
-    lasting = samples.filter(free)["spacing_s"].median()
-    calm = free & ((pl.col("spacing_s") - lasting).abs() <= CALM_S) & (pl.col("distance_m") > LEAST_M)
+    # In recordings, avoid_s is a difference of logged totals; 1e-9 s allows for rounding.
+    without_avoidance = pl.col("avoid_s") < 1e-9
+    usual_s = samples.filter(without_avoidance)["spacing_s"].median()
+    usual_duration = (pl.col("spacing_s") - usual_s).abs() <= CALM_S
+    calm = without_avoidance & usual_duration & (pl.col("distance_m") > LEAST_M)
     turn = pl.arctan2("dy_m", "dx_m").diff().over(key)
     marked = samples.sort("run", "robot", "time_s").with_columns(
-        calm=calm.fill_null(False),
+        calm=calm.fill_null(False),  # null at a robot's first sample, which ends no interval
         turn_rad=(turn + np.pi) % (2.0 * np.pi) - np.pi,
         index=pl.int_range(pl.len()).over(key),
     )
-    both = pl.col("calm") & pl.col("calm").shift(1).over(key).fill_null(False)
-    chosen = marked.filter(both & (pl.col("turn_rad").abs() < MOST_TURN))
+    calm_twice = pl.col("calm") & pl.col("calm").shift(1).over(key).fill_null(False)
+    chosen = marked.filter(calm_twice & (pl.col("turn_rad").abs() < MOST_TURN))
     return chosen.select("run", "robot", "index", "time_s", "turn_rad", "distance_m")
 
 
 class Course(NamedTuple):
     """How one robot drives in one session, from its undisturbed intervals.
 
-    Values in 1/m, times half the track (m), are misalignments.
+    A value in 1/m, multiplied by half the track (m), is a misalignment.
     """
 
     turn_rad: float
@@ -227,20 +278,29 @@ class Course(NamedTuple):
     bend_per_m: float
     """Median turn, divided by the length of the arc."""
     spread_per_m: float
+    """Spread of the turns about their median, divided by the length of the arc."""
     slow_share: float
+    """Mean autocorrelation of the turns over ``SLOW_LAGS``; NaN if it cannot be computed."""
     distance_spread: float
-    """Spread of the distances about their line in time, as a share of their median."""
+    """Standard deviation of the distances about their line in time, as a share of their median."""
     turns: int
+    """Number of turns that were measured."""
     samples: int
+    """Number of samples up to the last of these turns."""
 
 
 def course_of(own: pl.DataFrame) -> Course | None:
-    """Return the course of one robot in one session from its rows of ``undisturbed``; None if there are too few."""
+    """Return how one robot drives in one session, from its undisturbed intervals; None with too few of them.
+
+    Args:
+        own: rows of ``undisturbed`` of the robot in the session, in the order of time; ``LEAST_TURNS`` are needed.
+    """
     if own.height < LEAST_TURNS:
         return None
     turn, distance, time = (own[name].to_numpy() for name in ("turn_rad", "distance_m", "time_s"))
     middle = float(np.median(turn))
-    half = max(abs(middle) / 2.0, 1e-9)
+    # An arc of angle a has the length chord x (a / 2) / sin(a / 2); the chord is the distance between two samples.
+    half = max(abs(middle) / 2.0, 1e-9)  # a / 2; 1e-9 keeps 0 / sin(0) from being NaN
     arc_m = float(np.median(distance)) * half / np.sin(half)
     spread = quartile_spread(turn - middle)
     line = np.polyval(np.polyfit(time, distance, 1), time)
@@ -249,6 +309,7 @@ def course_of(own: pl.DataFrame) -> Course | None:
         bend_per_m=middle / arc_m,
         spread_per_m=spread / arc_m,
         slow_share=_slow_share(own["index"].to_numpy(), turn - middle, spread),
+        # The distribution of distances is triangular, so the factor of the normal law is replaced.
         distance_spread=quartile_spread(distance - line) * IQR / IQR_TRIANGULAR / float(np.median(distance)),
         turns=own.height,
         samples=int(own["index"][-1]) + 1,
@@ -262,17 +323,20 @@ def quartile_spread(values: Floats) -> float:
 
 
 def _slow_share(index: NDArray[np.int64], deviation: Floats, spread: float) -> float:
-    """Return the mean autocorrelation over ``SLOW_LAGS``, clipped to [0, 1].
+    """Return the mean autocorrelation of turns over ``SLOW_LAGS``, clipped to [0, 1].
 
-    NaN if no two intervals are such a lag apart, or if all deviations are equal.
+    The result is NaN if no two intervals are one of these lags apart, or if all deviations are equal.
 
     Args:
-        index: of the sample that ends each interval, (intervals,). deviation: of its turn. spread: of the deviations.
+        index: index of the sample that ends each interval, (intervals,), ascending.
+        deviation: turn of each interval minus the robot's median turn, (intervals,).
+        spread: standard deviation of the deviations; larger deviations are clipped to ``CLIPPED`` times this.
     """
     clipped = np.clip(deviation, -CLIPPED * spread, CLIPPED * spread)
     clipped = clipped - clipped.mean()
-    by_index = np.full(int(index[-1]) + 1, np.nan)
+    by_index = np.full(int(index[-1]) + 1, np.nan)  # NaN: no turn was measured at this sample
     by_index[index] = clipped
+    # Products of deviations that are ``lag`` samples apart; NaN unless both intervals are undisturbed.
     products = [by_index[lag:] * by_index[:-lag] for lag in SLOW_LAGS if lag < by_index.size]
     pairs = np.concatenate([each[np.isfinite(each)] for each in products]) if products else np.zeros(0)
     variance = float((clipped**2).mean())

@@ -1,7 +1,7 @@
 """Measure the effect of simulating with other robots: two scenarios on the same floors, for each strategy.
 
-Runs of the same number have the same floor and the same noise in both, and form a pair. Notable differences are
-checked on other seeds (fresh motion, fresh floors).
+Runs with the same number have the same floor and the same noise in both scenarios, and form a pair. All runs are
+repeated with the next seed (fresh motion, fresh floors), and only a difference that both seeds show is confirmed.
 """
 
 from __future__ import annotations
@@ -20,21 +20,29 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import replay, simulate
 
 STRATEGIES: Final = ("none", "positive", "soft")
+"""Strategies that are compared by default."""
 CONSENSUS: Final = ("right", "wrong", "split", "incomplete")
+"""Outcomes of a swarm."""
 BATCH: Final = 100
+"""Runs that are simulated at once."""
+Tables = tuple[pl.DataFrame, pl.DataFrame]
+"""The tables ``robots`` and ``runs`` of a result."""
 
 
 @dataclass(frozen=True)
 class Effect(NotebookView):
-    """One strategy: figures and shares of each consensus for both scenarios, and the differences (second - first)."""
+    """Effect of changing from the first scenario to the second, under one strategy."""
 
     strategy: str
     figures: tuple[dict[str, Interval], dict[str, Interval]]
+    """Mean of each figure (``paired.FIGURES``) over runs with the first seed, in the first and the second scenario."""
     consensus: tuple[dict[str, float], dict[str, float]]
+    """Share of runs with each consensus outcome with the first seed, in the first and the second scenario."""
     differences: tuple[Confirmation, ...]
+    """Difference of each figure, second minus first scenario, and whether the second seed confirms it."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return plain values for JSON; ``figures`` and ``consensus`` list the first and the second scenario."""
         return {
             "strategy": self.strategy,
             "figures": [
@@ -56,15 +64,23 @@ def effects(
 ) -> list[Effect]:
     """Estimate the effect of changing from the first scenario to the second, under each strategy.
 
+    The motion of each scenario is simulated once for each seed, and replayed under each strategy.
+
     Args:
-        runs: number for each scenario; as many again are run on other seeds, to confirm what is found.
+        first, second: the scenarios to compare, with the same end of a run; their own strategies do not matter.
+        runs: number of runs for each scenario and seed.
+        seed: the seed of the estimates; ``seed`` + 1 is used to confirm the differences.
+        strategies: names of the strategies.
+        progress: called with the share of the work that is done, 0 to 1.
+    Returns:
+        One effect per strategy, in the order of ``strategies``.
     """
-    blocks = []
-    done, all_of = 0, 4 * -(-runs // BATCH)
+    blocks = []  # blocks[block][scenario][strategy]: the tables of robots and of runs; block k has the seed seed + k
+    done, batches = 0, 4 * -(-runs // BATCH)  # 2 seeds x 2 scenarios; the division rounds up
     for block in range(2):
-        cells: list[dict[str, tuple[pl.DataFrame, pl.DataFrame]]] = []
+        cells: list[dict[str, Tables]] = []
         for scenario in (first, second):
-            pieces: dict[str, list[tuple[pl.DataFrame, pl.DataFrame]]] = {name: [] for name in strategies}
+            pieces: dict[str, list[Tables]] = {name: [] for name in strategies}
             for start in range(0, runs, BATCH):
                 chosen = list(range(start, min(start + BATCH, runs)))
                 shared = simulate(scenario, seed + block, chosen, energies=False)
@@ -73,12 +89,12 @@ def effects(
                     pieces[name].append((replayed.robots, replayed.runs))
                 done += 1
                 if progress is not None:
-                    progress(done / all_of)
+                    progress(done / batches)
             cells.append(
                 {
                     name: (
-                        pl.concat([part[0] for part in parts]),
-                        pl.concat([part[1] for part in parts]),
+                        pl.concat([robots_table for robots_table, _ in parts]),
+                        pl.concat([runs_table for _, runs_table in parts]),
                     )
                     for name, parts in pieces.items()
                 }
@@ -87,23 +103,33 @@ def effects(
     return [_effect(name, blocks, first.run.t_end_s) for name in strategies]
 
 
-def _effect(
-    name: str, blocks: list[list[dict[str, tuple[pl.DataFrame, pl.DataFrame]]]], t_end_s: float
-) -> Effect:
-    """Compare the two scenarios under one strategy, in both blocks of seeds."""
+def _effect(name: str, blocks: list[list[dict[str, Tables]]], t_end_s: float) -> Effect:
+    """Compare the two scenarios under one strategy, and confirm the differences with the second seed.
+
+    Args:
+        name: name of the strategy.
+        blocks: tables of robots and of runs by strategy, for each seed (first index) and scenario (second index).
+        t_end_s: end of a run, which is the decision time of a robot that does not decide.
+    """
     tables = [[run_figures(*cell[name], t_end_s) for cell in cells] for cells in blocks]
+    # One comparison of the two scenarios (second - first) for each seed.
     comparisons = [compare(second, first) for first, second in tables]
+    # Means and shares of outcomes, for each scenario, are those of the first seed, ``tables[0]`` and ``blocks[0]``.
     figures = [
         {figure: mean_interval(table[figure].drop_nulls().to_numpy()) for figure in FIGURES}
         for table in tables[0]
     ]
+    runs_tables = [cell[name][1] for cell in blocks[0]]
     shares = [
-        {kind: float((cell[name][1]["consensus"] == kind).mean()) for kind in CONSENSUS}  # type: ignore[arg-type]
-        for cell in blocks[0]
+        {kind: float((table["consensus"] == kind).mean()) for kind in CONSENSUS}  # type: ignore[arg-type]
+        for table in runs_tables
     ]
     return Effect(
-        name,
-        (figures[0], figures[1]),
-        (shares[0], shares[1]),
-        tuple(confirmed(a, b) for a, b in zip(*comparisons, strict=True)),
+        strategy=name,
+        figures=(figures[0], figures[1]),
+        consensus=(shares[0], shares[1]),
+        # The comparisons of both seeds list the figures in the same order.
+        differences=tuple(
+            confirmed(difference, repeated) for difference, repeated in zip(*comparisons, strict=True)
+        ),
     )

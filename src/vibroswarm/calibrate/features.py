@@ -3,13 +3,15 @@
 | feature | values | histogram |
 |---|---|---|
 | avoidance | time spent avoiding since the last sample, s, zeros dropped (the paper's "state times") | 79 bins, [0, 8] s |
-| vibrating, still | energy on tiles of each kind | 59 bins on [0, 6], of E < 5 and of E < 3 |
+| vibrating | energy E on vibrating tiles, only E < 5 | 59 bins on [0, 6] |
+| still | energy E on still tiles, only E < 3 | 59 bins on [0, 6] |
 | places | x, y of samples | 15 x 15 bins over the data's own range |
-| distances | time of the later sample, distance to the one before, zeros dropped | 24 x 24 on [0, 1200] s, [0.05, 0.2] m |
-| steps | dx, dy from the sample before | 39 x 39 on [-0.2, 0.2] m |
+| distances | time of a sample, its distance from the previous sample; zero distances dropped | 24 x 24 on [0, 1200] s, [0.05, 0.2] m |
+| steps | dx, dy from the previous sample | 39 x 39 on [-0.2, 0.2] m |
 
 The tile of a sample is column floor(x / width), row (rows - 1 - floor(y / height)), clipped to the floor, so that places on
-the walls count. A robot's first sample has no step. Steps over a lost row are taken as they are, as the authors did.
+the walls count. A robot's first sample has no step. If rows of a recording are lost, the step leads from the last row
+before the gap to the first row after it, as in the authors' analysis. A session is one run.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 
 FEATURES: Final = ("avoidance", "vibrating", "still", "places", "distances", "steps")
+"""Names of the six features, see the table above."""
 WORDS: Final = {
     "avoidance": "avoidance time per sample",
     "vibrating": "energy on vibrating tiles",
@@ -36,11 +39,14 @@ WORDS: Final = {
     "distances": "distance over time",
     "steps": "distance and angle",
 }
+"""The features in words, for titles."""
 
 Floats = NDArray[np.float64]
 
 VIBRATING_BELOW: Final = 5.0
+"""Upper limit of the energies on vibrating tiles that the authors used; larger ones are dropped."""
 STILL_BELOW: Final = 3.0
+"""Upper limit of the energies on still tiles that the authors used; larger ones are dropped."""
 _EDGES: Final = {
     "avoidance": [np.linspace(0.0, 8.0, 80)],
     "vibrating": [np.linspace(0.0, 6.0, 60)],
@@ -50,18 +56,21 @@ _EDGES: Final = {
 }
 """Edges of the authors' bins; those of places depend on the data."""
 PLACE_BINS: Final = 15
+"""Bins of the histogram of places along x, and along y."""
 AUTHORS_SHORT_S: Final = 0.536
-"""The authors add 65 s for a wrap of 65.536 s."""
+"""Where the 16-bit counter of avoidance (ms) wrapped, the authors added 65 s instead of 65.536 s: this much less."""
 
 
 def sample_table(result: Result) -> pl.DataFrame:
-    """Return one row per sample, by run, robot and time.
+    """Return one row per sample, ordered by run, robot and time.
 
-    Columns: run, robot, sample, time_s, x_m, y_m, energy, vibrating; since the robot's sample before dx_m, dy_m,
-    distance_m, spacing_s, avoid_s (null at its first); wraps, of the counter of avoidance.
+    Columns of the sample: run, robot, sample, time_s, x_m, y_m, energy, and vibrating (whether the tile below
+    vibrates). Columns of the interval since the robot's previous sample, null at its first sample: dx_m, dy_m,
+    distance_m, spacing_s (the time between the two samples) and avoid_s (time spent avoiding). Column wraps: how often
+    the robot's 16-bit counter of avoidance time started again from 0 since the previous sample.
 
     Raises:
-        InputError: no energies.
+        InputError: the result has no energies.
     """
     key = ["run", "robot", "sample"]
     energies = result.rows if isinstance(result, Recording) else result.observations
@@ -79,12 +88,14 @@ def sample_table(result: Result) -> pl.DataFrame:
     frame = frame.with_columns(vibrating=pl.Series(vibrating)).sort("run", "robot", "time_s")
 
     def since(name: str) -> pl.Expr:
+        """Return the change of a column since the robot's previous sample."""
         return pl.col(name).diff().over("run", "robot")
 
     frame = frame.with_columns(
         dx_m=since("x_m"),
         dy_m=since("y_m"),
         spacing_s=since("time_s"),
+        # The table of motion has avoid_s as a difference already, but for the first sample too, where it becomes null.
         avoid_s=pl.when(since("time_s").is_not_null()).then(pl.col("avoid_s").cast(pl.Float64)),
     )
     frame = frame.with_columns(distance_m=(pl.col("dx_m") ** 2 + pl.col("dy_m") ** 2).sqrt())
@@ -92,16 +103,22 @@ def sample_table(result: Result) -> pl.DataFrame:
 
 
 def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
-    """Return how often the avoidance counter wrapped since the robot's previous sample; 0 at the first."""
+    """Return how often the robot's counter of avoidance wrapped since its previous sample, for each row of ``frame``.
+
+    The counter wraps when it starts again from 0. The number is 0 at a robot's first sample, in simulations, and if the
+    recording does not state the value at which the counter wraps.
+    """
     none = pl.Series("wraps", np.zeros(frame.height, dtype=np.int64))
     if not isinstance(result, Recording):
         return none
-    wraps_at = {
+    wraps_at = {  # s, by run; None: not stated
         run: session.get("wraps_at", {}).get("avoid_total_s") for run, session in enumerate(result.sessions)
     }
     key = ["run", "robot", "sample"]
     totals = frame.join(result.rows.select(*key, "avoid_total_s"), on=key, how="left", maintain_order="left")
     wraps = totals.select(
+        # A recording holds the total without wraps, so total / wrap, rounded down, counts the wraps since the start;
+        # 1e-9 makes up for rounding errors where the total is a multiple of the wrap.
         (pl.col("avoid_total_s") / pl.col("run").replace_strict(wraps_at, return_dtype=pl.Float64) + 1e-9)
         .floor()
         .diff()
@@ -114,19 +131,27 @@ def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
 
 
 def nearest_tile(floor: Floor, x_m: Floats, y_m: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the row and column of the tile below each place; beyond the floor's rim, of the nearest one, as the
-    authors count."""
+    """Return the rows and the columns of the tiles below some places, in the shape of ``x_m`` and ``y_m``.
+
+    A place beyond the floor's rim counts as on the nearest tile, as in the authors' analysis. Row 0 is the top row.
+    """
     rows, columns, width, height, left, bottom = floor.geometry
     column = np.clip(np.floor((x_m - left) / width), 0, columns - 1).astype(np.int64)
     return rows - 1 - np.clip(np.floor((y_m - bottom) / height), 0, rows - 1).astype(np.int64), column
 
 
 def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False) -> Floats:
-    """Return the values of one feature, (n, 1) or (n, 2), within the range the authors used.
+    """Return the values of one feature: (n, 1), or (n, 2) for places, distances and steps.
+
+    Energies beyond the limits that the authors used are dropped, and so are avoidance times and distances of 0.
 
     Args:
-        samples: of ``sample_table``.
-        as_published: where a robot's 16-bit counter wrapped, add 65.0 s as the authors did, not 65.536 s.
+        samples: ``sample_table``.
+        feature: one of ``FEATURES``.
+        as_published: whether avoidance times are those of the authors, who added 65 s instead of 65.536 s where a
+            robot's 16-bit counter wrapped.
+    Raises:
+        InputError: no such feature.
     """
     energy, vibrating = samples["energy"].to_numpy(), samples["vibrating"].to_numpy()
     if feature == "vibrating":
@@ -143,36 +168,52 @@ def values_of(samples: pl.DataFrame, feature: str, *, as_published: bool = False
         return stepped.select("dx_m", "dy_m").to_numpy()
     if feature == "avoidance":
         avoided = stepped.filter(pl.col("avoid_s") > 1e-9)
-        short = AUTHORS_SHORT_S * pl.col("wraps") if as_published else 0.0
-        return avoided.select(pl.col("avoid_s") - short).to_numpy()
+        missing_s = AUTHORS_SHORT_S * pl.col("wraps") if as_published else 0.0
+        return avoided.select(pl.col("avoid_s") - missing_s).to_numpy()
     raise InputError(f"there is no feature '{feature}' (there are {', '.join(FEATURES)})", field="feature")
 
 
 def histogram(values: Floats, feature: str) -> Floats:
-    """Return the authors' histogram of these values, flattened; a bin includes its lower edge, the last one both."""
+    """Return the authors' histogram of these values: counts, (bins,), flattened if there are two columns.
+
+    A bin includes its lower edge, and the last bin its upper edge too. Values outside the range are not counted.
+
+    Args:
+        values: (n, 1) or (n, 2), as ``values_of`` returns them.
+    """
+    # Only the feature "places" is not in ``_EDGES``: its edges depend on the values.
     edges = _EDGES.get(feature) or [np.histogram_bin_edges(values[:, axis], PLACE_BINS) for axis in (0, 1)]
-    place, bins = np.zeros(len(values), dtype=np.int64), 1
+    # A row's bins in two columns get one number: bin in column 0 x number of bins of column 1 + bin in column 1.
+    bin_of_row, bins = np.zeros(len(values), dtype=np.int64), 1
     inside = np.ones(len(values), dtype=np.bool_)
     for axis, own in enumerate(edges):
         column = values[:, axis]
         inside &= (column >= own[0]) & (column <= own[-1])
-        place = place * (own.size - 1) + _bin_of(column, own)
+        bin_of_row = bin_of_row * (own.size - 1) + _bin_of(column, own)
         bins *= own.size - 1
-    return np.bincount(place[inside], minlength=bins).astype(np.float64)
+    return np.bincount(bin_of_row[inside], minlength=bins).astype(np.float64)
 
 
 def _bin_of(values: Floats, edges: Floats) -> NDArray[np.int64]:
     """Return the bin of each value between evenly spaced edges; values outside go to the first or last bin."""
     last = edges.size - 2
-    fraction = (values - edges[0]) * ((last + 1) / (edges[-1] - edges[0]))
-    index: NDArray[np.int64] = np.clip(fraction, 0, last).astype(np.int64)
-    index -= (values < edges[index]) & (index > 0)  # rounding may shift a value by one bin
+    position = (values - edges[0]) * ((last + 1) / (edges[-1] - edges[0]))  # in bins from the first edge
+    index: NDArray[np.int64] = np.clip(position, 0, last).astype(np.int64)
+    # Rounding of ``position`` may put a value into a neighbouring bin, so compare it with the edges of its bin.
+    index -= (values < edges[index]) & (index > 0)
     index += (values >= edges[index + 1]) & (index < last)
     return index
 
 
 def shapeless(feature: str, u: Floats) -> Floats:
-    """Return the values without structure: uniform over the histogram's range; ``u``: (n, 2) in (0, 1)."""
+    """Return values of a feature without any structure: uniform over its range (1 m by 1 m for places).
+
+    The range of energies ends at the limit that the authors used; the other ranges are those of the authors'
+    histograms. The shape is (n, 1) or (n, 2), as that of ``values_of``.
+
+    Args:
+        u: uniform numbers in (0, 1), (n, 2); the second column is not used for a feature with one column.
+    """
     spans: dict[str, tuple[tuple[float, float], ...]] = {
         "vibrating": ((0.0, VIBRATING_BELOW),),
         "still": ((0.0, STILL_BELOW),),
@@ -189,6 +230,7 @@ class Sessions(NotebookView):
     """Samples of several sessions (runs), and their features."""
 
     samples: tuple[pl.DataFrame, ...]
+    """Samples of each session (``sample_table``)."""
 
     def values(self, feature: str, *, as_published: bool = False) -> list[Floats]:
         """Return the values of a feature, session by session."""
@@ -196,6 +238,6 @@ class Sessions(NotebookView):
 
 
 def sessions_of(result: Result) -> Sessions:
-    """Return each run of a result as a session."""
+    """Return the samples of each run of a result as a session, in the order of runs."""
     table = sample_table(result)
     return Sessions(tuple(table.partition_by("run", maintain_order=True)))

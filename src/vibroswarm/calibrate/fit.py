@@ -1,7 +1,8 @@
 """Fit a scenario to recordings: in closed form where possible, otherwise by simulation.
 
-Fitted are the robots' properties; what they were told to do (sampling interval, leg times, decisions, strategy) and
-theta_E are those of the base. Positions are corrected first if the camera saw robots too far out (``fit_camera``).
+The robots' properties are fitted. What the robots were programmed to do (sampling interval, leg times, decisions,
+strategy) and theta_E are taken from the base scenario. Positions are corrected first if the camera saw robots too far
+from the centre (``fit_camera``).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 
+# Known differences between real robots and any fitted scenario.
 LACKS: Final = (
     "Speed that changes slowly within a robot: its wandering is new at every sample.",
     "Drives without any veer: one undisturbed interval in eighteen of the study's recordings is straight.",
@@ -35,15 +37,19 @@ LACKS: Final = (
     "Samples between two kinds of tile that read neither: near an edge a sample is of one kind or the other.",
     "Packets lost in bursts: each is lost by itself.",
 )
+"""Known differences between real robots and every fitted scenario, as sentences."""
 
 
 INTERRUPTED_BELOW: Final = 0.02
-"""With a smaller share of avoidance longer than the sampling interval, samples are assumed to interrupt it."""
+"""If a smaller share of the avoidance times exceeds the sampling interval, samples are taken to interrupt avoidance."""
 
 
 @dataclass(frozen=True)
 class Fitted(NotebookView):
-    """An estimate with its standard error and 95 % interval (bootstrap over robots and sessions, or posterior)."""
+    """An estimate with its standard error and the limits ``low`` and ``high`` of its 95 % interval.
+
+    They come from a bootstrap, from the scatter between robots or sessions, or from a posterior sample.
+    """
 
     name: str
     value: float
@@ -60,15 +66,21 @@ class Fit(NotebookView):
     changed: dict[str, Any]
     """The fitted fields, by dotted name."""
     figures: tuple[Fitted, ...]
+    """All estimates with their standard errors and intervals."""
     predicted: dict[str, tuple[float, float, float]]
-    """Avoidance statistics: recorded value, and 95 % posterior prediction for a session."""
+    """By statistic of avoidance: its recorded value, and the limits of its 95 % posterior prediction for a session."""
     motion_runs: int
+    """Number of runs that the fit of avoidance simulated."""
     sessions: int
+    """Number of recorded sessions."""
     camera: Camera
     """How positions were seen in the recordings; the scenario uses corrected positions."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return all results but the scenario as nested plain values for JSON, with ``LACKS``.
+
+        ``LACKS`` are the known differences between real robots and every fitted scenario.
+        """
         return {
             "fields": self.changed,
             "figures": [asdict(figure) for figure in self.figures],
@@ -90,64 +102,75 @@ def fit(
     candidates: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Fit:
-    """Fit a scenario.
+    """Fit a scenario to the sessions of a dataset.
 
     Args:
-        found: the sessions (``dataset``). base: what the robots were told, and all that is not fitted.
-        candidates: number of runs for the simulation-based part.
+        found: the sessions, with positions as the camera saw them (``dataset``).
+        base: scenario of what the robots were programmed to do, and of all that is not fitted.
+        candidates: number of parameter vectors that the fit of avoidance simulates; None: its default.
+        progress: called with the share of the avoidance simulations that is done, 0 to 1.
     Raises:
         InputError: too few robots or drives.
     """
-    camera = fit_camera(found)
+    camera = fit_camera(found)  # the camera, with its bootstrap draws
     found = found.corrected(camera.camera)
+    # The base may have been fitted to other recordings, with another camera.
     base = base.with_values({f"camera.{name}": None for name in Camera.__dataclass_fields__})
-    drive, sensor, sight = fit_drive(found, base), fit_sensor(found), fit_rays(found, base)
+    drive, sensor, rays = fit_drive(found, base), fit_sensor(found), fit_rays(found, base)
     loss = fit_loss(found)
+    # The fitted fields, by dotted name. Fields that ``drive`` gives as None stay as in the base.
     changed: dict[str, Any] = {name: value for name, value in drive.fields(base).items() if value is not None}
+    # The scenario holds fitted values with five digits after the point.
     rounded = {name: round(value, 5) for name, value in sensor.values.items()}
-    changed |= {f"sensor.{n}": value for n, value in rounded.items() if n not in SPREADS or value > 0}
+    for name, value in rounded.items():
+        if name not in SPREADS or value > 0:  # a spread is left out if it is 0: its field must be positive
+            changed[f"sensor.{name}"] = value
     changed["sample.interrupts_avoidance"] = avoidance_beyond(found, base).value < INTERRUPTED_BELOW
-    changed |= sight.fields(base)
+    changed |= rays.fields(base)
     stop_ms = stop_of(found, base)
     if stop_ms is not None:
         changed["sample.stop_ms"] = stop_ms
     if loss is not None:
         changed["network.name"], changed["network.loss.share"] = "loss", round(loss.value, 5)
-    speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]
-    tried = {} if candidates is None else {"candidates": candidates}
-    avoidance = fit_avoidance(found, base.with_values(changed), speed_m_s, progress=progress, **tried)
+    speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]  # mean speed of the scenario's robots
+    options = {} if candidates is None else {"candidates": candidates}
+    # Avoidance is fitted last, by simulations with all other fields fitted.
+    avoidance = fit_avoidance(found, base.with_values(changed), speed_m_s, progress=progress, **options)
     changed |= avoidance.fields(base.with_values(changed), speed_m_s)
     changed |= camera.camera.fields()
     camera_values = {name: getattr(camera.camera, name) for name in camera.draws}
+    # Estimates of the camera and the sensor are fields of these sections; the others have names of their own.
     figures = [
         _estimate(f"{section}{name}", value, draws[name])
         for section, values, draws in (
             ("camera.", camera_values, camera.draws),
             ("", drive.values, drive.draws),
             ("sensor.", sensor.values, sensor.draws),
-            ("", sight.values, sight.draws),
+            ("", rays.values, rays.draws),
         )
         for name, value in values.items()
     ]
     figures += [*([] if loss is None else [loss]), *_of_avoidance(avoidance)]
     return Fit(
-        base.with_values(changed),
-        changed,
-        tuple(figures),
-        avoidance.predicted,
-        avoidance.runs,
-        len(found.sessions),
-        camera.camera,
+        scenario=base.with_values(changed),
+        changed=changed,
+        figures=tuple(figures),
+        predicted=avoidance.predicted,
+        motion_runs=avoidance.runs,
+        sessions=len(found.sessions),
+        camera=camera.camera,
     )
 
 
 def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
-    """Return the share of intervals with avoidance in which it took longer than the sampling interval; 0 without any.
+    """Return how often avoidance takes longer than the sampling interval, as a share of the intervals with avoidance.
 
-    The timer counts avoidance, so a robot that interrupts its turn to sample has almost none of these.
+    This shows whether samples interrupt avoidance: the sampling timer runs on during avoidance, so a robot that
+    interrupts avoidance to sample hardly ever avoids for longer than the sampling interval. The share is computed for
+    each robot in each session, and averaged; it is 0 without any avoidance.
     """
     shares = []
-    limit_s = base.sample.sample_interval_ms / 1000.0 + 0.06
+    limit_s = base.sample.sample_interval_ms / 1000.0 + 0.06  # with a margin of three ticks of 20 ms
     for _, own in found.samples.group_by("run", "robot", maintain_order=True):
         avoid = own["avoid_s"].drop_nulls().to_numpy()
         some = avoid[avoid > 1e-9]
@@ -158,50 +181,64 @@ def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
 
 
 def _share(name: str, value: float, each: Floats) -> Fitted:
-    """Return a share with its standard error and 95 % interval, from the scatter of ``each``, one value per cluster.
+    """Return a share with its standard error and 95 % interval, from the scatter between clusters.
 
-    They are NaN with fewer than two clusters.
+    The error and the interval are NaN with fewer than two clusters.
+
+    Args:
+        name: name of the estimate. value: the estimate.
+        each: the share in each cluster (a session, or a robot in a session), (clusters,).
     """
     error = float(each.std(ddof=1)) / math.sqrt(each.size) if each.size > 1 else math.nan
     return Fitted(name, value, error, max(value - 1.96 * error, 0.0), value + 1.96 * error)
 
 
 def stop_of(found: Dataset, base: Scenario) -> float | None:
-    """Return the duration of a stop, ms, in whole control periods, from the intervals without avoidance or turn.
+    """Return the duration of a stop, ms, as a multiple of the control period; None if it cannot be estimated.
 
-    These last tau, the stop and two control periods. None with fewer than 50 of them, or if the stop would not be
-    between half and twice the base's: tau is then another one than the base's.
+    The time between two samples, without avoidance or turn, is the sampling interval tau, the stop and two control
+    periods. At least 50 such times are needed. The result is also None unless the stop is between half and twice the
+    stop of the base: the robots were then programmed with another tau than the base.
     """
     calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())["spacing_s"]
     if calm.len() < 50:
         return None
     usual = float(calm.median())  # type: ignore[arg-type]
+    # The mean of the intervals near the median: intervals that contain a turn last at least 0.3 s longer.
     usual = float(calm.filter((calm - usual).abs() < 0.3).mean())  # type: ignore[arg-type]
     period = base.run.control_period_ms
     stop_ms = 1000.0 * usual - base.sample.sample_interval_ms - 2 * period
     rounded = period * round(stop_ms / period)
-    return float(rounded) if 0.5 < rounded / max(base.sample.stop_ms, 1.0) < 2.0 else None
+    base_stop_ms = max(base.sample.stop_ms, 1.0)  # at least 1 ms, to divide by it
+    return float(rounded) if 0.5 < rounded / base_stop_ms < 2.0 else None
 
 
 def fit_loss(found: Dataset) -> Fitted | None:
-    """Return the share of addressed messages that were lost, with an interval over sessions; None if no log counts
-    them."""
-    known = found.exchange.drop_nulls("packet_loss")
+    """Return the share of messages lost on their way, over all sessions, with an interval from the sessions' scatter.
+
+    Sessions are weighted by the number of their messages. The result is None if no session's log counts the received
+    messages.
+    """
+    known = found.exchange.drop_nulls("packet_loss")  # the sessions whose loss is known
     if known.height == 0:
         return None
     shares = known["packet_loss"].to_numpy()
     weights = known["addressed"].to_numpy().astype(float)
+    # A session's share is below 0 if it received more messages than are counted as addressed; the estimate is not.
     return _share("network.loss.share", max(float(weights @ shares / weights.sum()), 0.0), shares)
 
 
 def _estimate(name: str, value: float, draws: Floats) -> Fitted:
-    """Return an estimate with error and interval from its bootstrap draws."""
+    """Return an estimate with its standard error and 95 % interval from its bootstrap draws, (draws,)."""
     low, high = np.quantile(draws, [0.025, 0.975])
     return Fitted(name, value, float(draws.std(ddof=1)), float(low), float(high))
 
 
 def _of_avoidance(found: AvoidanceFit) -> Sequence[Fitted]:
-    """Return the estimates of the avoidance parameters with weighted quantiles of the posterior."""
+    """Return the posterior mean of each avoidance parameter, with its standard deviation and 95 % interval.
+
+    The posterior is a weighted sample, so the quantiles are interpolated on the cumulative weights.
+    """
     figures = []
     for name, draws in found.draws.items():
         mean = float(found.weights @ draws)

@@ -1,17 +1,16 @@
 """Fit avoidance and turning, which have no closed form, by simulation (approximate Bayesian computation).
 
-Parameters are drawn from a uniform prior, each is simulated in one run, and runs are summarised by statistics of
-avoidance
-and of sample positions. Each statistic is scaled by its own spread, over runs of one parameter and over real
-sessions; the
-nearest tenth is accepted, weighted (Epanechnikov) and adjusted by a weighted linear regression of parameters on
-statistics
-to the recorded values (Beaumont, Zhang and Balding 2002). The result is a posterior sample; its mean goes into the
-scenario, and new runs with its draws give the posterior prediction of the statistics.
+Candidates (parameter vectors) are drawn from a uniform prior, one run is simulated with each, and the run is summarised
+by statistics of avoidance and of sample positions. Each statistic is divided by its noise: the standard deviation
+between runs of the same candidate and between real sessions. The tenth of the candidates whose statistics are nearest
+to the recorded ones is accepted and weighted (Epanechnikov). A weighted linear regression of parameters on statistics
+then moves each accepted candidate to the recorded statistics (Beaumont, Zhang and Balding 2002). The result is a
+posterior sample: its mean goes into the scenario, and new runs with its draws give the posterior prediction of the
+statistics.
 
 | parameter | field |
 |---|---|
-| turn_deg_s | robot.turn_track_m = 2 v / rate |
+| turn_deg_s | robot.turn_track_m = 2 v / (turn_deg_s in rad/s): a robot turns on the spot at this rate |
 | gain | walk.turn_gain_percent_per_deg: the smaller, the longer a turn takes to end |
 | blind_ms | walk.blind_after_turn_ms: time after a turn during which rays are ignored |
 | leg_max_s | walk.leg_max_ms: longest leg |
@@ -32,7 +31,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.core.rng import Purpose, uniforms
-from vibroswarm.motion.event import engine as _event  # noqa: F401 - makes the engine known
+from vibroswarm.motion.event import event_run as _event  # noqa: F401 - makes the engine known
 from vibroswarm.motion.source import source
 from vibroswarm.scenario.scenario import Scenario
 
@@ -47,7 +46,9 @@ PRIOR: Final[dict[str, tuple[float, float]]] = {
     "radius_m": (0.004, 0.025),
     "seen_m": (0.003, 0.04),
 }
+"""Bounds of each parameter, in the unit of its name; the prior is uniform between them."""
 UNSEEN: Final[dict[str, tuple[float, float]]] = {"threshold_mm": (20.0, 80.0), "ray_deg": (10.0, 70.0)}
+"""Prior of the parameters that are fitted here only if ``fit_rays`` could not fit the rays."""
 LEG_END_S: Final = 0.43
 """An interval without avoidance that exceeds the usual one by this contains the end of a leg."""
 SUMMARIES: Final = (
@@ -56,10 +57,15 @@ SUMMARIES: Final = (
     "50 to 75 mm", "75 to 100 mm", "corner tiles", "off the rim", "spacing, s", "steps below 5 mm",
     "steps below 50 mm", "step mean, m", "leg ends",
 )  # fmt: skip
+"""Names of the statistics of a session (``summary``), in order."""
 CANDIDATES: Final = 4000
+"""Parameter vectors that are tried, one simulated run each."""
 KEPT: Final = 0.1
+"""Share of the candidates that is accepted."""
 CHECKS: Final = 40
+"""Runs of the posterior prediction."""
 _SEED: Final = 33
+"""Seed of the simulated runs and of the drawn parameters."""
 
 
 @dataclass(frozen=True)
@@ -69,22 +75,32 @@ class AvoidanceFit:
     draws: dict[str, Floats]
     """By parameter, (accepted,)."""
     weights: Floats
+    """Of the accepted candidates, (accepted,); their sum is 1."""
     predicted: dict[str, tuple[float, float, float]]
     """By statistic: recorded value, and 2.5 and 97.5 % quantiles of runs with posterior draws."""
     runs: int
+    """Number of simulated runs."""
 
     @property
     def values(self) -> dict[str, float]:
-        """Posterior means."""
+        """Posterior means, by parameter."""
         return {name: float(self.weights @ draws) for name, draws in self.draws.items()}
 
     def fields(self, base: Scenario, speed_m_s: float) -> dict[str, object]:
-        """Return the fields of the scenario."""
+        """Return the scenario's fields for the posterior means (``fields_of``)."""
         return fields_of(self.values, base, speed_m_s)
 
 
 def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dict[str, object]:
-    """Return the fields for these parameters; all rays are turned in proportion to the outermost."""
+    """Return the scenario's fields, by dotted name, for these parameters.
+
+    ``ray_deg`` is the angle of the outermost ray; the other rays keep their ratio to it.
+
+    Args:
+        values: parameters by name, see the head of this module.
+        base: scenario with the rays to turn.
+        speed_m_s: speed of the robots' wheels, with which the turning rate gives the track of a turning robot.
+    """
     rays = base.rays
     fields: dict[str, object] = {
         "robot.turn_track_m": round(float(2.0 * speed_m_s / np.radians(values["turn_deg_s"])), 5),
@@ -95,34 +111,48 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
         "rays.disc_radius_m": round(values["seen_m"], 4),
     }
     if "threshold_mm" in values:
-        most = max(abs(angle) for angle in rays.angle_deg) or 1.0
+        # If all rays point straight ahead, all angles are 0 and stay 0; 1.0 avoids a division by 0.
+        outermost = max(abs(angle) for angle in rays.angle_deg) or 1.0
         fields["walk.avoidance_threshold_mm"] = round(values["threshold_mm"], 2)
-        fields["rays.angle_deg"] = [round(angle / most * values["ray_deg"], 2) for angle in rays.angle_deg]
+        fields["rays.angle_deg"] = [
+            round(angle / outermost * values["ray_deg"], 2) for angle in rays.angle_deg
+        ]
     return fields
 
 
 def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
-    """Return the statistics of one session, (``SUMMARIES``,); samples ordered by run, robot and time."""
+    """Return the statistics of one session, (statistics,), in the order of ``SUMMARIES``.
+
+    The rim is the outermost fifth of the arena on each side: the paper's floor has 5 x 5 tiles.
+
+    Args:
+        samples: samples of one session, ordered by robot and time.
+        arena_m: width and height of the arena.
+    """
     width, height = arena_m
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     robot, time = samples["robot"].to_numpy(), samples["time_s"].to_numpy()
-    same = robot[1:] == robot[:-1]
-    avoid = samples["avoid_s"].to_numpy().astype(float)[1:][same]
-    avoid = avoid[np.isfinite(avoid)]
-    some = avoid[avoid > 1e-9]
-    quantiles = np.quantile(some, [0.1, 0.25, 0.5, 0.75, 0.9, 0.975]) if some.size else np.zeros(6)
+    same_robot = robot[1:] == robot[:-1]  # whether a sample has a previous sample of the same robot
+    avoid_s = samples["avoid_s"].to_numpy().astype(float)[1:][same_robot]
+    known_s = avoid_s[np.isfinite(avoid_s)]
+    positive_s = known_s[known_s > 1e-9]
+    quantiles_s = (
+        np.quantile(positive_s, [0.1, 0.25, 0.5, 0.75, 0.9, 0.975]) if positive_s.size else np.zeros(6)
+    )
     wall = np.minimum(np.minimum(x, width - x), np.minimum(y, height - y))
+    # Shares of the samples by distance (m) from the nearest wall.
     rings = np.histogram(wall, [0.0, 0.025, 0.05, 0.075, 0.1])[0] / x.size
+    # Fifth of the arena, 0 to 4, along x and along y; a sample on the right or upper wall is in the last fifth.
     fifth_x = np.minimum((x / width * 5).astype(int), 4)
     fifth_y = np.minimum((y / height * 5).astype(int), 4)
     rim_x, rim_y = (fifth_x == 0) | (fifth_x == 4), (fifth_y == 0) | (fifth_y == 4)
-    step = np.hypot(np.diff(x)[same], np.diff(y)[same])
-    spacing = np.diff(time)[same]
-    calm = spacing[samples["avoid_s"].to_numpy().astype(float)[1:][same] <= 1e-9]
-    ends = (calm > np.median(calm) + LEG_END_S).mean() if calm.size else 0.0
+    step = np.hypot(np.diff(x)[same_robot], np.diff(y)[same_robot])
+    spacing = np.diff(time)[same_robot]
+    calm_s = spacing[avoid_s <= 1e-9]
+    leg_ends = (calm_s > np.median(calm_s) + LEG_END_S).mean() if calm_s.size else 0.0
     return np.array([
-        (avoid <= 1e-9).mean(), avoid.mean(), *quantiles, *rings, (rim_x & rim_y).mean(), (~rim_x & ~rim_y).mean(),
-        spacing.mean(), (step < 0.005).mean(), (step < 0.05).mean(), step.mean(), ends,
+        (known_s <= 1e-9).mean(), known_s.mean(), *quantiles_s, *rings, (rim_x & rim_y).mean(),
+        (~rim_x & ~rim_y).mean(), spacing.mean(), (step < 0.005).mean(), (step < 0.05).mean(), step.mean(), leg_ends,
     ])  # fmt: skip
 
 
@@ -133,26 +163,32 @@ def fit_avoidance(
     candidates: int = CANDIDATES,
     progress: Progress | None = None,
 ) -> AvoidanceFit:
-    """Fit the parameters of avoidance and turning; return their posterior sample and what it predicts.
+    """Fit the parameters of avoidance and turning; return their posterior sample and the statistics it predicts.
 
     Args:
-        scenario: all other fields as fitted. speed_m_s: at the start, mean over robots (for turning rates).
+        found: real sessions.
+        scenario: scenario in which all other fields are fitted already.
+        speed_m_s: mean speed of the robots at the start, which turns turning rates into a track (``fields_of``).
         candidates: number of parameter vectors tried, one run each.
+        progress: called with the share of the runs that is done, 0 to 1.
     """
     real = np.array([summary(session.sort("robot", "time_s"), found.arena_m) for session in found.by_session])
-    prior = PRIOR | ({} if scenario.rays.forward_each_m is not None else UNSEEN)
-    u = uniforms(_SEED, 0, 0, Purpose.OPTIMIZER, candidates * len(prior)).reshape(candidates, -1)
+    rays_fitted = scenario.rays.forward_each_m is not None  # the field that ``fit_rays`` sets
+    prior = PRIOR | ({} if rays_fitted else UNSEEN)
+    # Candidates use the random numbers of "run" 0; ``_predicted`` uses those of "run" 1.
+    u = uniforms(_SEED, run=0, robot=0, purpose=Purpose.OPTIMIZER, count=candidates * len(prior))
     low, high = np.array(list(prior.values())).T
-    tried = low + (high - low) * u
-    seen = np.empty((candidates, len(SUMMARIES)))
+    tried = low + (high - low) * u.reshape(candidates, -1)
+    statistics = np.empty((candidates, len(SUMMARIES)))
     for k, parameters in enumerate(tried):
-        seen[k] = _simulated(scenario, dict(zip(prior, parameters.tolist(), strict=True)), speed_m_s, k)
+        by_parameter = dict(zip(prior, parameters.tolist(), strict=True))
+        statistics[k] = _simulated(scenario, by_parameter, speed_m_s, run=k)
         if progress is not None:
             progress((k + 1) / (candidates + CHECKS))
-    draws, weights = posterior(tried, seen, real, (low, high))
+    draws, weights = posterior(tried, statistics, real, bounds=(low, high))
     by_name = {name: draws[:, k] for k, name in enumerate(prior)}
     check = _predicted(by_name, weights, scenario, speed_m_s)
-    bands = np.quantile(check, [0.025, 0.975], axis=0).T
+    bands = np.quantile(check, [0.025, 0.975], axis=0).T  # (statistics, 2)
     predicted = {
         name: (float(mean), float(band[0]), float(band[1]))
         for name, mean, band in zip(SUMMARIES, real.mean(axis=0), bands, strict=True)
@@ -163,46 +199,70 @@ def fit_avoidance(
 def posterior(
     tried: Floats, seen: Floats, real: Floats, bounds: tuple[Floats, Floats]
 ) -> tuple[Floats, Floats]:
-    """Return accepted draws (accepted, parameters), adjusted by regression and clipped to the prior, and their weights.
+    """Accept the candidates nearest to the recorded sessions, and adjust them by regression.
+
+    Nearest means the smallest Euclidean distance of the statistics from their mean over the recorded sessions, each
+    statistic divided by its noise.
 
     Args:
-        tried: (candidates, parameters). seen: (candidates, statistics). real: (sessions, statistics).
+        tried: parameters of the candidates, (candidates, parameters).
+        seen: statistics of the candidates' runs, (candidates, statistics).
+        real: statistics of the recorded sessions, (sessions, statistics).
+        bounds: lowest and highest value of each parameter in the prior, (parameters,) each.
+    Returns:
+        The accepted draws, (accepted, parameters), adjusted and clipped to the prior; and their weights, (accepted,),
+        of sum 1.
     """
-    # Noise of each statistic: residuals of a quadratic in the parameters, plus variance between real sessions.
+    # Noise of each statistic: the variance between runs of the same parameters, estimated by the residuals of a
+    # quadratic in the parameters, plus the variance between real sessions.
     design = _quadratic((tried - bounds[0]) / (bounds[1] - bounds[0]))
-    rest = seen - design @ np.linalg.lstsq(design, seen, rcond=None)[0]
-    noise = rest.var(axis=0)
+    residuals = seen - design @ np.linalg.lstsq(design, seen, rcond=None)[0]
+    noise = residuals.var(axis=0)
     if len(real) > 1:
         noise = noise + real.var(axis=0, ddof=1)
-    scaled = (seen - real.mean(axis=0)) / np.sqrt(noise + 1e-12)
+    scaled = (seen - real.mean(axis=0)) / np.sqrt(noise + 1e-12)  # 1e-12: not 0 for a constant statistic
     distance = np.sqrt((scaled**2).sum(axis=1))
-    kept = np.argsort(distance)[: max(int(KEPT * len(tried)), 20)]
-    reach = float(distance[kept].max()) * (1 + 1e-9)
-    weights = 1.0 - (distance[kept] / reach) ** 2 + 1e-6
+    kept = np.argsort(distance)[: max(int(KEPT * len(tried)), 20)]  # at least 20, for the regression
+    reach = float(distance[kept].max()) * (1 + 1e-9)  # slightly farther than the farthest accepted candidate
+    weights = 1.0 - (distance[kept] / reach) ** 2 + 1e-6  # Epanechnikov; 1e-6 keeps all weights above 0
+    # Regress parameters on statistics; the ridge keeps the equations solvable where statistics depend on each other.
     columns = np.column_stack([np.ones(kept.size), scaled[kept]])
-    root = np.sqrt(weights)[:, None]
-    ridge = np.diag(np.r_[0.0, np.full(scaled.shape[1], 0.5)])
+    root = np.sqrt(weights)[:, None]  # rows times the roots of their weights give weighted least squares
+    ridge = np.diag(np.r_[0.0, np.full(scaled.shape[1], 0.5)])  # the intercept, first, is not penalised
     slope = np.linalg.solve(
         (columns * root).T @ (columns * root) + ridge, (columns * root).T @ (tried[kept] * root)
     )
+    # ``scaled`` is 0 at the recorded statistics, to which each draw moves.
     moved = tried[kept] - scaled[kept] @ slope[1:]
     return np.clip(moved, *bounds), weights / weights.sum()
 
 
 def _quadratic(unit: Floats) -> Floats:
+    """Return the columns of a quadratic polynomial: 1, each parameter, and each product of two parameters."""
     squares = [unit[:, i] * unit[:, j] for i in range(unit.shape[1]) for j in range(i + 1)]
     return np.column_stack([np.ones(len(unit)), unit, *squares])
 
 
 def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, run: int) -> Floats:
+    """Return the statistics (``summary``) of one simulated run with these parameters; only motion is simulated.
+
+    Args:
+        values: parameters by name. speed_m_s: as for ``fields_of``. run: number of the run, for its random numbers.
+    """
     tried = scenario.with_values(fields_of(values, scenario, speed_m_s))
-    moved = source("event").batch(tried, _SEED, [run], False).samples
+    moved = source("event").batch(tried, _SEED, [run], segments=False).samples
     return summary(moved.sort("robot", "time_s"), (scenario.arena.width_m, scenario.arena.height_m))
 
 
 def _predicted(draws: dict[str, Floats], weights: Floats, scenario: Scenario, speed_m_s: float) -> Floats:
-    """Simulate sessions with parameters drawn from the posterior; return their statistics, (``CHECKS``, statistics)."""
-    u = uniforms(_SEED, 1, 0, Purpose.OPTIMIZER, CHECKS)
+    """Simulate runs with parameters drawn from the posterior, and return their statistics, (``CHECKS``, statistics).
+
+    Args:
+        draws: posterior sample by parameter, (accepted,) each. weights: of the draws, (accepted,), of sum 1.
+    """
+    # "Run" 1 of the random numbers; "run" 0 drew the candidates.
+    u = uniforms(_SEED, run=1, robot=0, purpose=Purpose.OPTIMIZER, count=CHECKS)
+    # Draw k is picked with the probability weights[k]; the clip is for a sum of weights slightly below 1.
     picked = np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)
     return np.array(
         [
@@ -210,7 +270,7 @@ def _predicted(draws: dict[str, Floats], weights: Floats, scenario: Scenario, sp
                 scenario,
                 {name: float(values_of[k]) for name, values_of in draws.items()},
                 speed_m_s,
-                10**6 + i,
+                10**6 + i,  # beyond the run numbers of the candidates, so that the runs are fresh
             )
             for i, k in enumerate(picked.tolist())
         ]

@@ -1,16 +1,16 @@
-"""Fit how far from the centre a camera sees robots, from where their readings change.
+"""Fit how far from the centre a camera sees robots, from the positions at which their energies change.
 
-A camera above sees a marker that stands above the floor too far out; corner markers on the floor do not show
-this. The
-model is
+A camera above the arena sees a marker that stands above the floor too far from the centre; corner markers on the floor
+do not show this. The model is
 
-    x' = c + shift + magnification (x - c),   c the centre of the arena
+    x' = c + shift + magnification (x - c)
 
-and it is identified because vibrating and still tiles must lie where the energies say. The fit maximises the
-likelihood of
-``fit_sensor``'s model (without factors), alternately over magnification, shift, reach and blur with the Gammas
-held, and
-over the Gammas. If twice the gain in log likelihood is below ``LEAST_GAIN`` the camera is taken as exact.
+with x the true and x' the seen position, and c the centre of the arena. It can be fitted because the energies show
+where vibrating and still tiles meet. The fit maximises the likelihood of ``fit_sensor``'s model, with all tiles and
+robots alike. In that model, reach and blur (m) say where and how gradually the energies change at an edge. Two steps
+alternate. The first maximises over magnification, shift, reach and blur, with the Gamma distributions of energies
+fixed. The second maximises over the Gamma distributions, reach and blur, with the camera fixed. If twice the gain in
+log likelihood over a camera without error is below ``LEAST_GAIN``, the camera is taken as exact (``RIGHT``).
 """
 
 from __future__ import annotations
@@ -31,12 +31,16 @@ from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
 Floats = NDArray[np.float64]
 
 LEAST_GAIN: Final = 16.3
-"""0.1 % quantile of chi squared with three degrees of freedom."""
+"""Least gain: chi squared with three degrees of freedom (magnification, two shifts) exceeds it in 0.1 % of cases."""
 ROUNDS: Final = 2
+"""How often the fit alternates between the camera and the Gamma distributions."""
 DRAWS: Final = 12
+"""Bootstrap resamples."""
 _SEED: Final = 36
+"""Seed of the bootstrap."""
 _BOUNDS: Final = [(-10.0, 10.0), (-3.0, 3.0), (-3.0, 3.0), (-3.0, 8.0), (-2.0, 2.0)]
-"""Bounds of magnification - 1 (%), shifts (cm), reach (cm) and log blur (cm)."""
+"""Bounds of the optimiser's five values: magnification - 1 (%), shift in x and in y (cm), reach (cm) and log blur (cm).
+The units make the values similar in size, which the optimiser needs."""
 
 
 @dataclass(frozen=True)
@@ -49,50 +53,68 @@ class CameraFit(NotebookView):
 
 
 def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
-    """Fit the camera; it is ``RIGHT``, without draws, if the gain in log likelihood is too small.
+    """Fit the camera; if the gain in log likelihood is too small, return an exact camera (``RIGHT``) without draws.
 
     Args:
-        found: sessions as they were seen. draws: bootstrap resamples of robots in sessions.
+        found: sessions, with positions as the camera saw them.
+        draws: number of bootstrap resamples of robots in sessions.
     """
     samples = found.samples
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     energy, run = samples["energy"].to_numpy(), samples["run"].to_numpy()
 
+    # Each step of the fit has a vector of its own. The last two values of both vectors are reach and log blur.
+    # theta: the Gamma distributions of energies (6 values), reach and log blur, as ``fit_plain`` returns them.
+    # at: magnification and shifts (3 values, units as in ``_BOUNDS``), reach and log blur.
     def edges(at: Floats) -> Floats:
-        true = _camera(at).true(x, y, found.arena_m)
+        """Return each sample's signed distance from the nearest edge, at its true position if this is the camera."""
+        true_x, true_y = _camera(at).true(x, y, found.arena_m)
         distance = np.empty(x.size)
-        for floor in set(found.floors):
+        for floor in set(found.floors):  # all sessions on the same floor at once
             on_floor = np.isin(run, [k for k, other_floor in enumerate(found.floors) if other_floor == floor])
-            distance[on_floor] = signed_edge_distance(floor, true[0][on_floor], true[1][on_floor])[0]
+            distance[on_floor] = signed_edge_distance(floor, true_x[on_floor], true_y[on_floor])[0]
         return distance
 
     def best(theta: Floats, start: Floats, weight: Floats) -> Floats:
-        def loss(at: Floats) -> float:
-            likely = log_likelihoods(np.r_[theta[:6], at[3:]], energy, edges(at))
-            return -float(weight @ likely) / float(weight.sum())
+        """Return the ``at`` of largest likelihood, with the Gamma distributions of ``theta`` fixed.
 
-        found = minimize(
+        ``start`` is the ``at`` that the optimiser starts from; ``weight`` has a weight for each sample.
+        """
+
+        def loss(at: Floats) -> float:
+            # The Gamma distributions of ``theta``, with the reach and log blur of ``at``.
+            log_likelihood = log_likelihoods(np.r_[theta[:6], at[3:]], energy, edges(at))
+            return -float(weight @ log_likelihood) / float(weight.sum())
+
+        # eps: step of the numerical gradient, in the units of ``at``.
+        optimum = minimize(
             loss, start, method="L-BFGS-B", bounds=_BOUNDS, options={"maxiter": 40, "ftol": 1e-9, "eps": 1e-4}
         )
-        return np.asarray(found.x)
+        return np.asarray(optimum.x)
 
-    even = np.ones(x.size)
-    at = np.zeros(5)
+    equal_weights = np.ones(x.size)
+    at = np.zeros(5)  # a camera without error
     theta = fit_plain(energy, edges(at), samples["vibrating"].to_numpy())
     before = float(log_likelihoods(theta, energy, edges(at)).sum())
     for _ in range(ROUNDS):
-        at = best(theta, np.r_[at[:3], theta[6:]], even)
+        # Start from the present camera, and from the reach and log blur that were fitted with it.
+        at = best(theta, np.r_[at[:3], theta[6:]], equal_weights)
         theta = fit_plain(energy, edges(at), samples["vibrating"].to_numpy())
     gain = 2.0 * (float(log_likelihoods(theta, energy, edges(at)).sum()) - before)
     if gain < LEAST_GAIN:
-        return CameraFit(RIGHT, {}, gain)
+        return CameraFit(RIGHT, draws={}, gain=gain)
+    # The bootstrap repeats only the camera's step, with the Gamma distributions of the fit.
     cluster, start = robot_clusters(samples), np.r_[at[:3], theta[6:]]
-    rows = [_camera(best(theta, start, cluster_weights(_SEED, draw, 0, cluster))) for draw in range(draws)]
+    cameras = [
+        _camera(best(theta, start, weight=cluster_weights(_SEED, draw, stream=0, cluster=cluster)))
+        for draw in range(draws)
+    ]
     by_name = {
-        name: np.array([getattr(camera, name) for camera in rows]) for name in Camera.__dataclass_fields__
+        name: np.array([getattr(camera, name) for camera in cameras]) for name in Camera.__dataclass_fields__
     }
-    return CameraFit(_camera(at), by_name, gain)
+    return CameraFit(_camera(at), draws=by_name, gain=gain)
 
 
 def _camera(at: Floats) -> Camera:
+    """Return the camera with magnification 1 + at[0] / 100 and shifts at[1] and at[2] (cm); see ``_BOUNDS``."""
     return Camera(1.0 + float(at[0]) / 100.0, float(at[1]) / 100.0, float(at[2]) / 100.0)

@@ -2,18 +2,23 @@
 
 | field | equation |
 |---|---|
-| robot.speed_factor_location, _scale (shape 100: nearly normal), _min, _max | mean and sd between robots of v_0 / full speed; 3 sd |
+| robot.speed_factor_location, _scale (shape 100: nearly normal) | from the mean and sd between robots of v_0 / full speed |
+| robot.speed_factor_min, _max | mean -+ 3 sd |
 | robot.speed_redraw | "robot" if more than half of the variance is between robots |
 | robot.speed_wander | variation of distances within robots, if speed_redraw is "robot" (``undisturbed``) |
-| robot.battery_life_s | 1 / (share lost a second): v = v_0 (1 - t / life), least squares for each robot and session |
+| robot.battery_life_s | 1 / (share of v_0 lost per second): v = v_0 (1 - t / life), least squares for each robot and session |
 | robot.misalignment_min, _max | m = bend track / 2; uniform of the same mean and sd: mean -+ sqrt(3) sd |
-| robot.misalignment_wander, _drift | its variation from sample to sample, and slow (``undisturbed``) |
-| robot.misalignment_run_spread | sd of a robot between sessions, less what variation within them explains |
-| robot.speed_factors, misalignments | of each robot: the mean over sessions, if all sessions have the same number of robots |
+| robot.misalignment_wander | variation of m from sample to sample (``undisturbed``) |
+| robot.misalignment_drift | slow variation of m (``undisturbed``) |
+| robot.misalignment_run_spread | sd of a robot's m between sessions, minus what the variation within sessions explains |
+| robot.speed_factors, misalignments | of each robot: the mean over sessions, if robots can be matched between them |
 
-A robot may have another number in another session (in the study's recordings all but one do): robots are matched
-to those
-of the first session by speed and veer, minimising the sum of squared differences in units of ``APART``.
+The bend is the turn per distance driven, 1/m; the track is the distance between the wheels; a body is one robot's speed
+and bend; "wander" is variation from sample to sample.
+
+The same robot may have different numbers in different sessions (in the study's recordings all but one do). Robots are
+therefore matched to the robots of the first session by speed and veer, minimising the sum of squared differences in
+units of ``APART``.
 
 Variation of speed within a robot is taken as independent between samples. Errors: bootstrap over robots in sessions.
 """  # noqa: E501
@@ -37,17 +42,20 @@ from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 SHAPE: Final = 100.0
+"""Shape of the Gamma law of speed factors: large, so that it is nearly normal."""
 DRAWS: Final = 200
+"""Bootstrap resamples."""
 _SEED: Final = 32
+"""Seed of the bootstrap."""
 APART: Final = (0.003, np.radians(1.5))
-"""Largest difference of a robot's speed (m/s) and veer (rad/s) between sessions; beyond it, sessions had other
-robots and
-none is named."""
+"""Largest plausible difference of a robot's speed (m/s) and veer (rad/s) between sessions. With larger differences the
+sessions are taken to have different robots, and no field of individual robots is set."""
 _LEAST: Final = 10
 """Fewest drives of a robot in a session."""
 LEAST_VARIATION: Final = 1e-3
-"""Less variation of misalignments is none."""
+"""Variations of misalignments below this are left out of the scenario."""
 MOST_VARIATION: Final = 0.08
+"""Larger variations of misalignments are cut to this."""
 
 
 @dataclass(frozen=True)
@@ -55,59 +63,82 @@ class DriveFit:
     """Estimates by name and their bootstrap draws, (draws,)."""
 
     values: dict[str, float]
+    """Estimates by name, see ``_estimates``; SI units."""
     draws: dict[str, Floats]
+    """Bootstrap draws by the same names, (draws,) each; shorter where some resamples do not determine the estimate."""
     distance_ratio: float
-    """Distance between undisturbed samples divided by that at driving speed: the loss from starts, stops and clocks.
-    Speeds of
-    the scenario are multiplied by it."""
+    """Distance between the samples of an undisturbed interval, divided by the distance at driving speed: below 1
+    because of starts, stops and clocks. The speeds of the scenario are multiplied by it."""
     bodies: Floats
-    """Speed at the start, m/s, and bend, 1/m, of each robot, (robots, 2); (0, 2) if they cannot be matched."""
+    """Speed at the start, m/s, and bend, 1/m, of each robot, (robots, 2); (0, 2) if robots cannot be matched."""
     bend_between_sessions_per_m: float
-    """Standard deviation of a robot's bend between sessions; 0 if variation within them explains it, or unknown."""
+    """Standard deviation of a robot's bend between sessions; 0 if it is unknown, or if the variation within sessions
+    explains all of it."""
 
     def fields(self, base: Scenario) -> dict[str, object]:
-        """Return the fields of the scenario given by these estimates."""
+        """Return the scenario's fields for these estimates, by dotted name; None leaves a field out.
+
+        Values are clipped to what robots can have: speed factors are positive, a battery outlasts the run, and
+        misalignments are between -0.5 and 0.5. Variations are clipped to what the fields allow.
+
+        Args:
+            base: scenario with the full speed, the track and the end of a run.
+        """
         robot, values = base.robot, self.values
-        mean = self.distance_ratio * values["start_speed_m_s"] / robot.full_speed_m_s
-        kept = values["share_between"] > 0.5
-        spread = (values["between_m_s"] if kept else values["within_m_s"]) / robot.full_speed_m_s
-        spread = max(spread, 1e-3)
+        mean = self.distance_ratio * values["start_speed_m_s"] / robot.full_speed_m_s  # speed factor
+        by_robot = values["share_between"] > 0.5  # one speed factor per robot, not one per sample
+        spread = (values["between_m_s"] if by_robot else values["within_m_s"]) / robot.full_speed_m_s
+        spread = max(spread, 1e-3)  # the scale of a Gamma distribution must be above 0
+        # Clip of the speed factors: 3 sd on both sides, but no robot slower than a fifth of the mean.
         low, high = _round(max(mean - 3 * spread, 0.2 * mean)), _round(mean + 3 * spread)
+        # A Gamma law has the mean location + shape x scale and the standard deviation sqrt(shape) x scale.
         fields: dict[str, object] = {
             "robot.speed_factor_shape": SHAPE,
             "robot.speed_factor_scale": _round(spread / np.sqrt(SHAPE)),
             "robot.speed_factor_location": _round(mean - spread * np.sqrt(SHAPE)),
             "robot.speed_factor_min": low,
             "robot.speed_factor_max": high,
-            "robot.speed_redraw": "robot" if kept else "sample",
-            "robot.speed_wander": _round(min(self.speed_wander, 0.4)) if kept else None,
+            "robot.speed_redraw": "robot" if by_robot else "sample",
+            "robot.speed_wander": _round(min(self.speed_wander, 0.4)) if by_robot else None,
             "robot.battery_life_s": _round(max(values["battery_life_s"], 1.01 * base.run.t_end_s), 0),
         }
         if "bend_per_m" in values:
-            per = robot.drive_track_m / 2.0
-            middle, half = values["bend_per_m"] * per, np.sqrt(3.0) * values["bend_between_per_m"] * per
+            half_track_m = robot.drive_track_m / 2.0  # bend times half the track is misalignment
+            middle = values["bend_per_m"] * half_track_m
+            half = np.sqrt(3.0) * values["bend_between_per_m"] * half_track_m  # half-width of a uniform law
             fields["robot.misalignment_min"] = _round(max(middle - half, -0.5))
             fields["robot.misalignment_max"] = _round(min(middle + half, 0.5))
-            within, slow = values["bend_within_per_m"] * per, values["slow_share"]
+            # Spread s (as a misalignment) and slow share c of a robot's turns D, see ``drive``.
+            within, slow = values["bend_within_per_m"] * half_track_m, values["slow_share"]
             variation = {
+                # D is the mean of the turns in two successive intervals. A mean of two independent values has half the
+                # variance of one value, hence the 2.
                 "wander": within * np.sqrt(2.0 * (1.0 - slow)),
                 "drift": within * np.sqrt(slow),
-                "run_spread": self.bend_between_sessions_per_m * per,
+                "run_spread": self.bend_between_sessions_per_m * half_track_m,
             }
             for name, size in variation.items():
                 fields[f"robot.misalignment_{name}"] = (
                     _round(min(size, MOST_VARIATION)) if size >= LEAST_VARIATION else None
                 )
-        return fields | (self._each(base, low, high) if kept else {})
+        return fields | (self._each(base, low, high) if by_robot else {})
 
     @property
     def speed_wander(self) -> float:
-        """Variation of speed within a robot: of its distances or, without undisturbed intervals, of its drives."""
+        """Standard deviation of a robot's speed about its mean, divided by the mean.
+
+        It is measured on the distances of undisturbed intervals; if there are none, on the speeds of drives.
+        """
         values = self.values
         return values.get("distance_spread", values["within_m_s"] / values["speed_m_s"])
 
     def _each(self, base: Scenario, low: float, high: float) -> dict[str, object]:
-        """Return the fields of individual robots; the bounds of the speed distribution must include them."""
+        """Return the fields of individual robots; empty if robots could not be matched between sessions.
+
+        Args:
+            base: scenario with the full speed and the track.
+            low, high: bounds of the speed factors' distribution, which are widened to include all robots.
+        """
         if len(self.bodies) == 0:
             return {}
         speeds, bends = self.bodies.T
@@ -126,48 +157,74 @@ class DriveFit:
 
 
 def _round(value: float, digits: int = 5) -> float:
+    """Return the value rounded, as a Python float, which a scenario file can hold."""
     return round(float(value), digits)
 
 
 def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
-    """Fit speed, battery and veer.
+    """Fit speed, battery and veer; return the estimates, with bootstrap draws, and the fields of single robots.
 
+    Args:
+        found: sessions, with positions corrected for the camera.
+        base: scenario with the sampling interval that the robots were programmed with.
+        draws: number of bootstrap resamples of robots in sessions.
     Raises:
         InputError: fewer than two robots with ten drives.
     """
-    table, runs = _by_robot(found)
+    table, runs = _table_of_robots(found)
     if len(table) < 2:
         raise InputError("at least two robots with ten drives each are needed to fit speeds", field="REAL")
     values = _estimates(table)
-    resampled = [_estimates(table[resample(_SEED, draw, 0, len(table))]) for draw in range(draws)]
+    # Each bootstrap draw takes as many rows (robots in sessions) as the table has, with replacement.
+    resampled = [
+        _estimates(table[resample(_SEED, draw, stream=0, count=len(table))]) for draw in range(draws)
+    ]
+    # A resample may lack an estimate that only few robots determine, such as the bend.
     draws_by_name = {
         name: np.array([estimates[name] for estimates in resampled if name in estimates]) for name in values
     }
     matched = _matched(table, runs)
-    bodies = np.zeros((0, 2)) if matched is None else _mean_of_known(matched)
-    between = 0.0 if matched is None else _between_sessions(matched, values, table)
-    return DriveFit(values, draws_by_name, _distance_ratio(found, table, base), bodies, between)
+    return DriveFit(
+        values=values,
+        draws=draws_by_name,
+        distance_ratio=_distance_ratio(found, table, base),
+        bodies=np.zeros((0, 2)) if matched is None else _mean_of_known(matched),
+        bend_between_sessions_per_m=0.0 if matched is None else _between_sessions(matched, values, table),
+    )
 
 
 def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
-    """Return ``DriveFit.distance_ratio``, where driving from sample to sample takes tau and a control period.
+    """Return the distance between samples of undisturbed intervals, divided by the distance at driving speed.
 
-    1 with too few undisturbed intervals, or if the ratio is implausible (beyond 0.8 to 1.25).
+    The distance at driving speed is the mean speed times the time of a drive from sample to sample, which is tau and a
+    control period. Both distances are means over robots in sessions. The result is 1, no correction, with fewer than 50
+    undisturbed intervals, and if the ratio is not between 0.8 and 1.25, which is not plausible.
+
+    Args:
+        table: from ``_table_of_robots``.
     """
     calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())
+    # Near the usual duration, so without turns: the undisturbed intervals.
     calm = calm.filter((pl.col("spacing_s") - pl.col("spacing_s").median()).abs() < CALM_S)
     drive_s = base.sample.sample_interval_ms / 1000.0 + base.tick_s
     distances = calm.group_by("run", "robot").agg(pl.col("distance_m").mean())["distance_m"]
+    # If the numbers of robots in sessions differ, the two means would be over different robots.
     if calm.height < 50 or len(distances) != len(table):
         return 1.0
-    ratio = float(distances.mean()) / (float(table[:, 0].mean()) * drive_s)  # type: ignore[arg-type]
+    ratio = float(distances.mean()) / (float(table[:, MEAN].mean()) * drive_s)  # type: ignore[arg-type]
     return ratio if 0.8 < ratio < 1.25 else 1.0
 
 
 def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
-    """Return speed and bend of each robot in each session, (sessions, robots, 2), in the order of the first session;
-    None if robots cannot be matched between sessions by speed and veer."""
-    speed = float(table[:, 0].mean())
+    """Match the robots of all sessions; return speed at the start and bend of each, (sessions, robots, 2).
+
+    Robots of every session are in the order of the first session's. The result is None if sessions have different
+    numbers of robots, or if matched robots differ by more than ``APART``: the sessions then have different robots.
+
+    Args:
+        table, runs: from ``_table_of_robots``.
+    """
+    speed = float(table[:, MEAN].mean())
     sessions = [table[runs == run][:, [START, BEND]] for run in np.unique(runs)]
     if len({len(session) for session in sessions}) > 1:
         return None
@@ -175,9 +232,14 @@ def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
     scale = np.array([1.0, speed])  # a bend times the speed is a veer
     matched = []
     for session in sessions:
+        # Differences between each robot of the first session and each robot of this session, (robots, robots, 2). A
+        # difference of unknown bends is NaN, and counts as 0.
         apart = np.nan_to_num((first[:, None] - session[None]) * scale / APART)
-        matched.append(session[linear_sum_assignment((apart**2).sum(axis=2))[1]])
+        # The row of this session's table that is matched to each robot of the first session.
+        _, row_of_robot = linear_sum_assignment((apart**2).sum(axis=2))
+        matched.append(session[row_of_robot])
     if len(matched) > 1:
+        # Variance of a robot between sessions, in units of APART squared, mean over robots: (speed, bend).
         scatter = np.nan_to_num(np.var(matched, axis=0, ddof=1).mean(axis=0)) * scale**2 / np.square(APART)
         if scatter.mean() > 1.0:
             return None
@@ -185,38 +247,54 @@ def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
 
 
 def _mean_of_known(matched: Floats) -> Floats:
-    """Return each robot's mean speed and bend over the sessions that have them, (robots, 2); NaN if none has."""
+    """Return each robot's mean speed and mean bend over sessions, (robots, 2).
+
+    Sessions in which a value is NaN (unknown) are left out of its mean. The mean is NaN if the value is NaN in all.
+
+    Args:
+        matched: from ``_matched``, (sessions, robots, 2).
+    """
     known = np.isfinite(matched)
     total = np.where(known, matched, 0.0).sum(axis=0)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # 0 / 0 gives NaN where no session has a value
         return np.asarray(total / known.sum(axis=0))
 
 
 def _between_sessions(matched: Floats, values: dict[str, float], table: Floats) -> float:
-    """Return the standard deviation of a robot's bend between sessions beyond what variation within them explains."""
+    """Return the standard deviation of a robot's bend between sessions, without what variation within them explains.
+
+    The result is 0 if no robot's bend is known in two sessions, or if the variation within sessions explains all.
+
+    Args:
+        matched: from ``_matched``. values: from ``_estimates``. table: from ``_table_of_robots``.
+    """
     bends = matched[:, :, 1]  # nan: too few undisturbed intervals of this robot in this session
-    often = np.isfinite(bends).sum(axis=0) > 1
-    if not often.any():
+    in_two_sessions = np.isfinite(bends).sum(axis=0) > 1
+    if not in_two_sessions.any():
         return 0.0
     within, slow = values["bend_within_per_m"] ** 2, values["slow_share"]
     turns, samples = (float(np.nanmean(table[:, column])) for column in (TURNS, SAMPLES))
-    # A median of correlated turns, and a mean of that many values of the slow variation.
+    # Variation from sample to sample: an interval's own turn has the variance 2 within (1 - slow), because a measured
+    # turn is the mean of two intervals' turns. A session's bend is a median, with pi / 2 times the variance of a mean.
     of_median = 0.5 * np.pi * 2.0 * within * (1.0 - slow) / turns
+    # Slow variation: it has a new, independent value every DRIFT_SAMPLES samples, and is linear between these values.
+    # Values on the lines have 2 / 3 of the variance of the independent values, hence 1.5.
     of_drift = 1.5 * within * slow * DRIFT_SAMPLES / samples
-    variance = float(np.nanvar(bends[:, often], axis=0, ddof=1).mean()) - of_median - of_drift
+    variance = float(np.nanvar(bends[:, in_two_sessions], axis=0, ddof=1).mean()) - of_median - of_drift
     return float(np.sqrt(max(variance, 0.0)))
 
 
 MEAN, START, LOST, WITHIN, VEER, BEND, SPREAD, SLOW, DISTANCE, TURNS, SAMPLES = range(11)
-"""Columns of the table of robots in sessions."""
+"""Columns of the table of robots in sessions, explained at ``_table_of_robots``."""
 
 
-def _by_robot(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
-    """Return a row for each robot in each session, and the session of each row; ordered by session and robot.
+def _table_of_robots(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
+    """Return a row for each robot in each session, (rows, 11), and the session of each row, (rows,).
 
-    The columns, ``MEAN`` to ``SAMPLES``, are mean speed, speed at the start, share lost a second, sd within, veer in
-    the middle of drives, and the robot's ``Course`` without its turn. NaN: unknown. Robots with too few drives are
-    left out.
+    Rows are ordered by session and robot. The columns, ``MEAN`` to ``SAMPLES``, are the mean speed, the speed at the
+    start, the share of the start speed lost per second, the sd of the speed about its line in time, the mean veer in
+    the middle of drives, and all fields of the robot's ``Course`` but the first. Unknown values are NaN. Robots with
+    fewer than ten drives in a session are left out.
     """
     courses = {
         key: course_of(own)
@@ -232,10 +310,11 @@ def _by_robot(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
         slope, start = np.polyfit(time, speed, 1)
         within = float(np.sqrt(((speed - start - slope * time) ** 2).mean()))
         veer = own["veer_rad_s"].drop_nulls().to_numpy()
-        turns = float(veer.mean()) if veer.size >= _LEAST else np.nan
+        mean_veer = float(veer.mean()) if veer.size >= _LEAST else np.nan
         course = courses.get(key)
         rows.append(
-            (float(speed.mean()), start, -slope / start, within, turns)
+            (float(speed.mean()), start, -slope / start, within, mean_veer)
+            # The fields of ``Course`` from bend_per_m to samples.
             + ((np.nan,) * 6 if course is None else course[1:])
         )
         runs.append(key[0])
@@ -243,7 +322,13 @@ def _by_robot(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
 
 
 def _estimates(table: Floats) -> dict[str, float]:
-    """Return the estimates from the table of ``_by_robot``; those of veer or bend only if two or more are known."""
+    """Return the estimates by name, from the means and standard deviations over robots in sessions.
+
+    If fewer than two robots have a known veer, the estimates of the veer are left out; likewise those of the bend.
+
+    Args:
+        table: from ``_table_of_robots``, or a resample of its rows.
+    """
     mean, start, lost, within, veer = table.T[:5]
     between = float(start.std(ddof=1))
     inside = float(np.sqrt((within**2).mean()))
@@ -253,7 +338,7 @@ def _estimates(table: Floats) -> dict[str, float]:
         "between_m_s": between,
         "within_m_s": inside,
         "share_between": between**2 / (between**2 + inside**2) if between + inside > 0 else 0.0,
-        "battery_life_s": 1.0 / max(float(lost.mean()), 1e-9),
+        "battery_life_s": 1.0 / max(float(lost.mean()), 1e-9),  # 1e9 s if robots do not slow down
     }
     known = veer[np.isfinite(veer)]
     if known.size > 1:

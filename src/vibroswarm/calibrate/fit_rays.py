@@ -1,16 +1,19 @@
 """Fit the angles of the rays and their start ahead of the centre, from where robots turned away from walls.
 
-A robot at incidence i on a wall turns when one of its rays is shorter than theta_c, at the distance
+A ray is the line along which a distance sensor looks; its length is the distance to the first obstacle. A robot that
+approaches a wall at incidence i (the angle of its course to the wall's normal) turns when one of its rays is shorter
+than theta_c. Its distance from the wall is then
 
     d(i) = F cos i + max over rays of (R cos b_k cos i - (s_k + R sin b_k) sin i)
 
-with R = theta_c (as the robots were told), b_k and s_k a ray's angle and lateral offset, F the robot's
-``rays.forward_each_m``. Given the angles, F is a weighted median (least absolute error); the outermost angle is found
-on a grid, the others are in proportion as in the base. Cones, modelled as a fan of rays, explain the study's
-recordings
-no better (docs/calibration.md). The largest turn at the end of a leg is that of a uniform distribution whose angles
-beyond a_0 (``wall_approach.LEAST_TURN``) have the observed mean: 2 mean - a_0. Errors: bootstrap over approaches (of
-each robot) and over turns.
+with R = theta_c (the value that the robots were programmed with), b_k and s_k the angle and the lateral offset of ray
+k, and F how far ahead of the robot's centre its rays start (``rays.forward_each_m``). For given angles, the F of least
+absolute error is a weighted median. The outermost angle is found on a grid; the ratios between the rays' angles are
+those of the base scenario. Cones instead of rays explain the study's recordings no better (docs/calibration.md).
+
+Turns at the end of a leg are uniform up to a largest angle A. Those beyond a_0 (``wall_approach.LEAST_TURN``) have the
+mean (a_0 + A) / 2, so A is estimated by 2 mean - a_0. Standard errors come from bootstraps: of the approaches of each
+robot for the rays, and of all turns for A.
 """
 
 from __future__ import annotations
@@ -33,27 +36,35 @@ Ints = NDArray[np.int64]
 LEAST_APPROACHES: Final = 20
 """Fewest approaches of each robot."""
 LEAST_TURNS: Final = 30
+"""Fewest turns at the ends of legs, of all robots."""
 ALONE_M: Final = 0.2
-"""A closer robot may be what was avoided."""
+"""If another robot was closer, the robot may have avoided it instead of the wall."""
 MOST_M: Final = 0.2
+"""A robot farther from the wall did not turn because of it."""
 GRID_DEG: Final = np.arange(5.0, 76.0, 1.0)
+"""Outermost angles that are tried."""
 CLIP_M: Final = 0.03
-"""Largest error that counts: an approach that is off by more was none."""
+"""Errors are clipped to this: a turn at a distance with a larger error had another cause than the wall."""
 DRAWS: Final = 60
+"""Bootstrap resamples."""
 _SEED: Final = 35
+"""Seed of the bootstrap."""
 
 
 @dataclass(frozen=True)
 class RaysFit:
-    """Estimates by name and their bootstrap draws, (draws,); empty if the paths do not determine them."""
+    """Estimates of the rays and of the largest turn, as far as the paths determine them."""
 
     values: dict[str, float]
+    """Estimates by name: ray_deg (outermost angle), forward_m (mean F), forward_between_m (standard deviation of F
+    between robots), turn_max_deg. Names that the paths do not determine are missing."""
     draws: dict[str, Floats]
+    """Bootstrap draws by the same names, (draws,) each."""
     forward_m: tuple[float, ...]
-    """F of each robot; empty if undetermined."""
+    """F of each robot, by its number; empty if undetermined."""
 
     def fields(self, base: Scenario) -> dict[str, object]:
-        """Return the fields of the scenario."""
+        """Return the scenario's fields for these estimates, by dotted name, without those that are undetermined."""
         fields: dict[str, object] = {}
         if self.forward_m:
             fields["rays.angle_deg"] = _angles(base, self.values["ray_deg"])
@@ -67,8 +78,14 @@ class RaysFit:
 def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
     """Fit the angles and starts of the rays, and the largest turn at the end of a leg.
 
-    A robot's number is taken to mean the same robot, with the same sensors, in all sessions. What too few approaches or
-    turns determine is left out.
+    A robot's number is taken to mean the same robot, with the same sensors, in all sessions. The estimates of the rays
+    are left out if a robot has fewer than ``LEAST_APPROACHES`` approaches. The estimate of the largest turn is left out
+    if there are fewer than ``LEAST_TURNS`` turns.
+
+    Args:
+        found: sessions, with positions corrected for the camera.
+        base: scenario with theta_c, the lateral offsets and the ratios of the rays' angles.
+        draws: number of bootstrap resamples.
     """
     values: dict[str, float] = {}
     bootstrap: dict[str, Floats] = {}
@@ -76,44 +93,63 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
     approaches = found.approaches.filter(
         (pl.col("nearest_robot_m") > ALONE_M)
         & (pl.col("distance_m") < MOST_M)
+        # A robot beyond 90 degrees does not approach the wall; 5 degrees more allow for errors of courses.
         & (pl.col("incidence_rad").abs() < np.radians(95.0))
     )
     robot = approaches["robot"].to_numpy().astype(np.int64)
+    # One more than the largest robot number; 1 without samples, where the maximum is None.
     robots = int(found.samples["robot"].max() or 0) + 1  # type: ignore[arg-type]
     if robot.size and np.bincount(robot, minlength=robots).min() >= LEAST_APPROACHES:
         distance, incidence = approaches["distance_m"].to_numpy(), approaches["incidence_rad"].to_numpy()
-        angle, ahead = _fit(distance, incidence, robot, base)
-        rows = [
-            _fit(distance[k], incidence[k], robot[k], base)
-            for k in (_resampled(robot, n) for n in range(draws))
+        ray_deg, forward_m = _fit(distance, incidence, robot, base)
+        # The same fit to each bootstrap draw of the approaches: (ray_deg, forward_m) of each draw.
+        fits = [
+            _fit(distance[rows], incidence[rows], robot[rows], base)
+            for rows in (_resampled(robot, draw) for draw in range(draws))
         ]
-        forward_draws_m = np.array([row[1] for row in rows])
-        forward = tuple(float(forward_m) for forward_m in ahead)
-        values |= {"ray_deg": angle, "forward_m": float(ahead.mean())}
+        forward_draws_m = np.array([fit[1] for fit in fits])  # (draws, robots)
+        forward = tuple(float(of_robot_m) for of_robot_m in forward_m)
+        values |= {"ray_deg": ray_deg, "forward_m": float(forward_m.mean())}
         bootstrap |= {
-            "ray_deg": np.array([row[0] for row in rows]),
+            "ray_deg": np.array([fit[0] for fit in fits]),
             "forward_m": forward_draws_m.mean(axis=1),
         }
         if robots > 1:
-            values["forward_between_m"] = float(ahead.std(ddof=1))
+            values["forward_between_m"] = float(forward_m.std(ddof=1))
             bootstrap["forward_between_m"] = forward_draws_m.std(axis=1, ddof=1)
     turned = np.abs(found.turns["turned_rad"].to_numpy())
     if turned.size >= LEAST_TURNS:
-        values["turn_max_deg"] = _most(turned)
-        u = uniforms(_SEED, 0, 1, Purpose.BOOTSTRAP, draws * turned.size).reshape(draws, -1)
+        values["turn_max_deg"] = _largest_turn_deg(turned)
+        # Another robot number than in ``_resampled`` gives independent random numbers.
+        # A uniform number times the number of turns, rounded down, is the index of a drawn turn.
+        u = uniforms(_SEED, run=0, robot=1, purpose=Purpose.BOOTSTRAP, count=draws * turned.size)
         bootstrap["turn_max_deg"] = np.array(
-            [_most(turned[(ranks * turned.size).astype(int)]) for ranks in u]
+            [
+                _largest_turn_deg(turned[(of_draw * turned.size).astype(int)])
+                for of_draw in u.reshape(draws, -1)
+            ]
         )
     return RaysFit(values, bootstrap, forward)
 
 
-def _most(turned: Floats) -> float:
+def _largest_turn_deg(turned: Floats) -> float:
+    """Return the largest turn at the end of a leg, deg, from the observed turns without sign, rad.
+
+    The estimate 2 mean - a_0 is clipped: to 180 degrees at most, and to twice ``LEAST_TURN`` (a_0) at least, because a
+    smaller largest turn would hardly have been observed.
+    """
     return float(np.degrees(np.clip(2 * turned.mean() - LEAST_TURN, 2 * LEAST_TURN, np.pi)))
 
 
 def _resampled(robot: Ints, draw: int) -> Ints:
-    """Return the row that each row is replaced by in a bootstrap draw: one of the same robot, (rows,)."""
-    u = uniforms(_SEED, draw, 0, Purpose.BOOTSTRAP, robot.size)
+    """Return the numbers of the rows in a bootstrap draw, (rows,): each row is replaced by a row of the same robot.
+
+    So every robot keeps its number of approaches.
+
+    Args:
+        robot: robot of each row, (rows,). draw: number of the bootstrap draw; each has random numbers of its own.
+    """
+    u = uniforms(_SEED, run=draw, robot=0, purpose=Purpose.BOOTSTRAP, count=robot.size)
     picked = np.empty(robot.size, dtype=np.int64)
     for number in np.unique(robot):
         own = np.flatnonzero(robot == number)
@@ -122,34 +158,52 @@ def _resampled(robot: Ints, draw: int) -> Ints:
 
 
 def _fit(distance: Floats, incidence: Floats, robot: Ints, base: Scenario) -> tuple[float, Floats]:
-    """Return the outermost angle, deg, and F of each robot, (robots,)."""
-    losses = [_ahead(distance, incidence, robot, base, ray_deg)[1] for ray_deg in GRID_DEG.tolist()]
-    best = float(GRID_DEG[int(np.argmin(losses))])
-    return best, _ahead(distance, incidence, robot, base, best)[0]
+    """Return the outermost angle of smallest error on the grid, deg, and F of each robot at this angle, m, (robots,).
+
+    Args:
+        distance, incidence, robot: distance (m), incidence (rad) and robot's number of each approach, (approaches,).
+        base: scenario with theta_c, the lateral offsets and the ratios of the rays' angles.
+    """
+    errors = [_fit_forward(distance, incidence, robot, base, ray_deg)[1] for ray_deg in GRID_DEG.tolist()]
+    best_deg = float(GRID_DEG[int(np.argmin(errors))])
+    return best_deg, _fit_forward(distance, incidence, robot, base, best_deg)[0]
 
 
-def _ahead(
+def _fit_forward(
     distance: Floats, incidence: Floats, robot: Ints, base: Scenario, ray_deg: float
 ) -> tuple[Floats, float]:
-    """Return F of each robot by weighted medians, m, and the mean absolute error, m."""
+    """Return F of each robot, m, (robots,), given the outermost angle; and the mean absolute error of distances, m.
+
+    Let M be the maximum over rays in the equation of d(i). The errors |d - M - F cos i| are smallest in total if F is
+    the median of (d - M) / cos i with the weights cos i.
+
+    Args:
+        distance, incidence, robot: distance (m), incidence (rad) and robot's number of each approach, (approaches,).
+        base: scenario with theta_c, the lateral offsets and the ratios of the rays' angles.
+        ray_deg: the outermost angle.
+    """
+    # Columns of angles and of lateral offsets, (rays, 1), so that ``rays`` below is (rays, approaches).
     reach = base.walk.avoidance_threshold_mm / 1000.0
-    bent = np.radians(_angles(base, ray_deg))[:, None]
+    angle = np.radians(_angles(base, ray_deg))[:, None]
     side = np.array(base.rays.side_m)[:, None]
-    rays = reach * np.cos(bent) * np.cos(incidence) - (side + reach * np.sin(bent)) * np.sin(incidence)
-    rest, weight = distance - rays.max(axis=0), np.maximum(np.cos(incidence), 1e-3)
-    own = [robot == number for number in range(int(robot.max()) + 1)]
-    ahead = np.clip([_weighted_median(rest[k] / weight[k], weight[k]) for k in own], 0.0, 0.5)
-    error = np.abs(rest - ahead[robot] * weight)
-    return ahead, float(np.minimum(error, CLIP_M).mean())
+    rays = reach * np.cos(angle) * np.cos(incidence) - (side + reach * np.sin(angle)) * np.sin(incidence)
+    rest, weight = distance - rays.max(axis=0), np.maximum(np.cos(incidence), 1e-3)  # d - M; cos i, above 0
+    own_rows = [robot == number for number in range(int(robot.max()) + 1)]
+    # Between 0 and 0.5 m, far more than the size of a robot.
+    forward = np.clip([_weighted_median(rest[own] / weight[own], weight[own]) for own in own_rows], 0.0, 0.5)
+    error = np.abs(rest - forward[robot] * weight)
+    return forward, float(np.minimum(error, CLIP_M).mean())
 
 
 def _weighted_median(values: Floats, weights: Floats) -> float:
+    """Return the smallest value at which the sum of weights, in the order of values, reaches half of the total."""
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
 
 
 def _angles(base: Scenario, ray_deg: float) -> list[float]:
-    """Return the base's rays, turned in proportion so that the outermost is at ``ray_deg``."""
-    most = max(abs(angle_deg) for angle_deg in base.rays.angle_deg) or 1.0
-    return [round(angle_deg / most * ray_deg, 2) for angle_deg in base.rays.angle_deg]
+    """Return the angles of the base's rays, deg, multiplied by one factor so that the largest is ``ray_deg``."""
+    # If all rays point straight ahead, all angles are 0 and stay 0; 1.0 avoids a division by 0.
+    largest = max(abs(angle_deg) for angle_deg in base.rays.angle_deg) or 1.0
+    return [round(angle_deg / largest * ray_deg, 2) for angle_deg in base.rays.angle_deg]

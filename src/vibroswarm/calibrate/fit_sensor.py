@@ -5,11 +5,19 @@ vibrating tiles) the likelihood is
 
     P(d) g_v(E / c_v) / c_v + (1 - P(d)) g_s(E / c_s) / c_s,    P(d) = Phi((reach - d) / blur)
 
-with shifted Gamma densities g, and c the product of the factors of the tile and of the robot in that session. Gammas,
-reach and blur are found by maximum likelihood (scipy's L-BFGS-B); factors are means of log E, each sample weighted by
-the probability of its kind; both alternate three times. The spreads are what remains of the factors' variance
-after that
-of their means (method of moments). Errors: bootstrap over robots in sessions, with the factors held.
+with shifted Gamma densities g_v (vibrating) and g_s (still). Every tile and every robot in a session multiplies the
+energies by a factor of its own, and c is the product of two factors: c_v of the nearest vibrating tile and the robot,
+c_s of the nearest still tile and the robot. One of these tiles is the tile below the robot. P(d) is the probability
+that the sample was read as on a vibrating tile.
+
+The fit alternates between two steps, ``ROUNDS`` times. The first finds the Gamma distributions, reach and blur by
+maximum likelihood (scipy's L-BFGS-B). The second finds the factors as means of log E over samples, each weighted by the
+probability that it was read on this kind of tile. The spreads of tiles and of robots are the standard deviations of
+their log factors, without sampling noise (method of moments). Standard errors come from a bootstrap over robots in
+sessions, with fixed factors.
+
+Inside this module the parameters are one vector theta of 8 values: log shape, log scale and location of the Gamma
+distribution for vibrating tiles; the same three for still tiles; reach (cm); log blur (cm).
 """
 
 from __future__ import annotations
@@ -20,7 +28,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.special import gammaln, ndtr
+from scipy.special import gammaincinv, gammaln, ndtr
 
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.recordings.threshold import cluster_weights, resample, robot_clusters
@@ -30,12 +38,18 @@ FIELDS: Final = (
     "vibrating_shape", "vibrating_scale", "vibrating_location",
     "still_shape", "still_scale", "still_location", "edge_reach_m", "edge_blur_m",
 )  # fmt: skip
+"""Fields of the section ``sensor`` that theta gives, in the order of theta."""
 SPREADS: Final = ("tile_spread", "robot_spread")
+"""Fields of the section ``sensor``: standard deviations of the log factors of tiles and of robots."""
 DRAWS: Final = 40
+"""Bootstrap resamples."""
 ROUNDS: Final = 3
+"""How often the fit alternates between theta and the factors."""
 _SEED: Final = 31
+"""Seed of the bootstrap."""
 _FLOOR: Final = 1e-6
-"""Density added for energies of neither kind, so that one outlier does not decide."""
+"""Density added to each sample's likelihood, so that an energy impossible on both kinds of tile does not decide the
+fit."""
 
 
 @dataclass(frozen=True)
@@ -48,51 +62,73 @@ class SensorFit:
 
 @dataclass(frozen=True)
 class _Data:
+    """Samples with their factors, (samples,) each."""
+
     energy: Floats
+    """RMS energy E."""
     edge_m: Floats
+    """Signed distance from the edge, m, negative on vibrating tiles."""
     vibrating: Floats
+    """Factor c_v: of the nearest vibrating tile, times that of the robot."""
     still: Floats
-    """Factors of the vibrating and of the still tile at each sample."""
+    """Factor c_s: of the nearest still tile, times that of the robot."""
 
 
 def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
-    """Fit the sensor; needs at least some 500 samples of each kind."""
+    """Fit the Gamma distributions of energies, reach and blur of edges, and the spreads of tiles and robots.
+
+    Some 500 samples on each kind of tile are needed for usable estimates.
+
+    Args:
+        found: sessions, with positions corrected for the camera.
+        draws: number of bootstrap resamples.
+    """
     samples = found.samples
     energy, edge = samples["energy"].to_numpy(), samples["edge_m"].to_numpy()
     on = samples["vibrating"].to_numpy()
     tile, other, run = (samples[name].to_numpy().astype(np.int64) for name in ("tile", "other", "run"))
-    # Sessions on the same floor share tile factors; tiles of different floors are numbered apart.
-    names = {hash(floor): k for k, floor in enumerate(dict.fromkeys(found.floors))}
-    base = np.array([names[hash(floor)] for floor in found.floors])[run] * (
-        max(f.tiles.size for f in found.floors)
-    )
-    below, neighbour = base + tile, np.where(other >= 0, base + other, base + tile)
-    tiles = np.unique(np.r_[below, neighbour], return_inverse=True)[1].reshape(2, -1)
-    vib_tile, still_tile = np.where(on, tiles[0], tiles[1]), np.where(on, tiles[1], tiles[0])
+    # Number the tiles of all floors: the number of a floor's first tile, plus the tile's index on the floor. Sessions
+    # on equal floors have the same tiles, so they share tile factors.
+    floor_number = {floor: k for k, floor in enumerate(dict.fromkeys(found.floors))}
+    most_tiles = max(floor.tiles.size for floor in found.floors)  # enough numbers for the tiles of any floor
+    first_tile = np.array([floor_number[floor] for floor in found.floors])[run] * most_tiles
+    below = first_tile + tile
+    # ``other`` is -1 on a floor with one kind of tile. Any tile number will do there, so that of the tile below is
+    # used: the distance d is infinite, so P(d) leaves the other kind's term of the likelihood without weight.
+    neighbour = np.where(other >= 0, first_tile + other, below)
+    # Replace the numbers by 0, 1, 2, ... without gaps, because they index the array of factors.
+    below, neighbour = np.unique(np.r_[below, neighbour], return_inverse=True)[1].reshape(2, -1)
+    vib_tile, still_tile = np.where(on, below, neighbour), np.where(on, neighbour, below)
     cluster = robot_clusters(samples)
-    of_tile, of_robot = np.zeros(int(tiles.max()) + 1), np.zeros(int(cluster.max()) + 1)
+    # Logarithms of the factors, all factors 1 at first.
+    of_tile = np.zeros(int(max(below.max(), neighbour.max())) + 1)
+    of_robot = np.zeros(int(cluster.max()) + 1)
     theta = _start(energy, on)
     spreads = (0.0, 0.0)
 
     def with_factors() -> _Data:
+        """Return the samples with the present factors of tiles and robots."""
         return _Data(
             energy,
             edge,
-            *(np.exp(of_tile[tile_of] + of_robot[cluster]) for tile_of in (vib_tile, still_tile)),
+            vibrating=np.exp(of_tile[vib_tile] + of_robot[cluster]),
+            still=np.exp(of_tile[still_tile] + of_robot[cluster]),
         )
 
+    equal_weights = np.ones(energy.size)
     for _ in range(ROUNDS):
         data = with_factors()
-        theta = _fit(data, np.ones(energy.size), theta)
+        theta = _fit(data, equal_weights, theta)
         of_tile, of_robot, spreads = _factors(
-            theta, data, (vib_tile, still_tile), cluster, (of_tile, of_robot)
+            theta, data, tiles=(vib_tile, still_tile), cluster=cluster, before=(of_tile, of_robot)
         )
     data = with_factors()
-    theta = _fit(data, np.ones(energy.size), theta)
+    theta = _fit(data, equal_weights, theta)  # theta that belongs to the last factors
     values = _values(theta) | dict(zip(SPREADS, spreads, strict=True))
     bootstrap: dict[str, list[float]] = {name: [] for name in FIELDS}
     for draw in range(draws):
-        weight = cluster_weights(_SEED, draw, 0, cluster)
+        # A fit to a resample starts from the best theta, which is close to its own optimum, so a quick fit is enough.
+        weight = cluster_weights(_SEED, draw, stream=0, cluster=cluster)
         for name, value in _values(_fit(data, weight, theta, quick=True)).items():
             bootstrap[name].append(value)
     spread_draws = _spread_draws(of_tile, of_robot, draws)
@@ -102,59 +138,94 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
 
 
 def fit_plain(energy: Floats, edge_m: Floats, vibrating: NDArray[np.bool_]) -> Floats:
-    """Return the maximum-likelihood Gammas, reach and blur (``_start``) if all tiles and robots are alike."""
-    even = np.ones(energy.size)
-    return _fit(_Data(energy, edge_m, even, even), even, _start(energy, vibrating))
+    """Return theta of maximum likelihood, (8,), for tiles and robots without differences (all factors 1).
+
+    Args:
+        energy, edge_m: energy and signed distance from the edge of each sample, (samples,).
+        vibrating: whether the tile below each sample vibrates, (samples,).
+    """
+    ones = np.ones(energy.size)
+    return _fit(
+        _Data(energy, edge_m, vibrating=ones, still=ones), weight=ones, theta=_start(energy, vibrating)
+    )
 
 
 def log_likelihoods(theta: Floats, energy: Floats, edge_m: Floats) -> Floats:
-    """Return the log likelihood of each sample if all tiles and robots are alike."""
-    even = np.ones(energy.size)
-    from_vibrating, from_still = _parts(theta, _Data(energy, edge_m, even, even))
+    """Return the log likelihood of each sample, (samples,), for tiles and robots without differences (all factors 1).
+
+    Args:
+        theta: from ``fit_plain``.
+        energy, edge_m: energy and signed distance from the edge of each sample, (samples,).
+    """
+    ones = np.ones(energy.size)
+    from_vibrating, from_still = _parts(theta, _Data(energy, edge_m, vibrating=ones, still=ones))
     return np.asarray(np.log(from_vibrating + from_still + _FLOOR))
 
 
 def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
-    """Return start values of a fit: log shape, log scale, location of either kind; then reach (cm), log blur (cm)."""
+    """Return the theta that a fit starts from, (8,).
+
+    For each kind of tile the shape is 4, the scale gives the standard deviation of the energies there, and the location
+    is below the least energy. The reach is 0.5 cm, the blur 1.5 cm.
+
+    Args:
+        energy: energy of each sample, (samples,). on: whether the tile below each sample vibrates, (samples,).
+    """
     theta = []
     for kind in (True, False):
         own = energy[on == kind]
         theta += [
             np.log(4.0),
-            np.log(max(float(own.std()), 1e-3) / 2.0),
+            np.log(max(float(own.std()), 1e-3) / 2.0),  # with shape 4, the standard deviation is 2 scales
+            # The location must be below the least energy, because the density is 0 up to the location. Half of the
+            # least energy, after 0.1 is taken off, leaves some room; it is 0 for small energies.
             max(float(own.min()) - 0.1, 0.0) * 0.5,
         ]
     return np.array([*theta, 0.5, np.log(1.5)])
 
 
 def _values(theta: Floats) -> dict[str, float]:
-    k, s, loc, k2, s2, loc2, reach, blur = theta
-    plain = (np.exp(k), np.exp(s), loc, np.exp(k2), np.exp(s2), loc2, reach / 100.0, np.exp(blur) / 100.0)
+    """Return the parameters by field (``FIELDS``), without logarithms and in metres."""
+    # Shape, scale and location for vibrating tiles (1) and for still tiles (2).
+    log_shape1, log_scale1, loc1, log_shape2, log_scale2, loc2, reach_cm, log_blur_cm = theta
+    plain = (
+        np.exp(log_shape1), np.exp(log_scale1), loc1, np.exp(log_shape2), np.exp(log_scale2), loc2,
+        reach_cm / 100.0, np.exp(log_blur_cm) / 100.0,
+    )  # fmt: skip
     return {name: float(value) for name, value in zip(FIELDS, plain, strict=True)}
 
 
 def _density(energy: Floats, shape: float, scale: float, location: float) -> Floats:
-    x = np.maximum((energy - location) / scale, 1e-300)
+    """Return the density of a shifted Gamma distribution at each energy; 0 up to its location."""
+    x = np.maximum((energy - location) / scale, 1e-300)  # above 0 for the logarithm
     inside = energy > location
     return np.where(inside, np.exp((shape - 1) * np.log(x) - x - gammaln(shape)) / scale, 0.0)
 
 
 def _parts(theta: Floats, data: _Data) -> tuple[Floats, Floats]:
-    """Return the two terms of each sample's likelihood: read on a vibrating tile, and read on a still one."""
-    k, s, loc, k2, s2, loc2, reach, blur = theta
-    p = ndtr((reach / 100.0 - data.edge_m) / (np.exp(blur) / 100.0))
-    from_vibrating = p * _density(data.energy / data.vibrating, np.exp(k), np.exp(s), loc) / data.vibrating
-    from_still = (1 - p) * _density(data.energy / data.still, np.exp(k2), np.exp(s2), loc2) / data.still
-    return from_vibrating, from_still
+    """Return the two terms of each sample's likelihood, (samples,) each: of a vibrating tile, then of a still one."""
+    # Shape, scale and location for vibrating tiles (1) and for still tiles (2).
+    log_shape1, log_scale1, loc1, log_shape2, log_scale2, loc2, reach_cm, log_blur_cm = theta
+    p = ndtr((reach_cm / 100.0 - data.edge_m) / (np.exp(log_blur_cm) / 100.0))  # P(d)
+    energy_vibrating, energy_still = data.energy / data.vibrating, data.energy / data.still
+    density_vibrating = _density(energy_vibrating, np.exp(log_shape1), np.exp(log_scale1), loc1)
+    density_still = _density(energy_still, np.exp(log_shape2), np.exp(log_scale2), loc2)
+    return p * density_vibrating / data.vibrating, (1 - p) * density_still / data.still
 
 
 def _fit(data: _Data, weight: Floats, theta: Floats, quick: bool = False) -> Floats:
-    """Maximise the weighted likelihood from start values ``theta``."""
+    """Return the theta of largest weighted likelihood.
+
+    Args:
+        data: the samples with their factors. weight: weight of each sample, (samples,). theta: start values.
+        quick: whether few iterations are enough, as in a bootstrap that starts from the best theta.
+    """
 
     def loss(at: Floats) -> float:
         from_vibrating, from_still = _parts(at, data)
         return -float(weight @ np.log(from_vibrating + from_still + _FLOOR)) / float(weight.sum())
 
+    # Bounds of theta: log shape, log scale and location of each kind of tile, reach (cm), log blur (cm).
     bounds = [(0.0, 4.0), (-5.0, 2.0), (-2.0, 0.5)] * 2 + [(-3.0, 8.0), (-2.0, 2.0)]
     inside = np.clip(theta, *np.array(bounds).T)
     most = 25 if quick else 200
@@ -168,39 +239,58 @@ def _factors(
     theta: Floats, data: _Data, tiles: tuple[NDArray[np.int64], NDArray[np.int64]], cluster: NDArray[np.int64],
     before: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats, tuple[float, float]]:  # fmt: skip
-    """Return the logarithms of the factors of tiles and robots, and their spreads."""
+    """Estimate the log factors of tiles and robots.
+
+    Every sample counts twice: as if it was read on its nearest vibrating tile, and as if on its nearest still tile. The
+    two are weighted by their probabilities.
+
+    Args:
+        theta: parameters of the distributions. data: the samples with the present factors.
+        tiles: numbers of the nearest vibrating and of the nearest still tile of each sample, (samples,) each.
+        cluster: number of the robot in its session, for each sample, (samples,).
+        before: present log factors of the tiles, (tiles,), and of the robots, (clusters,).
+    Returns:
+        Log factors of the tiles, (tiles,); log factors of the robots, (clusters,); and the two spreads.
+    """
     from_vibrating, from_still = _parts(theta, data)
+    # Probability that a sample was read on a vibrating tile.
     share = from_vibrating / (from_vibrating + from_still + _FLOOR)
     values = _values(theta)
+    # Log energy minus its mean, if the sample was read on a vibrating tile, and if it was read on a still tile.
     log_energy = np.log(np.maximum(data.energy, 1e-3))
-    rest = [
+    deviations = [
         log_energy - _mean_log(*(values[f"{kind}_{name}"] for name in ("shape", "scale", "location")))
         for kind in ("vibrating", "still")
     ]
     weight = np.r_[share, 1 - share]
-    left = np.concatenate(rest)
+    deviation = np.concatenate(deviations)
     at_robot = np.r_[cluster, cluster]
     at_tile = np.concatenate(tiles)
     of_tile, of_robot = before
+    # Tiles and robots in turn, because the factors of each are estimated with those of the other taken away; after four
+    # turns they hardly change.
     for _ in range(4):
-        of_tile, tile_spread = _effects(left - of_robot[at_robot], weight, at_tile, of_tile.size)
-        of_robot, robot_spread = _effects(left - of_tile[at_tile], weight, at_robot, of_robot.size)
-    # Centre the log factors: their mean goes into the scale of the Gammas at the next fit.
+        of_tile, tile_spread = _effects(deviation - of_robot[at_robot], weight, at_tile, of_tile.size)
+        of_robot, robot_spread = _effects(deviation - of_tile[at_tile], weight, at_robot, of_robot.size)
+    # Centre the log factors: their mean goes into the scales of the Gamma distributions at the next fit.
     return of_tile - of_tile.mean(), of_robot - of_robot.mean(), (tile_spread, robot_spread)
 
 
 def _effects(rest: Floats, weight: Floats, group: NDArray[np.int64], groups: int) -> tuple[Floats, float]:
-    """Return the deviation of each group from the common mean, shrunk by its noise, and the sd between groups.
+    """Return the effect of each group, (groups,), and the standard deviation between groups without sampling noise.
 
-    The standard deviation is that without sampling noise. Groups with hardly any weight have deviation 0.
+    A group is a tile or a robot. Its effect is its mean minus the mean over groups, multiplied by the share of its
+    variance that is no sampling noise. Groups of total weight 5 or less are not used, and have effect 0.
 
     Args:
-        rest, weight, group: of each sample: value, weight, and number of its group from 0. groups: how many there are.
+        rest, weight, group: value, weight, and group (from 0) of each sample, (samples,) each.
+        groups: number of groups.
     """
-    total = np.maximum(np.bincount(group, weight, groups), 1e-9)
+    total = np.maximum(np.bincount(group, weight, groups), 1e-9)  # above 0, for groups without samples
     mean = np.bincount(group, weight * rest, groups) / total
+    # Variance within each group.
     inside = np.bincount(group, weight * (rest - mean[group]) ** 2, groups) / total
-    noise = inside / total
+    noise = inside / total  # variance of the group's mean
     counted = total > 5.0
     between = (
         max(float(mean[counted].var(ddof=1)) - float(noise[counted].mean()), 0.0)
@@ -213,16 +303,24 @@ def _effects(rest: Floats, weight: Floats, group: NDArray[np.int64], groups: int
 
 
 def _mean_log(shape: float, scale: float, location: float) -> float:
-    """Return the mean of log(G), G of a shifted Gamma distribution and at least 1e-3, from 400 quantiles."""
-    from scipy.special import gammaincinv
+    """Return the mean of log(max(G, 1e-3)) for G of a shifted Gamma distribution, by the midpoint rule.
 
-    u = (np.arange(400) + 0.5) / 400
+    The limit 1e-3 is that of ``_factors``, which subtracts this mean from log(max(E, 1e-3)).
+    """
+    u = (np.arange(400) + 0.5) / 400  # probabilities whose quantiles stand for the distribution
     return float(np.log(np.maximum(scale * gammaincinv(shape, u) + location, 1e-3)).mean())
 
 
 def _spread_draws(of_tile: Floats, of_robot: Floats, draws: int) -> dict[str, Floats]:
-    """Return the bootstrap draws of the spreads of tiles and robots."""
+    """Return bootstrap draws of the spreads by name, (draws,) each.
+
+    A draw is the standard deviation of a resample of the estimated log factors; the factors are not estimated again.
+
+    Args:
+        of_tile, of_robot: log factors of the tiles, (tiles,), and of the robots, (clusters,). draws: number of draws.
+    """
     spreads: dict[str, Floats] = {}
+    # Different streams give independent resamples; stream 0 resamples robots in ``fit_sensor``.
     for name, values, stream in (("tile_spread", of_tile, 1), ("robot_spread", of_robot, 2)):
         picked = [values[resample(_SEED, draw, stream, values.size)] for draw in range(draws)]
         spreads[name] = np.array([factors.std(ddof=1) if factors.size > 1 else 0.0 for factors in picked])

@@ -1,21 +1,22 @@
-"""How robots of a recording lose messages: one by one, or in bursts; the Gilbert-Elliott model fitted to them.
+"""Measure how robots of a recording lose messages, one by one or in bursts, and fit the Gilbert-Elliott model.
 
-A log tells how many messages a robot had received at each own sample, not which. Between two samples of a robot,
-``sent`` messages were sent by others, and ``received`` counted; times are those of rows, up to a quarter of a second
-late, so that a message may be counted a window early or late.
+A receiver is one robot in one run. Its windows are the intervals between its samples (the first begins at time 0). At
+each sample of a robot, the log holds how many messages the robot had received so far, but not which ones. In a window,
+``sent`` messages were sent by other robots, and the count of the receiver grew by ``received`` messages. The logged
+times are up to a quarter of a second late, so a message may be counted one window too early or too late.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| state of a receiver at a message | z | - | good or bad; Markov chain, drawn anew with probability 1 - exp(-1 / c) |
-| share of bad | b | - | stationary |
-| correlation, in messages | c | - | of the chain |
+| state of a receiver at a message | z | - | good or bad; redrawn at each message with probability 1 - exp(-1 / c) |
+| share of bad | b | - | probability that a redrawn state is bad |
+| correlation length of the chain | c | messages | from the mean time in the bad state, see below |
 | probability of loss | h_z | - | given the state |
 | shift of a window's edge | e | messages | -3 to 3, with probability proportional to exp(-e^2 / (2 s^2)) |
 | messages of window k | m_k | - | sent_k + e_k - e_(k-1) |
 
-The likelihood of a receiver is that of its counts, summed over states and shifts (forward algorithm). Receivers are
-independent. Time is counted in messages, which other robots send evenly enough for this: a mean time in the bad state
-is c / (1 - b) messages, times the mean time between messages.
+The likelihood of a receiver is the likelihood of its counts, summed over states and shifts (forward algorithm).
+Receivers are independent. The model counts time in messages, because the other robots send them rather regularly. The
+mean time in the bad state is c / (1 - b) messages, which the mean time between messages turns into seconds.
 """
 
 from __future__ import annotations
@@ -33,21 +34,25 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
 
 MOST_SHIFTED: Final = 3
+"""Largest shift of a window's edge, messages."""
 SHIFTS: Final = np.arange(-MOST_SHIFTED, MOST_SHIFTED + 1)
+"""Possible shifts of a window's edge, messages, ascending; the one in the middle is 0."""
 STEPS: Final = (1, 2, 3, 5, 10, 20)
 """Smallest size of each class of gaps, messages."""
 
 
 @dataclass(frozen=True, eq=False)
 class Windows(NotebookView):
-    """The intervals between a robot's samples; one entry each, in order of time."""
+    """The windows of one robot in one run, in order of time, (windows,) each."""
 
     run: int
     robot: int
     sent: NDArray[np.int64]
-    """By the other robots."""
+    """Messages that the other robots sent in each window."""
     received: NDArray[np.int64]
+    """Messages by which the robot's count grew in each window."""
     length_s: NDArray[np.float64]
+    """Duration of each window."""
 
 
 @dataclass(frozen=True)
@@ -55,13 +60,19 @@ class Bursts(NotebookView):
     """A Gilbert-Elliott model of receivers; without bursts if ``bad_share`` is 0."""
 
     bad_share: float
+    """Probability b that a redrawn state is bad; also the share of messages in the bad state."""
     bad_s: float
+    """Mean time in the bad state."""
     lost_in_bad: float
+    """Probability of loss in the bad state."""
     lost_in_good: float
+    """Probability of loss in the good state."""
     shift: float
-    """The s of the shifts, messages."""
+    """Standard deviation s of the normal law of the shifts of windows' edges, messages."""
     log_likelihood: float
+    """Log likelihood of the counts that the model was fitted to."""
     parameters: int
+    """Number of fitted parameters."""
 
     @property
     def lost(self) -> float:
@@ -75,9 +86,10 @@ class Bursts(NotebookView):
 
 
 def windows_of(result: Result) -> list[Windows]:
-    """Return the windows of each robot of each run; robots whose log does not count messages are left out.
+    """Return the windows of each robot of each run, by run and robot; robots without counts of messages are left out.
 
-    The time of a sample whose row is missing is taken to be half-way between its neighbours'.
+    A robot sends one message at each sample, so the times of samples are the times of messages. The times of samples
+    whose rows are missing are interpolated. A window ends where the robot stops to sample.
     """
     tables = []
     joined = result.motion.with_columns(received=result.inference["messages_received"])
@@ -90,6 +102,7 @@ def windows_of(result: Result) -> list[Windows]:
         for robot, own in rows.items():
             if own["received"].null_count():
                 continue
+            # Times of the messages that the other robots sent. The empty array is for a run with one robot.
             others_s = np.sort(
                 np.concatenate([np.empty(0), *(sent_s[other] for other in rows if other != robot)])
             )
@@ -101,9 +114,13 @@ def windows_of(result: Result) -> list[Windows]:
 
 
 def _times(number: NDArray[Any], time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the times of all messages of a robot, those of missing rows among them."""
-    every = np.arange(number[0], number[-1] + 1)
-    return np.interp(every, number, time_s)
+    """Return the times of all messages of a robot, s; the times of missing rows are interpolated.
+
+    Args:
+        number, time_s: number and time of each sample whose row exists, (rows,).
+    """
+    all_numbers = np.arange(number[0], number[-1] + 1)
+    return np.interp(all_numbers, number, time_s)
 
 
 def second_s(windows: Sequence[Windows]) -> float:
@@ -112,16 +129,33 @@ def second_s(windows: Sequence[Windows]) -> float:
 
 
 def fit_bursts(windows: Sequence[Windows], start: Bursts | None = None) -> Bursts:
-    """Fit the model by maximum likelihood, from ``start`` or, without it, from typical values."""
+    """Fit the Gilbert-Elliott model by maximum likelihood.
+
+    The optimiser works on logits of probabilities and logarithms of positive values, which have no bounds. In
+    ``Bursts``, ``parameters`` is the number of fitted parameters.
+
+    Args:
+        windows: the receivers. start: model to start from; None: typical values.
+    """
     spacing_s = second_s(windows)
     table = _Table(windows)
-    first = start or Bursts(0.02, 15.0, 0.8, 0.01, 0.5, 0.0, 5)
+    first = start or Bursts(
+        bad_share=0.02, bad_s=15.0, lost_in_bad=0.8, lost_in_good=0.01, shift=0.5,
+        log_likelihood=0.0, parameters=5,
+    )  # fmt: skip
     x = [_logit(first.bad_share), math.log(first.bad_s / spacing_s), _logit(first.lost_in_bad),
          _logit(first.lost_in_good), math.log(first.shift)]  # fmt: skip
 
     def model(at: Any) -> Bursts:
+        """Return the model at a point of the optimiser; its likelihood, not known yet, is 0.
+
+        ``at``: logit of the share of bad, log mean bad time in messages, logits of both losses, log shift.
+        """
         b, h_bad, h_good = (1.0 / (1.0 + math.exp(-at[k])) for k in (0, 2, 3))
-        return Bursts(b, math.exp(at[1]) * spacing_s, h_bad, h_good, math.exp(at[4]), 0.0, 5)
+        return Bursts(
+            bad_share=b, bad_s=math.exp(at[1]) * spacing_s, lost_in_bad=h_bad, lost_in_good=h_good,
+            shift=math.exp(at[4]), log_likelihood=0.0, parameters=5,
+        )  # fmt: skip
 
     best = _minimum(lambda at: -table.log_likelihood(model(at), spacing_s), x)
     found = model(best)
@@ -129,21 +163,26 @@ def fit_bursts(windows: Sequence[Windows], start: Bursts | None = None) -> Burst
 
 
 def fit_independent(windows: Sequence[Windows]) -> Bursts:
-    """Fit one probability of loss to all receivers."""
+    """Fit the model without bursts: one probability of loss for all messages and receivers, by maximum likelihood."""
     table, spacing_s = _Table(windows), second_s(windows)
 
     def model(at: Any) -> Bursts:
-        return Bursts(0.0, 1.0, 0.0, 1.0 / (1.0 + math.exp(-at[0])), math.exp(at[1]), 0.0, 2)
+        """Return the model at a point of the optimiser, (logit of the loss, log shift), without a bad state."""
+        return Bursts(
+            bad_share=0.0, bad_s=1.0, lost_in_bad=0.0, lost_in_good=1.0 / (1.0 + math.exp(-at[0])),
+            shift=math.exp(at[1]), log_likelihood=0.0, parameters=2,
+        )  # fmt: skip
 
-    found = model(
-        _minimum(lambda at: -table.log_likelihood(model(at), spacing_s), [_logit(0.02), math.log(0.5)])
-    )
+    start = [_logit(0.02), math.log(0.5)]  # typical values: 2 % lost, s = 0.5 messages
+    found = model(_minimum(lambda at: -table.log_likelihood(model(at), spacing_s), start))
     return replace(found, log_likelihood=table.log_likelihood(found, spacing_s))
 
 
 def _minimum(cost: Any, start: list[float]) -> Any:
-    from scipy.optimize import minimize
+    """Return the point, (parameters,), at which a function of such points has a local minimum, from a start."""
+    from scipy.optimize import minimize  # here, because importing it takes long
 
+    # In logits and logarithms, 1e-3 is a relative error of about 0.1 %, far below the standard errors.
     found = minimize(
         cost, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-3, "maxiter": 1500}
     )
@@ -151,11 +190,18 @@ def _minimum(cost: Any, start: list[float]) -> Any:
 
 
 def _logit(share: float) -> float:
+    """Return the log odds of a share."""
     return math.log(share / (1.0 - share))
 
 
 def jackknife(windows: Sequence[Windows], found: Bursts) -> dict[str, float]:
-    """Return standard errors of a fit's figures: it is repeated without each receiver in turn."""
+    """Return standard errors of a fit's figures by name: the fit is repeated without each receiver in turn.
+
+    Args:
+        windows: the receivers. found: their fit, from which the repeated fits start.
+    Returns:
+        Standard errors of bad_share, bad_s, lost_in_bad and lost_in_good.
+    """
     names = ("bad_share", "bad_s", "lost_in_bad", "lost_in_good")
     left_out = [fit_bursts([w for w in windows if w is not one], found) for one in windows]
     count = len(windows)
@@ -166,94 +212,125 @@ def jackknife(windows: Sequence[Windows], found: Bursts) -> dict[str, float]:
 
 
 def _weights(spread: float) -> NDArray[np.float64]:
-    """Return the probabilities of the shifts."""
+    """Return the probability of each of ``SHIFTS``, proportional to exp(-e^2 / (2 ``spread``^2)), with the sum 1."""
     weight = np.exp(-0.5 * (SHIFTS / spread) ** 2)
     return np.asarray(weight / weight.sum())
 
 
 class _Table:
-    """The windows of all receivers side by side, for a forward algorithm in one go."""
+    """The windows of all receivers side by side, so that one forward algorithm handles all receivers at once.
+
+    ``sent``, ``received`` and ``is_there`` have the shape (windows, receivers). Receivers with fewer windows than the
+    longest are filled up at the end, where ``is_there`` is False.
+    """
 
     def __init__(self, windows: Sequence[Windows]) -> None:
-        steps = max(w.sent.size for w in windows)
-        self.sent = np.zeros((steps, len(windows)), dtype=np.int64)
+        """Copy the windows of each receiver into a column of the arrays."""
+        longest = max(w.sent.size for w in windows)
+        self.sent = np.zeros((longest, len(windows)), dtype=np.int64)
         self.received = np.zeros_like(self.sent)
         self.is_there = np.zeros(self.sent.shape, dtype=bool)
         for k, w in enumerate(windows):
             size = w.sent.size
             self.sent[:size, k], self.received[:size, k], self.is_there[:size, k] = w.sent, w.received, True
-        self.change = SHIFTS[None, :] - SHIFTS[:, None]  # of the window, by shift before and after
+        # Messages that a window gains by the shift of its first edge (row) and of its last edge (column).
+        self.change = SHIFTS[None, :] - SHIFTS[:, None]
 
     def log_likelihood(self, model: Bursts, spacing_s: float) -> float:
-        """Return the log likelihood of all counts."""
+        """Return the log likelihood of all counts, by the forward algorithm over windows.
+
+        Args:
+            model: the model. spacing_s: mean time between messages (``second_s``).
+        """
         most_received = int(self.received.max())
+        # The shifts of its two edges may add 2 * MOST_SHIFTED messages to a window.
         chances = passing(model, int(self.sent.max()) + 2 * MOST_SHIFTED, most_received, spacing_s)
         weight = _weights(model.shift)
         b = model.bad_share
         receivers = self.sent.shape[1]
+        # Probability of each state and of each shift of the last edge, given the counts so far, (receivers, 2, shifts).
+        # The edge at time 0 has no shift: ``SHIFTS[MOST_SHIFTED]`` is 0.
         forward = np.zeros((receivers, 2, SHIFTS.size))
         forward[:, :, MOST_SHIFTED] = [1.0 - b, b]
         total = 0.0
         for sent, received, is_there in zip(self.sent, self.received, self.is_there, strict=True):
+            # Messages of the window, (receivers, shift of the first edge, shift of the last edge).
             m = sent[:, None, None] + self.change
+            # Probability of the received number and the state after, by state before; 0 where m would be negative.
             step = np.where(
                 (m >= 0)[..., None, None], chances[np.maximum(m, 0), received[:, None, None]], 0.0
             )
+            # n: receiver; s, t: state before and after; a, b: shift before and after.
             new = np.einsum("nsa,nabst,b->ntb", forward, step, weight)
-            size = new.sum(axis=(1, 2))
-            size = np.where(size > 0, size, 1e-300)
-            forward = np.where(is_there[:, None, None], new / size[:, None, None], forward)
-            total += float(np.log(size)[is_there].sum())
+            likelihood = new.sum(axis=(1, 2))
+            # A finite logarithm for counts that the model excludes.
+            likelihood = np.where(likelihood > 0, likelihood, 1e-300)
+            # Receivers without this window keep their probabilities.
+            forward = np.where(is_there[:, None, None], new / likelihood[:, None, None], forward)
+            total += float(np.log(likelihood)[is_there].sum())
         return total
 
 
 def passing(model: Bursts, most_sent: int, most_received: int, spacing_s: float) -> NDArray[np.float64]:
-    """Return the probability of so many received messages and the state after, given those sent and the state before.
+    """Return the probability that a number of messages is received, and that the receiver is in a state after them.
 
-    Returns: (``most_sent`` + 1, ``most_received`` + 1, 2, 2): by sent, received, state before and state after (0: good,
-        1: bad).
+    The probabilities are conditional on the number of messages sent and on the receiver's state before them.
+
+    Args:
+        model: the model. most_sent, most_received: largest numbers of messages.
+        spacing_s: mean time between messages, s.
+    Returns:
+        Shape (``most_sent`` + 1, ``most_received`` + 1, 2, 2): by number sent, number received, state before and state
+        after (0: good, 1: bad).
     """
     b = model.bad_share
-    anew = -math.expm1(-spacing_s / max(model.bad_s * (1.0 - b), 1e-9))
-    step = (1.0 - anew) * np.eye(2) + anew * np.array([[1.0 - b, b], [1.0 - b, b]])
+    redrawn = -math.expm1(-spacing_s / max(model.bad_s * (1.0 - b), 1e-9))  # 1 - exp(-1 / c)
+    # Probability of the next state (column) after each state (row).
+    step = (1.0 - redrawn) * np.eye(2) + redrawn * np.array([[1.0 - b, b], [1.0 - b, b]])
     lost = np.array([model.lost_in_good, model.lost_in_bad])
     chances = np.zeros((most_sent + 1, most_received + 1, 2, 2))
-    chances[0, 0] = np.eye(2)
+    chances[0, 0] = np.eye(2)  # no message sent: none received, and the state stays
     for m in range(1, most_sent + 1):
-        reached = chances[m - 1] @ step
-        chances[m] = reached * lost
-        chances[m, 1:] += reached[:-1] * (1.0 - lost)
+        before_loss = chances[m - 1] @ step  # state at message m, with the count before it
+        chances[m] = before_loss * lost  # message m is lost: the number received stays
+        chances[m, 1:] += before_loss[:-1] * (1.0 - lost)  # message m is received
     return chances
 
 
 def lost_for_good(windows: Windows) -> NDArray[np.int64]:
-    """Return by how much the number of lost messages rose for good in each window.
+    """Return how many messages were lost in each window, (windows,), without those that were only counted late.
 
-    A message that is counted a window late makes a loss that the next window takes back; these are left out.
+    A message that is counted a window late is missing at first, and not missing any more after the next window. So the
+    messages lost up to a window are the smallest number of messages that are missing after it or after any later one.
     """
-    missing = np.cumsum(windows.sent - windows.received)
-    for_good = np.minimum.accumulate(missing[::-1])[::-1]
-    return np.asarray(np.maximum(np.diff(np.maximum(for_good, 0), prepend=0), 0))
+    missing = np.cumsum(windows.sent - windows.received)  # messages missing so far, after each window
+    lowest_from_here = np.minimum.accumulate(missing[::-1])[::-1]
+    # The count of missing messages is negative after a window that counted messages of the next window too early.
+    return np.asarray(np.maximum(np.diff(np.maximum(lowest_from_here, 0), prepend=0), 0))
 
 
 def gap_sizes(windows: Windows) -> NDArray[np.int64]:
-    """Return how many messages were lost in each gap: a stretch of windows of which each lost some."""
+    """Return how many messages were lost in each gap, (gaps,).
+
+    A gap is a longest sequence of successive windows in each of which messages were lost.
+    """
     lost = lost_for_good(windows)
-    total = np.append(0, np.cumsum(lost))
+    total = np.append(0, np.cumsum(lost))  # messages lost before each window
+    # Indices of the first window of a gap and of the first window after it, alternately.
     edges = np.flatnonzero(np.diff(np.concatenate([[0], lost > 0, [0]])))
     return np.asarray(total[edges[1::2]] - total[edges[::2]])
 
 
 def by_size(windows: Sequence[Windows]) -> NDArray[np.int64]:
-    """Return how many gaps are of 1, 2, 3 to 4, ... messages (``STEPS``)."""
+    """Return the number of gaps in each class of size: 1, 2, 3 to 4, 5 to 9, ... messages (``STEPS``)."""
     return np.histogram(np.concatenate([gap_sizes(w) for w in windows]), bins=[*STEPS, np.inf])[0]
 
 
 def lost_in_long_windows(windows: Sequence[Windows], times: float = 2.0) -> tuple[float, float]:
-    """Return the share of lost messages that fall into long windows, and the share of messages that do.
+    """Return two shares that belong to long windows: the share of the lost messages, and the share of all messages.
 
     Args:
-        times: a window is long if it is longer than this many times the median.
+        windows: the receivers. times: a window is long if it is longer than this many times the median length.
     """
     limit_s = times * float(np.median(np.concatenate([w.length_s for w in windows])))
     lost = np.concatenate([lost_for_good(w) for w in windows])
@@ -262,29 +339,44 @@ def lost_in_long_windows(windows: Sequence[Windows], times: float = 2.0) -> tupl
     return float(lost[is_long].sum() / max(lost.sum(), 1)), float(sent[is_long].sum() / max(sent.sum(), 1))
 
 
+_SEED: Final = 1
+"""Seed of the simulations of ``simulated``; each draw has random numbers of its own."""
+
+
 def simulated(windows: Sequence[Windows], model: Bursts, spacing_s: float, draw: int) -> list[Windows]:
-    """Draw the received messages of the same windows from a model, with its shifts; numbered draws are repeatable."""
-    rng = np.random.default_rng([1, draw])
-    anew = -math.expm1(-spacing_s / max(model.bad_s * (1.0 - model.bad_share), 1e-9))
+    """Return the same windows with received messages that are drawn from a model, shifts of the edges included.
+
+    Args:
+        windows: the receivers; their sent messages stay. model: the model.
+        spacing_s: mean time between messages (``second_s``).
+        draw: number of the draw; the same number gives the same messages.
+    """
+    rng = np.random.default_rng([_SEED, draw])
+    chance = -math.expm1(-spacing_s / max(model.bad_s * (1.0 - model.bad_share), 1e-9))  # 1 - exp(-1 / c)
     made = []
     for w in windows:
         count = int(w.sent.sum())
+        # Whether the state is bad: now, and at each message. The first message always draws a new state.
         is_bad, states = False, np.empty(count, dtype=bool)
-        redrawn, bad = rng.random(count) < anew, rng.random(count) < model.bad_share
+        redrawn, bad = rng.random(count) < chance, rng.random(count) < model.bad_share
         for k in range(count):
             if k == 0 or redrawn[k]:
                 is_bad = bool(bad[k])
             states[k] = is_bad
         heard = rng.random(count) >= np.where(states, model.lost_in_bad, model.lost_in_good)
         shift = rng.choice(SHIFTS, w.sent.size, p=_weights(model.shift))
-        edges = np.clip(np.cumsum(w.sent) + shift, 0, count)
-        total = np.append(0, np.cumsum(heard))
-        made.append(replace(w, received=np.diff(total[np.maximum.accumulate(edges)], prepend=0)))
+        # Message at which each window ends; shifts must not make a window end before the previous one.
+        edges = np.maximum.accumulate(np.clip(np.cumsum(w.sent) + shift, 0, count))
+        total = np.append(0, np.cumsum(heard))  # messages received before each message
+        made.append(replace(w, received=np.diff(total[edges], prepend=0)))
     return made
 
 
 def expected_by_size(windows: Sequence[Windows], model: Bursts, draws: int = 200) -> NDArray[np.float64]:
-    """Return ``by_size`` as a model expects it, by simulation: mean and standard deviation, (2, sizes)."""
+    """Return the numbers of gaps in each class of size (``by_size``) that a model predicts for these windows.
+
+    Returns: mean and standard deviation over ``draws`` simulations, (2, classes).
+    """
     spacing_s = second_s(windows)
     counts = np.array([by_size(simulated(windows, model, spacing_s, draw)) for draw in range(draws)])
     return np.array([counts.mean(axis=0), counts.std(axis=0, ddof=1)])

@@ -1,6 +1,7 @@
-"""Compare real with simulated samples: the paper's six similarities with null and ceiling, and two sharper measures.
+"""Compare real with simulated samples: the paper's six similarities, energy distances, and classifiers' accuracies.
 
-Also draw both side by side, feature by feature, as in the paper's calibration figures.
+The similarities come with their null and ceiling (``similarity``). The distributions of real and simulated samples are
+also drawn side by side, feature by feature, as in the paper's calibration figures.
 """
 
 from __future__ import annotations
@@ -36,21 +37,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Comparison(NotebookView):
-    """Result of ``compare``; features that one of the two lacks are missing."""
+    """Result of ``compare``."""
 
     similarities: tuple[Similarity, ...]
+    """Similarity of each feature, without the missing features."""
     distances: tuple[EnergyDistance, ...]
+    """Energy distance of each feature, without the missing features."""
     classifier: ClassifierAccuracy
+    """How well a classifier distinguishes real from simulated samples."""
     missing: tuple[str, ...]
+    """Features of which a session has too few values."""
     camera: Camera = RIGHT
-    """Through which the simulated positions were seen."""
+    """The camera through which the simulated positions were seen; ``RIGHT`` is an exact camera."""
     without_camera: tuple[Similarity, ...] = ()
-    """The similarities of the positions as simulated; none if the camera is exact."""
+    """The similarities of the positions as simulated; empty if the camera is exact."""
     intervals: IntervalAccuracy | None = None
-    """How well undisturbed intervals are told apart; None if not asked for, or if there are too few."""
+    """How well undisturbed intervals are distinguished; None if not requested, or if there are too few intervals."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return nested plain values for JSON."""
         return {
             "similarities": [row.as_dict() for row in self.similarities],
             "energy_distances": [row.as_dict() for row in self.distances],
@@ -63,9 +68,11 @@ class Comparison(NotebookView):
 
 
 def camera_between(real: Result, simulated: Result) -> Camera:
-    """Return the camera through which a simulation is compared with recordings: the one kept with its scenario.
+    """Return the camera through which simulated positions are seen for a comparison with recordings.
 
-    Recordings of ``lab track`` have places that are corrected for their own camera.
+    It is the camera that was fitted together with the simulation's scenario. It is an exact camera (``RIGHT``) if
+    positions need no change: if ``real`` is a simulation, if ``simulated`` is a recording, or if the recording's
+    positions are corrected already, as those from the command ``lab track`` are.
     """
     if not isinstance(real, Recording) or isinstance(simulated, Recording) or real.places_corrected:
         return RIGHT
@@ -83,10 +90,12 @@ def compare(
     """Compare the samples of two results; each run is a session.
 
     Args:
-        real: recordings, or what stands for them. simulated: of the same floor and settings.
-        known: earlier results for the same ``real``; extended.
-        intervals: whether to tell undisturbed intervals apart too, which takes half a minute.
-        camera: how the recordings saw robots; by default ``camera_between``. Simulated positions are seen through it.
+        real: recordings, or a simulation in their place.
+        simulated: a simulation (or recordings) of the same floor and settings.
+        known: distances among the sessions of ``real`` from earlier calls with the same ``real``, by feature; this call
+            adds those that are missing. None: they are computed.
+        camera: the camera through which simulated positions are seen; by default ``camera_between``.
+        intervals: whether to compare undisturbed intervals too, which takes half a minute.
     Raises:
         InputError: no energies, or fewer than two robots.
     """
@@ -96,42 +105,46 @@ def compare(
     similarities, distances, missing = [], [], []
     for feature in FEATURES:
         values = real_sessions.values(feature), simulated_sessions.values(feature)
+        # The values as the authors computed them, for the similarity that they would have printed.
         published = (
             real_sessions.values(feature, as_published=True),
             simulated_sessions.values(feature, as_published=True),
         )
-        alike = compare_feature(feature, *values, published)
-        apart = compare_distance(feature, *values, known=known)
-        if alike is None or apart is None:
+        similarity = compare_feature(feature, *values, published)
+        distance = compare_distance(feature, *values, known=known)
+        if similarity is None or distance is None:
             missing.append(feature)
             continue
-        similarities.append(alike)
-        distances.append(apart)
+        similarities.append(similarity)
+        distances.append(distance)
     return Comparison(
-        tuple(similarities),
-        tuple(distances),
-        classifier_accuracy(real_sessions.samples, simulated_sessions.samples),
-        tuple(missing),
-        camera,
-        () if camera == RIGHT else _similarities(real_sessions, sessions_of(simulated)),
-        interval_accuracy(real_sessions.samples, simulated_sessions.samples) if intervals else None,
+        similarities=tuple(similarities),
+        distances=tuple(distances),
+        classifier=classifier_accuracy(real_sessions.samples, simulated_sessions.samples),
+        missing=tuple(missing),
+        camera=camera,
+        without_camera=() if camera == RIGHT else _similarities(real_sessions, sessions_of(simulated)),
+        intervals=interval_accuracy(real_sessions.samples, simulated_sessions.samples) if intervals else None,
     )
 
 
 def _similarities(real: Sessions, simulated: Sessions) -> tuple[Similarity, ...]:
-    """Return the similarity of each feature that both have."""
+    """Return the similarities of all features of which every session has enough values."""
     found = []
     for feature in FEATURES:
+        # The values as the authors computed them, for the similarity that they would have printed.
         published = (
             real.values(feature, as_published=True),
             simulated.values(feature, as_published=True),
         )
-        alike = compare_feature(feature, real.values(feature), simulated.values(feature), published)
-        found += [] if alike is None else [alike]
+        similarity = compare_feature(feature, real.values(feature), simulated.values(feature), published)
+        if similarity is not None:
+            found.append(similarity)
     return tuple(found)
 
 
 INK: Final = ("#2b2b2b", "#4c78a8")
+"""Colours of the real and of the simulated histogram: one darker than the other, so legible in grey."""
 AXES: Final = {
     "avoidance": ("avoidance time (s)", "share of samples"),
     "vibrating": ("energy (RMS)", "share of samples"),
@@ -140,6 +153,7 @@ AXES: Final = {
     "distances": ("time (s)", "distance (m)"),
     "steps": ("dx (m)", "dy (m)"),
 }
+"""Labels of the x and the y axis, by feature."""
 SPANS: Final = {
     "avoidance": ((0.0, 8.0),),
     "vibrating": ((0.0, 6.0),),
@@ -148,8 +162,9 @@ SPANS: Final = {
     "distances": ((0.0, 1200.0), (0.0, 0.2)),
     "steps": ((-0.2, 0.2), (-0.2, 0.2)),
 }
-"""Ranges of the histograms that are drawn, as in the paper's figures."""
+"""Range of each column of a feature in the histograms that are drawn, as in the paper's figures."""
 _BINS: Final = {"avoidance": 40, "vibrating": 50, "still": 50, "places": 15, "distances": 24, "steps": 39}
+"""Number of bins along each axis, by feature."""
 
 Floats = NDArray[np.float64]
 
@@ -157,40 +172,56 @@ Floats = NDArray[np.float64]
 def comparison_figure(
     real: Result, simulated: Result, found: Comparison, features: Sequence[str] = FEATURES
 ) -> Figure:
-    """Draw a row for each feature, real and simulated, with similarities in the titles; legible in grey."""
+    """Draw a row for each feature: the real values left, the simulated ones right, with similarities in the titles.
+
+    Args:
+        found: result of ``compare`` for ``real`` and ``simulated``; its missing features are not drawn.
+        features: features to draw.
+    """
     from matplotlib.figure import Figure
 
     real_sessions, simulated_sessions = sessions_of(real), sessions_of(seen_through(simulated, found.camera))
     shown = [feature for feature in features if feature not in found.missing]
-    figure = Figure(figsize=(7.0, 2.6 * max(len(shown), 1)), layout="constrained")
-    axes = figure.subplots(max(len(shown), 1), 2, squeeze=False)
+    rows = max(len(shown), 1)  # matplotlib needs at least one row
+    figure = Figure(figsize=(7.0, 2.6 * rows), layout="constrained")
+    axes = figure.subplots(rows, 2, squeeze=False)
     for row, feature in enumerate(shown):
-        alike = next(similarity for similarity in found.similarities if similarity.feature == feature)
+        similarity = next(each for each in found.similarities if each.feature == feature)
         values = [
             np.concatenate(sessions.values(feature)) for sessions in (real_sessions, simulated_sessions)
         ]
         _draw(axes[row], values, feature)
         axes[row][0].set_title(f"{WORDS[feature]}, real", fontsize=8)
         axes[row][1].set_title(
-            f"simulated: S {alike.at_equal_counts:.3f} (null {alike.null:.3f}, ceiling {alike.ceiling:.3f})",
+            f"simulated: S {similarity.at_equal_counts:.3f} "
+            f"(null {similarity.null:.3f}, ceiling {similarity.ceiling:.3f})",
             fontsize=8,
         )
     return figure
 
 
 def _draw(pair: NDArray[np.object_], values: list[Floats], feature: str) -> None:
-    """Draw the histograms of one feature into two axes with a common scale."""
+    """Draw the histograms of one feature into two axes with a common scale.
+
+    A feature of one column is drawn as bars, a feature of two columns as a grey map.
+
+    Args:
+        pair: the two axes. values: the real and the simulated values, (n, 1) or (n, 2) each.
+    """
     spans, bins = SPANS[feature], _BINS[feature]
     if len(spans) == 1:
+        # Shares of all values, those beyond the range included; 1 avoids a division by 0 without values.
         heights = [np.histogram(each[:, 0], bins, spans[0])[0] / max(len(each), 1) for each in values]
         for axis, height, ink in zip(pair, heights, INK, strict=True):
             axis.stairs(height, np.linspace(*spans[0], bins + 1), fill=True, color=ink)
+            # The same limits for both axes, with 5 % of room above the highest bar.
             axis.set_ylim(0.0, 1.05 * max(float(counts.max()) for counts in heights))
     else:
         grids = [np.histogram2d(each[:, 0], each[:, 1], bins, spans)[0] / len(each) for each in values]
         most = max(float(grid.max()) for grid in grids)
         for axis, grid in zip(pair, grids, strict=True):
             extent = (*spans[0], *spans[1])
+            # ``grid`` has a row for each bin of the first column (x); an image has a row for each bin along y.
             axis.imshow(
                 grid.T, origin="lower", extent=extent, aspect="auto", cmap="Greys", vmin=0.0, vmax=most
             )
@@ -201,13 +232,23 @@ def _draw(pair: NDArray[np.object_], values: list[Floats], feature: str) -> None
 
 
 def write_comparison_pictures(real: Result, simulated: Result, found: Comparison, folder: Path) -> list[Path]:
-    """Draw each feature into a file, and all into ``together.png``; returns the paths."""
+    """Draw one picture for each feature, ``FEATURE.png``, and one with all features, ``together.png``.
+
+    Features that are missing in the comparison (``found.missing``) have no picture, and no row in ``together.png``.
+
+    Args:
+        found: result of ``compare`` for ``real`` and ``simulated``.
+        folder: folder of the pictures; it is made if it does not exist.
+    Returns:
+        Paths of the pictures: the features in the order of ``FEATURES``, then ``together.png``.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     written = []
     for name in [feature for feature in FEATURES if feature not in found.missing] + ["together"]:
+        # Of all features, ``comparison_figure`` leaves out the missing ones.
         chosen = FEATURES if name == "together" else (name,)
-        with whole_file(folder / f"{name}.png") as part, MATPLOTLIB_LOCK:
-            comparison_figure(real, simulated, found, chosen).savefig(part, dpi=150)
+        with whole_file(folder / f"{name}.png") as unfinished, MATPLOTLIB_LOCK:
+            comparison_figure(real, simulated, found, chosen).savefig(unfinished, dpi=150)
         written.append(folder / f"{name}.png")
     return written
 

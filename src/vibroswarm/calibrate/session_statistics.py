@@ -1,14 +1,12 @@
-"""Statistics in which robots and simulators differ, session by session: what a calibration has to reproduce.
+"""Compute statistics in which robots and simulators differ, session by session: what a calibration has to reproduce.
 
-Intervals are over sessions (t). Error rates are those at the scenario's threshold, so sources with different
-thresholds
-are to be compared at one (``rms_threshold``).
+Each run is a session. Intervals are over sessions (Student's t). Error rates depend on the scenario's threshold, so
+sources with different thresholds have to be compared at one common threshold (``rms_threshold``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -49,18 +47,22 @@ FIGURES: Final[dict[str, tuple[str, float]]] = {
 }
 """Label of each statistic, and the factor with which it is shown."""
 SHARES: Final = ("share_between", "avoid_none", "false_positive", "false_negative", "packet_loss")
+"""Statistics between 0 and 1."""
 
 
 @dataclass(frozen=True)
 class Figure(NotebookView):
-    """A statistic of a source: by session (None if undefined), and over sessions."""
+    """A statistic of a result, for each session and as a mean over sessions."""
 
     name: str
+    """One of ``FIGURES``."""
     by_session: tuple[float | None, ...]
+    """Value in each session, SI units; None where it is undefined."""
     interval: Interval | None
+    """Mean over sessions with its interval; None if no session has a value."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, in SI units."""
+        """Return plain values for JSON, in SI units; limits that are not finite, as with one session, become None."""
         values: dict[str, Any] = {"name": self.name, "by_session": list(self.by_session)}
         if self.interval is not None:
             low, high = (
@@ -71,7 +73,7 @@ class Figure(NotebookView):
 
 
 def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figure]:
-    """Return all statistics of a result; each run is a session.
+    """Return all statistics of a result, in the order of ``FIGURES``; each run is a session.
 
     Args:
         rms_threshold: threshold that turns energies into bits; None: the scenario's.
@@ -95,25 +97,32 @@ def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figur
 
 
 def _interval(name: str, values: list[float]) -> Interval:
-    """Return the mean of a statistic over sessions with its interval; that of a share stays in [0, 1]."""
+    """Return the mean of a statistic over sessions with its interval; the interval of a share stays in [0, 1]."""
     return mean_share_interval(values) if name in SHARES else mean_interval(values)
 
 
 def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict[str, Any]:
-    """Return the statistics of one session's samples by name; None if undefined."""
+    """Return the statistics of one session's samples by name; None or NaN if undefined.
+
+    Args:
+        samples: rows of ``sample_table`` of one session.
+        threshold: threshold that turns energies into bits.
+    """
     arena = result.scenario.arena
     x, y, energy = (samples[name].to_numpy() for name in ("x_m", "y_m", "energy"))
-    kind, bits = samples["vibrating"].to_numpy(), energy > threshold
+    kind, bits = samples["vibrating"].to_numpy(), energy > threshold  # kind: whether the tile below vibrates
     wall = np.minimum(np.minimum(x, arena.width_m - x), np.minimum(y, arena.height_m - y))
     avoid = samples["avoid_s"].drop_nulls().to_numpy()
-    some = avoid[avoid > 1e-9]
+    # Up to 1e-9 s is rounding, not avoidance: recorded times are differences of logged totals.
+    positive = avoid[avoid > 1e-9]
     return {
         "spacing_s": samples["spacing_s"].mean(),
         "distance_m": samples["distance_m"].mean(),
         "avoid_s": avoid.mean() if avoid.size else None,
         "avoid_none": (avoid <= 1e-9).mean() if avoid.size else None,
-        "avoid_most_s": np.quantile(some, 0.975) if some.size else None,
+        "avoid_most_s": np.quantile(positive, 0.975) if positive.size else None,
         **_density(result, x, y),
+        # Within 25 mm of the nearest wall, and 50 to 75 mm from it.
         "near_walls": _ring(wall, 0.0, 0.025, arena.width_m, arena.height_m),
         "off_walls": _ring(wall, 0.05, 0.075, arena.width_m, arena.height_m),
         "false_positive": bits[~kind].mean() if (~kind).any() else None,
@@ -123,10 +132,15 @@ def _of_samples(result: Result, samples: pl.DataFrame, threshold: float) -> dict
 
 
 def _density(result: Result, x: Any, y: Any) -> dict[str, float | None]:
-    """Return the density of samples in corner tiles, and off the outermost tiles, relative to a uniform one.
+    """Return the density of samples on the four corner tiles, and on all tiles but the outermost rows and columns.
 
-    None on floors with fewer than three rows or columns of tiles.
+    Both densities are relative to a uniform density: the share of samples divided by the share of tiles. They are None
+    on floors with fewer than three rows or columns of tiles.
+
+    Args:
+        x, y: positions of the samples, m, (samples,).
     """
+    # All runs are taken to have tiles of the same number and size as the first run.
     floor = result.floor(int(result.runs["run"][0]))
     rows, columns = floor.tiles.shape
     if rows < 3 or columns < 3:
@@ -141,16 +155,31 @@ def _density(result: Result, x: Any, y: Any) -> dict[str, float | None]:
 
 
 def _ring(wall: Any, low_m: float, high_m: float, width_m: float, height_m: float) -> float:
-    """Return the density of samples at this distance from the nearest wall, relative to a uniform one."""
-    area: Callable[[float], float] = lambda d: max(width_m - 2 * d, 0.0) * max(height_m - 2 * d, 0.0)  # noqa: E731
-    even = (area(low_m) - area(high_m)) / (width_m * height_m)
-    return float(((wall >= low_m) & (wall < high_m)).mean()) / even
+    """Return the density of samples at ``low_m`` to ``high_m`` from the nearest wall, relative to a uniform density.
+
+    Args:
+        wall: distance of each sample from the nearest wall, m, (samples,).
+    """
+
+    def area_beyond(distance_m: float) -> float:
+        """Return the area of the places that are farther than this from all walls, m^2."""
+        return max(width_m - 2 * distance_m, 0.0) * max(height_m - 2 * distance_m, 0.0)
+
+    expected = (area_beyond(low_m) - area_beyond(high_m)) / (width_m * height_m)
+    return float(((wall >= low_m) & (wall < high_m)).mean()) / expected
 
 
 def _lag_one(samples: pl.DataFrame, bits: Any) -> float | None:
-    """Return the correlation of each bit with the same robot's next; None if all bits are equal."""
+    """Return the correlation of successive bits of the same robot.
+
+    The result is None if all bits are equal, or if no robot has two samples.
+
+    Args:
+        samples: samples of one session, ordered by robot and time. bits: bit of each sample, (samples,).
+    """
     deviation = bits - bits.mean()
     variance = float((deviation**2).mean())
     robot = samples["robot"].to_numpy()
-    products = (deviation[1:] * deviation[:-1])[robot[1:] == robot[:-1]]
+    of_one_robot = robot[1:] == robot[:-1]
+    products = (deviation[1:] * deviation[:-1])[of_one_robot]
     return float(products.mean()) / variance if variance > 0 and products.size else None

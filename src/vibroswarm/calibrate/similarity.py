@@ -4,27 +4,28 @@
 |---|---|---|
 | similarity | S | a . b / (abs(a) abs(b)) of two flattened histograms |
 | collision probability | C | sum c (c - 1) / (N (N - 1)) over the bins of the real data: sum of p^2 without bias |
-| ceiling | S_max | S of two samples of n1 and n2 from the real data's own distribution |
-| null | S_0 | S of the real data and values spread uniformly over the histogram's range |
+| ceiling | S_max | expected S of n1 and n2 values from the same distribution, that of the real data |
+| null | S_0 | S of the real data and values spread uniformly over the feature's range |
 
-A histogram of n samples in many bins is noisy: sum (c/n)^2 is on average C + (1 - C) / n. So even a perfect
-simulation
-has S_max = C / sqrt((C + (1 - C) / n1) (C + (1 - C) / n2)) < 1, and a shapeless one may come close to it. Where a
-real
-distribution is nearly uniform over its bins, S says almost nothing.
+A histogram of n values in many bins is noisy: sum (c/n)^2 is on average C + (1 - C) / n. So even a perfect simulation
+has S_max = C / sqrt((C + (1 - C) / n1) (C + (1 - C) / n2)) < 1, and a simulation without any structure may come close
+to it. Where the real distribution is nearly uniform over its bins, S says almost nothing.
 
-Energy distance of a feature is 0 only where two distributions are the same:
+S also depends on the number of values. Two data sets are therefore compared at equal counts: the same number of values
+is drawn from each without replacement (a subsample), and S is averaged over ``DRAWS`` such draws.
+
+The energy distance of a feature is 0 only if two distributions are the same:
 
 | name | symbol | equation |
 |---|---|---|
-| squared distance | D^2 | 2 E abs(X - Y) - E abs(X - X') - E abs(Y - Y'), pairs within a sample without self-pairs |
+| squared distance | D^2 | 2 E abs(X - Y) - E abs(X - X') - E abs(Y - Y'), X' another value of X's sample, Y' of Y's |
 | effect size | H | D^2 / (2 E abs(X - Y)): 0 equal, 1 fully separated |
 
-("Energy" is the statistician's term here, not that of vibration.) Without self-pairs D^2 is unbiased: for equal
-distributions it is 0 on average, whatever the counts, and may be slightly negative. Each column is divided by its
-standard deviation over the real sessions, so that seconds and metres weigh alike. The session is the unit: H is
-the mean
-over pairs of sessions, and its interval is over real sessions (t, so wide with three of them).
+("Energy" is a statistician's term here; it has nothing to do with vibration.) As no value is paired with itself, D^2 is
+unbiased: for equal distributions it is 0 on average, whatever the counts, and may be slightly negative. Each column is
+divided by its standard deviation over the real sessions, so that seconds and metres have the same weight. The session
+is the unit: H is the mean over pairs of sessions, and its interval is over real sessions (Student's t, so it is wide
+with three sessions).
 """
 
 from __future__ import annotations
@@ -49,15 +50,18 @@ Floats = NDArray[np.float64]
 DRAWS: Final = 20
 """Subsamples behind each similarity at equal counts."""
 _SEED: Final = 20
+"""Seed of the subsamples."""
 
 
 @dataclass(frozen=True)
 class Spread(NotebookView):
-    """Mean and range over pairs of sessions."""
+    """Mean and range over pairs of sessions, and the number of pairs."""
 
     mean: float
     least: float
+    """Smallest value of a pair."""
     most: float
+    """Largest value of a pair."""
     pairs: int
 
 
@@ -67,17 +71,22 @@ class Similarity(NotebookView):
 
     feature: str
     as_published: float
-    """All values of both, pooled over sessions, whatever their number."""
+    """S of all real and all simulated values, pooled over sessions, whatever their numbers."""
     count: int
-    """Number of values of each at equal counts."""
+    """Number of values drawn from each source for ``at_equal_counts``, ``null`` and ``ceiling``: that of the smaller
+    source."""
     at_equal_counts: float
+    """S of ``count`` values from each source, mean over draws."""
     null: float
+    """S_0: S of real values and values spread uniformly over the feature's range."""
     ceiling: float
+    """S_max: expected S if both sources had the same distribution."""
     by_session: Spread
     """Real against simulated sessions, at the smallest session's count."""
     real_by_session: Spread | None
     """Real against real sessions, at the same count; None with one session."""
     session_count: int
+    """Number of values of the smallest session."""
 
     @property
     def share_of_way(self) -> float:
@@ -85,7 +94,7 @@ class Similarity(NotebookView):
         return (self.at_equal_counts - self.null) / (self.ceiling - self.null)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return all figures as plain values for JSON."""
         return asdict(self) | {"share_of_way": self.share_of_way}
 
 
@@ -101,7 +110,7 @@ def similarity(feature: str, one: Floats, other: Floats) -> float:
 
 
 def ceiling(feature: str, real: Floats, n1: int, n2: int) -> float:
-    """Return S_max of two samples from the real data's own distribution."""
+    """Return the ceiling S_max for ``n1`` and ``n2`` values, with C estimated from the real values of a feature."""
     counts = histogram(real, feature)
     n = counts.sum()
     c = float((counts * (counts - 1)).sum() / (n * (n - 1)))
@@ -109,43 +118,63 @@ def ceiling(feature: str, real: Floats, n1: int, n2: int) -> float:
 
 
 def subsample(values: Floats, count: int, draw: int, which: int) -> Floats:
-    """Draw ``count`` of the values without replacement, or all if there are no more; ``which`` names the data set."""
+    """Draw ``count`` of the values (rows) without replacement; return all if there are no more.
+
+    Args:
+        values: the values, (n, columns).
+        draw: number of the draw. which: number of the data set. Other numbers give independent draws.
+    """
     if count >= len(values):
         return values
-    u = uniforms(_SEED, draw, which, Purpose.BOOTSTRAP, len(values))
-    return np.asarray(values[np.argpartition(u, count - 1)[:count]])
+    # ``draw`` and ``which`` take the places of a run and a robot in the address of random numbers.
+    u = uniforms(_SEED, run=draw, robot=which, purpose=Purpose.BOOTSTRAP, count=len(values))
+    return np.asarray(values[np.argpartition(u, count - 1)[:count]])  # the rows with the smallest numbers
 
 
+FIRST, SECOND, UNIFORM = range(3)
+"""Numbers of the data sets that random numbers are drawn for: ``which`` of ``subsample``, and the shapeless values."""
 Drawn = dict[tuple[int, int, int, int], Floats]
-"""Histograms of subsamples, by id of the values, count, draw and data set."""
+"""Cache of the histograms of subsamples, by ``id`` of the array of values, count, draw and data set."""
 
 
 def at_equal_counts(
     feature: str, one: Floats, other: Floats, count: int, drawn: Drawn | None = None
 ) -> float:
-    """Return S of subsamples of ``count`` values each, mean over draws.
+    """Return the similarity S of two sets of values, with ``count`` values drawn from each; the mean over draws.
 
     Args:
-        drawn: earlier histograms of this feature's values, which must still exist; extended.
+        one, other: values of the feature, (n, columns) each.
+        drawn: cache of histograms, which is filled in place; None: no cache. It serves one feature only, and only as
+            long as the arrays of values exist, because it recognises them by ``id``.
     """
     drawn = {} if drawn is None else drawn
+    # If all values of both sets are used, all draws are equal, so one is enough.
     draws = 1 if count >= max(len(one), len(other)) else DRAWS
 
     def counts(values: Floats, draw: int, which: int) -> Floats:
+        """Return the histogram of a subsample, from the cache if it is there."""
         key = (id(values), count, draw, which)
         if key not in drawn:
             drawn[key] = histogram(subsample(values, count, draw, which), feature)
         return drawn[key]
 
-    return float(np.mean([cosine(counts(one, draw, 0), counts(other, draw, 1)) for draw in range(draws)]))
+    return float(
+        np.mean([cosine(counts(one, draw, FIRST), counts(other, draw, SECOND)) for draw in range(draws)])
+    )
 
 
 def null_similarity(feature: str, real: Floats, count: int) -> float:
-    """Return S of ``count`` real values and as many spread uniformly, mean over draws."""
+    """Return the null S_0: S of ``count`` real values and ``count`` values without structure, mean over draws.
+
+    The real values are the same draws as those of the first data set of ``at_equal_counts``, so that S and S_0 differ
+    by the second data set only.
+    """
     similarities = []
     for draw in range(DRAWS):
-        u = uniforms(_SEED, draw, 2, Purpose.BOOTSTRAP, 2 * count).reshape(count, 2)
-        similarities.append(similarity(feature, subsample(real, count, draw, 0), shapeless(feature, u)))
+        # ``draw`` and ``UNIFORM`` take the places of a run and a robot in the address of random numbers.
+        u = uniforms(_SEED, run=draw, robot=UNIFORM, purpose=Purpose.BOOTSTRAP, count=2 * count)
+        structureless = shapeless(feature, u.reshape(count, 2))
+        similarities.append(similarity(feature, subsample(real, count, draw, FIRST), structureless))
     return float(np.mean(similarities))
 
 
@@ -155,17 +184,20 @@ def compare_feature(
     simulated: Sequence[Floats],
     published: tuple[Sequence[Floats], Sequence[Floats]] | None = None,
 ) -> Similarity | None:
-    """Compare one feature of two sources, session by session; None if a session has fewer than 10 values.
+    """Compare one feature of real and simulated sessions; None if a session has fewer than 10 values.
 
     Args:
-        published: the values as the authors computed them, if different.
+        real, simulated: values of each session, (n, columns) each.
+        published: real and simulated values of each session as the authors computed them, for ``as_published``; by
+            default ``real`` and ``simulated``.
     """
-    least = min(len(sessions) for sessions in (*real, *simulated))
+    least = min(len(values) for values in (*real, *simulated))
     if least < 10:
         return None
     all_real, all_simulated = np.concatenate(real), np.concatenate(simulated)
     count = min(len(all_real), len(all_simulated))
     drawn: Drawn = {}
+    # Pairs of a real and a simulated session, and pairs of real sessions, all at the smallest session's count.
     across = [at_equal_counts(feature, a, b, least, drawn) for a, b in product(real, simulated)]
     within = [at_equal_counts(feature, a, b, least, drawn) for a, b in combinations(real, 2)]
     return Similarity(
@@ -184,11 +216,12 @@ def compare_feature(
 
 
 def _spread(found: Sequence[float]) -> Spread:
+    """Return the mean, the range and the number of values, one per pair of sessions."""
     return Spread(float(np.mean(found)), min(found), max(found), len(found))
 
 
 MOST: Final = 4000
-"""Most values of a session that are used, evenly thinned: 16 million pairs."""
+"""Longer sessions are thinned evenly to this number of values, which limits the pairs to 16 million."""
 
 
 @dataclass(frozen=True)
@@ -197,41 +230,51 @@ class EnergyDistance(NotebookView):
 
     feature: str
     effect: Interval
-    """H, mean over pairs, interval over real sessions."""
+    """H of real against simulated sessions: mean over pairs, interval over real sessions."""
     real: Interval | None
-    """The same for each real session against the other real ones; None with one session."""
+    """H of each real session against the other real ones; None with one session."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return plain values for JSON; limits that are not finite are left out."""
 
-        def plain(one: Interval | None) -> dict[str, float] | None:
-            if one is None:
+        def finite_limits(interval: Interval | None) -> dict[str, float] | None:
+            if interval is None:
                 return None
-            return {
-                name: getattr(one, name)
-                for name in ("estimate", "low", "high")
-                if math.isfinite(getattr(one, name))
-            }
+            values = {"estimate": interval.estimate, "low": interval.low, "high": interval.high}
+            return {name: value for name, value in values.items() if math.isfinite(value)}
 
-        return {"feature": self.feature, "effect": plain(self.effect), "real": plain(self.real)}
+        return {
+            "feature": self.feature,
+            "effect": finite_limits(self.effect),
+            "real": finite_limits(self.real),
+        }
 
 
 def mean_distance(one: Floats, other: Floats | None = None) -> float:
-    """Return E abs(X - Y); within one sample without self-pairs."""
+    """Return E abs(X - Y), the mean distance between the rows of two samples, (n, columns) each.
+
+    Without ``other``, return E abs(X - X'), the mean over the pairs of different rows of one sample.
+    """
     if one.shape[1] == 1:
         return _mean_along_a_line(one[:, 0], None if other is None else other[:, 0])
-    columns = one if other is None else other
-    pairs = len(one) * (len(columns) - (other is None))
-    return sum_of_distances(np.ascontiguousarray(one), np.ascontiguousarray(columns.T)) / pairs
+    others = one if other is None else other
+    pairs = len(one) * (len(others) - (other is None))  # without ``other``, a row is not paired with itself
+    # ``sum_of_distances`` takes its second argument as (columns, n).
+    return sum_of_distances(np.ascontiguousarray(one), np.ascontiguousarray(others.T)) / pairs
 
 
 def _mean_along_a_line(one: Floats, other: Floats | None) -> float:
-    """Return ``mean_distance`` of single numbers, (values,) each, from their ranks instead of all pairs."""
+    """Return ``mean_distance`` of samples of single numbers, (values,) each, in n log n steps instead of n^2.
+
+    Of n sorted values y with the sum T, the first k are below x and have the sum S. The distances x - y of the first k
+    and y - x of the others add up to x (2 k - n) + T - 2 S.
+    """
     others = np.sort(one if other is None else other)
-    below = np.searchsorted(others, one)
-    sums = np.append(0.0, np.cumsum(others))
+    below = np.searchsorted(others, one)  # k of each x
+    sums = np.append(0.0, np.cumsum(others))  # entry k: sum of the first k values
     n = others.size
     total = float((one * (2 * below - n) + sums[n] - 2.0 * sums[below]).sum())
+    # Without ``other``, a value is not paired with itself, so it has n - 1 partners.
     return total / (one.size * (n - (other is None)))
 
 
@@ -239,16 +282,16 @@ class RealDistances(NamedTuple):
     """Distances among the real sessions alone."""
 
     each: tuple[float, ...]
-    """Mean distance within each session."""
+    """Mean distance between the values of each session."""
     against: Interval | None
-    """Effect size of each against the others; None with one session."""
+    """Effect size H of each real session against the other real ones; None with one session."""
 
     def _repr_html_(self) -> str:
         return html_view(self)
 
 
 RealCache = dict[str, RealDistances]
-"""By feature."""
+"""Distances among the real sessions, by feature: they do not change with the simulation."""
 
 
 def compare_distance(
@@ -258,35 +301,45 @@ def compare_distance(
     level: float = 0.95,
     known: RealCache | None = None,
 ) -> EnergyDistance | None:
-    """Return the energy distance of one feature of two sources, session by session; None if a session has fewer than 10
+    """Compare real with simulated sessions by one feature's energy distance; None if a session has fewer than 10
     values.
 
     Args:
-        known: earlier results for the same real sessions at the same level; extended.
+        real, simulated: values of each session, (n, columns) each.
+        level: confidence level of the intervals.
+        known: distances among the real sessions by feature, from earlier calls with the same real sessions and level;
+            a missing one is added. None: they are computed.
     """
     if min(len(session) for session in (*real, *simulated)) < 10:
         return None
     scale = np.concatenate(real).std(axis=0)
-    scale = np.where(scale > 0, scale, 1.0)
-    a, b = ([_thinned(session) / scale for session in sessions] for sessions in (real, simulated))
+    scale = np.where(scale > 0, scale, 1.0)  # a constant column is not divided by 0
+    scaled_real, scaled_simulated = (
+        [_thinned(session) / scale for session in sessions] for sessions in (real, simulated)
+    )
     known = {} if known is None else known
     if feature not in known:
-        known[feature] = _inside(a, level)
-    inside = known[feature]
-    inside_b = [mean_distance(session) for session in b]
-    against = [
-        float(np.mean([effect_size(x, y, of_x, of_y) for y, of_y in zip(b, inside_b, strict=True)]))
-        for x, of_x in zip(a, inside.each, strict=True)
-    ]
-    return EnergyDistance(feature, mean_interval(against, level), inside.against)
+        known[feature] = _real_distances(scaled_real, level)
+    among_real = known[feature]
+    within_simulated = [mean_distance(session) for session in scaled_simulated]
+    effects = []  # of each real session, mean over simulated sessions
+    for x, within_x in zip(scaled_real, among_real.each, strict=True):
+        pairs = zip(scaled_simulated, within_simulated, strict=True)
+        effects.append(float(np.mean([effect_size(x, y, within_x, within_y) for y, within_y in pairs])))
+    return EnergyDistance(feature, mean_interval(effects, level), among_real.against)
 
 
-def _inside(sessions: Sequence[Floats], level: float) -> RealDistances:
-    """Return the distances within and between the real sessions."""
+def _real_distances(sessions: Sequence[Floats], level: float) -> RealDistances:
+    """Return the distances within and between the real sessions.
+
+    Args:
+        sessions: values of each session, (n, columns) each, divided by the standard deviations of the columns.
+        level: confidence level of the interval.
+    """
     within = tuple(mean_distance(session) for session in sessions)
     if len(sessions) < 2:
         return RealDistances(within, None)
-    pairs = np.full((len(sessions), len(sessions)), np.nan)
+    pairs = np.full((len(sessions), len(sessions)), np.nan)  # NaN: a session is not compared with itself
     for i in range(len(sessions)):
         for j in range(i):
             pairs[i, j] = pairs[j, i] = effect_size(sessions[i], sessions[j], within[i], within[j])
@@ -294,10 +347,11 @@ def _inside(sessions: Sequence[Floats], level: float) -> RealDistances:
 
 
 def effect_size(x: Floats, y: Floats, within_x: float | None = None, within_y: float | None = None) -> float:
-    """Return the effect size H of two samples, (n, columns) each with n of at least 2; nan where all values are equal.
+    """Return the effect size H of two samples; NaN if all values of both are equal.
 
     Args:
-        within_x, within_y: mean distance within each, where it is known already.
+        x, y: the samples, (n, columns) each, n at least 2.
+        within_x, within_y: ``mean_distance`` of each sample alone, if it is known already.
     """
     across = mean_distance(x, y)
     within_x = mean_distance(x) if within_x is None else within_x
@@ -306,6 +360,7 @@ def effect_size(x: Floats, y: Floats, within_x: float | None = None, within_y: f
 
 
 def _thinned(values: Floats) -> Floats:
+    """Return at most ``MOST`` of the values (rows), evenly spaced."""
     if len(values) <= MOST:
         return values
     return np.asarray(values[np.linspace(0, len(values) - 1, MOST).astype(int)])

@@ -3,12 +3,14 @@
 | name | symbol | unit | equation |
 |---|---|---|---|
 | distance | d | m | from the position at which a robot turned to the wall it approached |
-| incidence | i | rad | its course minus the wall's outward normal: 0 head-on, positive with the wall to the right |
-| turned | - | rad | course after a turn minus that before it, in [-pi, pi) |
+| incidence | i | rad | course minus the wall's outward normal: 0 head-on, positive with the wall to the right |
+| turned | - | rad | course after a turn minus course before it, in [-pi, pi) |
 
-A robot drives while the steps of its path exceed ``DRIVES`` times its usual speed. A turn away from a wall is the
-first
-standstill after a drive in an interval with avoidance; its position is the median of those seen during the turn.
+A path is a sequence of positions as a camera sees them (``drive.track_of``); a step leads from one position to the
+next. A robot drives in the steps whose speed exceeds ``DRIVES`` times its usual speed; the other steps are a
+standstill, in which the robot stops or turns on the spot. A turn away from a wall is found in an interval (between two
+samples) with avoidance: it is the first standstill after a drive. Its position is the median of the positions during
+the standstill. A leg is a straight walk, which ends with a turn on the spot by a random angle.
 """
 
 from __future__ import annotations
@@ -27,13 +29,15 @@ from vibroswarm.result import Result
 Floats = NDArray[np.float64]
 
 DRIVES: Final = 0.62
-"""Share of the usual speed above which a step is driving: between that of a turn and that of a drive."""
+"""Share of the usual speed above which a step is driving: between the speeds seen in turns and in drives."""
 LEAST_STEPS: Final = 3
 """Fewest steps of a drive before a turn away from a wall."""
 COURSE_STEPS: Final = 4
 """Steps from which a course is computed."""
 LONGEST_GAP_S: Final = 0.5
+"""Longest time between two positions of a path without a gap."""
 LONGEST_TURN_S: Final = 3.2
+"""Longest standstill that is a turn at the end of a leg."""
 FAR_M: Final = 0.12
 """Turns at the ends of legs count only farther from walls than this."""
 LEAST_TURN: Final = np.radians(15.0)
@@ -46,23 +50,33 @@ APPROACHES: Final = {
     "incidence_rad": pl.Float64,
     "nearest_robot_m": pl.Float64,
 }
+"""Columns of the table of turns away from walls: distance and incidence as above, and the distance of the nearest other
+robot at that time."""
 TURNS: Final = {"run": pl.UInt32, "robot": pl.UInt16, "turned_rad": pl.Float64}
+"""Columns of the table of turns at the ends of legs; turned_rad is the angle of the turn."""
 
 
 @dataclass(frozen=True)
 class _Path:
+    """A robot's path in one run: time (s), x and y (m) of each position, (positions,) each."""
+
     time_s: Floats
+    """Time of each position."""
     x_m: Floats
+    """x of each position."""
     y_m: Floats
+    """y of each position."""
     driving: NDArray[np.bool_]
-    """Of each step."""
+    """Whether the robot drives in each step, (positions - 1,)."""
 
 
 def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return turns away from walls (``APPROACHES``) and at the ends of legs (``TURNS``); both empty without paths.
+    """Return the turns away from walls (table ``APPROACHES``) and the turns at the ends of legs (table ``TURNS``).
+
+    Robots without a path are left out. Rows are ordered by run, robot and time.
 
     Args:
-        samples: ``features.sample_table``.
+        samples: table ``features.sample_table`` of the result.
     """
     size = (result.scenario.arena.width_m, result.scenario.arena.height_m)
     approaches: list[tuple[int, int, float, float, float]] = []
@@ -74,7 +88,7 @@ def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame
             path = paths[robot]
             if path is None:
                 continue
-            others = [other for name, other in paths.items() if name != robot and other is not None]
+            others = [other for number, other in paths.items() if number != robot and other is not None]
             own = of_run.filter(pl.col("robot") == robot).select("time_s", "avoid_s").to_numpy()
             approaches += [(int(run), robot, *approach) for approach in _approaches(path, own, others, size)]
             turns += [(int(run), robot, turn_rad) for turn_rad in _leg_turns(path, own, size)]
@@ -85,42 +99,46 @@ def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame
 
 
 def _path(result: Result, run: int, robot: int) -> _Path | None:
-    """Return a robot's path with its driving steps; None if it is unknown or too short."""
+    """Return a robot's path with its driving steps; None if it is unknown or has fewer than 100 positions."""
     track = track_of(result, run, robot)
     if track is None or len(track) < 100:
         return None
     time, x, y = track.T
-    span = np.maximum(np.diff(time), 1e-6)
-    speed = np.hypot(np.diff(x), np.diff(y)) / span
-    moving = speed[speed > 0.02]
+    step_s = np.maximum(np.diff(time), 1e-6)  # above 0 also where two positions have the same time
+    speed = np.hypot(np.diff(x), np.diff(y)) / step_s
+    moving = speed[speed > 0.02]  # m/s; slower steps are standstills
     usual = float(np.median(moving)) if moving.size else 0.0
-    return _Path(time, x, y, (speed > DRIVES * usual) & (span < LONGEST_GAP_S))
+    return _Path(time, x, y, (speed > DRIVES * usual) & (step_s < LONGEST_GAP_S))
 
 
 def _approaches(
     path: _Path, samples: Floats, others: list[_Path], size: tuple[float, float]
 ) -> list[tuple[float, float, float]]:
-    """Return the distance, m, and incidence, rad, of each turn away from a wall, and the distance of the nearest robot.
+    """Return the turns away from walls: distance from the wall (m), incidence (rad), distance of the nearest robot (m).
 
-    Without other robots that distance is inf.
+    The distance of the nearest robot is infinite without other robots.
 
     Args:
-        samples: (samples, 2): time, and avoidance since the sample before, s.
+        path: the robot's path. others: paths of the other robots.
+        samples: time of each sample, and time spent avoiding since the previous sample, s, (samples, 2).
+        size: width and height of the arena, m.
     """
     approaches = []
-    for before, (until_s, avoid_s) in zip(samples[:-1, 0], samples[1:], strict=True):
-        if not avoid_s > 1e-9:
+    # Each interval: the time of its previous sample; the time of its sample, and the time spent avoiding in between.
+    for previous_s, (sample_s, avoid_s) in zip(samples[:-1, 0], samples[1:], strict=True):
+        if not avoid_s > 1e-9:  # also if it is NaN
             continue
-        first, last = np.searchsorted(path.time_s, [before - 0.3, until_s - 0.9])
-        place = _first_turn(path, int(first), int(last))
-        if place is None:
+        # From shortly before the previous sample to about the beginning of the stop (1 s) for this sample.
+        first, last = np.searchsorted(path.time_s, [previous_s - 0.3, sample_s - 0.9])
+        turn = _first_turn(path, int(first), int(last))
+        if turn is None:
             continue
-        at, x, y, course = place
+        turn_s, x, y, course = turn
         distances_m = [
             float(
                 np.hypot(
-                    np.interp(at, other_path.time_s, other_path.x_m) - x,
-                    np.interp(at, other_path.time_s, other_path.y_m) - y,
+                    np.interp(turn_s, other_path.time_s, other_path.x_m) - x,
+                    np.interp(turn_s, other_path.time_s, other_path.y_m) - y,
                 )
             )
             for other_path in others
@@ -131,34 +149,49 @@ def _approaches(
 
 
 def _first_turn(path: _Path, first: int, last: int) -> tuple[float, float, float, float] | None:
-    """Return the time, position and course of the first standstill after a drive among the positions first..last-1.
+    """Return the first standstill after a drive: its time (s), its x and y (m), and the course before it (rad).
 
-    None if there is no such standstill, the drive before it is too short, or the path has a gap.
+    None if there is no such standstill, if the drive before it is too short, or if the path has a gap.
+
+    Args:
+        first, last: the positions of the path from ``first`` to ``last`` - 1 are searched.
     """
-    driving = path.driving[first : max(last - 1, first)]
+    # All indices below count steps or positions from ``first``; step k leads from position k to position k + 1.
+    driving = path.driving[first : max(last - 1, first)]  # one step fewer than positions
     starts = np.flatnonzero(driving)
+    # Fewer than six positions are too short for a drive and a standstill.
     if last - first < 6 or starts.size == 0 or np.diff(path.time_s[first:last]).max() > LONGEST_GAP_S:
         return None
-    begin = int(starts[0])
+    begin = int(starts[0])  # first step of the drive
     stops = np.flatnonzero(~driving[begin:])
     if stops.size == 0 or stops[0] < LEAST_STEPS:
         return None
-    end = begin + int(stops[0])
-    again = np.flatnonzero(driving[end:])
-    over = end + int(again[0]) if again.size else driving.size
+    end = begin + int(stops[0])  # first step of the standstill
+    later_drive = np.flatnonzero(driving[end:])
+    over = end + int(later_drive[0]) if later_drive.size else driving.size  # first step after the standstill
     x, y = path.x_m[first:last], path.y_m[first:last]
+    # The course leaves out the last step of the drive, in which the robot may begin to stop.
     back = max(begin, end - COURSE_STEPS)
     course = float(np.arctan2(y[end - 1] - y[back], x[end - 1] - x[back]))
-    still = slice(end + 1, over + 1)
+    still = slice(end + 1, over + 1)  # positions during the standstill
     return (
         float(path.time_s[first + end]), float(np.median(x[still])), float(np.median(y[still])), course,
     )  # fmt: skip
 
 
 def _to_wall(x: float, y: float, course: float, size: tuple[float, float]) -> tuple[float, float]:
-    """Return the distance to the nearest wall that the robot does not move away from, and the incidence on it."""
-    distances = np.array([x, size[0] - x, y, size[1] - y])
-    normals = np.array([np.pi, 0.0, -np.pi / 2, np.pi / 2])
+    """Return the distance (m) and incidence (rad) of the nearest wall that the robot does not move away from.
+
+    A robot moves away from a wall if its course is more than 107 degrees from the wall's outward normal: somewhat more
+    than a right angle, because measured courses have errors. There is always a wall ahead, because the four normals
+    point in all four directions.
+
+    Args:
+        x, y: position of the robot, m. course: direction in which it drove, rad.
+        size: width and height of the arena, m.
+    """
+    distances = np.array([x, size[0] - x, y, size[1] - y])  # left, right, bottom, top
+    normals = np.array([np.pi, 0.0, -np.pi / 2, np.pi / 2])  # directions of the outward normals
     incidences = _wrapped(course - normals)
     ahead = np.flatnonzero(np.abs(incidences) < np.radians(107.0))
     wall = ahead[np.argmin(distances[ahead])]
@@ -166,13 +199,18 @@ def _to_wall(x: float, y: float, course: float, size: tuple[float, float]) -> tu
 
 
 def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[float]:
-    """Return the turns between two drives, rad, far from walls and without avoidance nearby.
+    """Return the turns at the ends of legs, rad: turns between two drives, far from walls and without avoidance.
+
+    Turns below ``LEAST_TURN`` are left out, because they cannot be distinguished from veer.
 
     Args:
-        samples: (samples, 2): time, and avoidance since the sample before, s.
+        path: the robot's path.
+        samples: time of each sample, and time spent avoiding since the previous sample, s, (samples, 2).
+        size: width and height of the arena, m.
     """
-    steps = np.flatnonzero(np.diff(np.r_[0, path.driving.astype(np.int8), 0]))
-    drives = [(a, b) for a, b in zip(steps[::2], steps[1::2], strict=True) if b - a >= COURSE_STEPS]
+    # Positions at which drives begin and end, alternately.
+    limits = np.flatnonzero(np.diff(np.r_[0, path.driving.astype(np.int8), 0]))
+    drives = [(a, b) for a, b in zip(limits[::2], limits[1::2], strict=True) if b - a >= COURSE_STEPS]
     turns_rad = []
     for (before, stop), (start, after) in pairwise(drives):
         x, y = path.x_m[stop], path.y_m[stop]
@@ -181,8 +219,10 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[
             or min(x, size[0] - x, y, size[1] - y) < FAR_M
         ):
             continue
-        nearby = (samples[:, 0] > path.time_s[stop]) & (samples[:, 0] < path.time_s[start] + 3.0)
-        if np.nansum(samples[nearby, 1][:2]) > 1e-9:
+        # Avoidance is known per interval between samples, so this turn may be avoidance if the interval of one of the
+        # next two samples has any. The 3 s let at least one sample follow the turn.
+        soon = (samples[:, 0] > path.time_s[stop]) & (samples[:, 0] < path.time_s[start] + 3.0)
+        if np.nansum(samples[soon, 1][:2]) > 1e-9:
             continue
         turned = _course(path, start, after, 0) - _course(path, before, stop, -1)
         angle = float(_wrapped(np.array([turned]))[0])
@@ -192,12 +232,22 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[
 
 
 def _course(path: _Path, first: int, last: int, end: int) -> float:
-    """Return the course at the beginning (0) or the end (-1) of a drive, from its first or last five steps."""
+    """Return the course (rad) at one end of a drive, from the (at most) five steps next to this end.
+
+    The course of the outermost step is the course in the middle of the step. It is extrapolated by half a step, to the
+    end of the drive.
+
+    Args:
+        first, last: indices of the positions at the beginning and at the end of the drive.
+        end: 0: return the course at the beginning; -1: return the course at the end. It is also the index of the
+            outermost step among the steps that are used.
+    """
     some = slice(first, min(last, first + 5) + 1) if end == 0 else slice(max(first, last - 5), last + 1)
     courses = np.unwrap(np.arctan2(np.diff(path.y_m[some]), np.diff(path.x_m[some])))
-    bend = (courses[-1] - courses[0]) / (courses.size - 1)
-    return float(courses[end] + (0.5 if end else -0.5) * bend)
+    change_per_step = (courses[-1] - courses[0]) / (courses.size - 1)
+    return float(courses[end] + (0.5 if end else -0.5) * change_per_step)
 
 
 def _wrapped(angle: Floats) -> Floats:
+    """Return angles, rad, in [-pi, pi)."""
     return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)

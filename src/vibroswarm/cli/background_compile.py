@@ -1,8 +1,9 @@
-"""A second process that compiles observation and inference while this one compiles motion.
+"""A second process that compiles the kernels of observation and inference while this process compiles those of motion.
 
-Numba compiles one kernel at a time per process; with a second processor this makes a first run shorter by a
-quarter. The second process only fills the kernel cache: whatever it does not finish, this process compiles itself.
-It ends when this process ends.
+Numba compiles one kernel at a time in each process. If there is a second processor, a second process makes the very
+first run shorter by a quarter. The second process only fills the kernel cache on disk, from which this process loads
+the kernels. If the second process does not finish a kernel, this process compiles that kernel when it needs it. The
+second process ends when this process ends.
 """
 
 from __future__ import annotations
@@ -17,30 +18,40 @@ from typing import Final
 LATER: Final = ("vibroswarm.observation.", "vibroswarm.inference.", "vibroswarm_generated.none_ideal_")
 """Modules whose kernels the second process compiles."""
 EXCEPT: Final = "vibroswarm.inference.closed_loop"
-"""Kernels of searches, which this process compiles."""
+"""Module of kernels of searches, which match a prefix of ``LATER``, but which the second process does not compile."""
 WAIT_S: Final = 60.0
-"""Longest wait for the second process."""
+"""Longest wait of this process for the end of the second process."""
 COMMAND: Final = (
     "from vibroswarm.cli.background_compile import end_with_parent, compile_later; "
     "end_with_parent(); compile_later()"
 )
+"""Python program that the second process runs."""
 
 
 def begin() -> bool:
-    """Start the process unless there is one processor or no kernel cache; returns whether it was started."""
+    """Start the second process; make this process wait for it before loading a kernel that the second one compiles.
+
+    Returns:
+        True if the second process was started. False if there is only one processor, if there is no kernel cache that
+        both processes can use, or if the process cannot be started.
+    """
     from vibroswarm.core.jit import add_compile_listener, cache_folder
 
+    # the processors that this process may use, or on systems that do not tell them, those of the machine
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if processors < 2 or not sys.executable or cache_folder() is None:
         return False
     try:
         process = subprocess.Popen(
             [sys.executable, "-c", COMMAND],
+            # the same search path, so that the second process imports the same vibroswarm and Numba
             env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            # Nothing is written to this pipe. It closes when this process ends, and then the second process ends too
+            # (``end_with_parent``).
             stdin=subprocess.PIPE,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
-            start_new_session=True,  # Ctrl-C goes to this process, which ends the other
+            start_new_session=True,  # Ctrl-C reaches this process only, which then ends the second process
         )
     except OSError:  # no more processes allowed
         return False
@@ -49,7 +60,13 @@ def begin() -> bool:
         process.kill()
         process.wait()
 
-    def wait_for_it(module: str) -> None:
+    def wait_before_loading(module: str) -> None:
+        """If the second process compiles the kernel of ``module``, wait until that process ends.
+
+        The second process ends when it has compiled all its kernels. They are then in the cache, so that this process
+        need not compile them too. This function is called before any kernel is loaded from the cache or compiled. After
+        ``WAIT_S`` the second process is killed; this process then compiles what is missing itself.
+        """
         if module.startswith(LATER) and module != EXCEPT:
             try:
                 process.wait(WAIT_S)
@@ -57,22 +74,27 @@ def begin() -> bool:
                 process.kill()
 
     atexit.register(end)
-    add_compile_listener(wait_for_it)
+    add_compile_listener(wait_before_loading)
     return True
 
 
 def end_with_parent() -> None:
-    """In the second process: exit when the first one is gone, which closes stdin."""
+    """In the second process: start a thread that ends this second process when the first process ends."""
 
-    def read() -> None:
-        sys.stdin.buffer.read()
+    def exit_when_stdin_closes() -> None:
+        sys.stdin.buffer.read()  # returns when the pipe from the first process closes; nothing is ever written to it
         os._exit(1)
 
-    threading.Thread(target=read, daemon=True).start()
+    threading.Thread(target=exit_when_stdin_closes, daemon=True).start()
 
 
 def compile_later() -> None:
-    """Observe and infer one sample, which compiles the kernels that every run uses into the cache."""
+    """In the second process: observe a single sample and infer from it, which compiles the kernels of ``LATER``.
+
+    The compiled kernels are saved in the cache. The preset ``text`` has the strategy ``none`` and the network
+    ``ideal``, so the kernels generated for this pair (``vibroswarm_generated.none_ideal_``) are among them. The tables
+    of motion hold one sample of robot 0, and the end of every robot; columns that do not matter are 0.
+    """
     import polars as pl
 
     from vibroswarm.floors.floor import Floor
@@ -82,6 +104,7 @@ def compile_later() -> None:
     from vibroswarm.scenario.scenario import preset
 
     scenario = preset("text")
+    # a single still tile
     floor = Floor([[0]], scenario.arena.width_m, scenario.arena.height_m)  # type: ignore[arg-type]
     row = {"run": 0, "robot": 0, "sample": 0, "stop_start_s": 1.0, "time_s": 2.0, "x_m": 0.5, "y_m": 0.5}
     samples = pl.DataFrame([{name: row.get(name, 0.0) for name in MOTION}], schema=MOTION)
@@ -92,5 +115,5 @@ def compile_later() -> None:
         ],
         schema=ENDS,
     )
-    observations = observe(scenario, 1, samples, {0: floor})
-    infer(scenario, 1, Motion(samples, ends), observations)
+    observations = observe(scenario, seed=1, samples=samples, floors={0: floor})  # run 0 has this floor
+    infer(scenario, seed=1, motion=Motion(samples, ends), observations=observations)

@@ -1,4 +1,8 @@
-"""``vibroswarm calibrate``: compare recordings and simulations; its tasks ``figures``, ``effect`` and ``bursts``."""
+"""``vibroswarm calibrate``: compare recordings with simulations, and fit a simulation to them.
+
+This module has the tasks (subcommands) ``figures``, ``effect`` and ``bursts``. The tasks ``compare`` and ``fit`` have
+modules of their own.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +31,7 @@ example:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command and its tasks."""
+    """Add the command ``calibrate`` and its tasks, which are subcommands, to the program's commands."""
     parser = commands.add_parser(
         "calibrate",
         help="compare a simulation with recordings, and fit it to them",
@@ -39,11 +43,11 @@ def add_parser(commands: Any) -> None:
     calibrate_fit.add_parser(tasks)
     _add_effect(tasks)
     _add_bursts(tasks)
-    parser.set_defaults(run=lambda arguments: parser.print_help() or 0)
+    parser.set_defaults(run=lambda arguments: parser.print_help() or 0)  # without a task: help, exit code 0
 
 
 def _add_figures(tasks: Any) -> None:
-    """Add the task ``figures``."""
+    """Add the task ``figures``, which compares figures of several results."""
     parser = tasks.add_parser(
         "figures",
         help="how robots drive, avoid, spread and read, side by side with a simulation",
@@ -60,7 +64,7 @@ def _add_figures(tasks: Any) -> None:
 
 
 def run_figures(arguments: argparse.Namespace) -> int:
-    """Print the figures of results side by side."""
+    """Print the same figures of several results, one column for each folder; return the exit code."""
     from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
     from vibroswarm.cli.output import print_json, print_paragraph, print_table
 
@@ -76,11 +80,12 @@ def run_figures(arguments: argparse.Namespace) -> int:
         [
             words,
             *(
-                over_sessions(folder_figures[place].interval, ".3g", scale=scale)
+                over_sessions(folder_figures[i].interval, ".3g", scale=scale)
                 for folder_figures in figures.values()
             ),
         ]
-        for place, (words, scale) in enumerate(FIGURES.values())
+        # figures_of returns the figures in the order of FIGURES, so i is the index of this one in each folder's list
+        for i, (words, scale) in enumerate(FIGURES.values())
     ]
     print_table(["figure", *(Path(folder).name for folder in figures)], rows)
     print_paragraph(
@@ -90,7 +95,7 @@ def run_figures(arguments: argparse.Namespace) -> int:
 
 
 def _add_effect(tasks: Any) -> None:
-    """Add the task ``effect``."""
+    """Add the task ``effect``, which compares two scenarios."""
     parser = tasks.add_parser(
         "effect",
         help="effect of calibrated robots on decision time, accuracy and consensus",
@@ -128,7 +133,7 @@ def _add_effect(tasks: Any) -> None:
 
 
 def run_effect(arguments: argparse.Namespace) -> int:
-    """Simulate both scenarios and print the comparison."""
+    """Simulate both scenarios under each strategy and print the comparison; return the exit code."""
     from vibroswarm.calibrate.effect import effects
     from vibroswarm.cli.output import print_json
 
@@ -142,7 +147,12 @@ def run_effect(arguments: argparse.Namespace) -> int:
 
 
 def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
-    """Print the figures of both scenarios, and their differences."""
+    """Print the figures of both scenarios under each strategy, and the differences (second - first).
+
+    Args:
+        found: one entry for each strategy.
+        names: the names of the first and of the second scenario, as the user gave them.
+    """
     from vibroswarm.cli.output import print_paragraph, print_table, with_interval
 
     print_table(
@@ -162,36 +172,32 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
                 name,
                 with_interval(figures["decision_time_s"], ".0f"),
                 with_interval(figures["belief_in_truth"], ".3f"),
-                *(f"{100 * share:.1f}" for share in shares.values()),
+                *(f"{100 * share:.1f}" for share in shares.values()),  # right, wrong, split, incomplete
             ]
             for effect in found
             for name, figures, shares in zip(names, effect.figures, effect.consensus, strict=True)
         ],
-        names=2,
+        names=2,  # strategy and scenario name a row
     )
     print()
     print_paragraph(f"{names[1]} - {names[0]}, paired by run (95 %)")
-    print_table(
-        ["strategy", "figure", "difference", ""],
-        [
-            [
-                effect.strategy,
-                difference.first.figure,
-                with_interval(
-                    difference.first.difference, ".0f" if difference.first.figure.endswith("_s") else ".3f"
-                ),
-                difference.says,
-            ]
-            for effect in found
-            for difference in effect.differences
-        ],
-        names=2,
-        texts=4,
-    )
+    rows = []
+    for effect in found:
+        for confirmation in effect.differences:
+            # The difference on the first seed is printed; `says` states whether the second seed confirms it.
+            measured = confirmation.first
+            # times are printed in whole seconds, shares and beliefs with three decimals
+            form = ".0f" if measured.figure.endswith("_s") else ".3f"
+            difference = with_interval(measured.difference, form)
+            rows.append([effect.strategy, measured.figure, difference, confirmation.says])
+    columns = ["strategy", "figure", "difference", ""]
+    # Strategy and figure name a row. All columns are aligned to the left as text: the sentences in the last one are
+    # long and may be wrapped.
+    print_table(columns, rows, names=2, texts=len(columns))
 
 
 def _add_bursts(tasks: Any) -> None:
-    """Add the task ``bursts``."""
+    """Add the task ``bursts``, which fits models of message loss."""
     parser = tasks.add_parser(
         "bursts",
         help="whether robots lose messages in bursts, and the network 'bursts' fitted to that",
@@ -213,10 +219,16 @@ def _add_bursts(tasks: Any) -> None:
 
 
 def run_bursts(arguments: argparse.Namespace) -> int:
-    """Fit, compare and print."""
+    """Fit both models of message loss to recordings, and print them with the gaps expected and found.
+
+    A gap is a number of messages that a receiver lost in a row. The models are independent losses and losses in bursts
+    (Gilbert-Elliott). Returns the exit code.
+    """
     from vibroswarm.calibrate import message_loss
     from vibroswarm.cli.output import print_json
 
+    # One entry for each receiver: the intervals (windows) between its own samples, and how many messages were sent to
+    # it and received by it in each.
     windows = [one for folder in arguments.folders for one in message_loss.windows_of(read_result(folder))]
     if not windows:
         raise InputError("counts no received messages", field=str(arguments.folders[0]))
@@ -235,7 +247,8 @@ def run_bursts(arguments: argparse.Namespace) -> int:
         gaps = {
             "from": message_loss.STEPS,
             "found": found.tolist(),
-            "expected": {name: counts[0].tolist() for name, counts in expected.items()},
+            # `expected` has the means and, after them, the standard deviations, which are left out
+            "expected": {name: means.tolist() for name, (means, _) in expected.items()},
         }
         long = {"lost": lost_in_long, "sent": sent_in_long}
         print_json({"fits": fits, "standard_errors": errors, "gaps": gaps, "long_intervals": long})
@@ -247,7 +260,13 @@ def run_bursts(arguments: argparse.Namespace) -> int:
 
 
 def _print_models(windows: list[Windows], models: dict[str, Bursts], errors: dict[str, float]) -> None:
-    """Print the fitted models side by side, and standard errors if there are any."""
+    """Print the fitted models as a table, and below it the standard errors of the model with bursts.
+
+    Args:
+        windows: one entry for each receiver, with the messages sent to it.
+        models: by name. Independent losses are a ``Bursts`` too, in which the bad state does not occur.
+        errors: standard errors by name of the parameter; empty if they were not computed.
+    """
     from vibroswarm.cli.output import print_paragraph, print_table
 
     print(
@@ -276,23 +295,33 @@ def _print_gaps(
     lost_in_long: float,
     sent_in_long: float,
 ) -> None:
-    """Print the gaps found beside those that each model expects, and what long intervals hold."""
+    """Print how many gaps of each size were found beside how many each model expects, and the losses in long intervals.
+
+    A gap is a number of messages that a receiver lost in a row. An interval between a robot's own samples is long if it
+    is more than twice the median.
+
+    Args:
+        found: number of gaps in each class of size; ``STEPS`` has the smallest size of each class.
+        expected: for each model, an array (2, classes): the means of these numbers, then their standard deviations.
+        lost_in_long: share of the lost messages that fall into long intervals.
+        sent_in_long: share of all messages that fall into long intervals.
+    """
     from vibroswarm.calibrate.message_loss import STEPS
     from vibroswarm.cli.output import print_paragraph, print_table
 
     print_paragraph("Gaps (messages lost in a row) by size, all receivers; expected +- standard deviation")
-    print_table(
-        ["messages", "found", *expected],
-        [
-            [
-                f"{size}" if upper == size + 1 else f"{size} to {upper - 1}" if upper else f"{size} or more",
-                str(found[k]),
-                *(f"{counts[0, k]:.1f} +- {counts[1, k]:.1f}" for counts in expected.values()),
-            ]
-            for k, (size, upper) in enumerate(zip(STEPS, [*STEPS[1:], 0], strict=True))
-        ],
-        texts=1,
-    )
+    rows = []
+    for k, size in enumerate(STEPS):
+        if k + 1 == len(STEPS):
+            sizes = f"{size} or more"
+        else:
+            largest = STEPS[k + 1] - 1
+            sizes = f"{size}" if size == largest else f"{size} to {largest}"
+        means_and_deviations = (
+            f"{mean[k]:.1f} +- {deviation[k]:.1f}" for mean, deviation in expected.values()
+        )
+        rows.append([sizes, str(found[k]), *means_and_deviations])
+    print_table(["messages", "found", *expected], rows)
     print_paragraph(
         f"Intervals of more than twice the median between a robot's own samples hold {100 * sent_in_long:.1f} % of the "
         f"messages and {100 * lost_in_long:.1f} % of the lost ones."

@@ -1,4 +1,4 @@
-"""``vibroswarm calibrate compare``: how alike the samples of recordings and simulations are."""
+"""``vibroswarm calibrate compare``: how similar the samples of recordings and simulations are."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ example:
 
 
 def add_parser(tasks: Any) -> None:
-    """Add the task."""
+    """Add the task ``compare``."""
     parser = tasks.add_parser(
         "compare",
         help="the paper's six similarities with their null values, and measures that discriminate",
@@ -57,7 +57,10 @@ def add_parser(tasks: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compare two results; print the comparison and draw it."""
+    """Compare a recording with a simulation, print the comparison, and draw it if requested; return the exit code.
+
+    If several simulations are given, ``_compare_several`` does the work instead.
+    """
     from vibroswarm.calibrate.camera import RIGHT
     from vibroswarm.calibrate.real_vs_simulated import (
         compare,
@@ -70,9 +73,9 @@ def run(arguments: argparse.Namespace) -> int:
     if len(arguments.simulated) > 1:
         return _compare_several(arguments)
     real, simulated = read_result(arguments.real), read_result(arguments.simulated[0])
-    comparison = compare(
-        real, simulated, camera=RIGHT if arguments.no_camera else None, intervals=arguments.intervals
-    )
+    # RIGHT is a camera without error; None stands for the camera of SIM's scenario.
+    camera = RIGHT if arguments.no_camera else None
+    comparison = compare(real, simulated, camera=camera, intervals=arguments.intervals)
     if arguments.picture is not None:
         check_suffix(arguments.picture, (".png", ".svg", ".pdf"))
         write_comparison_picture(real, simulated, comparison, arguments.picture)
@@ -88,7 +91,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _compare_several(arguments: argparse.Namespace) -> int:
-    """Compare several simulations with the same recordings, side by side."""
+    """Compare several simulations with the same recording and print them side by side; return the exit code.
+
+    Raises:
+        InputError: an option is given that applies to one simulation only, or a folder is given twice.
+    """
     from vibroswarm.calibrate.camera import RIGHT
     from vibroswarm.calibrate.real_vs_simulated import compare
     from vibroswarm.calibrate.similarity import RealCache
@@ -101,10 +108,13 @@ def _compare_several(arguments: argparse.Namespace) -> int:
         raise InputError("is for one simulation; give one SIM", field="--intervals")
     if len({str(folder) for folder in arguments.simulated}) < len(arguments.simulated):
         raise InputError("names a folder twice", field="SIM")
-    real, known = read_result(arguments.real), RealCache()
+    real = read_result(arguments.real)
+    # The first comparison fills this cache with what depends on the recording only; the others reuse it.
+    of_real_alone = RealCache()
+    # RIGHT is a camera without error; None stands for the camera of each SIM's scenario.
     camera = RIGHT if arguments.no_camera else None
     found = {
-        str(folder): compare(real, read_result(folder), known, camera=camera)
+        str(folder): compare(real, read_result(folder), of_real_alone, camera=camera)
         for folder in arguments.simulated
     }
     if arguments.json:
@@ -115,47 +125,67 @@ def _compare_several(arguments: argparse.Namespace) -> int:
 
 
 def print_comparisons(found: dict[str, Comparison]) -> None:
-    """Print energy distances and what a classifier recognises, a column for each simulation."""
+    """Print energy distances and the shares that a classifier recognises, with a column for each simulation.
+
+    Args:
+        found: the comparisons of one recording with each simulation, by the simulation's folder. A simulation that
+            has too few values of a feature, or too few samples for the classifier, gets a dash.
+    """
     from vibroswarm.calibrate.features import FEATURES, WORDS
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
 
     names = [Path(folder).name for folder in found]
-    names = list(found) if len(set(names)) < len(names) else names
-    by_folder = [{row.feature: row for row in comparison.distances} for comparison in found.values()]
+    if len(set(names)) < len(names):  # folders of the same name in different places: show their whole paths
+        names = list(found)
+    # for each simulation, the energy distances by feature
+    distances = [{row.feature: row for row in comparison.distances} for comparison in found.values()]
     print_paragraph("Energy distance, effect size (0: same distribution, 1: no overlap; 95 % over sessions)")
     rows = []
     for feature in FEATURES:
-        each = [rows_of.get(feature) for rows_of in by_folder]
+        each = [by_feature.get(feature) for by_feature in distances]
+        # The distance among the real sessions is the same in every comparison that has the feature.
         real = next((row.real for row in each if row is not None), None)
         cells = ["-" if row is None else over_sessions(row.effect, ".4f") for row in each]
         rows.append([WORDS[feature], over_sessions(real, ".4f"), *cells])
     print_table(["feature", "real - real", *(f"real - {name}" for name in names)], rows)
     print_line()
     print_paragraph("Share of stretches of 20 samples that a classifier recognises (0.5: chance)")
-    shares = [comparison.classifier for comparison in found.values()]
+    accuracies = [comparison.classifier for comparison in found.values()]
     print_table(
         ["recognised", *names],
         [
-            [words, *("-" if share is None else over_sessions(share, ".3f") for share in each)]
-            for words, each in (
-                ("real or simulated, robots and sessions not trained on", [one.simulated for one in shares]),
-                ("real or simulated, robots not trained on", [one.simulated_by_robot for one in shares]),
+            [words, *("-" if share is None else over_sessions(share, ".3f") for share in shares)]
+            for words, shares in (
+                (
+                    "real or simulated, robots and sessions not trained on",
+                    [one.simulated for one in accuracies],
+                ),
+                ("real or simulated, robots not trained on", [one.simulated_by_robot for one in accuracies]),
             )
         ],
     )
 
 
 def over_sessions(one: Interval | None, form: str, *, scale: float = 1.0) -> str:
-    """Format an estimate with its interval over sessions; with one session, which has no interval, alone."""
+    """Format an estimate with its interval over sessions, such as ``44.1 [41.0, 47.2]``; ``-`` for None.
+
+    Args:
+        form: format specification of each number, such as ``.3g``.
+        scale: factor by which each number is multiplied.
+    """
     from vibroswarm.cli.output import with_interval
 
-    if one is not None and one.n < 2:
+    if one is not None and one.n < 2:  # one session has no interval over sessions
         return f"{scale * one.estimate:{form}}"
     return with_interval(one, form, scale=scale)
 
 
 def print_comparison(found: Comparison) -> None:
-    """Print similarities, energy distances and what a classifier can tell apart."""
+    """Print the comparison of one simulation: similarities, energy distances, and what classifiers recognise.
+
+    Args:
+        found: the comparison of the recording with the simulation.
+    """
     from vibroswarm.calibrate.features import WORDS
     from vibroswarm.cli.output import print_line, print_paragraph, print_table, with_interval
 
@@ -193,12 +223,19 @@ def print_comparison(found: Comparison) -> None:
 
 
 def _print_similarities(found: Comparison) -> None:
-    """Print the cosine similarity of each feature, with its null and its ceiling."""
+    """Print the cosine similarity of each feature between the recording and the simulation.
+
+    The column "published" uses all samples, as the paper does; the column "here" and those after it use equal numbers
+    of real and simulated samples. Two columns give a scale: "null" is the similarity of the recording to uniformly
+    spread values, and "ceiling" is the similarity of two samples from the recording's own distribution. The columns of
+    sessions have the mean and the range over pairs of sessions. The column "without camera" has the similarities of the
+    exact simulated positions; it is printed if the other columns use positions as the camera would see them.
+    """
     from vibroswarm.calibrate.features import WORDS
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
 
-    without = {similarity.feature: similarity for similarity in found.without_camera}
-    if without:
+    without_camera = {similarity.feature: similarity for similarity in found.without_camera}
+    if without_camera:
         print_paragraph(
             f"Simulated positions are as the camera of the recordings would see them ({found.camera.words}); "
             "--no-camera takes them as they are."
@@ -211,7 +248,7 @@ def _print_similarities(found: Comparison) -> None:
             "published",
             "null",
             "here",
-            *(["without camera"] if without else []),
+            *(["without camera"] if without_camera else []),
             "ceiling",
             "session, real-sim",
             "session, real-real",
@@ -223,10 +260,11 @@ def _print_similarities(found: Comparison) -> None:
                 f"{similarity.as_published:.3f}",
                 f"{similarity.null:.3f}",
                 f"{similarity.at_equal_counts:.3f}",
-                *([f"{without[similarity.feature].at_equal_counts:.3f}"] if without else []),
+                *([f"{without_camera[similarity.feature].at_equal_counts:.3f}"] if without_camera else []),
                 f"{similarity.ceiling:.3f}",
                 _spread(similarity.by_session),
                 "-" if similarity.real_by_session is None else _spread(similarity.real_by_session),
+                # the column without a header: a warning that uniformly spread values are at least as similar
                 "" if similarity.at_equal_counts > similarity.null else "below its null",
             ]
             for similarity in found.similarities
@@ -235,34 +273,43 @@ def _print_similarities(found: Comparison) -> None:
 
 
 def _print_intervals(found: Comparison) -> None:
-    """Print how well undisturbed intervals are told apart by turn and distance."""
+    """Print the shares of undisturbed intervals that boosted trees recognise by turn and distance.
+
+    In an undisturbed interval, a robot drives from one sample to the next without avoidance or turn. Each cell has the
+    mean share and the range over pairs of sessions. The columns "same robots" and "other robots" state whether the
+    trees were trained on the robots on which they are tested. Nothing is printed if the trees were not requested, or if
+    there were too few intervals.
+    """
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
 
     if found.intervals is None:
         return
     intervals = found.intervals
-    alone = " and ".join(
-        f"{share:.3f} by {name.partition('_')[0]}" for name, share in intervals.by_feature.items()
+    by_one_feature = " and ".join(
+        f"{share:.3f} by {name.partition('_')[0]}"  # turn of turn_rad, distance of distance_m
+        for name, share in intervals.by_feature.items()
     )
     print_line()
     print_paragraph("Share of undisturbed intervals that boosted trees recognise by turn and distance")
     print_table(
         ["recognised", "same robots", "other robots"],
         [
-            [name, *(_mean_and_range(shares) for shares in (told.same_robots, told.other_robots))]
-            for name, told in (
+            [name, _mean_and_range(accuracy.same_robots), _mean_and_range(accuracy.other_robots)]
+            for name, accuracy in (
                 ("real or simulated", intervals.simulated),
                 ("which real session", intervals.real),
             )
-            if told.same_robots
+            if accuracy.same_robots  # empty if there is no pair of sessions: a single real session
         ],
     )
-    print_paragraph(f"Real or simulated, same robots, by one feature alone: {alone}.")
+    print_paragraph(f"Real or simulated, same robots, by one feature alone: {by_one_feature}.")
 
 
 def _mean_and_range(shares: tuple[float, ...]) -> str:
+    """Format the mean of some shares with the smallest and the largest, such as ``0.612 (0.580-0.640)``."""
     return f"{sum(shares) / len(shares):.3f} ({min(shares):.3f}-{max(shares):.3f})"
 
 
 def _spread(one: Any) -> str:
+    """Format a ``Spread``: its mean with the smallest and the largest value, such as ``0.912 (0.880-0.940)``."""
     return f"{one.mean:.3f} ({one.least:.3f}-{one.most:.3f})"

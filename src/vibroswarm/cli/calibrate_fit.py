@@ -60,7 +60,10 @@ def add_parser(tasks: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Fit, validate, save and print."""
+    """Fit a scenario to recordings, save and print it; validate it on held-out sessions if requested.
+
+    Returns the exit code.
+    """
     from vibroswarm.calibrate.cross_validation import folds
     from vibroswarm.calibrate.dataset import dataset_of
     from vibroswarm.calibrate.fit import fit
@@ -71,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     candidates = arguments.candidates
     base = scenario_of(arguments.base, arguments.settings)
     dataset = dataset_of([read_result(folder) for folder in arguments.folders])
+    # the sessions of another simulator, whose similarity to the held-out sessions is printed beside that of the fit
     other = None if arguments.against is None else dataset_of([read_result(arguments.against)])
     fitted = fit(dataset, base, candidates=candidates, progress=share_done("fit"))
     judged: list[Fold] = []
@@ -91,7 +95,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def scenario_of(name: str, settings: list[str]) -> Scenario:
-    """Return a preset or scenario file, with fields set; prints its warnings."""
+    """Return the scenario of a preset or file, with fields set by ``--set``, and print warnings about it.
+
+    Args:
+        name: name of a preset, or path of a file that ends in .toml. For any other name, ``preset`` raises an error
+            that lists the presets.
+        settings: the values of ``--set``, texts FIELD=VALUE.
+    """
     from vibroswarm.cli.scenario_options import warn_of
     from vibroswarm.scenario.presets import preset_names
     from vibroswarm.scenario.scenario import Scenario, parse_setting, preset
@@ -104,7 +114,13 @@ def scenario_of(name: str, settings: list[str]) -> Scenario:
 
 
 def share_done(what: str) -> Callable[[float], None] | None:
-    """Return a function that shows the share done on a terminal; None elsewhere."""
+    """Return a function that prints the share of work done, 0 to 1, on one line of stderr.
+
+    Args:
+        what: name of the work, printed before the share.
+    Returns:
+        The function; None if stderr is not a terminal, or with ``--quiet``.
+    """
     if not sys.stderr.isatty() or printing.quiet:
         return None
 
@@ -115,7 +131,11 @@ def share_done(what: str) -> Callable[[float], None] | None:
 
 
 def print_fit(found: Fit) -> None:
-    """Print the fitted figures, the changed fields and the predictive check."""
+    """Print the fitted figures, the changed fields, the predictive check, and what the model lacks.
+
+    The predictive check compares each recorded figure of avoidance with the range that holds 95 % of the sessions
+    simulated with the fit.
+    """
     from vibroswarm.calibrate.fit import LACKS
     from vibroswarm.cli.output import print_paragraph, print_table
 
@@ -156,51 +176,75 @@ def print_fit(found: Fit) -> None:
 
 
 def _toml(value: Any) -> str:
+    """Write a value of a field as TOML does."""
     return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
 
 
 def print_folds(judged: list[Fold]) -> None:
-    """Print the validation on held-out sessions: means over the folds."""
+    """Print how well each held-out session is predicted by the fit to all other sessions, as means over the folds.
+
+    In the first table, the held-out session is compared with simulations of the fit ("fitted"), with the other real
+    sessions ("real"), and with the sessions of another simulator ("against", NaN without ``--against``). Then follows
+    the accuracy of a classifier that distinguishes real stretches (some consecutive samples of one robot) from
+    simulated ones. The second table has statistics of the bits that the robots read (``Fold.readings``): the value as
+    recorded and the value as simulated with the fit, as means over the held-out sessions; and for each of these
+    sessions, by how many standard deviations its recorded value is above its simulated value.
+
+    Args:
+        judged: one entry for each held-out session; all have the same features and statistics, in the same order.
+    """
     import numpy as np
 
+    from vibroswarm.calibrate.classifier import STRETCH
     from vibroswarm.calibrate.features import WORDS
     from vibroswarm.cli.output import print_paragraph, print_table
 
-    names = {"fitted": "fitted", "real": "other_sessions", "against": "other_simulator"}
+    # header of a column: the field of Score that the column shows
+    similarities = {"fitted": "fitted", "real": "other_sessions", "against": "other_simulator"}
     distances = {"fitted": "distance_fitted", "real": "distance_sessions", "against": "distance_simulator"}
     print()
-    print_paragraph(f"Fitted on the other sessions, validated on the held-out one: mean over {len(judged)}")
+    print_paragraph(
+        f"Fitted on the other sessions, validated on the held-out one: mean over {len(judged)} sessions"
+    )
     print_table(
-        ["feature", *(f"similarity, {kind}" for kind in names), *(f"distance, {kind}" for kind in distances)],
+        [
+            "feature",
+            *(f"similarity, {kind}" for kind in similarities),
+            *(f"distance, {kind}" for kind in distances),
+        ],
         [
             [
                 WORDS[score.feature],
                 *(
-                    f"{np.mean([getattr(fold.scores[place], name) for fold in judged]):.4f}"
-                    for name in (*names.values(), *distances.values())
+                    f"{np.mean([getattr(fold.scores[i], name) for fold in judged]):.4f}"
+                    for name in (*similarities.values(), *distances.values())
                 ),
             ]
-            for place, score in enumerate(judged[0].scores)
+            for i, score in enumerate(judged[0].scores)  # every fold has the same features in the same order
         ],
     )
     accuracy = np.mean([fold.accuracy_fitted for fold in judged])
     other = np.mean([fold.accuracy_simulator for fold in judged])
-    versus = f"; from the other simulator's {other:.3f}" if np.isfinite(other) else ""
+    # ``other`` is NaN if the fit was not compared with another simulator.
+    versus = f"; as real or of the other simulator: {other:.3f}" if np.isfinite(other) else ""
     print()
     print_paragraph(
-        f"Share of stretches recognised as real or simulated, other robots (0.5: chance): {accuracy:.3f}{versus}"
+        f"Share of stretches of {STRETCH} samples that a classifier, trained on other robots, recognises as real or "
+        f"simulated (0.5: chance): {accuracy:.3f}{versus}"
     )
     print()
-    rows = []
-    for reading in judged[0].readings:
-        same = [each for fold in judged for each in fold.readings if each.name == reading.name]
+    rows = []  # one row for each statistic
+    for name in (reading.name for reading in judged[0].readings):
+        # This statistic in each held-out session.
+        by_fold = [reading for fold in judged for reading in fold.readings if reading.name == name]
         rows.append(
             [
-                reading.name,
-                f"{np.mean([reading.recorded for reading in same]):.3f}",
-                f"{np.mean([reading.simulated for reading in same]):.3f}",
-                ", ".join(f"{reading.deviation:+.1f}" for reading in same),
+                name,
+                f"{np.mean([reading.recorded for reading in by_fold]):.3f}",
+                f"{np.mean([reading.simulated for reading in by_fold]):.3f}",
+                ", ".join(f"{reading.deviation:+.1f}" for reading in by_fold),
             ]
         )
     columns = ["held-out sessions", "recorded", "fitted", "deviation of each, in s.d. of a session"]
+    # All columns are printed as text, because only text may be wrapped and the list of deviations is long.
     print_table(columns, rows, texts=len(columns))

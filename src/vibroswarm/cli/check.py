@@ -17,7 +17,7 @@ KINDS: Final = {
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``check`` and its options to the program's commands."""
     parser = commands.add_parser(
         "check",
         help="check a strategy, network, task or motion source of your own",
@@ -32,7 +32,11 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the checks and print their results; returns 1 if one fails."""
+    """Run the checks of the named strategy, network, task or motion source, and print their results.
+
+    Returns:
+        The exit code: 1 if a check fails, else 0. A check that only warns does not count as failed.
+    """
     from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.testing import check_motion, check_network, check_strategy, check_task
 
@@ -57,8 +61,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
-    """Find what ``text`` names; loads it if it is a file.
+    """Find which object ``text`` names; load it if it is given as FILE.py:NAME.
 
+    Args:
+        kind: a key of ``KINDS``, or None to search all kinds.
+    Returns:
+        The object's kind, and the name under which it is registered.
     Raises:
         InputError: nothing has that name, or several kinds have it, or the file cannot be loaded.
     """
@@ -67,15 +75,18 @@ def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
     from vibroswarm.scenario import plugins
 
     if plugins.is_code(text):
-        return str(plugins.kind_of(plugins.load_file(kind, text))), plugins.name_in(text)
+        loaded = plugins.load_file(kind, text)  # an object of this kind; with None, of any kind
+        return str(plugins.kind_of(loaded)), plugins.name_in(text)
     known = {kind_name: plugins.KINDS[kind_name].known() for kind_name in ([kind] if kind else KINDS)}
     if not any(text in names for names in known.values()):
+        # Installed packages may register more names. `known` holds views of the registries, so it has these names too.
         plugins.load_installed()
     kinds = [kind_name for kind_name, names in known.items() if text in names]
-    if not kinds:
+    if not kinds:  # the error message lists all known names by kind
         names_of = {kind_name: list(names) for kind_name, names in known.items()}
         every = [name for names in names_of.values() for name in names]
-        expected = KINDS[kind] if kind else f"{', '.join(list(KINDS.values())[:-1])} or {KINDS['motion']}"
+        *first_kinds, last_kind = KINDS.values()
+        expected = KINDS[kind] if kind else f"{', '.join(first_kinds)} or {last_kind}"
         listed = "; ".join(f"{KINDS[kind_name]}: {', '.join(names)}" for kind_name, names in names_of.items())
         raise InputError(
             f"unknown {expected} '{text}'{nearest(text, every)} ({listed}; or FILE.py:NAME)", field="NAME"

@@ -10,6 +10,7 @@ from typing import Any, Final
 from vibroswarm.errors import RunError
 
 SHELLS: Final = ("bash", "zsh", "fish")
+"""Shells for which a script can be made."""
 EPILOG = """\
 install (once; again after an update):
   vibroswarm completion bash > ~/.local/share/bash-completion/completions/vibroswarm
@@ -19,7 +20,7 @@ install (once; again after an update):
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``completion`` and its options to the program's commands."""
     parser = commands.add_parser(
         "completion",
         help="print a script that completes commands and options in bash, zsh or fish",
@@ -32,7 +33,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print the script."""
+    """Print the script that the package shtab makes from the parser; return the exit code."""
     try:
         import shtab
     except ImportError:
@@ -46,37 +47,47 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def add_completions(top: argparse.ArgumentParser) -> None:
-    """Tell the writer of scripts what each option takes: names, files or folders."""
+    """Set how the value of each option of all commands is completed: with names, files or folders.
+
+    The result is stored in the attribute ``complete`` of each option, which the package shtab reads when it writes the
+    script.
+    """
     import shtab
 
     words = {option: _words(option, names) for option, names in names_by_option().items()}
     _describe_briefly(top)
     for leaf in _parsers(top):
         for action in leaf._actions:
+            # the last name is the long one, as in -q, --quiet; positional arguments have none
             option = action.option_strings[-1] if action.option_strings else ""
             if option in words:
                 complete = words[option]
             elif action.metavar == "DIR":
                 complete = shtab.DIRECTORY
+            # --out and --floor are named because some commands read their values as text or as the name of a TOML file
             elif action.type is Path or option in ("--out", "--floor") or action.metavar in ("FLOOR", "FILE"):
                 complete = shtab.FILE
             else:
                 continue
-            if action.nargs != 0:
+            if action.nargs != 0:  # flags take no value
                 vars(action)["complete"] = complete
 
 
 def _describe_briefly(parser: argparse.ArgumentParser) -> None:
-    """Describe commands by their line in the list of commands, which shells show beside them."""
+    """Replace the description of each command and task by its one-line help.
+
+    The completion script shows the description beside the command's name, where only a short text fits.
+    """
     for part in parser._actions:
         if isinstance(part, argparse._SubParsersAction):
+            # the help's entry of each command, whose `dest` is the command's name
             for listed in part._choices_actions:
                 part.choices[listed.dest].description = listed.help
                 _describe_briefly(part.choices[listed.dest])
 
 
 def names_by_option() -> dict[str, Iterable[str]]:
-    """Return the names that each option takes, by option."""
+    """Return, for each option whose value is one of some known names, such as ``--strategy``, these names."""
     import vibroswarm.simulation  # noqa: F401  (registers the engines)
     from vibroswarm.optimize.objective import NAMES
     from vibroswarm.optimize.spec import METHODS
@@ -84,17 +95,23 @@ def names_by_option() -> dict[str, Iterable[str]]:
     from vibroswarm.scenario.presets import preset_names
 
     kinds = {f"--{kind}": plugins.KINDS[kind].known() for kind in ("strategy", "network", "task", "motion")}
+    # `optimize --method` takes "grid" too, which is no method of a search.
     return {**kinds, "--preset": preset_names(), "--method": (*METHODS, "grid"), "--cost": NAMES}
 
 
 def _parsers(parser: argparse.ArgumentParser) -> Iterable[argparse.ArgumentParser]:
+    """Return the parsers of all commands and tasks that do work themselves."""
     from vibroswarm.cli import leaves
 
     return leaves(parser)
 
 
 def _words(option: str, names: Iterable[str]) -> dict[str, Any]:
-    """Return how each shell completes an option that takes one of these names, in the form that the writer expects."""
+    """Return how each shell completes an option that takes one of these names, in the form that shtab expects.
+
+    zsh and fish take the list of names itself. bash takes the name of a function that prints the names that match what
+    was typed; the function's code is the preamble, which shtab writes at the top of the script.
+    """
     listed = " ".join(names)
     function = f"_vibroswarm_words_{option.strip('-')}"
     return {

@@ -38,7 +38,7 @@ FILLS = (0.24, 0.32, 0.36, 0.40, 0.44, 0.48, 0.52, 0.56, 0.60, 0.64, 0.68, 0.76)
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``detect`` and its options to the program's commands."""
     parser = commands.add_parser(
         "detect",
         help="how many robots and how much time for few misses and false alarms",
@@ -46,6 +46,7 @@ def add_parser(commands: Any) -> None:
         "and what it takes to make both rare enough.",
         epilog=EPILOG,
     )
+    # --robots takes a list here: the numbers of robots that are varied.
     add_seed(add_scenario_options(parser, robots=list_of(whole)))
     options = parser.add_argument_group("detection")
     options.add_argument(
@@ -70,11 +71,16 @@ def add_parser(commands: Any) -> None:
     add_out(options, "save runs, tables, pictures and report here, or resume", force=True)
     add_style(options)
     add_running_options(parser)
+    # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate fills x robots, report what each needs."""
+    """Simulate every fill ratio with every number of robots; print and save when errors are rare enough.
+
+    Errors are misses of floors above the boundary, and false alarms on floors below it. They are rare enough while they
+    are below the tolerated probabilities (``--error``, ``--false-alarms``). Returns the exit code.
+    """
     from vibroswarm.analysis.detection import detection_curve, needed, pairs
     from vibroswarm.cli.out_folder import deliver
     from vibroswarm.cli.output import print_paragraph, print_saved
@@ -85,7 +91,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     error = share_from(arguments.error, "--error")
     false_alarms = share_from(arguments.false_alarms or arguments.error, "--false-alarms")
-    robots, arguments.robots = arguments.robots, None  # varied here, not a field of the scenario
+    # --robots is a list here, which the study varies; scenario_from must not take it for the field swarm.robots.
+    robots, arguments.robots = arguments.robots, None
     base = scenario_from(arguments).with_values(_boundary_of(arguments))
     if base.task.name != "fill_ratio":
         raise InputError(f"must be fill_ratio for this command, not '{base.task.name}'", field="task.name")
@@ -94,12 +101,14 @@ def run(arguments: argparse.Namespace) -> int:
         base,
         arguments.runs,
         arguments.seed,
+        # the varied fields; `__` stands for the dot in a field's name
         swarm__robots=robots or [base.swarm.robots],
         floor__source=[f"random:{fill:g}" for fill in fills],
     )
     result = run_study_of(study, arguments)
-    if result is None:
+    if result is None:  # only a shard or a batch of the runs was requested
         return 0
+    # for each cell: its table of robots and its table of runs
     cells = [result.tables(number) for number in result.selected]
     t_end_s = base.run.t_end_s
     curve = detection_curve(cells, t_end_s)
@@ -129,7 +138,14 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _boundary_of(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the field ``boundary_of``: tiles, unless an option sets it."""
+    """Return the field ``decision.boundary_of`` with the value of ``--boundary-of``, by default "tiles".
+
+    The result is passed to ``Scenario.with_values``. It is empty if ``--set`` gives the field, because the scenario
+    then has the value already.
+
+    Raises:
+        InputError: both options give the field.
+    """
     from vibroswarm.scenario.scenario import parse_setting
 
     field = "decision.boundary_of"
@@ -140,34 +156,46 @@ def _boundary_of(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _fills(given: list[float] | None, base: Scenario) -> tuple[list[float], list[float]]:
-    """Return the fill ratios to simulate, and those of them that were added to the given ones.
+    """Return the fill ratios to simulate, and which of these were added to the given ones.
 
-    If none of the given ones is below the boundary, some below it are added: only they can show false alarms.
+    False alarms can occur only on floors below the boundary. So if no given fill ratio is below the boundary, some fill
+    ratios below it are added.
+
+    Args:
+        given: the values of ``--fills``; None to use fill ratios around the boundary.
+    Returns:
+        All fill ratios, the added ones first; and the added ones, an empty list if none was added or ``given`` is None.
     """
     boundary, tiles = base.decision.decision_boundary, base.floor.rows * base.floor.columns
 
     def in_tiles(shares: Iterable[float]) -> list[float]:
-        """Round to whole tiles, without repeats and without the boundary itself."""
+        """Limit fill ratios to 0..1 and round them to whole tiles; drop repeats and the boundary.
+
+        On a floor whose fill ratio is the boundary, no decision is right.
+        """
         fills = dict.fromkeys(round(tiles * min(max(share, 0.0), 1.0)) / tiles for share in shares)
-        return [fill for fill in fills if abs(fill - boundary) > 1e-9]
+        return [fill for fill in fills if abs(fill - boundary) > 1e-9]  # 1e-9 allows for rounding errors
 
     below = [fill for fill in in_tiles((0.0, boundary / 3, boundary * 2 / 3)) if fill < boundary]
     if given is not None:
         added = [] if any(fill < boundary for fill in given) else below
         return added + given, added
-    if boundary == 0.5:
+    if boundary == 0.5:  # FILLS are chosen for this boundary
         return in_tiles(FILLS), []
+    # Floors are hardest near the boundary, so the fill ratios above it are dense there. The unit of distance is a third
+    # of the way from the boundary to 0 or to 1, whichever is nearer.
     step = min(boundary, 1.0 - boundary) / 3
     above = in_tiles(boundary + step * times for times in (1, 2, 3, 5, 7))
     return below + [fill for fill in above if fill > boundary], []
 
 
 def _warnings(study: Study) -> list[str]:
-    """Return a sentence for each fill ratio that no number of robots and no waiting time gets right."""
+    """Return a sentence for each fill ratio that cannot be judged correctly by any number of robots in any time."""
     from vibroswarm.analysis.decidability import decidability
 
     verdicts = [decidability(cell.scenario) for cell in study.cells]
     return list(
+        # Each sentence once: cells that differ only in the number of robots may give the same sentence.
         dict.fromkeys(
             f"fill ratio {verdict.fill_ratio:g}: {verdict.says}"
             for verdict in verdicts
@@ -183,43 +211,55 @@ def _save(
     warnings: list[str],
     arguments: argparse.Namespace,
 ) -> None:
-    """Write tables, pictures and the report into the folder."""
+    """Write tables, pictures and the report into the folder of ``--out``.
+
+    Args:
+        tables: by name, the tables of ``analysis.detection``: "detection" (misses and false alarms over time), "needed"
+            (one row per cell) and "pairs" (one row per pair of floors and number of robots).
+        tolerated: the tolerated probabilities of a miss and of a false alarm, in this order.
+    """
     from vibroswarm.report.html import write_report
     from vibroswarm.study.detection_report import pictures_of, report_of
     from vibroswarm.study.summary import write_table
 
+    error, false_alarms = tolerated
     for name, table in tables.items():
         write_table(table, arguments.out / name)
     boundary = base.decision.decision_boundary
-    for name, picture in pictures_of(tables["detection"], boundary, tolerated[0], arguments.style):
+    for name, picture in pictures_of(tables["detection"], boundary, error, arguments.style):
         picture.write(arguments.out / name)
-    report = report_of(tables, base, arguments.seed, *tolerated, warnings)
+    report = report_of(tables, base, arguments.seed, error, false_alarms, warnings)
     write_report(arguments.out / "report.html", report)
 
 
 def print_detection(
     need: pl.DataFrame, distinguished: pl.DataFrame, scenario: Scenario, error: float, false_alarms: float
 ) -> None:
-    """Print which floors are distinguished and when, then every cell.
+    """Print the answer, a table of the floors that are distinguished from each other, and a table of all cells.
+
+    The first table has a row for each floor above the boundary and each number of robots. It states when the robots
+    distinguish this floor from a floor below the boundary, and the highest fill ratio of such a floor.
 
     Args:
-        need, distinguished: from ``analysis.detection.needed`` and ``pairs``.
-        error, false_alarms: tolerated probabilities.
+        need: result of ``analysis.detection.needed``: one row for each cell, with the time until misses are rare
+            enough.
+        distinguished: result of ``analysis.detection.pairs``: one row for each number of robots and each pair of a
+            floor above the boundary and a floor below it.
+        error: tolerated probability of a miss.
+        false_alarms: tolerated probability of a false alarm.
     """
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
     from vibroswarm.study.detection_report import answer, best
 
     t_end_s = scenario.run.t_end_s
-    asked, *found = answer(distinguished, scenario, error, false_alarms)
-    for sentence in (asked, *found):
+    for sentence in answer(distinguished, scenario, error, false_alarms):
         print_paragraph(sentence)
     print_line()
     if distinguished.height:
         print_table(
             ["fill ratio", "robots", "found within", "without false alarms on floors up to", ""],
             [_pair(row, t_end_s) for row in best(distinguished).iter_rows(named=True)],
-            names=2,
-            texts=0,
+            names=2,  # fill ratio and number of robots name a row
         )
     print_line()
     print_table(
@@ -237,8 +277,7 @@ def print_detection(
             for row in need.iter_rows(named=True)
         ],
         names=2,
-        texts=0,
-        more=("runs",),
+        more=("runs",),  # printed with --wide only
     )
     print_paragraph(
         f"Missed: no right consensus by {t_end_s:g} s; undecided counts. False alarm: a wrong consensus on 'more'. "
@@ -249,6 +288,17 @@ def print_detection(
 
 
 def _pair(row: dict[str, float | None], t_end_s: float) -> list[object]:
+    """Format the row of a floor above the boundary: when it is distinguished, and from which floor below the boundary.
+
+    Args:
+        row: a row of the table that ``detection_report.best`` returns, for one floor and one number of robots. Its
+            ``time_s`` is None if the robots distinguish the floor from no floor below the boundary by ``t_end_s``. Its
+            ``fewest`` is true if no smaller number of robots distinguishes the same two floors.
+    Returns:
+        Five cells: fill ratio of the floor, number of robots, time, highest fill ratio of a floor below the boundary
+        that is distinguished from it, and the remark "(fewest robots)" if fewer robots do not distinguish these two
+        floors.
+    """
     start: list[object] = [f"{row['fill_ratio']:.4g}", row["robots"], _time(row["time_s"], t_end_s)]
     if row["time_s"] is None:
         return [*start, "-", ""]
@@ -256,18 +306,23 @@ def _pair(row: dict[str, float | None], t_end_s: float) -> list[object]:
 
 
 def _share(share: float | None, high: float | None) -> str:
+    """Format a share with its upper limit in percent, such as ``3.0 (below 5.2)``; ``-`` for None."""
     return "-" if share is None or high is None else f"{100 * share:.1f} (below {100 * high:.1f})"
 
 
 def _time(time_s: float | None, t_end_s: float) -> str:
+    """Format a time; None means that it is not reached by the end of the runs, ``t_end_s``."""
     return f"not by {t_end_s:g} s" if time_s is None else f"{time_s:.0f} s"
 
 
 def _clear(row: dict[str, float | None]) -> str:
-    """Format the time until which false alarms are rare enough; ``-`` if they were not measured."""
+    """Format the time until which false alarms are rare enough; ``-`` if the floor is not below the boundary.
+
+    A false alarm is a wrong decision for "more". It can occur only on floors below the boundary.
+    """
     if row["false_alarm"] is None:
         return "-"
     until_s = row["clear_until_s"]
-    if until_s is None:
+    if until_s is None:  # rare enough over the whole run
         return "the end"
     return f"{until_s:.0f} s" if until_s > 0 else "never"

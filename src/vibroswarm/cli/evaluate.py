@@ -22,7 +22,7 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``evaluate`` and its options to the program's commands."""
     parser = commands.add_parser(
         "evaluate",
         help="run a scenario many times, or several side by side",
@@ -50,6 +50,7 @@ def add_parser(commands: Any) -> None:
     add_out(parser, "save runs, numbers, pictures and report here, or resume", force=True)
     add_running_options(parser)
     add_outcome_options(parser)
+    # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
 
 
@@ -59,7 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def study_from(arguments: argparse.Namespace) -> Study:
-    """Return the study that the options describe."""
+    """Return the study that the options describe: its base scenario, the varied fields, and the number of runs.
+
+    If ``--strategy`` lists several strategies, they are a varied field like those of ``--vary``, and
+    ``arguments.strategy`` is set to None.
+    """
     from vibroswarm.cli.scenario_options import chosen, scenario_from
     from vibroswarm.study.precision import Precision
     from vibroswarm.study.spec import Study
@@ -71,7 +76,7 @@ def study_from(arguments: argparse.Namespace) -> Study:
         if "strategy.name" in vary:
             raise InputError("is also varied by --strategy; use one of them", field="--vary strategy.name")
         vary["strategy.name"] = names
-        arguments.strategy = None
+        arguments.strategy = None  # scenario_from would take the list for one name
     base = scenario_from(arguments)
     until = None
     if arguments.until is not None:
@@ -80,20 +85,28 @@ def study_from(arguments: argparse.Namespace) -> Study:
         until = Precision.from_words(arguments.until, arguments.figure, arguments.max_runs)
     elif arguments.figure is not None or arguments.max_runs is not None:
         raise InputError("needs --until", field="--figure" if arguments.figure is not None else "--max-runs")
+    fixed_runs = 100 if arguments.runs is None else arguments.runs
     return Study(
+        # If presets are varied, the base holds only the fields that options set; all others come from each preset.
         base=_base_of_presets(arguments) if "preset" in vary else base.model_dump(exclude_none=True),
         vary={"grid": vary} if vary else {},
-        runs=None if until is not None else 100 if arguments.runs is None else arguments.runs,
+        runs=fixed_runs if until is None else None,
         until=until,
         seed=arguments.seed,
         motion=chosen("motion", arguments.motion),
         keep=("samples",) if arguments.keep_samples else (),
-        folder=Path(),
+        folder=Path(),  # floor files that options name are relative to the current folder
     )
 
 
 def _base_of_presets(arguments: argparse.Namespace) -> dict[str, Any]:
-    """For studies that vary presets: only the fields set by options, which override those of each preset."""
+    """Return the base of a study that varies presets: only the fields that options set, by section and field.
+
+    These fields override those of every preset. All other fields of a cell come from the cell's preset.
+
+    Raises:
+        InputError: --preset or --scenario is given too.
+    """
     from vibroswarm.cli.scenario_options import values_from
     from vibroswarm.scenario.scenario import preset
 
@@ -101,15 +114,20 @@ def _base_of_presets(arguments: argparse.Namespace) -> dict[str, Any]:
         if getattr(arguments, option) is not None:
             raise InputError("conflicts with --vary preset; use one of them", field=f"--{option}")
     base: dict[str, Any] = {}
+    # The paper's preset gives the size of a random floor if --tiles does not.
     for name, value in values_from(arguments, preset("paper")).items():
+        # Split at the first dot: strategy.soft.eta is the field soft.eta of the section strategy.
         section, _, field = name.partition(".")
-        if value is not None:
+        if value is not None:  # a study's base cannot hold None: TOML has no such value
             base.setdefault(section, {})[field] = value
     return base
 
 
 def _varied(options: list[str]) -> dict[str, list[Any]]:
-    """Return the values by field, from texts ``FIELD=A,B``."""
+    """Return the varied values by dotted field name, parsed from the values of ``--vary``, texts ``FIELD=A,B``.
+
+    If a value is user code (FILE.py:NAME), the file is loaded, so that the code's name and fields are known.
+    """
     from vibroswarm.cli.scenario_options import chosen
     from vibroswarm.scenario import plugins
     from vibroswarm.scenario.scenario import parse_setting
@@ -122,8 +140,9 @@ def _varied(options: list[str]) -> dict[str, list[Any]]:
             raise InputError(f"'{text}' is not of the form section.field=value,value", field="--vary")
         if name in vary:
             raise InputError("is varied twice", field=f"--vary {name}")
+        # `parse_setting` returns the name and the value, converted to its type
         vary[name] = [parse_setting(f"{name}={value}")[1] for value in values.split(",")]
-        kind = name.removesuffix(".name")
+        kind = name.removesuffix(".name")  # such as strategy, of strategy.name
         if kind in plugins.KINDS:
             vary[name] = [chosen(kind, item) if plugins.is_code(item) else item for item in vary[name]]
     return vary

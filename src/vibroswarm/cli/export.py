@@ -21,7 +21,7 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command and its parts."""
+    """Add the command ``export`` and its subcommands ``c``, ``python`` and ``check``."""
     parser = commands.add_parser(
         "export",
         help="write the robot's program as C for microcontrollers, or as plain Python",
@@ -52,11 +52,12 @@ def add_parser(commands: Any) -> None:
 
 
 def _c(arguments: argparse.Namespace) -> int:
-    """Write the C library and print its size."""
+    """Write the C library and print the memory that it takes on a robot; return the exit code."""
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import check_folder, whole_folder
     from vibroswarm.export.c_library import MARKER, library_files, measured
 
+    # Refuse the folder before the work. --force replaces a folder only if it holds the file MARKER, as a library does.
     check_folder(arguments.folder, replace=arguments.force, marker=MARKER)
     scenario = scenario_from(arguments)
     files = library_files(scenario)
@@ -64,7 +65,7 @@ def _c(arguments: argparse.Namespace) -> int:
         for name, text in files.items():
             (part / name).parent.mkdir(parents=True, exist_ok=True)
             (part / name).write_text(text, encoding="utf-8")
-        memory = measured(part / "src")
+        memory = measured(part / "src")  # None without a compiler for the robot's processor
     if arguments.json:
         size = None if memory is None else {"flash": memory.flash, "ram": memory.ram, "flags": memory.flags}
         print_json({"out": str(arguments.folder), "files": list(files), "bytes": size})
@@ -75,7 +76,11 @@ def _c(arguments: argparse.Namespace) -> int:
 
 
 def _memory_words(memory: Memory | None) -> str:
-    """Describe the memory of a robot's program."""
+    """Describe in a sentence how much memory a robot's program takes.
+
+    Args:
+        memory: None if it was not measured, because there is no compiler for the robot's processor.
+    """
     if memory is None:
         return (
             "Size not measured: arm-none-eabi-gcc is not installed "
@@ -88,12 +93,13 @@ def _memory_words(memory: Memory | None) -> str:
 
 
 def _python(arguments: argparse.Namespace) -> int:
-    """Write the Python module."""
+    """Write the robot's program as one module of plain Python; return the exit code."""
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import check_folder, whole_folder
     from vibroswarm.export.assembly import parts_of
     from vibroswarm.export.python_program import MODULE, python_source
 
+    # Refuse the folder before the work. --force replaces a folder only if it holds the file MODULE, as an export does.
     check_folder(arguments.folder, replace=arguments.force, marker=MODULE)
     text = python_source(parts_of(scenario_from(arguments)))
     with whole_folder(arguments.folder, replace=arguments.force, marker=MODULE) as part:
@@ -106,7 +112,7 @@ def _python(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    """Compare a header with a scenario; return 1 if they differ."""
+    """Compare an exported header of parameters with a scenario; return the exit code, 1 if they differ."""
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.export.assembly import parts_of
     from vibroswarm.export.parameters import differences, find_header, read_header
@@ -116,10 +122,15 @@ def _check(arguments: argparse.Namespace) -> int:
     scenario = scenario_from(arguments)
     different = differences(found, scenario, parts_of(scenario))
     if arguments.json:
-        rows = [{"name": name, "header": before, "scenario": after} for name, before, after in different]
+        rows = [
+            {"name": name, "header": in_header, "scenario": in_scenario}
+            for name, in_header, in_scenario in different
+        ]
         print_json({"header": str(path), "equal": not different, "differences": rows})
     elif different:
-        print_table(["name", "header", "scenario"], [list(row) for row in different], texts=3)
+        columns = ["name", "header", "scenario"]
+        # All columns are printed as text, because only text may be wrapped and the values are long.
+        print_table(columns, [list(row) for row in different], texts=len(columns))
         print(f"\n{path} differs from the scenario.")
     else:
         print(f"{path} is that of the scenario.")

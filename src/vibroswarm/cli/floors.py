@@ -17,10 +17,11 @@ if TYPE_CHECKING:  # imported when needed: --help stays fast
     from vibroswarm.floors.difficulty import Difficulty
 
 _SPEC = "pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG)"
+"""Help on the argument FLOOR."""
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command and its four parts."""
+    """Add the command ``floors`` and its subcommands ``list``, ``show``, ``measure`` and ``make``."""
     parser = commands.add_parser(
         "floors",
         help="list, show, measure and make floors",
@@ -63,7 +64,7 @@ def add_parser(commands: Any) -> None:
 
 
 def _add_tiles(parser: argparse.ArgumentParser) -> None:
-    """Add the option for the size of a floor."""
+    """Add the option for the numbers of rows and columns of a floor."""
     parser.add_argument(
         "--tiles",
         metavar="RxC",
@@ -72,11 +73,15 @@ def _add_tiles(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_seed(parser: argparse.ArgumentParser, help: str) -> None:
+    """Add the option for the seed of a random floor; ``help`` says what the seed does."""
     parser.add_argument("--seed", metavar="N", type=whole, default=0, help=f"{help} (default 0)")
 
 
 def _list(args: argparse.Namespace) -> int:
-    """Print the known patterns with their difficulty."""
+    """Print the known patterns with their difficulty, or with ``--paper`` the paper's table of difficulties.
+
+    Returns the exit code.
+    """
     if args.paper:
         return _list_paper(args)
     from vibroswarm.floors.difficulty import measure
@@ -93,7 +98,11 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _list_paper(args: argparse.Namespace) -> int:
-    """Print the paper's table of difficulties with the recomputed and the right values."""
+    """Print each number of the paper's table of difficulties beside two recomputed numbers; return the exit code.
+
+    The first recomputed number is computed as the paper did it, the second is the correct value. The paper prints two
+    decimals; a number that differs from the correct value rounded to two decimals is marked.
+    """
     from dataclasses import asdict
 
     from vibroswarm.floors.difficulty import paper_table
@@ -115,7 +124,7 @@ def _list_paper(args: argparse.Namespace) -> int:
             ]
             for entry in table
         ],
-        names=2,
+        names=2,  # pattern and measure name a row
     )
     print()
     print_paragraph(
@@ -126,7 +135,7 @@ def _list_paper(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace) -> int:
-    """Draw a floor in the terminal, say how difficult it is, and save its picture with ``--out``."""
+    """Draw a floor in the terminal, describe its difficulty, and save a picture if ``--out`` is given."""
     import shutil
 
     from vibroswarm.floors.difficulty import measure
@@ -145,7 +154,7 @@ def _show(args: argparse.Namespace) -> int:
 
 
 def _measure(args: argparse.Namespace) -> int:
-    """Print the difficulty of floors."""
+    """Print the measures of difficulty of the given floors; return the exit code."""
     from vibroswarm.floors.difficulty import measure
 
     measured = [(spec, measure(_resolved(spec, args)[0])) for spec in args.specs]
@@ -157,7 +166,10 @@ def _measure(args: argparse.Namespace) -> int:
 
 
 def _make(args: argparse.Namespace) -> int:
-    """Design a floor of the given difficulty; return 1 if it does not reach the target."""
+    """Make a floor of the given difficulty, print and save it; return the exit code.
+
+    The exit code is 1 if no floor within the tolerance was found; the nearest one is then printed and saved.
+    """
     import shutil
 
     from vibroswarm.floors.design import make_floor
@@ -166,7 +178,7 @@ def _make(args: argparse.Namespace) -> int:
 
     rows, columns = parse_tiles(args.tiles)
     if args.out is not None:
-        check_new(args.out, replace=args.force)  # before the work
+        check_new(args.out, replace=args.force)  # refuse the file before the work
     design = make_floor(rows, columns, args.fill_ratio, args.moran, args.entropy, args.seed)
     if args.out is not None:
         write_tiles(args.out, design.tiles, replace=args.force)
@@ -192,6 +204,7 @@ def _make(args: argparse.Namespace) -> int:
 
 
 def _resolved(spec: str, args: argparse.Namespace) -> tuple[NDArray[np.uint8], str]:
+    """Return the tiles (rows, columns) and the name of the floor that ``spec`` and ``--tiles`` describe."""
     from vibroswarm.floors.grid_text import parse_tiles
     from vibroswarm.floors.source import resolve
 
@@ -199,7 +212,7 @@ def _resolved(spec: str, args: argparse.Namespace) -> tuple[NDArray[np.uint8], s
 
 
 def _print_measures(found: list[tuple[str, Difficulty]]) -> None:
-    """Print the measures of floors as a table."""
+    """Print the measures of floors, each with its name, as a table."""
     print_table(
         ["floor", "tiles", "vibrating", "fill", "Moran", "entropy", "clusters"],
         [
@@ -218,7 +231,7 @@ def _print_measures(found: list[tuple[str, Difficulty]]) -> None:
 
 
 def in_words(d: Difficulty) -> str:
-    """Describe a floor's difficulty in a sentence."""
+    """Describe a floor in one line: size, vibrating tiles, and its measures of difficulty."""
     clusters = (
         "1 cluster"
         if d.clusters == 1
@@ -231,12 +244,14 @@ def in_words(d: Difficulty) -> str:
 
 
 def _number(value: float) -> str:
+    """Format a measure with three decimals; "none" if it is NaN, which means undefined."""
     return "none" if math.isnan(value) else f"{value:.3f}"
 
 
 def as_json(name: str, difficulty: Difficulty) -> dict[str, Any]:
-    """Return a floor's measures for JSON, None for those that are not defined."""
+    """Return a floor's name and measures for JSON, in which an undefined measure (NaN) is None."""
     from dataclasses import asdict
 
+    # only NaN differs from itself; the measures are integers and floats
     values = {key: None if value != value else value for key, value in asdict(difficulty).items()}
     return {"floor": name, **values}

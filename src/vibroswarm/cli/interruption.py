@@ -1,4 +1,4 @@
-"""Ctrl-C: it always ends the command, which says what is saved, and how to resume."""
+"""Ctrl-C: it always ends the command; a message says what is saved and how to resume."""
 
 from __future__ import annotations
 
@@ -16,57 +16,71 @@ from typing import Any, Final
 from vibroswarm.errors import InputError
 
 AGAIN_AFTER_S: Final = 0.05
+"""Time after which a lost Ctrl-C is repeated."""
 _came = threading.Event()
+"""Set when Ctrl-C was pressed since ``listen`` was called."""
 
 
 def came() -> bool:
-    """Return whether Ctrl-C came since ``listen``."""
+    """Return whether Ctrl-C was pressed since ``listen`` was called."""
     return _came.is_set()
 
 
 def listen() -> None:
-    """Take note of Ctrl-C in this process, and repeat it where it is lost.
+    """Record from now on whether Ctrl-C is pressed in this process (``came``), and repeat a Ctrl-C that is lost.
 
-    Python cannot pass an exception on where LLVM calls it, as it does while a kernel is compiled: ``KeyboardInterrupt``
-    would be printed and forgotten.
+    A Ctrl-C is lost while a kernel is compiled: LLVM then calls Python functions and cannot pass on their exceptions,
+    so Python only prints the ``KeyboardInterrupt`` (``sys.unraisablehook``) and continues. The hook that is installed
+    here does not print it, but sends Ctrl-C to the main thread again a moment later. This is repeated until the
+    exception is raised outside LLVM.
     """
     _came.clear()
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        return  # ignored, as by nohup, or somebody else's
+        # Ctrl-C is ignored, as under nohup, or the program that imports this package handles it: leave that as it is.
+        return
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         _came.set()
         raise KeyboardInterrupt
 
-    report_lost = sys.unraisablehook
+    usual_hook = sys.unraisablehook
 
-    def lost(unraisable: Any) -> None:
+    def repeat_if_interrupt(unraisable: Any) -> None:
         if not issubclass(unraisable.exc_type, KeyboardInterrupt):
-            report_lost(unraisable)
+            usual_hook(unraisable)
             return
         timer = threading.Timer(AGAIN_AFTER_S, _again)
         timer.daemon = True
         timer.start()
 
     signal.signal(signal.SIGINT, interrupt)
-    sys.unraisablehook = lost
+    sys.unraisablehook = repeat_if_interrupt
 
 
 def _again() -> None:
-    """Send Ctrl-C to the main thread again: as a signal, which also ends a wait, where the system can send it one."""
+    """Send Ctrl-C to the main thread again.
+
+    It is sent as a signal where the system allows that, because a signal also ends a system call that is waiting.
+    """
     if hasattr(signal, "pthread_kill"):
+        # `ident` is None only for a thread that has not started, so 0 is never used
         signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
     else:
         _thread.interrupt_main()
 
 
 def resume_hint(arguments: argparse.Namespace | None, words: Sequence[str]) -> str:
-    """Return the message after an interruption.
+    """Return the message after an interruption: whether work is saved, where, and how to resume.
 
     Args:
-        arguments: of the command; None if they were not read yet. words: the command line, without the program.
+        arguments: the parsed arguments of the command; None if Ctrl-C was pressed before they were parsed. Their
+            attribute ``resumes`` is set if the command can be resumed: "folder" if finished work is saved in the folder
+            ``--out``; "file" if ``--out`` is a file, and finished work is saved in a folder beside it
+            (``folder_of_runs``).
+        words: the command line, without the program's name.
     """
     if arguments is None or not getattr(arguments, "resumes", None):
+        # The command cannot be resumed. If results were to be saved (--out), the message says that nothing is saved.
         return (
             "interrupted; nothing is saved" if getattr(arguments, "out", None) is not None else "interrupted"
         )
@@ -81,14 +95,14 @@ def resume_hint(arguments: argparse.Namespace | None, words: Sequence[str]) -> s
 
 
 def folder_of_runs(file: Path) -> Path:
-    """Return the folder beside a result file in which its runs are kept until it is written.
+    """Return the folder beside a result file in which finished runs are saved until the file itself is written.
 
     Raises:
-        InputError: a file has its name.
+        InputError: a file has the folder's name.
     """
     folder = file.with_name(f"{file.name}.runs")
     if folder.exists() and not folder.is_dir():
         raise InputError(
-            "is a file; the runs of an interrupted search are kept under that name", field=str(folder)
+            "is a file; a folder of that name is needed to save finished runs", field=str(folder)
         )
     return folder

@@ -25,7 +25,7 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command and its tasks."""
+    """Add the command ``lab`` and its tasks, which are subcommands, to the program's commands."""
     parser = commands.add_parser(
         "lab",
         help="import recordings of real robots, replay and measure them",
@@ -38,7 +38,7 @@ def add_parser(commands: Any) -> None:
     lab_threshold.add_parser(tasks)
     lab_track.add_parser(tasks)
     lab_video.add_parser(tasks)
-    parser.set_defaults(run=lambda arguments: parser.print_help() or 0)
+    parser.set_defaults(run=lambda arguments: parser.print_help() or 0)  # without a task: help, exit code 0
 
 
 def _add_import(tasks: Any) -> None:
@@ -81,12 +81,16 @@ def _add_import(tasks: Any) -> None:
 
 
 def run_import(arguments: argparse.Namespace) -> int:
-    """Read and check the logs, save the recording and print what it holds."""
+    """Read and check the logs, save them as one recording and print what it holds; return the exit code.
+
+    Some fields of the scenario are inferred from the logs. If an option sets such a field (``stated``), the value of
+    the option is used instead of the inferred value.
+    """
     from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
-    from vibroswarm.cli.output import print_saved
+    from vibroswarm.cli.output import print_line, print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.recordings.recording import recording_of
+    from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
 
     if arguments.floor is None and arguments.scenario is None:
@@ -94,16 +98,19 @@ def run_import(arguments: argparse.Namespace) -> int:
     scenario = scenario_from(arguments)
     if scenario.floor.drawn_by_run:
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
+    # the names of the fields that options set
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
     logs, computed, files = _logs_of(arguments, scenario)
     work = hash_of(
         scenario.hash, stated, arguments.reader, arguments.known_robots, arguments.any_floor, files
     )
+    # An existing folder is accepted only if it holds the result of the same import, or with --force. at_once=False: an
+    # older recording stays until the new one is complete and replaces it.
     claim(arguments, lambda: refuse_other(arguments.out, "lab import", work), at_once=False)
     recording = recording_of(
         logs,
-        scenario.floor_for(0, 0),
+        scenario.floor_for(0, 0),  # seed and run do not matter: the floor is not random
         scenario,
         stated,
         robots=arguments.known_robots,
@@ -127,7 +134,8 @@ def run_import(arguments: argparse.Namespace) -> int:
             }
 
         def report() -> None:
-            print("".join(f"{words}\n" for words in computed), end="")
+            for words in computed:
+                print_line(words)
             _print_import(recording)
 
         deliver(arguments, part, "lab import", report, document, work=work)
@@ -136,8 +144,13 @@ def run_import(arguments: argparse.Namespace) -> int:
 
 
 def _logs_of(arguments: argparse.Namespace, scenario: Scenario) -> tuple[list[Log], list[str], list[bytes]]:
-    """Read the logs; return them, what was computed for them, and the bytes of all files that were read."""
-    from vibroswarm.recordings.readers import log_file, named_by_folder, read_log
+    """Read the logs, and with ``--acceleration`` compute their energies.
+
+    Returns:
+        The logs; for each log a sentence about its computed energies (an empty list without ``--acceleration``); and
+        the content of each file that was read, by which a repeated import of the same files is recognised.
+    """
+    from vibroswarm.recordings.log_readers import log_file, named_by_folder, read_log
 
     files = [log_file(path) for path in arguments.logs]
     logs = [
@@ -145,14 +158,25 @@ def _logs_of(arguments: argparse.Namespace, scenario: Scenario) -> tuple[list[Lo
         for path, file in zip(arguments.logs, files, strict=True)
     ]
     logs, computed = _with_energies(logs, scenario, arguments.acceleration)
-    paths = [*files, *filter(None, [arguments.columns]), *(arguments.acceleration or ())]
+    paths = [
+        *files,
+        *([arguments.columns] if arguments.columns is not None else []),
+        *(arguments.acceleration or ()),
+    ]
     return logs, computed, [path.read_bytes() for path in paths]
 
 
 def _with_energies(
     logs: list[Log], scenario: Scenario, files: list[Path] | None
 ) -> tuple[list[Log], list[str]]:
-    """Compute the energies of logs from acceleration, if there is any; return them, and what was done."""
+    """Replace the energies of logs by those computed from recorded acceleration.
+
+    Args:
+        files: the files of acceleration, one for each log in the same order; None to return the logs unchanged.
+    Returns:
+        The changed logs, and for each log a sentence: how its energies were computed, and how far they differ from the
+        logged energies. Without files, the list of sentences is empty.
+    """
     from vibroswarm.observation.observe import sense_program
     from vibroswarm.recordings.acceleration import energies_from
     from vibroswarm.robot.sensing import readings
@@ -172,7 +196,10 @@ def _with_energies(
 
 
 def _pages(recording: Recording, folder: Path) -> list[str]:
-    """Write a page and a picture of each session; beliefs that were not logged are replayed."""
+    """Write a page and a picture of each session into ``folder``; return the names of the pages.
+
+    The pages show beliefs. If the logs have none, they are computed by a replay, and the title of each page says so.
+    """
     from vibroswarm.plots.run import write_run_picture
     from vibroswarm.recordings.replay import with_beliefs
     from vibroswarm.run_page.write import record_of, write_page
@@ -191,13 +218,17 @@ def _pages(recording: Recording, folder: Path) -> list[str]:
 
 
 def _logs_beliefs(recording: Recording) -> bool:
+    """Return whether the logs hold the robots' beliefs: no value of the inference table is missing.
+
+    The column "message" does not count, because it is no belief.
+    """
     return bool(recording.inference.drop("message").null_count().sum_horizontal()[0] == 0)
 
 
 def _print_import(recording: Recording) -> None:
-    """Print what an import repaired and inferred."""
+    """Print what an import repaired, the settings that it inferred, and the outcome of each session."""
     from vibroswarm.cli.output import print_line, print_paragraph
-    from vibroswarm.recordings.recording import count_lines
+    from vibroswarm.recordings.assemble_recording import count_lines
 
     for line in count_lines(recording):
         print_paragraph(line)
@@ -209,8 +240,8 @@ def _print_import(recording: Recording) -> None:
         print_paragraph(f"      {setting['evidence']}")
     print_line()
     for run, consensus, time_s in recording.runs.select("run", "consensus", "consensus_time_s").iter_rows():
-        at = "" if time_s is None else f", by {time_s:.1f} s"
-        outcome = "decisions not logged" if consensus is None else f"consensus {consensus}{at}"
+        reached = "" if time_s is None else f", by {time_s:.1f} s"
+        outcome = "decisions not logged" if consensus is None else f"consensus {consensus}{reached}"
         print_line(f"session {run + 1}: {outcome}")
     if not _logs_beliefs(recording):
         print_paragraph(
@@ -219,7 +250,12 @@ def _print_import(recording: Recording) -> None:
 
 
 def _inferred_value(recording: Recording, setting: Any) -> str:
-    """Return the inferred value, compared with the value given by an option."""
+    """Format a setting inferred from the logs, compared with the stated value if an option or a log states one.
+
+    Args:
+        setting: an entry of ``recording.inferred``. Its "value" is None if the logs do not determine it. Stated values
+            from "low" to "high" fit the logs too; these limits are None if only the inferred value fits.
+    """
     name, value = setting["name"], setting["value"]
     if value is None:
         return "inconclusive"
@@ -227,6 +263,7 @@ def _inferred_value(recording: Recording, setting: Any) -> str:
         return f"{value}"
     section, _, field = name.partition(".")
     stated = getattr(getattr(recording.scenario, section), field)
+    # 1e-9: a stated value that equals a limit fits, even if the limit was rounded
     fits = stated == value or (
         setting["low"] is not None and setting["low"] - 1e-9 <= stated <= setting["high"] + 1e-9
     )
@@ -257,11 +294,12 @@ def _add_export(tasks: Any) -> None:
 
 
 def run_export(arguments: argparse.Namespace) -> int:
-    """Read the result and write it."""
+    """Write a session of a result as a log, or all sessions as CSV; return the exit code."""
     from vibroswarm.recordings.export import WRITERS
     from vibroswarm.result import Result
 
     result = Result.read(arguments.folder)
-    WRITERS[arguments.format](result, arguments.out, arguments.session - 1, replace=arguments.force)
+    run = arguments.session - 1  # runs are numbered from 0; the writer of CSV ignores it and writes all runs
+    WRITERS[arguments.format](result, arguments.out, run, replace=arguments.force)
     print(f"Saved: {arguments.out}")
     return 0

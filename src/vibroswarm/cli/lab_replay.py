@@ -21,7 +21,7 @@ example:
 
 
 def add_parser(tasks: Any) -> None:
-    """Add the task."""
+    """Add the task ``replay``."""
     parser = tasks.add_parser(
         "replay",
         help="what each strategy would have decided on a recording's own observations",
@@ -48,7 +48,11 @@ def add_parser(tasks: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay each strategy and compare it with what was logged."""
+    """Replay each strategy on a recording and print its outcomes beside those that were logged; return the exit code.
+
+    Samples that are missing in the log are restored (``put_back``). Some messages that the log counts as received
+    cannot have been sent by any robot by that time; they are left out and counted (``unsent``).
+    """
     from vibroswarm.cli.output import print_json, print_paragraph, print_table
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
@@ -70,7 +74,9 @@ def run(arguments: argparse.Namespace) -> int:
     }
     logged = logged_outcomes(recording)
     outcomes = {name: session_outcomes(recording, replay) for name, replay in replays.items()}
-    first, rule = next(iter(replays.values())), _rule(scenario)
+    # The number of restored samples is the same in all replays, so it is taken from the first one.
+    first = next(iter(replays.values()))
+    rule = _rule(scenario)
     if arguments.json:
         print_json(
             {
@@ -88,28 +94,35 @@ def run(arguments: argparse.Namespace) -> int:
         )
         return 0
     rows = []
-    for session, as_it_was in enumerate(logged):
-        rows.append(_row("as logged", as_it_was, one=True))
-        rows += [_row(name, of[session], one=False) for name, of in outcomes.items()]
+    for session, logged_outcome in enumerate(logged):
+        rows.append(_row("as logged", logged_outcome, is_logged=True))
+        rows += [_row(name, by_session[session], is_logged=False) for name, by_session in outcomes.items()]
     print_table(
         ["session", "strategy", "consensus", "decision time, s", "undecided, %", "belief in the truth"],
         rows,
-        names=2,
-        texts=3,
+        names=2,  # session and strategy name a row
+        texts=3,  # the third column, consensus, is text too: it is aligned to the left and may be wrapped
     )
     print()
     print_paragraph(
         f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {arguments.draws} draws."
     )
+    unsent = ", ".join(f"{replay.unsent:g} ({name})" for name, replay in replays.items())
     print_paragraph(
-        f"Restored {first.put_back} samples without a row; left out {first.unsent:g} messages per draw that nobody "
-        "could have sent at that time."
+        f"Restored {first.put_back} samples without a row; left out {unsent} messages per draw that nobody could have "
+        "sent at that time."
     )
     return 0
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Read the ``--set`` options, limited to fields that a replay can change."""
+    """Return the fields set by ``--gate`` and ``--set``, by dotted name.
+
+    In ``--set``, a field may be named with or without its section.
+
+    Raises:
+        InputError: a replay cannot change the field, or the name without a section fits fields of several sections.
+    """
     from vibroswarm.recordings.replay import REPLAYABLE
     from vibroswarm.scenario.scenario import field_names, parse_setting
 
@@ -120,7 +133,7 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
     for text in arguments.settings:
         name, value = parse_setting(text)
         matches = [field for field in known if name in (field, field.partition(".")[2])]
-        if len(matches) != 1:
+        if len(matches) != 1:  # no field has this name, or fields of several sections have it
             suggestion = nearest(name, known + [field.partition(".")[2] for field in known])
             raise InputError(f"is not a field that a replay can change{suggestion}", field=name)
         values[matches[0]] = value
@@ -128,7 +141,7 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _rule(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of the decision rule, for JSON."""
+    """Return the fields of the scenario by which robots decide, for JSON and the printed text."""
     return {
         "rms_threshold": scenario.sensor.rms_threshold,
         "credible_threshold": scenario.decision.credible_threshold,
@@ -137,18 +150,22 @@ def _rule(scenario: Scenario) -> dict[str, Any]:
     }
 
 
-def _row(name: str, found: SessionOutcome, *, one: bool) -> list[object]:
-    """Return the row of a session in the table of outcomes, a dash where a value is unknown.
+def _row(name: str, found: SessionOutcome, *, is_logged: bool) -> list[object]:
+    """Return the row of one session and strategy in the table of outcomes, with a dash for each unknown value.
 
     Args:
-        one: whether there is a single outcome, as logged; otherwise shares and quantiles over the draws are shown.
+        name: name of the strategy, or "as logged".
+        found: the outcome of the session: the logged one, or that of all draws of a replay.
+        is_logged: whether this is the logged outcome, for which there is only one draw. For a replay, the consensus is
+            printed as shares of the draws, and the decision time with its 5 % and 95 % quantiles over the draws.
     """
     consensus = ", ".join(
-        outcome if one else f"{outcome} {100 * share:.3g} %" for outcome, share in found.consensus.items()
+        outcome if is_logged else f"{outcome} {100 * share:.3g} %"
+        for outcome, share in found.consensus.items()
     )
     if found.decision_time_s is None:
         return [found.session, name, consensus, "-", "-", "-"]
-    spread = "" if one else f" [{found.decision_time_low_s:.0f}, {found.decision_time_high_s:.0f}]"
+    spread = "" if is_logged else f" [{found.decision_time_low_s:.0f}, {found.decision_time_high_s:.0f}]"
     return [
         found.session,
         name,

@@ -1,4 +1,4 @@
-"""``vibroswarm lab threshold``: estimate theta_E from labelled recordings."""
+"""``vibroswarm lab threshold``: estimate theta_E from recordings on a floor whose vibrating tiles are known."""
 
 from __future__ import annotations
 
@@ -17,15 +17,19 @@ if TYPE_CHECKING:
 
 
 def costs(text: str) -> tuple[float, float]:
-    """Return the two costs in a text such as ``1:5``."""
+    """Return the costs of a false positive and of a false negative, in this order, from a text such as ``1:5``.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is not two numbers, or one is negative.
+    """
     parts = text.split(":")
     if len(parts) != 2:
         raise argparse.ArgumentTypeError(f"'{text}' is not of the form A:B, such as 1:5")
-    return real(parts[0], 0), real(parts[1], 0)
+    return real(parts[0], low=0), real(parts[1], low=0)
 
 
 def add_parser(tasks: Any) -> None:
-    """Add the task."""
+    """Add the task ``threshold``."""
     parser = tasks.add_parser(
         "threshold",
         help="estimate theta_E from recordings on a known floor, and whether the floor is decidable with it",
@@ -65,7 +69,11 @@ def add_parser(tasks: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Estimate thresholds, print them, write a scenario with one of them."""
+    """Estimate thresholds by several rules, print them, and write a scenario with one of them; return the exit code.
+
+    The thresholds are, in this order: that of equal error rates, that of least error, that of least expected cost if
+    the two costs differ, and that of ``--at`` if it is given.
+    """
     from vibroswarm.cli.calibrate_fit import scenario_of
     from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.core.atomic_io import whole_file
@@ -77,11 +85,13 @@ def run(arguments: argparse.Namespace) -> int:
     false_positive, false_negative = arguments.costs
     margin_m = arguments.margin_mm / 1000.0
     recording = Recording.read(arguments.folder)
-    base = recording.scenario if arguments.base is None else scenario_of(arguments.base, [])
+    base = recording.scenario if arguments.base is None else scenario_of(arguments.base, settings=[])
     thresholds = find_thresholds(recording, false_positive, false_negative, margin_m)
     if arguments.at is not None:
         thresholds.append(at_threshold(recording, arguments.at, margin_m=margin_m))
-    profile = edge_profile(labelled(recording), thresholds[0].value)
+    profile = edge_profile(labelled(recording), thresholds[0].value)  # at the threshold of equal error
+    # The scenario gets the threshold of --at, else that of different --costs: it is the last one. If neither is given,
+    # it gets the threshold of equal error, which is the first one.
     chosen = thresholds[-1] if arguments.at is not None or false_positive != false_negative else thresholds[0]
     if arguments.out is not None:
         scenario = base.with_values({"sensor.rms_threshold": _written(chosen)})
@@ -108,7 +118,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print_profile(profile: pl.DataFrame) -> None:
-    """Print the error rates by distance to the nearest edge."""
+    """Print the error rates by distance to the nearest tile of the other kind.
+
+    Args:
+        profile: result of ``edge_profile``: one row for each range of distances, the nearest first. The columns "still"
+            and "vibrating" are the numbers of samples on tiles of each kind.
+    """
     from vibroswarm.cli.output import print_table
 
     rows = []
@@ -116,7 +131,7 @@ def _print_profile(profile: pl.DataFrame) -> None:
         from_mm, to_mm = 1000 * row["from_m"], 1000 * row["to_m"]
         rows.append(
             [
-                f"{from_mm:.0f} mm or more" if row["to_m"] > 1e3 else f"{from_mm:.0f} to {to_mm:.0f} mm",
+                f"{from_mm:.0f} mm or more" if math.isinf(to_mm) else f"{from_mm:.0f} to {to_mm:.0f} mm",
                 f"{100 * row['false_positive']:.1f} % of {row['still']}",
                 f"{100 * row['false_negative']:.1f} % of {row['vibrating']}",
             ]
@@ -125,12 +140,12 @@ def _print_profile(profile: pl.DataFrame) -> None:
 
 
 def _written(chosen: Threshold) -> float:
-    """Return the threshold rounded to three decimals, to which robots log energies."""
+    """Return the threshold rounded to three decimals, because robots log energies with three decimals."""
     return round(chosen.value, 3)
 
 
 def _finite(value: Any) -> Any:
-    """Return a value for JSON, None for each number that is not finite."""
+    """Return a nested value in which None replaces each number that is not finite, because JSON has no such number."""
     if isinstance(value, dict):
         return {name: _finite(item) for name, item in value.items()}
     if isinstance(value, list):
@@ -139,12 +154,17 @@ def _finite(value: Any) -> Any:
 
 
 def _print_threshold(found: Threshold, margin_m: float) -> None:
-    """Print a threshold with its interval and its error rates."""
+    """Print a threshold with its interval, its error rates, and whether the floor can be decided with it.
+
+    Args:
+        margin_m: samples farther than this from the nearest tile of the other kind are the inner samples.
+    """
     from vibroswarm.cli.output import percent, print_paragraph
 
+    # A threshold that was given by --at was not estimated, so it has no interval.
     interval = "" if math.isnan(found.low) else f" [{found.low:.3f}, {found.high:.3f}]"
     share = found.share_by_session
-    over = "" if math.isnan(share.low) else " over sessions"
+    over = "" if math.isnan(share.low) else " over sessions"  # a single session has no interval
     print_paragraph(f"{found.rule}: theta_E = {found.value:.3f}{interval}")
     print_paragraph(f"  all samples: {_rates(found.all_samples)}")
     print_paragraph(
@@ -155,6 +175,7 @@ def _print_threshold(found: Threshold, margin_m: float) -> None:
 
 
 def _rates(rates: Rates) -> str:
+    """Format the rates of false positives and of false negatives, in percent."""
     return (
         f"still read as vibrating {100 * rates.false_positive:.1f} %, vibrating read as still "
         f"{100 * rates.false_negative:.1f} %"

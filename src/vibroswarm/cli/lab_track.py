@@ -1,4 +1,4 @@
-"""``vibroswarm lab track``: from the video of an overhead camera to positions, and with a log to a recording."""
+"""``vibroswarm lab track``: find robots in videos of overhead cameras; with their log, make a recording."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ examples:
 
 
 def add_parser(tasks: Any) -> None:
-    """Add the task."""
+    """Add the task ``track``."""
     parser = tasks.add_parser(
         "track",
         help="track robots with ArUco markers in the video of an overhead camera",
@@ -85,17 +85,26 @@ def add_parser(tasks: Any) -> None:
 
 
 def _board(text: str) -> tuple[int, int]:
+    """Return the numbers of inner corners of a chessboard, across and down, in a text such as ``9x6``."""
     across, _, down = text.lower().partition("x")
     if not (across.isdigit() and down.isdigit() and 3 <= int(across) <= 50 and 3 <= int(down) <= 50):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number of inner corners such as 9x6")
+        raise argparse.ArgumentTypeError(
+            f"'{text}' is not two numbers of inner corners from 3 to 50, such as 9x6"
+        )
     return int(across), int(down)
 
 
 def _for_each(given: list[Any] | None, videos: int, option: str) -> list[Any]:
-    """Return the value of an option for each video: None if it is not given, one value for all, or one for each.
+    """Return a list with the value of an option for each video.
+
+    Args:
+        given: values of the option: one for all videos, or one for each video in their order. None if the option is not
+            given; the result then holds None for each video.
+        videos: number of videos.
+        option: name of the option, for the error message.
 
     Raises:
-        InputError: the number of values is neither one nor that of the videos.
+        InputError: the number of values is neither 1 nor the number of videos.
     """
     if given is None:
         return [None] * videos
@@ -108,7 +117,15 @@ def _for_each(given: list[Any] | None, videos: int, option: str) -> list[Any]:
 
 
 def _markers(arguments: argparse.Namespace, arena_m: tuple[float, float]) -> Markers:
-    """Return the markers of a file, or the usual ones of some ids."""
+    """Return the markers that ``--markers`` describes: those of a file, or the default markers with the given ids.
+
+    Ids need the options for the size and height of the robots' markers; a file states both itself.
+
+    Args:
+        arena_m: width and height of the arena, at whose edges the default markers of the floor are.
+    Raises:
+        InputError: with ids, the size or the height is missing; or one of them is given with a file.
+    """
     from vibroswarm.tracking.markers import read_markers, usual_markers
 
     measured = {"--marker-size": arguments.marker_size, "--marker-height": arguments.marker_height}
@@ -125,7 +142,11 @@ def _markers(arguments: argparse.Namespace, arena_m: tuple[float, float]) -> Mar
 
 
 def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame | None:
-    """Return the robots' log, if there is one, and refuse a floor that a recording cannot have."""
+    """Return the table of the robots' log; None without ``--log``.
+
+    Raises:
+        InputError: a log is given without a floor, or with a floor that is drawn at random for each run.
+    """
     from vibroswarm.tracking.track import read_robot_log
 
     if arguments.log is None:
@@ -139,19 +160,22 @@ def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame 
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Track, save and print what was found."""
+    """Track the robots in the videos, save and print what was found; with a log, also save a recording.
+
+    Returns the exit code.
+    """
     from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.recordings.readers import CAMERA_LOG, camera_log_bytes
-    from vibroswarm.recordings.recording import recording_of
+    from vibroswarm.recordings.assemble_recording import recording_of
+    from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
     from vibroswarm.scenario.scenario import parse_setting
     from vibroswarm.tracking import opencv
     from vibroswarm.tracking.review import REVIEW, write_review
     from vibroswarm.tracking.track import with_positions
 
-    opencv()
+    opencv()  # raises an error before any work if the package is not installed
     scenario = scenario_from(arguments)
     markers = _markers(arguments, (scenario.arena.width_m, scenario.arena.height_m))
     samples = _samples(arguments, scenario)
@@ -160,20 +184,29 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("the same video is given twice", field="VIDEO")
     boards = _for_each(arguments.lens, len(videos), "--lens")
     heights = _for_each(arguments.camera_height, len(videos), "--camera-height")
+    # The names of the fields that options set. ``recording_of`` stores them in the recording, and prefers their values
+    # to those that the log states or implies. So they are also part of the hash that identifies this work.
     stated = [parse_setting(text)[0] for text in arguments.settings]
+    stated += ["strategy.name"] if arguments.strategy is not None else []
+    # Videos are identified by their paths, not by their content.
     work = hash_of(
         scenario.hash, stated, markers.to_toml(), [str(video.resolve()) for video in videos],
         [str(board) for board in boards], heights, None if samples is None else samples.to_dicts(),
     )  # fmt: skip
+    # An existing folder is accepted only if it holds results of the same videos and settings, or with --force.
+    # at_once=False: older results stay until the new ones are complete and replace them.
     claim(arguments, lambda: refuse_other(arguments.out, "lab track", work), at_once=False)
     tracking = _tracking(arguments, markers, boards, heights)
+    # A robot samples at one control tick and drives on at the next. So its stop, as the camera sees it, ends one
+    # control period after the sample; ``with_positions`` needs this to match samples with stops.
     period_s = scenario.run.control_period_ms / 1000.0
     tracked = None if samples is None else with_positions(tracking, samples, str(arguments.log), period_s)
     with whole_folder(arguments.out, replace=True) as part:
         if tracked is not None:
-            recording_of(
-                [tracked.log], scenario.floor_for(0, 0), scenario, stated, any_floor=arguments.any_floor
-            ).write_into(part)
+            # ``_samples`` has refused floors that are drawn at random, so seed and run (0 and 0) do not matter.
+            floor = scenario.floor_for(0, 0)
+            recording = recording_of([tracked.log], floor, scenario, stated, any_floor=arguments.any_floor)
+            recording.write_into(part)
             (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         _write_tables(part, tracking)
         write_review(part / REVIEW, tracking, tracked, samples)
@@ -194,26 +227,34 @@ def run(arguments: argparse.Namespace) -> int:
 def _tracking(
     arguments: argparse.Namespace, markers: Markers, boards: list[Path | None], heights: list[float | None]
 ) -> Stitched:
-    """Track each video, and join them."""
+    """Track the robots in each video, and stitch the results of all cameras into one session.
+
+    Args:
+        boards: for each video, the video of a chessboard by the same camera; None if it is not given.
+        heights: for each video, the measured height of the camera above the floor, m; None if it is not given.
+    """
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.tracking.camera import lens_from_chessboard
     from vibroswarm.tracking.stitch import stitch
     from vibroswarm.tracking.track import track
 
     videos: list[Path] = arguments.videos
-    by_board = {
+    lens_by_board = {  # a chessboard that several cameras share is evaluated once
         board: lens_from_chessboard(board, arguments.board) for board in dict.fromkeys(boards) if board
     }
     with progress_bar("tracking") as progress:
         cameras = []
+        # `before` is the number of finished videos. As a default argument it gets its value now; `number` itself would
+        # be read when the lambda is called.
         for number, (video, board, height) in enumerate(zip(videos, boards, heights, strict=True)):
-            lens, size = by_board[board] if board is not None else (None, None)
+            # Without a chessboard, `track` fits the lens to the markers in the video itself.
+            lens, lens_size_px = lens_by_board[board] if board is not None else (None, None)
             cameras.append(
                 track(
                     video,
                     markers,
                     lens=lens,
-                    lens_size_px=size,
+                    lens_size_px=lens_size_px,
                     camera_height_m=height,
                     partial=arguments.partial,
                     progress=lambda done, total, before=number: progress(
@@ -225,6 +266,10 @@ def _tracking(
 
 
 def _write_tables(folder: Path, tracking: Stitched) -> None:
+    """Write positions, stops and gaps as CSV, rounded to 6 decimals (micrometres and microseconds).
+
+    The positions are also written unrounded, as Parquet.
+    """
     from polars.selectors import float as float_columns
 
     from vibroswarm.core.tables import csv_bytes
@@ -236,7 +281,15 @@ def _write_tables(folder: Path, tracking: Stitched) -> None:
 
 
 def document(session: Stitched, tracked: TrackedLog | None) -> dict[str, Any]:
-    """Return what is printed as plain values; of several cameras also the list of them."""
+    """Return what was found as plain values for JSON.
+
+    The values of the first camera are at the top level. If there are several cameras, the list "cameras" has the values
+    of each of them, the first included.
+
+    Args:
+        session: what all cameras saw of the session.
+        tracked: the robots' log with positions; None without a log.
+    """
     first = session.cameras[0]
     found: dict[str, Any] = _about(first) | {
         "positions": session.positions.height,
@@ -262,6 +315,7 @@ def document(session: Stitched, tracked: TrackedLog | None) -> dict[str, Any]:
 
 
 def _about(tracking: Tracking) -> dict[str, Any]:
+    """Return for JSON: the video of one camera, the camera's height, and how well the camera's model fits."""
     camera = tracking.camera
     return {
         "video": str(tracking.video),
@@ -273,31 +327,41 @@ def _about(tracking: Tracking) -> dict[str, Any]:
 
 
 def _about_overlap(overlap: Overlap) -> dict[str, Any]:
+    """Return for JSON how a camera agrees with the cameras before it where their views overlap.
+
+    ``offset_s`` is the time on the first camera's clock when this camera's video begins. The distances "apart" are
+    between the positions at which this camera and the others saw the same robot at the same time.
+    """
     return {
         "offset_s": overlap.offset_s,
         "offset_error_s": overlap.error_s,
         "seen_by_both": overlap.pairs,
-        "apart_median_mm": 1000 * overlap.disagreement_m(),
-        "apart_95_mm": 1000 * overlap.disagreement_m(0.95),
+        "apart_median_mm": 1000 * overlap.disagreement_m(share=0.5),
+        "apart_95_mm": 1000 * overlap.disagreement_m(share=0.95),
     }
 
 
 def _print_tracking(session: Stitched, tracked: TrackedLog | None) -> None:
-    """Print where robots were seen, the cameras, and what to do about it."""
+    """Print how completely robots were tracked, each camera's fit, the match with the log, and warnings.
+
+    Args:
+        session: what all cameras saw of the session.
+        tracked: the robots' log with positions; None without a log.
+    """
     from vibroswarm.cli.output import print_paragraph
 
     several = len(session.cameras) > 1
     robots = len(session.markers.robots)
     first_s, last_s = session.span_s
-    by = (
+    seen = (
         f"by {len(session.cameras)} cameras"
         if several
         else f"in {session.cameras[0].detections.time_s.size} frames"
     )
     print_paragraph(
-        f"{100 * session.share_found():.1f} % of positions found: {robots} robots {by} ({last_s - first_s:.0f} s); "
+        f"{100 * session.share_found():.1f} % of positions found: {robots} robots {seen} ({last_s - first_s:.0f} s); "
         f"{session.gaps().height} gaps of more than a second; {session.stops.height} stops; {session.jumps} positions "
-        "dropped as too far from their neighbours."
+        "dropped because a robot cannot move so fast."
     )
     for number, (tracking, overlap) in enumerate(
         zip(session.cameras, session.overlaps, strict=True), start=1
@@ -312,12 +376,12 @@ def _print_tracking(session: Stitched, tracked: TrackedLog | None) -> None:
             f"Camera {f'{number} ' if several else ''}{camera.position_m[2]:.2f} m above the floor; lens {lens}; "
             f"its model fits the corners of the floor's markers to {camera.floor_error_px:.2f} px."
         )
-        if overlap is not None:
+        if overlap is not None:  # None for the first camera, with whose clock the others are matched
             print_paragraph(
                 f"{tracking.video.name} begins {overlap.offset_s:+.3f} s after {session.video.name} (standard error "
                 f"{1000 * overlap.error_s:.1f} ms); {overlap.pairs} positions seen by both are "
-                f"{1000 * overlap.disagreement_m():.1f} mm apart (median; 95 %: "
-                f"{1000 * overlap.disagreement_m(0.95):.1f} mm)."
+                f"{1000 * overlap.disagreement_m(share=0.5):.1f} mm apart (median; 95 %: "
+                f"{1000 * overlap.disagreement_m(share=0.95):.1f} mm)."
             )
     if tracked is not None:
         offset = tracked.offset

@@ -1,4 +1,4 @@
-"""``vibroswarm lab video``: render a result as an overhead camera would see it."""
+"""``vibroswarm lab video``: render a result as the video of an overhead camera."""
 
 from __future__ import annotations
 
@@ -19,10 +19,12 @@ examples:
   vibroswarm lab video first --out rehearsal.avi --for 60
   vibroswarm lab video first --out rehearsal.avi --chessboard --clock-offset 12.5
 """
+LEAST_DISTANCE_M = 0.1
+"""Smallest distance of the camera from the robots' markers."""
 
 
 def add_parser(tasks: Any) -> None:
-    """Add the task."""
+    """Add the task ``video``."""
     parser = tasks.add_parser(
         "video",
         help="render a result as the video of an overhead camera, to rehearse tracking",
@@ -102,24 +104,29 @@ def _add_camera(camera: argparse._ArgumentGroup) -> None:
 
 
 def _size(text: str) -> tuple[int, int]:
+    """Return width and height in px in a text such as ``1920x1080``; both even, as video codecs need them.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is no such size.
+    """
     width, _, height = text.lower().partition("x")
     try:
         size = int(width), int(height)
     except ValueError:
         raise argparse.ArgumentTypeError(f"'{text}' is not a size such as 1920x1080") from None
     if not all(64 <= side <= 8192 and side % 2 == 0 for side in size):
-        raise argparse.ArgumentTypeError(f"'{text}': both must be even numbers from 64 to 8192")
+        raise argparse.ArgumentTypeError(f"'{text}': width and height must be even numbers from 64 to 8192")
     return size
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Render the video and print what was written."""
+    """Render a run as a video and print which files were written; return the exit code."""
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.tracking import opencv
     from vibroswarm.tracking.markers import usual_markers
     from vibroswarm.tracking.rehearsal import write_rehearsal
 
-    opencv()
+    opencv()  # raises an error before any work if the package is not installed
     result = read_result(arguments.folder)
     arena = result.scenario.arena
     markers = usual_markers(
@@ -130,8 +137,12 @@ def run(arguments: argparse.Namespace) -> int:
         height_mm=arguments.marker_height,
         cameras=arguments.cameras,
     )
-    if arguments.camera_height <= markers.height_m + 0.1:
-        raise InputError(f"{arguments.camera_height:g} m is not above the robots", field="--camera-height")
+    if arguments.camera_height <= markers.height_m + LEAST_DISTANCE_M:
+        raise InputError(
+            f"{arguments.camera_height:g} m must be more than {LEAST_DISTANCE_M:g} m above the robots' markers "
+            f"({markers.height_m:g} m)",
+            field="--camera-height",
+        )
     look = _look(arguments)
     with progress_bar("video") as progress:
         written = write_rehearsal(
@@ -139,7 +150,7 @@ def run(arguments: argparse.Namespace) -> int:
             arguments.out,
             markers,
             look,
-            run=arguments.session - 1,
+            run=arguments.session - 1,  # sessions are numbered from 1, runs from 0
             seed=arguments.seed,
             start_s=arguments.start,
             duration_s=arguments.duration,
@@ -154,7 +165,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _look(arguments: argparse.Namespace) -> Look:
-    """Return how the options want the video recorded."""
+    """Return the settings of the rendered camera that the options describe."""
     from vibroswarm.tracking.scene import Look
 
     return Look(
@@ -162,6 +173,7 @@ def _look(arguments: argparse.Namespace) -> Look:
         frames_per_s=arguments.frames_per_second,
         camera_height_m=arguments.camera_height,
         tilt_deg=arguments.tilt,
+        # the two radial coefficients of the lens: only the first can be set, the second is the default of `Look`
         lens_k=(arguments.distortion, 0.02),
         blur_px=arguments.blur,
         noise=arguments.noise,
@@ -171,7 +183,13 @@ def _look(arguments: argparse.Namespace) -> Look:
 
 
 def _print_files(written: Rehearsal, *, as_json: bool) -> None:
-    """Print what was rendered and where it is saved."""
+    """Print what was rendered and where it is saved.
+
+    Args:
+        written: the files of the first camera and those common to all cameras; ``others`` has the files of the other
+            cameras.
+        as_json: print one JSON document instead of text.
+    """
     from vibroswarm.cli.output import print_line
 
     files = [written.video, written.markers, written.log, written.truth]
@@ -182,9 +200,8 @@ def _print_files(written: Rehearsal, *, as_json: bool) -> None:
         print(json.dumps({"files": names, "frames": written.frames, "marker_px": written.marker_px}))
         return
     print_line(f"{written.frames} frames; a robot's marker is about {written.marker_px:.0f} px wide")
-    for path, what in zip(
-        files, ("video", "markers", "log of the robots", "where the robots were", "chessboard"), strict=False
-    ):
+    kinds = ("video", "markers", "log of the robots", "where the robots were", "chessboard")
+    for path, what in zip(files, kinds, strict=False):  # the chessboard, the last one, may be missing
         print_line(f"Saved: {path} ({what})")
     for number, view in enumerate(written.others, start=2):
         print_line(f"Saved: {view.video} (camera {number}, which begins {view.start_s:.3f} s later)")

@@ -1,4 +1,8 @@
-"""``vibroswarm league``: strategies compared on the same floors, motion, readings and radio."""
+"""``vibroswarm league``: strategies compared on the same floors, motion, readings and radio.
+
+A league is such a comparison. An entry of a league is a strategy with its settings. The forced error is the share of
+wrong robots, where an undecided robot counts as if it had decided for the answer that it believes more at the end.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
     from vibroswarm.league.entries import Entry, LeagueFloor
     from vibroswarm.league.standings import League, Standings
     from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.cli.league_output import print_standings
 
 EPILOG = """\
 examples:
@@ -37,7 +42,7 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``league`` and its options to the program's commands."""
     parser = commands.add_parser(
         "league",
         help="compare strategies on equal terms: time at equal error, error at equal time",
@@ -99,15 +104,19 @@ def add_parser(commands: Any) -> None:
     add_json(group)
     add_out(group, "save runs, tables and report here, or resume", force=True)
     add_open(group)
+    # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
 
 
 def add_league_options(parser: argparse.ArgumentParser, *, runs: int) -> argparse._ArgumentGroup:
-    """Add the options that say who meets whom where; returns their group.
+    """Add the options that ``league`` and ``tune`` share: strategies, floors, swarm sizes and runs.
 
     Args:
-        runs: the number of runs by default.
+        runs: default of ``--runs``.
+    Returns:
+        The group of options "league".
     """
+    # --robots takes a list here: the swarm sizes.
     add_seed(add_scenario_options(parser, robots=list_of(whole)))
     group = parser.add_argument_group("league")
     group.add_argument(
@@ -127,7 +136,10 @@ def add_league_options(parser: argparse.ArgumentParser, *, runs: int) -> argpars
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Play the league, print and save its tables."""
+    """Simulate every strategy on every floor with every swarm size; print and save the tables.
+
+    Returns the exit code.
+    """
     from vibroswarm.cli.out_folder import claim, deliver
     from vibroswarm.cli.output import check_open, print_saved
     from vibroswarm.cli.progress import study_progress
@@ -138,12 +150,13 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.study.store import Store
 
     check_open(arguments)
-    league, plain = league_from(arguments)
+    league, basic_entries = league_from(arguments)
     if arguments.reference is not None and arguments.reference not in [one.label for one in league.entries]:
         known = ", ".join(f"'{one.label}'" for one in league.entries)
         raise InputError(f"'{arguments.reference}' is not an entry (entries: {known})", field="--reference")
-    for kind in arguments.faults or ():  # before anything is simulated
+    for kind in arguments.faults or ():  # refuse an unknown kind now, before anything is simulated
         check_choice(kind, "--faults", FAULTS)
+    # `Store.existing` refuses a folder that holds anything but runs of this league.
     claim(arguments, lambda: Store.existing(arguments.out, league.study))
     with study_progress("simulating") as progress:
         standings = league.play(
@@ -153,10 +166,11 @@ def run(arguments: argparse.Namespace) -> int:
             workers=arguments.workers,
             executor=arguments.executor,
         )
-    tables = _tables_of(arguments, league, plain, standings)
+    tables = _tables_of(arguments, league, basic_entries, standings)
     if arguments.out is not None:
         write_files(arguments.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
         write_league_report(arguments.out, standings, tables)
+    # JSON has no NaN, so its document has null instead.
     deliver(
         arguments,
         arguments.out,
@@ -169,12 +183,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _tables_of(
-    arguments: argparse.Namespace, league: League, plain: tuple[Entry, ...], standings: Standings
+    arguments: argparse.Namespace, league: League, basic_entries: tuple[Entry, ...], standings: Standings
 ) -> dict[str, pl.DataFrame]:
-    """Return the tables of a league by name; simulates what beliefs and faults need.
+    """Return the tables of a league by name, which ``--json`` prints and ``--out`` saves as CSV.
+
+    The tables "beliefs" and "faults" need simulations of their own. They are run here, unless ``--belief-runs`` or
+    ``--fault-runs`` is 0; the table is then missing.
 
     Args:
-        plain: the entries whose beliefs are compared, and which are tested with faults.
+        basic_entries: the entries of these two tables: one for each strategy, without the further entries that
+            ``--fronts`` and ``--vary`` make.
+        standings: the finished league.
     """
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
@@ -182,6 +201,7 @@ def _tables_of(
     from vibroswarm.league.fault_curves import KINDS, fault_curves
     from vibroswarm.league.fronts import front_table
 
+    out: Path | None = arguments.out
     tables = {
         "standings": standings.table,
         "differences": standings.differences(arguments.reference),
@@ -192,8 +212,8 @@ def _tables_of(
     if arguments.belief_runs:
         with study_progress("comparing beliefs") as progress:
             tables["beliefs"] = belief_calibration(
-                replace(league, entries=plain),
-                arguments.out and arguments.out / BELIEFS,
+                replace(league, entries=basic_entries),
+                None if out is None else out / BELIEFS,
                 runs=arguments.belief_runs,
                 progress=progress,
                 workers=arguments.workers,
@@ -202,8 +222,8 @@ def _tables_of(
     if arguments.fault_runs:
         with study_progress("with faulty robots") as progress:
             tables["faults"] = fault_curves(
-                replace(league, entries=plain),
-                arguments.out and arguments.out / FAULTS_FOLDER,
+                replace(league, entries=basic_entries),
+                None if out is None else out / FAULTS_FOLDER,
                 kinds=arguments.faults or KINDS,
                 runs=arguments.fault_runs,
                 progress=progress,
@@ -214,32 +234,43 @@ def _tables_of(
 
 
 def league_from(arguments: argparse.Namespace) -> tuple[League, tuple[Entry, ...]]:
-    """Return the league that the options describe, and its entries before --fronts and --vary."""
+    """Return the league that the options describe, and its basic entries: one for each strategy.
+
+    With ``--fronts`` or ``--vary``, the league has several entries in place of each basic entry.
+
+    Raises:
+        InputError: options conflict, or a strategy or setting is unknown.
+    """
     from vibroswarm.league.entries import entries_of, frozen_settings, read_settings, with_fronts
     from vibroswarm.league.standings import League
 
     names, base, floors, robots = players_from(arguments)
     if arguments.own_motion and (arguments.untuned or arguments.entry_settings is not None):
         raise InputError("conflicts with --untuned and --settings; use one of them", field="--own-motion")
+    # `settings` has the fields that each strategy sets, by strategy.
     if arguments.untuned:
         if arguments.entry_settings is not None:
             raise InputError("conflicts with --settings; use one of them", field="--untuned")
-        settings = {}
+        settings = {}  # no fields are set: entries have the scenario's settings, or else their strategies' defaults
     elif arguments.entry_settings is not None:
         settings = read_settings(arguments.entry_settings)
     else:
         settings = frozen_settings(arguments.own_motion)
-    plain = entries_of(names, settings)
-    entries = with_fronts(plain) if arguments.fronts else plain
+    basic_entries = entries_of(names, settings)
+    entries = with_fronts(basic_entries) if arguments.fronts else basic_entries
     for text in arguments.vary:
         entries = _varied(entries, text)
-    return League(base, entries, floors, robots, arguments.runs, arguments.seed), plain
+    league = League(base, entries, floors, robots, runs=arguments.runs, seed=arguments.seed)
+    return league, basic_entries
 
 
 def players_from(
     arguments: argparse.Namespace,
 ) -> tuple[list[str], Scenario, tuple[LeagueFloor, ...], tuple[int, ...]]:
-    """Return strategies, base scenario, floors and swarm sizes.
+    """Return the names of strategies, the base scenario, the floors and the swarm sizes that the options describe.
+
+    A league varies the strategy and the swarm size, so these options hold lists. ``scenario_from`` takes single values;
+    therefore ``arguments.strategy`` and ``arguments.robots`` are set to None before it makes the base scenario.
 
     Raises:
         InputError: an option is wrong.
@@ -256,179 +287,50 @@ def players_from(
         else [one.strip() for one in arguments.strategy.split(",")]
     )
     names = [chosen("strategy", name) for name in names]
-    robots, arguments.strategy, arguments.robots = tuple(arguments.robots or (5, 10)), None, None
+    robots = tuple(arguments.robots or (5, 10))
+    arguments.strategy = arguments.robots = None
     floors = floors_of(arguments.patterns or PATTERNS, arguments.fills or FILLS)
     return names, scenario_from(arguments), floors, robots
 
 
 def on_equal_terms() -> list[str]:
-    """Return the strategies that play by default: all but those that know the places of their readings."""
+    """Return the names of the strategies that a league compares by default.
+
+    Strategies that use the places of their readings are left out: their robots must know where they are, so they do not
+    compete on equal terms.
+    """
     from vibroswarm.strategies import known
     from vibroswarm.strategies.static_analysis import told
 
-    return [name for name, one in known().items() if "place of each reading" not in told(one, "tiles")]
+    # `told` lists what a robot is told. The boundary's kind only decides whether this includes the sensor's error
+    # rates.
+    return [
+        name
+        for name, strategy in known().items()
+        if "place of each reading" not in told(strategy, boundary_of="tiles")
+    ]
 
 
 def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
+    """Return the entries, with one entry for each value of a field in place of each entry whose field is varied.
+
+    Args:
+        text: a value of ``--vary``: ``FIELD=A,B`` to vary all entries, or ``STRATEGY:FIELD=A,B`` to vary the entries of
+            one strategy.
+    Raises:
+        InputError: the text is not of this form, or its strategy or field is unknown.
+    """
     from vibroswarm.league.entries import varied
     from vibroswarm.scenario.scenario import parse_setting
 
     name, separator, values = text.partition("=")
     if not separator or not values.strip():
         raise InputError(f"'{text}' is not of the form [strategy:]section.field=value,value", field="--vary")
-    of, colon, field = name.strip().rpartition(":")
+    strategy, colon, field = name.strip().rpartition(":")
     return varied(
         entries,
-        of if colon else None,
+        strategy if colon else None,  # None: of all strategies
         field,
-        [parse_setting(f"{field}={one}")[1] for one in values.split(",")],
+        # `parse_setting` returns the name and the value, converted to its type
+        [parse_setting(f"{field}={value}")[1] for value in values.split(",")],
     )
-
-
-def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> None:
-    """Print the answer, then the tables."""
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table
-    from vibroswarm.league.report import answers
-
-    league, table = standings.league, tables["standings"]
-    for sentence in answers(table, tables):
-        print_paragraph(sentence)
-    print_line()
-    print_table(
-        [
-            "strategy",
-            "forced error, %",
-            "right, %",
-            "wrong, %",
-            "undecided, %",
-            "decision time, s",
-            "worst floor, %",
-            "messages",
-            "bytes",
-        ],
-        [
-            [
-                row["name"],
-                values_text(row, "forced_error", 100, ".1f"),
-                *(f"{100 * row[name]:.1f}" for name in ("right", "wrong", "undecided")),
-                values_text(row, "decision_time_s", 1, ".0f"),
-                "-" if row["worst_floor_error"] is None else f"{100 * row['worst_floor_error']:.1f}",
-                f"{row['sent']:.0f}",
-                f"{row['bytes_sent']:.0f}",
-            ]
-            for row in table.iter_rows(named=True)
-        ],
-        more=("right, %", "worst floor, %", "messages", "bytes"),
-    )
-    if tables["differences"].height:
-        print_line()
-        differences = tables["differences"]
-        print_paragraph(f"Difference from {differences['reference'][0]}; p by Holm over the entries")
-        rows = [_difference(row) for row in differences.iter_rows(named=True)]
-        print_table(["strategy", "figure", "difference", "p"], rows, names=2)
-    if "beliefs" in tables and tables["beliefs"].height:
-        print_beliefs(tables["beliefs"])
-    if "faults" in tables and tables["faults"].height:
-        print_faults(tables["faults"])
-    if (tables["fronts"]["points"] > 1).any():
-        print_fronts(tables["fronts"])
-    print_line()
-    untuned = [entry.label for entry in league.entries if not entry.tuned]
-    if untuned:
-        print_paragraph(f"Not tuned for a league ('vibroswarm tune'): {', '.join(untuned)}")
-    sizes = ", ".join(map(str, league.robots))
-    print_paragraph(
-        f"Averages over {len(league.floors)} floors and swarms of {sizes}; {league.runs} runs of each, 95 % intervals "
-        "over motions. Forced error: wrong, or undecided and leaning to the wrong side at the end. The worst floor is "
-        "chosen by other motions than those that measure it. Messages and bytes: per robot and run."
-    )
-
-
-def print_beliefs(beliefs: pl.DataFrame) -> None:
-    """Print the confidence of robots when they decided, and how often they were right."""
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table
-
-    print_line()
-    print_paragraph("Robots that decided: their confidence, and how often they were right")
-    print_table(
-        ["strategy", "settings", "floors", "confidence, %", "right, %", "decided, %"],
-        [
-            [
-                row["name"],
-                row["settings"],
-                row["prior"],
-                values_text(row, "confidence", 100, ".1f"),
-                values_text(row, "right", 100, ".1f"),
-                f"{100 * row['decided']:.0f}",
-            ]
-            for row in beliefs.iter_rows(named=True)
-        ],
-        names=3,
-    )
-
-
-def print_fronts(fronts: pl.DataFrame) -> None:
-    """Print time at equal error and error at equal time."""
-    from vibroswarm.cli.output import print_line, print_table
-
-    print_line()
-    print_line("At equal error, and at equal time")
-    print_table(
-        ["strategy", "entries on front", "time at its error, s", "error at its time, %"],
-        [
-            [
-                row["strategy"],
-                row["points"],
-                values_text(row, "time_at_equal_error_s", 1, ".0f"),
-                values_text(row, "error_at_equal_time", 100, ".1f"),
-            ]
-            for row in fronts.iter_rows(named=True)
-        ],
-    )
-
-
-def print_faults(curves: pl.DataFrame) -> None:
-    """Print the forced error of each entry without faulty robots and with the most, and how many it tolerates."""
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table
-    from vibroswarm.league.fault_curves import MARGIN, borne
-
-    kinds = curves["kind"].unique(maintain_order=True).to_list()
-    errors = {
-        (row["name"], row["kind"], row["faulty"]): f"{100 * row['forced_error']:.1f}"
-        for row in curves.iter_rows(named=True)
-    }
-    count = {(row["name"], row["kind"]): row["borne"] for row in borne(curves).iter_rows(named=True)}
-    print_line()
-    print_paragraph(
-        "Faulty robots that a strategy tolerates, and the forced error (%) of the others with 0, 1, ... of them"
-    )
-    rows = []
-    for name in curves["name"].unique(maintain_order=True):
-        row = [name]
-        for kind in kinds:
-            found = [text for (n, k, _), text in errors.items() if (n, k) == (name, kind)]
-            row.append(f"{count[name, kind]}: {', '.join(found)}" if found else "-")
-        rows.append(row)
-    print_table(["strategy", *(kind.replace("_", " ") for kind in kinds)], rows)
-    print_paragraph(
-        f"Bears: the 95 % interval of the rise lies below {100 * MARGIN:.0f} points, for that number and all below."
-    )
-
-
-def _difference(row: dict[str, Any]) -> list[str]:
-    is_time = row["figure"] == "decision_time_s"
-    scale, form, unit = (1, "+.0f", " s") if is_time else (100, "+.1f", " points")
-    name = "decision time" if is_time else "forced error"
-    p = "-" if row["p_holm"] is None else "<0.001" if row["p_holm"] < 0.001 else f"{row['p_holm']:.3f}"
-    return [row["name"], name, values_text(row, "difference", scale, form, unit), p]
-
-
-def values_text(row: dict[str, Any], name: str, scale: float, form: str, unit: str = "") -> str:
-    """Write a figure of a row with its limits: ``44.1 % [41.0, 47.2]``."""
-    values = [row[name + end] for end in ("", "_low", "_high")]
-    if values[0] is None or values[0] != values[0]:
-        return "not reached"
-    estimate = f"{scale * values[0]:{form}}{unit}"
-    if any(one is None or one != one for one in values[1:]):
-        return estimate
-    return f"{estimate} [{scale * values[1]:{form}}, {scale * values[2]:{form}}]"

@@ -1,4 +1,7 @@
-"""``vibroswarm merge``: join the shards of a study."""
+"""``vibroswarm merge``: join the shards of a study.
+
+A shard is the part of a study's runs that one call with the option ``--shard K/N`` has done, in a folder of its own.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from vibroswarm.cli.studies import add_outcome_options, print_outcome
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``merge`` and its options to the program's commands."""
     parser = commands.add_parser(
         "merge",
         help="join the shards of a study",
@@ -24,15 +27,19 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Copy the shards and summarise the study."""
+    """Join the shards in one folder, print and save the summary of the whole study; return the exit code."""
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.output import check_open
+    from vibroswarm.study.run import merge
     from vibroswarm.study.store import Store
-    from vibroswarm.study.study_result import StudyResult, merge
+    from vibroswarm.study.study_result import StudyResult
 
     check_open(arguments)
-    first = Store.open(arguments.shares[0]).study
-    claim(arguments, lambda: Store.existing(arguments.out, first))
+    # The first shard gives the study; `merge` refuses a shard that belongs to another study.
+    study = Store.open(arguments.shares[0]).study
+    # `Store.existing` refuses a folder that holds anything but runs of this study.
+    claim(arguments, lambda: Store.existing(arguments.out, study))
     store = merge(arguments.out, arguments.shares)
-    result = StudyResult(store.study, store, tuple(cell.number for cell in store.study.cells))
-    return print_outcome(result, None, arguments)
+    every_cell = tuple(cell.number for cell in store.study.cells)
+    result = StudyResult(store.study, store, selected=every_cell)
+    return print_outcome(result, second=None, arguments=arguments)  # no repetition on other seeds

@@ -39,7 +39,7 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``optimize`` and its options to the program's commands."""
     parser = commands.add_parser(
         "optimize",
         help="search for good parameters; compare parameters",
@@ -88,11 +88,16 @@ def add_parser(commands: Any) -> None:
     add_style(parser)
     parser.add_argument("--no-pictures", action="store_true", help="numbers only; the report has no pictures")
     add_json(parser)
+    # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Search, compare, or analyse sensitivity."""
+    """Do what the options ask for: a search, a grid, a comparison or a sensitivity analysis; return the exit code.
+
+    Only a search and a grid can be resumed. For the other two, ``arguments.resumes`` is set to None, so that the
+    message after Ctrl-C does not offer to resume them.
+    """
     check_open(arguments)
     if arguments.sensitivity:
         arguments.resumes = None
@@ -110,12 +115,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def search_from(arguments: argparse.Namespace) -> Search:
-    """Return the search in the file, changed by the options."""
+    """Return the search of the file, or without a file the default search, changed by the options.
+
+    ``--cost`` replaces all objectives by a single one. The new objective keeps two settings of the search's first
+    objective: its statistic, and whether the score is that of the worst case or the mean over cases (``over``).
+    """
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.spec import Search
 
     method = arguments.method
     search = Search() if arguments.search is None else Search.read(arguments.search, method=method)
+    # The method is among these settings for a search without a file, to which it was not passed above.
     options = {"budget": arguments.budget, "fresh": arguments.fresh, "method": method}
     changes = {name: value for name, value in options.items() if value is not None}
     pso = search.pso if arguments.noise is None else replace(search.pso, noise=arguments.noise)
@@ -128,13 +138,14 @@ def search_from(arguments: argparse.Namespace) -> Search:
 
 
 def _refuse(arguments: argparse.Namespace, names: tuple[str, ...], why: str) -> None:
+    """Raise ``InputError`` with the message ``why`` if one of the options ``names`` is given."""
     for name in names:
         if getattr(arguments, name) is not None:
             raise InputError(why, field=f"--{name}")
 
 
 def _start(search: Search) -> None:
-    """Print warnings and whether kernels must be compiled."""
+    """Print warnings about the scenarios of a search, and a note if kernels must be compiled first."""
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.cli.scenario_options import warn_of
 
@@ -144,20 +155,31 @@ def _start(search: Search) -> None:
 
 @contextmanager
 def _counting(what: str, runs: int) -> Iterator[Callable[[int], None]]:
-    """Show progress; yields a function that takes how many of ``runs`` are done."""
+    """Show a progress bar; yield a function that updates it with the number of finished runs.
+
+    Args:
+        what: description of the work.
+        runs: number of all runs.
+    """
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.study.runner import StudyProgress
 
     with study_progress(what) as progress:
-        yield lambda done: progress(StudyProgress(done, runs, 0))
+        # Failed runs are not counted here: the results report them.
+        yield lambda done: progress(StudyProgress(done=done, wanted=runs, failed=0))
 
 
 def _execution(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options for workers and executor as keyword arguments of functions that simulate."""
     return {"executor": arguments.executor, "workers": arguments.workers}
 
 
 def _search(search: Search, arguments: argparse.Namespace) -> int:
-    """Run a search, validate its winner, and print and save the result."""
+    """Run a search, score its winner or its Pareto front on fresh runs, print and save the result.
+
+    Fresh runs are needed because the scores of the search itself are too good: the winner was chosen for its score,
+    which is partly luck. Returns the exit code.
+    """
     from vibroswarm.cli.optimize_output import print_found
     from vibroswarm.cli.out_folder import claim, deliver
     from vibroswarm.cli.output import print_saved
@@ -168,8 +190,10 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     from vibroswarm.optimize.validation import fresh_runs, front_of, truth_of
 
     execution = _execution(arguments)
+    # Making a `Journal` writes nothing, but refuses a folder that holds anything but this search.
     claim(arguments, lambda: Journal(arguments.out, search, mixed=arguments.mixed))
     _start(search)
+    # the runs of the method, and those of the race between the best candidates
     runs = search.search_runs + search.final_runs
     aims = " and ".join(objective.words for objective in search.objectives)
     summary = f"{search.space.size} fields, {aims}, {runs:,} runs, seed {search.seed}"
@@ -178,14 +202,15 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
         result = run_search(search, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
     truth: Truth | None = None
     front: Front | None = None
-    if result.front:
+    if result.front:  # the search has several objectives, so its result is a Pareto front
         with _counting("scoring on fresh runs", fresh_runs(result) * len(result.front)) as counted:
             front = front_of(result, progress=counted, **execution)
-    if len(search.objectives) == 1:
+    if len(search.objectives) == 1:  # score the winner, and each start of the search for comparison
         with _counting("scoring on fresh runs", search.settings.fresh * (1 + len(search.starts))) as counted:
             truth = truth_of(result, progress=counted, **execution)
     if arguments.out is not None:
-        write_report(result, truth, arguments.out, None if arguments.no_pictures else arguments.style, front)
+        style = None if arguments.no_pictures else arguments.style  # None: write no pictures
+        write_report(result, truth, arguments.out, style, front)
     deliver(
         arguments,
         arguments.out,
@@ -200,7 +225,7 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
 
 
 def _grid(arguments: argparse.Namespace) -> int:
-    """Run a grid, score its lowest cell again, and print and save the result."""
+    """Run a grid, score its cell of lowest cost on fresh runs, print and save the result; return the exit code."""
     from vibroswarm.cli.optimize_output import print_grid, print_truth
     from vibroswarm.cli.out_folder import claim, deliver
     from vibroswarm.cli.output import print_saved
@@ -208,8 +233,8 @@ def _grid(arguments: argparse.Namespace) -> int:
     from vibroswarm.optimize.grid import FRESH, Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.search_report import write_grid
+    from vibroswarm.study.run import run as run_study
     from vibroswarm.study.store import Store
-    from vibroswarm.study.study_result import run as run_study
 
     _refuse(arguments, ("noise", "budget"), "does not apply to a grid")
     execution = _execution(arguments)
@@ -218,6 +243,7 @@ def _grid(arguments: argparse.Namespace) -> int:
     if arguments.seed is not None:
         study = replace(study, seed=arguments.seed)
     objective = grid.objective if arguments.cost is None else Objective(arguments.cost)
+    # `Store.existing` refuses a folder that holds anything but runs of this study.
     claim(arguments, lambda: Store.existing(arguments.out, study))
     say_compiling()
     with study_progress("simulating") as progress:
@@ -227,7 +253,8 @@ def _grid(arguments: argparse.Namespace) -> int:
     with study_progress("scoring on fresh runs") as progress:
         truth = truth_of_grid(nodes, fresh, progress=progress, **execution)
     if arguments.out is not None:
-        write_grid(nodes, arguments.out, None if arguments.no_pictures else arguments.style, truth)
+        style = None if arguments.no_pictures else arguments.style  # None: write no pictures
+        write_grid(nodes, arguments.out, style, truth)
 
     def show() -> None:
         print_truth(truth, nodes.best.cell.point, objective)
@@ -239,15 +266,16 @@ def _grid(arguments: argparse.Namespace) -> int:
 
 
 def _sensitivity(arguments: argparse.Namespace) -> int:
-    """Compute sensitivity indices, and print and save them."""
+    """Compute Sobol indices of the fields of a search, print and save them; return the exit code."""
     from vibroswarm.cli.optimize_output import print_sensitivity
     from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
     from vibroswarm.cli.output import print_saved
     from vibroswarm.optimize.sensitivity import sobol_indices, write_sensitivity
 
     _refuse(arguments, ("method", "noise", "fresh", "check"), "does not apply to --sensitivity")
-    budget, arguments.budget = arguments.budget, None  # that of a search has other limits
-    budget = 20_000 if budget is None else budget
+    # Here --budget is the number of runs of the analysis. It is removed from the arguments because search_from would
+    # take it for the budget of a search and check it against the limits of one.
+    budget, arguments.budget = 20_000 if arguments.budget is None else arguments.budget, None
     search = search_from(arguments)
     work = hash_of(search.hash, budget)
     claim(arguments, lambda: refuse_other(arguments.out, "optimize --sensitivity", work))
@@ -269,20 +297,21 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    """Compare two scenarios on fresh runs and print the result."""
+    """Compare two scenarios on fresh runs, twice with different seeds, and print the result; return the exit code."""
     from vibroswarm.cli.optimize_output import print_comparison
     from vibroswarm.cli.output import print_json
     from vibroswarm.cli.scenario_options import warn_of
     from vibroswarm.optimize.scenario_comparison import compare_scenarios, scenario_named
 
-    _refuse(arguments, ("method", "noise", "budget", "fresh"), "applies to a search, not to --check")
+    _refuse(arguments, ("method", "noise", "budget", "fresh", "out"), "applies to a search, not to --check")
     search = search_from(arguments)
     runs = 2000 if arguments.runs is None else arguments.runs
     names = (arguments.check, arguments.against or "paper")
     first, second = scenario_named(names[0], "--check"), scenario_named(names[1], "--against")
     warn_of([first, second])
     _start(search)
-    with _counting("scoring on fresh runs", 4 * runs) as counted:
+    all_runs = 4 * runs  # two scenarios, each with two blocks of seeds
+    with _counting("scoring on fresh runs", all_runs) as counted:
         comparison = compare_scenarios(
             first,
             second,

@@ -1,4 +1,8 @@
-"""What ``vibroswarm optimize`` prints."""
+"""Print the results of ``vibroswarm optimize``.
+
+The score that a search believed is the winner's score on the runs of the search. It is too good, since the winner was
+chosen for it. The true score is estimated on fresh runs.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +28,16 @@ if TYPE_CHECKING:
 
 
 def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
-    """Print what a search found: the best and its true score, the front, failures."""
+    """Print what a search found, and how many of its runs failed.
+
+    A search with one objective finds the best candidate, which is compared with the starts of the search. A search with
+    several objectives finds a Pareto front.
+
+    Args:
+        found: the result of the search.
+        truth: the scores of the best candidate and of the starts on fresh runs; None with several objectives.
+        front: the Pareto front, scored on fresh runs; None with one objective.
+    """
     if front is not None:
         _print_front(front)
     if truth is not None:
@@ -34,10 +47,11 @@ def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
             if fresh_failures := fresh_failures_said(scored):
                 print_paragraph(f"  {fresh_failures}")
         _print_parts(truth.winner)
-        for other, paired in zip(truth.others, truth.against, strict=True):
+        # for each start: its score, and the score of the best candidate minus that score, paired by run
+        for other, difference in zip(truth.others, truth.against, strict=True):
             print_paragraph(
                 f"{other.name}: {with_interval(other.score, '.2f')}{_unit(objective)}; best - {other.name}: "
-                f"{with_interval(paired, '+.2f')}"
+                f"{with_interval(difference, '+.2f')}"
             )
     archive = found.archive
     print_paragraph(f"{len(archive):,} candidates in {found.runs:,} runs; {failures_in(archive)}")
@@ -50,7 +64,13 @@ def _unit(objective: Objective) -> str:
 
 
 def print_truth(truth: Truth, values: dict[str, Any], objective: Objective) -> None:
-    """Print the best values, the score that the search believed, and the true score."""
+    """Print the best values, the score that the search believed, and the score on fresh runs.
+
+    Args:
+        truth: the best candidate's scores.
+        values: the best candidate's values, by field.
+        objective: what the scores measure; its unit is printed after them.
+    """
     unit = _unit(objective)
     print_paragraph(f"Best: {values_said(values)}")
     print_paragraph(f"  believed by the search  {truth.believed:.4g}{unit}")
@@ -61,10 +81,15 @@ def print_truth(truth: Truth, values: dict[str, Any], objective: Objective) -> N
 
 
 def _print_front(front: Front) -> None:
-    """Print the Pareto front, with the scores on fresh runs."""
+    """Print the candidates of a Pareto front, with the scores that the search believed and those on fresh runs.
+
+    A candidate is marked with a dash if, on fresh runs, another candidate dominates it (``member.stays`` is false): the
+    other one is not worse in any objective, and better in at least one.
+    """
     print_paragraph(f"{len(front.members)} candidates on the Pareto front of {' and '.join(front.names)}:")
     for member in front.members:
         scores = "; ".join(
+            # `rstrip`: no blank follows the score if the unit is empty
             f"believed {believed:.4g}, true {with_interval(true, '.2f')}{f' {unit}'.rstrip()}"
             for believed, true, unit in zip(member.believed, member.true, front.units, strict=True)
         )
@@ -76,20 +101,20 @@ def _print_front(front: Front) -> None:
 
 
 def _print_parts(scored: Scored) -> None:
-    """Print decision time and errors of a scenario, where they are known."""
+    """Print the parts of a score that is the decision time under limits of the errors; nothing for other scores."""
     if scored.parts is None:
         return
+    # for each part that has a limit, how it compares with the limit, in words
+    compared_with_limit = scored.near
     print_paragraph(f"  decision time {with_interval(scored.parts['decision_time_s'], '.0f')} s")
-    print_paragraph(f"  wrong decisions {percent(scored.parts['robot_error'])}: {scored.near['robot_error']}")
-    print_paragraph(
-        f"  undecided {percent(scored.parts['robots_undecided'])}: {scored.near['robots_undecided']}"
-    )
+    for words, name in (("wrong decisions", "robot_error"), ("undecided", "robots_undecided")):
+        print_paragraph(f"  {words} {percent(scored.parts[name])}: {compared_with_limit[name]}")
     if scored.cases:
         print_paragraph("  (each in its worst case)")
 
 
 def print_grid(nodes: Nodes) -> None:
-    """Print the score of every cell of a grid."""
+    """Print the score of every cell of a grid; mark the lowest score, and those that do not differ significantly."""
     print_paragraph(
         f"{nodes.grid.objective.words}, {nodes.best.scored.score.n:,} runs per cell on shared motion:"
     )
@@ -111,7 +136,7 @@ def print_grid(nodes: Nodes) -> None:
 
 
 def print_sensitivity(found: Sensitivity) -> None:
-    """Print the Sobol indices of the fields."""
+    """Print the Sobol indices of each field: of the field alone, and in total with its interactions."""
     print_table(
         ["field", "total", "alone"],
         [
@@ -126,9 +151,10 @@ def print_sensitivity(found: Sensitivity) -> None:
     print_paragraph(
         "Shares of the variance over the space: with interactions, and of the field alone; 95 % bootstrap."
     )
-    if vague := [index.name for index in found.fields if not index.total_low > 0]:
+    # `not ... > 0` also holds for NaN, which the limits are if the noise of the runs hides all effects.
+    if without_effect := [index.name for index in found.fields if not index.total_low > 0]:
         print_paragraph(
-            f"No significant effect: {', '.join(vague)}. Four times the --budget makes intervals half as wide."
+            f"No significant effect: {', '.join(without_effect)}. Four times the --budget makes intervals half as wide."
         )
     print_paragraph(
         f"{found.runs:,} runs at {found.points:,} points, {found.replicates} each; {failures_said(found.failed)}"
@@ -139,7 +165,10 @@ def print_sensitivity(found: Sensitivity) -> None:
 
 
 def print_comparison(found: Checked) -> None:
-    """Print the scores of two scenarios and their differences."""
+    """Print the scores of two scenarios and their difference (first - second), then the differences of other figures.
+
+    The difference of the scores is also printed for a second block of runs, on other seeds.
+    """
     print_paragraph(found.says)
     print_paragraph(f"{found.objective.words}, {found.first.score.n:,} fresh runs of each, in pairs:")
     for scored in (found.first, found.second):

@@ -12,13 +12,14 @@ if TYPE_CHECKING:
     from vibroswarm.result import Result
 
 STYLES: Final = ("column", "page", "slide")
+"""Styles of pictures; the first is the default."""
 
 
 def whole(text: str, low: float = -math.inf, high: float = math.inf) -> int:
-    """Return a whole number from ``low`` to ``high``.
+    """Convert the text of an option to a whole number from ``low`` to ``high``.
 
     Raises:
-        argparse.ArgumentTypeError: it is not.
+        argparse.ArgumentTypeError: the text is not a whole number in this range.
     """
     from vibroswarm.errors import shown
 
@@ -32,15 +33,15 @@ def whole(text: str, low: float = -math.inf, high: float = math.inf) -> int:
 
 
 def real(text: str, low: float = -math.inf, high: float = math.inf) -> float:
-    """Return a finite number from ``low`` to ``high``.
+    """Convert the text of an option to a finite number from ``low`` to ``high``.
 
     Raises:
-        argparse.ArgumentTypeError: it is not.
+        argparse.ArgumentTypeError: the text is not a finite number in this range.
     """
     try:
         value = float(text)
     except ValueError:
-        value = math.nan
+        value = math.nan  # refused below, as "nan" and "inf" are
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"'{text}' is not a number")
     if not low <= value <= high:
@@ -49,24 +50,28 @@ def real(text: str, low: float = -math.inf, high: float = math.inf) -> float:
 
 
 def _range(low: float, high: float) -> str:
+    """Describe a range in words for an error message."""
     return f"{low:g} or more" if high == math.inf else f"from {low:g} to {high:.10g}"
 
 
 def between(kind: Callable[..., Any], low: float, high: float = math.inf) -> Callable[[str], Any]:
-    """Return the type ``kind``, limited to a range."""
+    """Return a type of option values: those of ``kind`` (``whole`` or ``real``) from ``low`` to ``high``."""
     return lambda text: kind(text, low, high)
 
 
 def list_of(kind: Callable[[str], Any] = str) -> Callable[[str], list[Any]]:
-    """Return the type of values of ``kind`` separated by commas, such as ``5,10``; repeated values count once."""
+    """Return a type of option values: lists of values of type ``kind``, separated by commas, such as ``5,10``.
+
+    Repeated values count once.
+    """
     return lambda text: list(dict.fromkeys(kind(part.strip()) for part in text.split(",")))
 
 
 def toml_file(text: str) -> Path:
-    """Return the name of a scenario file.
+    """Convert the text of an option to the path of a TOML file.
 
     Raises:
-        argparse.ArgumentTypeError: it does not end in .toml.
+        argparse.ArgumentTypeError: the text does not end in .toml.
     """
     path = Path(text)
     if path.suffix != ".toml":
@@ -75,14 +80,18 @@ def toml_file(text: str) -> Path:
 
 
 def add_printing(parser: argparse.ArgumentParser) -> None:
-    """Add the options for how much is printed, which all commands have."""
+    """Add the options for how much is printed on stdout and stderr, which all commands have."""
     group = parser.add_argument_group("printing")
     group.add_argument("--wide", action="store_true", help="print all columns and rows of tables")
     add_loudness(group)
 
 
 def add_loudness(parser: argparse._ActionsContainer) -> None:
-    """Add the options for how much is reported on stderr; without defaults, since two parsers may have them."""
+    """Add the options for how much is reported on stderr.
+
+    The options may be given before the command's name or after it. Therefore they have no defaults (``SUPPRESS``): a
+    default of the command's parser would overwrite what the program's parser has read before.
+    """
     loud = parser.add_mutually_exclusive_group()
     loud.add_argument(
         "-q",
@@ -111,7 +120,7 @@ def add_seed(parser: argparse._ActionsContainer, help: str = "same scenario and 
 
 
 def add_style(parser: argparse._ActionsContainer) -> None:
-    """Add the option for the size of pictures."""
+    """Add the option for the style of pictures, which sets their size and fonts."""
     parser.add_argument(
         "--style",
         metavar="NAME",
@@ -124,7 +133,13 @@ def add_style(parser: argparse._ActionsContainer) -> None:
 def add_out(
     parser: argparse._ActionsContainer, help: str, *, metavar: str = "DIR", force: bool = False
 ) -> None:
-    """Add the option for where to save; with ``force``, also the one that replaces existing files."""
+    """Add the option for where to save.
+
+    Args:
+        help: what is saved there.
+        metavar: "DIR" if the value is a folder, "FILE" if it is a file.
+        force: whether to also add the option ``--force``, which replaces what exists there.
+    """
     parser.add_argument("--out", metavar=metavar, type=Path, help=help)
     if force:
         parser.add_argument(
@@ -135,7 +150,10 @@ def add_out(
 
 
 def add_settings(parser: argparse._ActionsContainer, help: str) -> None:
-    """Add the option that sets fields of a scenario."""
+    """Add the option ``--set``, which sets fields of a scenario.
+
+    The texts FIELD=VALUE of all its uses are collected in the list ``arguments.settings``.
+    """
     parser.add_argument(
         "--set",
         metavar="FIELD=VALUE",
@@ -147,7 +165,7 @@ def add_settings(parser: argparse._ActionsContainer, help: str) -> None:
 
 
 def add_motion(parser: argparse._ActionsContainer) -> None:
-    """Add the option for the engine."""
+    """Add the option for the engine that simulates motion."""
     parser.add_argument(
         "--motion",
         metavar="NAME",
@@ -157,7 +175,7 @@ def add_motion(parser: argparse._ActionsContainer) -> None:
 
 
 def add_execution_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
-    """Add the options for workers and executor; return their group."""
+    """Add the options for workers, executor and results of other versions; return their group."""
     group = parser.add_argument_group("execution")
     group.add_argument(
         "--workers", metavar="N", type=whole, help="threads or processes (default: all processors)"
@@ -180,7 +198,8 @@ def add_scenario_options(
     """Add the options from which ``scenario_options.scenario_from`` makes a scenario; return their group.
 
     Args:
-        robots: type of ``--robots``.
+        robots: function that converts the text of ``--robots``: to a number, or for commands that vary the number of
+            robots to a list of numbers.
     """
     group: argparse._ArgumentGroup = parser.add_argument_group("scenario")
     base = group.add_mutually_exclusive_group()
@@ -217,7 +236,7 @@ def add_scenario_options(
 
 
 def read_result(folder: Path) -> Result:
-    """Read a recording or a result."""
+    """Read a result from its folder: a ``Recording`` of real robots, or the ``Result`` of a simulation."""
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.result import Result
 

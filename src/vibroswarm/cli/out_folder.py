@@ -1,19 +1,19 @@
-"""The folder of ``--out``: one rule, the same for all commands, if it exists already; and what was printed, kept in it.
+"""The folder of ``--out``: one rule for all commands if the folder exists already, and a copy of what they printed.
 
 | the folder | what happens |
 |---|---|
 | is missing or empty | it is used |
-| holds the same work | the work continues; what takes a moment is done again |
-| holds anything else | refused, exit code 2; ``--force`` replaces it, if vibroswarm wrote it |
+| holds results with the same settings | finished runs are not repeated; tables and pictures are made again |
+| holds anything else | it is refused, exit code 2; ``--force`` replaces it if vibroswarm wrote it |
 
-``printed.json`` holds what a command printed, so that ``vibroswarm show`` can print it again:
+The file ``printed.json`` in the folder holds what the command printed, so that ``vibroswarm show`` can print it again:
 
     format   1
     command  the words of the command, such as "league"
-    work     a hash of what the folder holds, where no other file of it says that
-    blocks   paragraphs, lines and tables, as of ``output.put``
+    work     a hash of the command's settings; empty if another file of the folder, such as study.toml, has them
+    blocks   paragraphs, lines and tables, in the form that ``output.put`` takes
 
-Tables are laid out anew for the width of the terminal, with all columns if ``--wide``.
+``show`` lays tables out for the width of its own terminal, with all columns if ``--wide``.
 """
 
 from __future__ import annotations
@@ -36,33 +36,43 @@ if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
 
 ADVICE = re.compile(r"; (take another folder|give the name of a new folder|choose another name.*)$")
+"""Advice at the end of some error messages of the library; ``claim`` replaces it by advice on options."""
 
 
 def claim(arguments: argparse.Namespace, check: Callable[[], object], *, at_once: bool = True) -> None:
-    """Apply the rule to ``arguments.out`` before the work.
+    """Refuse the folder of ``--out`` before the work begins, unless ``check`` accepts it or ``--force`` replaces it.
+
+    A missing or empty folder is accepted; otherwise ``check`` decides. With ``--force``, a folder that ``check``
+    refuses is removed if vibroswarm wrote it. Without ``--out``, nothing happens.
 
     Args:
-        check: raises ``InputError`` if the folder, which is not empty, does not hold the same work.
-        at_once: whether ``--force`` removes the folder now; otherwise it is replaced when the new one is complete.
+        check: raises ``InputError`` unless the folder holds results of this command with the same settings. It is
+            called if the folder exists and is not empty.
+        at_once: whether ``--force`` removes the folder now. False if the caller writes a new folder and puts it in the
+            place of the old one when it is complete.
     Raises:
-        InputError: the folder holds something else.
+        InputError: ``check`` refuses the folder, and ``--force`` is not given or vibroswarm did not write the folder;
+            or ``--force`` is given without ``--out``.
     """
     out: Path | None = arguments.out
     if out is None:
         if arguments.force:
             raise InputError("has no effect without --out DIR", field="--force")
         return
+    # A missing or empty folder is accepted. A link is checked even if it leads to such a folder or to nothing.
     try:
         if not out.is_symlink() and (not out.exists() or (out.is_dir() and not any(out.iterdir()))):
             return
-    except (OSError, ValueError):  # a name that is no name, or a folder that cannot be read
+    except (OSError, ValueError):
+        # The name is impossible, or the folder cannot be read: `check` raises an error with a better message.
         check()
         return
     try:
         check()
     except InputError as error:
+        # the message without its field and its advice, for the new messages below
         why = ADVICE.sub("", str(error).removeprefix(f"{error.field}: "))
-        if not out.is_dir():
+        if not out.is_dir():  # --force replaces folders only
             raise InputError(why, field=str(out)) from None
         if not arguments.force:
             raise InputError(
@@ -73,15 +83,18 @@ def claim(arguments: argparse.Namespace, check: Callable[[], object], *, at_once
                 f"'{out}' is not a vibroswarm result, so --force does not replace it",
                 field="--out",
             ) from None
-        if at_once:
+        if at_once:  # --force is given, and vibroswarm wrote the folder
             remove_folder(out)
 
 
 def refuse_other(folder: Path, command: str, work: str) -> None:
-    """Refuse a folder that does not hold what a command printed with the same settings.
+    """Refuse a folder unless its ``printed.json`` states the same command and the same settings.
 
     Args:
-        work: hash of the settings, as of ``deliver``.
+        command: the words of the command, such as "lab import".
+        work: hash of the command's settings (``hash_of``), which ``deliver`` saves in ``printed.json``.
+    Raises:
+        InputError: the folder is refused.
     """
     there = read_printed(folder) if folder.is_dir() else None
     if there is None:
@@ -95,7 +108,13 @@ def refuse_other(folder: Path, command: str, work: str) -> None:
 
 
 def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -> None:
-    """Refuse a folder that does not hold the result of this run, made by the same code."""
+    """Refuse a folder unless it holds the result of the same run, made by the same version of the code.
+
+    A run is the same if scenario, seed and motion source are equal.
+
+    Raises:
+        InputError: the folder is refused.
+    """
     from vibroswarm.core.code_version import code_hash
     from vibroswarm.result import Result
 
@@ -117,11 +136,13 @@ def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -
 
 
 PRINTED: Final = "printed.json"
+"""Name of the file with what a command printed."""
 FORMAT: Final = 1
+"""Format of ``printed.json``, by which a newer format is recognised."""
 
 
 class Printed(NamedTuple):
-    """What a command printed."""
+    """What a command printed: the content of ``printed.json``, whose fields the module's docstring explains."""
 
     command: str
     work: str
@@ -142,10 +163,15 @@ def deliver(
     *,
     work: str = "",
 ) -> None:
-    """Print what ``show`` prints, or with ``--json`` the document; save what ``show`` prints in ``folder``, if given.
+    """Print the results as text, or with ``--json`` as a document; save the text in ``folder`` in both cases.
 
     Args:
-        work: hash of the settings, by which ``refuse_other`` recognises the same work.
+        folder: the folder in which the text is saved, as ``printed.json``; None to save nothing.
+        command: the words of the command, such as "league".
+        show: prints the results with the functions of ``output``.
+        document: returns the document that ``--json`` prints; not called without ``--json``.
+        work: hash of the settings (``hash_of``), by which ``refuse_other`` recognises the folder later; empty for
+            commands that do not use ``refuse_other``.
     """
     with collected() as blocks:
         show()
@@ -158,13 +184,13 @@ def deliver(
 
 
 def print_blocks(blocks: Sequence[Block]) -> None:
-    """Print blocks."""
+    """Print paragraphs, lines and tables."""
     for block in blocks:
         put(block)
 
 
 def write_printed(folder: Path, printed: Printed) -> None:
-    """Write what was printed into a folder.
+    """Write ``printed.json`` into a folder.
 
     Raises:
         RunError: it cannot be written.
@@ -174,7 +200,7 @@ def write_printed(folder: Path, printed: Printed) -> None:
 
 
 def read_printed(folder: Path) -> Printed | None:
-    """Read what was printed; None if the folder has none.
+    """Read ``printed.json`` of a folder; None if the folder has no such file.
 
     Raises:
         InputError: the file is damaged, or of a newer format.
@@ -189,14 +215,29 @@ def read_printed(folder: Path) -> Printed | None:
 
 
 def _block(given: Any, path: Path) -> Block:
-    """Check a block; characters that a terminal would act on are replaced."""
+    """Return a block of ``printed.json`` after checking its form: a paragraph, a line or a table.
+
+    The file may come from someone else, so control characters, which a terminal would obey, are replaced. The entries
+    of a table are the arguments of ``output.print_table``.
+
+    Args:
+        given: the block as it was read from JSON.
+        path: the file, for error messages.
+    Raises:
+        InputError: the block has none of these forms.
+    """
     for kind in ("text", "line"):
         if isinstance(given, dict) and kind in given:
             return {kind: plain(entry(given, kind, str, path))}
+    # The block must be a table. `names` is how many of the first columns name a row, `texts` how many of the first
+    # columns hold text (a table can be laid out with any such number, so it is not checked); `more` lists the columns
+    # that are printed with --wide only.
     columns = [plain(name) for name in words(entry(given, "columns", list, path), "columns", path)]
     rows = [[plain(cell) for cell in words(row, "rows", path)] for row in entry(given, "rows", list, path)]
     names, texts = entry(given, "names", int, path), entry(given, "texts", int, path)
-    if any(len(row) != len(columns) for row in rows) or not 0 <= names <= len(columns):
+    if any(len(row) != len(columns) for row in rows):
         raise InputError("is damaged: a row has more or fewer cells than columns", field=str(path))
+    if not 0 <= names <= len(columns):
+        raise InputError(f"is damaged: 'names' is {names}, not from 0 to {len(columns)}", field=str(path))
     more = words(entry(given, "more", list, path), "more", path)
     return {"columns": columns, "rows": rows, "names": names, "texts": texts, "more": more}

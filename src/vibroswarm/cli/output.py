@@ -1,9 +1,10 @@
-"""What every command prints with: JSON, tables, values with their intervals, and where results are saved."""
+"""Print the results of commands: JSON, paragraphs, tables, values with their intervals, and where results are saved."""
 
 from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import sys
 from collections.abc import Iterable, Iterator, Sequence
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from vibroswarm.analysis.intervals import Interval
 
 MOST_ROWS: Final = 60
-"""Rows of a table that are printed without ``--wide``."""
+"""Most rows of a table that are printed without ``--wide``."""
 
 
 def print_json(document: Any) -> None:
@@ -27,12 +28,15 @@ def print_json(document: Any) -> None:
 
 
 def paragraph(text: str) -> str:
-    """Break text into lines, between words only; all are indented as the first."""
+    """Break text between words into lines that fit the terminal, and indent every line like the first.
+
+    A number and its % sign stay on one line, because a no-break space joins them while the text is broken.
+    """
     from textwrap import fill
 
     indent = text[: len(text) - len(text.lstrip())]
     lines = fill(
-        text.replace(" %", "\u00a0%"),  # a number keeps its unit
+        text.replace(" %", "\u00a0%"),
         terminal.text_width(),
         subsequent_indent=indent,
         break_long_words=False,
@@ -42,7 +46,7 @@ def paragraph(text: str) -> str:
 
 
 def print_paragraph(text: str) -> None:
-    """Print text, broken into lines as by ``paragraph``."""
+    """Print text, broken into lines that fit the terminal (``paragraph``)."""
     put({"text": text})
 
 
@@ -59,24 +63,35 @@ def print_table(
     texts: int = 1,
     more: Sequence[str] = (),
 ) -> None:
-    """Print a table in a layout that fits the terminal (``cli.tables``), its first 60 rows unless ``--wide``.
+    """Print a table; its first ``names`` columns name the rows, and its first ``texts`` columns hold text.
+
+    The layout fits the terminal (``cli.tables``). Only the first 60 rows are printed, or all with ``--wide``.
 
     Args:
-        names: number of first columns that name a row. texts: number of first columns aligned to the left.
-        more: columns that are printed with ``--wide`` only.
+        columns: headers.
+        rows: for each row, one value for each column, printed as ``str`` formats it.
+        names: how many of the first columns name the row, such as strategy and figure. A layout for a narrow terminal
+            repeats these columns, or puts them on a line of their own.
+        texts: how many of the first columns hold text, including those that name the row. Text is aligned to the left,
+            and the columns of text after the names may be wrapped. All other columns hold numbers, aligned to the
+            right.
+        more: headers of the columns that are printed with ``--wide`` only. They come after the columns of text, so that
+            ``names`` and ``texts`` hold with and without them.
     """
     cells = [[str(value) for value in row] for row in rows]
     put({"columns": [*columns], "rows": cells, "names": names, "texts": texts, "more": [*more]})
 
 
 Block = dict[str, Any]
-"""Something printed: a paragraph (``text``), a line (``line``) or a table (the arguments of ``print_table``)."""
+"""Something to print: a paragraph under the key ``text``, a line under the key ``line``, or the arguments of
+``print_table`` by name."""
 _collecting: list[list[Block]] = []
+"""One list for each ``collected`` context that has not ended, the innermost last."""
 
 
 @contextmanager
 def collected() -> Iterator[list[Block]]:
-    """Collect what is printed inside, instead of printing it."""
+    """Yield a list that collects the blocks that would be printed inside the context."""
     blocks: list[Block] = []
     _collecting.append(blocks)
     try:
@@ -86,7 +101,7 @@ def collected() -> Iterator[list[Block]]:
 
 
 def put(block: Block) -> None:
-    """Print a block; inside ``collected``, collect it instead."""
+    """Print a paragraph, line or table; inside a ``collected`` context, append it to that context's list instead."""
     if _collecting:
         _collecting[-1].append(block)
     elif "text" in block:
@@ -110,7 +125,10 @@ def table_lines(
     texts: int = 1,
     more: Sequence[str] = (),
 ) -> list[str]:
-    """Return the lines that ``print_table`` prints."""
+    """Return the lines of a table with all its rows; the arguments are those of ``print_table``.
+
+    Without ``--wide``, the columns of ``more`` are left out, and the last line lists them.
+    """
     from vibroswarm.cli.tables import layout, table_of
 
     hidden = [] if terminal.printing.wide else [name for name in columns if name in more]
@@ -120,24 +138,25 @@ def table_lines(
     )
     lines = layout(table, terminal.width())
     if hidden:
-        lines += paragraph(
-            f"Also with --wide: {', '.join(name.partition(',')[0] for name in hidden)}."
-        ).splitlines()
+        without_units = [name.partition(",")[0] for name in hidden]  # "wrong" of "wrong, %"
+        lines += paragraph(f"Also with --wide: {', '.join(without_units)}.").splitlines()
     return lines
 
 
 def with_interval(value: Interval | None, form: str, *, scale: float = 1.0, unit: str = "") -> str:
-    """Format a value as ``44.1 % [41.0, 47.2]``; ``-`` without a value, and no brackets without an interval.
+    """Format an estimate with its interval, such as ``44.1 % [41.0, 47.2]``.
 
     Args:
+        value: the estimate with its limits. The result is ``-`` if the value is None or the estimate is NaN, and the
+            estimate without an interval if the lower limit is NaN.
         form: format specification of each number, such as ``.1f``.
-        scale: factor on each number.
-        unit: behind the estimate.
+        scale: factor by which each number is multiplied.
+        unit: text that follows the estimate, such as " %".
     """
-    if value is None or value.estimate != value.estimate:
+    if value is None or math.isnan(value.estimate):
         return "-"
     estimate, low, high = (f"{scale * number:{form}}" for number in (value.estimate, value.low, value.high))
-    return f"{estimate}{unit}" if value.low != value.low else f"{estimate}{unit} [{low}, {high}]"
+    return f"{estimate}{unit}" if math.isnan(value.low) else f"{estimate}{unit} [{low}, {high}]"
 
 
 def percent(share: Interval | None, form: str = ".1f") -> str:
@@ -151,7 +170,7 @@ def add_open(parser: Any, help: str = "open the report in the browser") -> None:
 
 
 def check_open(arguments: argparse.Namespace) -> None:
-    """Refuse ``--open`` where nothing is saved; called before the work.
+    """Refuse ``--open`` without ``--out`` before the work begins, because only a saved page can be opened.
 
     Raises:
         InputError: ``--open`` is given without ``--out``.
@@ -161,10 +180,11 @@ def check_open(arguments: argparse.Namespace) -> None:
 
 
 def print_saved(arguments: argparse.Namespace, what: str, page: str | None = None) -> None:
-    """Print where results are saved, and open the page if ``--open``.
+    """Print where results are saved, or without ``--out`` that they are not; with ``--open``, open their page.
 
     Args:
-        what: what is saved, or would be. page: its file in the folder, if there is one.
+        what: what is saved, or what would be saved with ``--out``, in words.
+        page: file name of the page or report in the folder ``--out``; None if no page was written.
     """
     as_json = getattr(arguments, "json", False)
     if not as_json:
@@ -175,7 +195,7 @@ def print_saved(arguments: argparse.Namespace, what: str, page: str | None = Non
             if page is not None:
                 kind = "Report" if page == "report.html" else "Page"
                 print_line(f"{kind}: open {(arguments.out / page).resolve()} in a browser")
-    sys.stdout.flush()
+    sys.stdout.flush()  # so that the results are seen before the browser opens
     if getattr(arguments, "open", False) and arguments.out is not None:
         if page is None:
             print("vibroswarm: nothing to open: no page was written", file=sys.stderr)
@@ -184,7 +204,7 @@ def print_saved(arguments: argparse.Namespace, what: str, page: str | None = Non
 
 
 def open_page(path: Path) -> bool:
-    """Open a file in the browser; without one, say so on stderr and return False."""
+    """Open a file in the browser and return True; if that fails, print on stderr what to do, and return False."""
     import webbrowser
 
     path = path.resolve()
@@ -204,7 +224,7 @@ def open_page(path: Path) -> bool:
 
 
 def has_display() -> bool:
-    """Return whether a browser could show a window; BROWSER names one where there is no display."""
+    """Return whether a browser can be opened: a display exists, or the environment variable BROWSER names a browser."""
     if sys.platform in ("win32", "darwin") or os.environ.get("BROWSER"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -15,15 +15,17 @@ if TYPE_CHECKING:
     from vibroswarm.study.runner import StudyProgress
 
 LINE_EVERY_S = 10.0
+"""Shortest time between lines of progress."""
 
 
 class _Lines:
-    """Prints a line on stderr, unless it printed one less than ten seconds ago."""
+    """Report lines on stderr, but drop those that come less than ten seconds after the last one or after the start."""
 
     def __init__(self) -> None:
         self.latest_s = time.monotonic()
 
     def __call__(self, text: str) -> None:
+        """Report ``text`` on stderr, unless a line was reported less than ten seconds ago."""
         now_s = time.monotonic()
         if now_s - self.latest_s >= LINE_EVERY_S:
             self.latest_s = now_s
@@ -32,10 +34,12 @@ class _Lines:
 
 @contextmanager
 def _bar(what: str, total: float | None = None) -> Iterator[Callable[..., None]]:
-    """Show a bar; yields the function that updates its description, total, completed and note.
+    """Show a progress bar; yield the function that updates it by keywords: description, total, completed, note.
 
     Args:
-        total: 1 to show per cent, None to count runs up to a total that is set later.
+        what: description of the work.
+        total: 1 if ``completed`` will be the share done, which is shown in per cent. None if it will be a number of
+            runs, which is shown beside their total; the total is then set by the first update.
     """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
@@ -49,14 +53,21 @@ def _bar(what: str, total: float | None = None) -> Iterator[Callable[..., None]]
 
 @contextmanager
 def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
-    """Yield a function that takes the share done, 0 to 1; reports first if kernels must be compiled."""
+    """Show a progress bar; yield a function that takes the share done, 0 to 1. See ``labelled_progress_bar``."""
     with labelled_progress_bar(what) as progress:
         yield lambda share: progress(what, share)
 
 
 @contextmanager
 def labelled_progress_bar(what: str) -> Iterator[Callable[[str, float], None]]:
-    """Yield a function that takes what is being done now, and the share done of all."""
+    """Show a progress bar; yield a function that takes a description of the present step and the share done, 0 to 1.
+
+    Before that, report on stderr if kernels must be compiled. If stderr is not a terminal, lines with the share done
+    are printed instead of a bar; they do not describe the step.
+
+    Args:
+        what: description of the whole work.
+    """
     say_compiling()
     if not sys.stderr.isatty():
         lines = _Lines()
@@ -68,29 +79,39 @@ def labelled_progress_bar(what: str) -> Iterator[Callable[[str, float], None]]:
 
 @contextmanager
 def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
-    """Yield a function that shows how far a study is, at what rate, and how much failed."""
+    """Yield a function that takes the progress of a study and shows runs done, rate and failures.
+
+    While a kernel is compiled, no run ends, so "compiling" is shown. If stderr is not a terminal, lines are printed
+    instead of a bar.
+
+    Args:
+        what: description of the work.
+    """
     from vibroswarm.study.runner import StudyProgress
 
     began_s = time.monotonic()
-    latest = [StudyProgress(0, 0, 0)]
+    latest = StudyProgress(done=0, wanted=0, failed=0)
 
-    def values(now: StudyProgress) -> tuple[float, str]:
+    def rate_and_failures(now: StudyProgress) -> tuple[float, str]:
+        """Return the number of runs per second so far, and how many batches failed in words (empty if none)."""
         passed_s = time.monotonic() - began_s
-        return now.done / max(passed_s, 1e-9), f"{now.failed} batches failed" if now.failed else ""
+        rate = now.done / max(passed_s, 1e-9)  # 1e-9: the clock may not have advanced yet
+        return rate, f"{now.failed} batches failed" if now.failed else ""
 
     if not sys.stderr.isatty():
         lines = _Lines()
 
         def line(now: StudyProgress) -> None:
-            latest[0] = now
-            rate, failed = values(now)
-            share = 100 * now.done / max(now.wanted, 1)
+            nonlocal latest
+            latest = now
+            rate, failed = rate_and_failures(now)
+            share = 100 * now.done / max(now.wanted, 1)  # at least 1, so that nothing is divided by 0
             left = f"{(now.wanted - now.done) / rate:.0f} s left" if rate else ""
             text = f"{what}: {now.done:,} of {now.wanted:,} runs ({share:.0f} %)"
             lines(", ".join(part for part in (text, f"{rate:,.0f} per second", left, failed) if part))
 
         def line_while_compiling() -> None:
-            done = f"; {latest[0].done:,} of {latest[0].wanted:,} runs done" if latest[0].wanted else ""
+            done = f"; {latest.done:,} of {latest.wanted:,} runs done" if latest.wanted else ""
             lines(f"{what}: compiling{done}")
 
         with _while_compiling(line_while_compiling):
@@ -99,7 +120,7 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
     with _bar(what) as update:
 
         def show(now: StudyProgress) -> None:
-            rate, failed = values(now)
+            rate, failed = rate_and_failures(now)
             note = f"{rate:,.0f} per second{f', {failed}' if failed else ''}"
             update(description=what, total=now.wanted, completed=now.done, note=note)
 
@@ -108,28 +129,32 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
 
 
 _compiling: list[Callable[[], None]] = []
-"""What is called when a kernel is about to be compiled, the last of them."""
+"""Functions of the ``_while_compiling`` contexts that are open; only the last one is called."""
 _listens: list[bool] = []
+"""Empty until this module has registered its listener, which cannot be removed and so serves all later contexts."""
 
 
 @contextmanager
-def _while_compiling(tell: Callable[[], None]) -> Iterator[None]:
-    """Call ``tell`` when a kernel is about to be compiled: no run ends meanwhile, so the display would seem stuck."""
+def _while_compiling(show: Callable[[], None]) -> Iterator[None]:
+    """Inside the context, call ``show`` each time a kernel is about to be loaded or compiled.
+
+    No run ends while a kernel is compiled, so without this the display of progress would seem stuck.
+    """
     from vibroswarm.core.jit import add_compile_listener
 
     if not _listens:
         _listens.append(True)
         add_compile_listener(lambda module: _compiling[-1]() if _compiling else None)
-    _compiling.append(tell)
+    _compiling.append(show)
     try:
         yield
     finally:
-        _compiling.remove(tell)
+        _compiling.remove(show)
 
 
 @contextmanager
 def search_progress() -> Iterator[Callable[[SearchProgress], None]]:
-    """Yield a function that shows the progress of a search and its best score."""
+    """Yield a function that takes the progress of a search and shows its iteration, runs and best score."""
 
     def best(now: SearchProgress) -> str:
         return f"best so far {now.best:.4g}{f', {now.failed} failed' if now.failed else ''}"
@@ -151,15 +176,16 @@ def search_progress() -> Iterator[Callable[[SearchProgress], None]]:
 
 
 def say_compiling(*sources: str) -> None:
-    """Report on stderr if kernels must be compiled first, and start a process that helps.
+    """If the engine's kernels are not cached, report on stderr that they are compiled, and start a process that helps.
 
     Args:
-        sources: names of the motion sources whose kernels are needed; without names, cached kernels of any suffice.
+        sources: names of the motion sources (engines) that may be used. Nothing is reported if the kernels of one of
+            these engines are cached. Without names, nothing is reported if the kernels of any engine are cached.
     """
     from vibroswarm.cli.background_compile import begin
     from vibroswarm.core.jit import cache_folder, is_cached
 
     if not is_cached(*sources):
-        begin()
+        begin()  # if no second process can be started, this process compiles all kernels itself
         duration = "once (about 15 s; cached for later runs)" if cache_folder() is not None else "about 15 s"
         report(f"compiling the engine, {duration} ...")

@@ -24,10 +24,11 @@ examples:
   vibroswarm reproduce --from paper.zip --check
 """
 RECORDINGS = "VIBROSWARM_RUGBOT"
+"""The environment variable with the folder of the recordings, used if ``--recordings`` is not given."""
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``reproduce`` and its options to the program's commands."""
     parser = commands.add_parser(
         "reproduce",
         help="recompute the paper's figures and tables, with a verdict on each claim",
@@ -68,11 +69,16 @@ def add_parser(commands: Any) -> None:
         help="recompute N cells of the archive (default 8) and report whether it is confirmed",
     )
     parser.add_argument("--no-pictures", action="store_true", help="tables and verdicts only")
+    # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compute what is missing, write the report and print the verdicts."""
+    """Compute the requested figures and tables (items), write the report and print the verdicts; return the exit code.
+
+    Items whose results are in the folder ``--out`` already are not computed again. With ``--only list``, the items are
+    listed instead; with ``--from`` and ``--check``, an archive is checked instead.
+    """
     from vibroswarm.cli.out_folder import claim, deliver
     from vibroswarm.cli.output import check_open, print_saved
     from vibroswarm.cli.progress import labelled_progress_bar, progress_bar
@@ -104,21 +110,27 @@ def run(arguments: argparse.Namespace) -> int:
             reproduction = reproduce(
                 settings, arguments.out, items, progress, with_cells=arguments.archive is not None
             )
-        with progress_bar("drawing") as draws:
-            write_all(reproduction, arguments.out, draws, pictures=not arguments.no_pictures)
+        with progress_bar("drawing") as progress_of_drawing:
+            write_all(reproduction, arguments.out, progress_of_drawing, pictures=not arguments.no_pictures)
     if arguments.archive is not None:
         write_archive(reproduction, arguments.archive)
+    # `deliver` needs a function that returns the document of --json. This command has no such option, so `dict`, which
+    # would return an empty document, is never called.
     deliver(arguments, arguments.out, "reproduce", lambda: _print_verdicts(reproduction), dict)
     print_saved(arguments, "tables, figures, the runs and a report", REPORT)
     return 0
 
 
 PARTS = ("items", "runs", "figures", "tables", "report.html", "printed.json", ".lock")
-"""What a folder of a reproduction holds."""
+"""Names of the files and folders that the folder of a reproduction may hold."""
 
 
 def _refuse_other(folder: Path) -> None:
-    """Refuse a folder with anything that is no part of a reproduction."""
+    """Refuse a folder that holds anything but the parts of a reproduction and hidden files.
+
+    Raises:
+        InputError: the folder is refused.
+    """
     if not folder.is_dir():
         raise InputError("is a file; give the name of a folder", field=str(folder))
     other = [path.name for path in folder.iterdir() if path.name not in PARTS and path.name[0] != "."]
@@ -127,12 +139,20 @@ def _refuse_other(folder: Path) -> None:
 
 
 def check(arguments: argparse.Namespace) -> int:
-    """Confirm an archive, or report what differs."""
+    """Recompute some cells of an archive, print whether they confirm it, and return exit code 0.
+
+    Raises:
+        RunError: results differ; the differences are printed first.
+    """
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.paper.verify_archive import verify
 
     with progress_bar("checking") as progress:
-        verification = verify(arguments.archived, arguments.check, arguments.workers, progress)
+        verification = verify(
+            arguments.archived, count=arguments.check, workers=arguments.workers, progress=progress
+        )
+    # If the versions are the same, results are compared bit by bit, otherwise event by event: `how` names the way, and
+    # `why` says which versions differ.
     reason = (
         f", since versions differ ({verification.why})" if verification.why else ", with the same versions"
     )
@@ -148,7 +168,13 @@ def check(arguments: argparse.Namespace) -> int:
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:
-    """Return the settings given by the options."""
+    """Return the settings of a reproduction that the options give.
+
+    Recordings are taken from the environment variable ``RECORDINGS`` if ``--recordings`` is not given.
+
+    Raises:
+        InputError: a column or control is unknown, or the number of runs is out of range.
+    """
     from vibroswarm.paper.columns import COLUMNS, CONTROLS
     from vibroswarm.paper.item import Settings
     from vibroswarm.study.spec import MOST_RUNS
@@ -169,15 +195,15 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
     return Settings(
         runs=arguments.runs,
         seed=arguments.seed,
-        columns=tuple(column for column in COLUMNS if column in columns),
+        columns=tuple(column for column in COLUMNS if column in columns),  # in the order of the report
         control=arguments.control,
         recordings=recordings,
         workers=arguments.workers,
     )
 
 
-def _print_verdicts(made: Reproduction) -> None:
-    """Print how many claims hold, then each claim, then what was skipped."""
+def _print_verdicts(reproduction: Reproduction) -> None:
+    """Print the counts of verdicts in each column (preset), then each claim with its verdicts, then skipped items."""
     from textwrap import fill
 
     from vibroswarm.cli import terminal
@@ -185,32 +211,34 @@ def _print_verdicts(made: Reproduction) -> None:
     from vibroswarm.paper.claims import CHECKED, VERDICTS
     from vibroswarm.paper.reproduction_report import claims_table, few_runs
 
-    table = claims_table(made.decided)
-    columns = [
+    table = claims_table(reproduction.decided)
+    columns = [  # the columns that have at least one verdict; a table without rows has no columns to look at
         column
-        for column in made.settings.columns
+        for column in reproduction.settings.columns
         if table.height and table[column].null_count() < table.height
     ]
     for column in columns:
-        for kind, words in (("claim", VERDICTS), ("check", tuple(dict.fromkeys(CHECKED.values())))):
+        # Checks have words of their own, such as "passed".
+        for kind, verdict_words in (("claim", VERDICTS), ("check", tuple(dict.fromkeys(CHECKED.values())))):
             counted = Counter(
-                verdict.verdict
-                for verdict in made.decided
-                if verdict.column == column and verdict.claim.kind == kind
+                decided.verdict
+                for decided in reproduction.decided
+                if decided.column == column and decided.claim.kind == kind
             )
-            counts = [f"{counted[word]} {word}" for word in words if counted[word]]
+            counts = [f"{counted[word]} {word}" for word in verdict_words if counted[word]]
             if counts:
                 print_paragraph(f"{column}, {kind}s: {', '.join(counts)}")
-    for sentence in few_runs(made.decided, made.settings):
+    for sentence in few_runs(reproduction.decided, reproduction.settings):
         print_paragraph(sentence)
     for row in table.to_dicts():
         print_line()
         print_paragraph(f"{row['says']} ({row['claim']})")
         for column in columns:
             if row[column]:
+                # the verdict, the measured value in words, and the rule by which the claim holds
                 line = f"{column}: {row[column]}; {row[f'{column}: ours']}; holds if {row['holds if']}"
                 print_line(fill(line, terminal.text_width(), initial_indent="  ", subsequent_indent="      "))
     print_line()
-    for entry in made.made:
+    for entry in reproduction.made:
         if entry.skipped:
             print_paragraph(f"{entry.item.name}: skipped. {entry.skipped}")

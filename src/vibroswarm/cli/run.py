@@ -6,14 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.cli.options import (
-    add_json,
-    add_motion,
-    add_out,
-    add_scenario_options,
-    add_seed,
-    real,
-)
+from vibroswarm.cli.options import add_json, add_motion, add_out, add_scenario_options, add_seed, real
 from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError
 
@@ -31,15 +24,19 @@ examples:
 
 
 def speed(text: str) -> float:
-    """Return a speed of playback."""
-    value = real(text, 0, 1e6)
+    """Convert the text of an option to a speed of playback, above 0 and up to a million.
+
+    Raises:
+        argparse.ArgumentTypeError: the text is no such number.
+    """
+    value = real(text, low=0, high=1e6)
     if value == 0:
         raise argparse.ArgumentTypeError(f"'{text}' is not above 0")
     return value
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``run`` and its options to the program's commands."""
     parser = commands.add_parser(
         "run",
         help="run one inspection and print its verdict",
@@ -69,7 +66,7 @@ WIDEST_MAP: Final = 15
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate, save, play back and print the verdict."""
+    """Simulate one run, save it and play it back if requested, and print its verdict; return the exit code."""
     from vibroswarm.cli.out_folder import claim, refuse_other_run
     from vibroswarm.cli.output import check_open, print_paragraph, print_saved
     from vibroswarm.cli.scenario_options import chosen, scenario_from
@@ -77,7 +74,10 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = scenario_from(arguments)
     check_open(arguments)
     motion = chosen("motion", arguments.motion)
+    # An existing folder is accepted only if it holds the same run, or with --force. at_once=False: the older folder
+    # stays until the new one is complete and replaces it.
     claim(arguments, lambda: refuse_other_run(arguments.out, scenario, arguments.seed, motion), at_once=False)
+    # Segments are the positions between samples; the page and the playback need them, and not every engine has them.
     with_segments = arguments.out is not None or arguments.watch is not None
     result = _simulate(scenario, arguments.seed, motion, with_segments)
     if arguments.out is not None:
@@ -100,16 +100,25 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Result:
-    """Simulate one run with a progress bar."""
+    """Simulate one run with a progress bar.
+
+    Args:
+        motion: name of the motion source (engine).
+        segments: whether to also record the positions between samples.
+    """
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.simulation import simulate
 
     with progress_bar("simulating") as progress:
-        return simulate(scenario, seed, 1, motion=motion, segments=segments, progress=progress)
+        return simulate(scenario, seed, runs=1, motion=motion, segments=segments, progress=progress)
 
 
 def _save(result: Result, out: Path) -> None:
-    """Write the folder of a result, completely or not at all."""
+    """Write a result with its picture, page and maps into the folder ``out``, completely or not at all.
+
+    An older result in that folder is replaced. The page is written only if the result has the positions between
+    samples, and maps only if the robots' strategy keeps a map of the floor.
+    """
     from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.plots.run import write_maps_picture, write_run_picture
@@ -128,7 +137,7 @@ def _save(result: Result, out: Path) -> None:
 
 
 def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
-    """Print the verdict and warnings."""
+    """Print the verdict of a run, the robots' map of the floor if they keep one, and warnings; or all as JSON."""
     from vibroswarm.analysis.decidability import decidability
     from vibroswarm.analysis.verdict import verdict
     from vibroswarm.cli.output import print_json, print_paragraph
@@ -144,6 +153,8 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
                 "seed": result.seed,
                 "out": None if arguments.out is None else str(arguments.out),
                 "verdict": summary.as_dict(),
+                # The table of faults is None if robots cannot fail, the table of failures if no run failed. The column
+                # "run" is left out, since there is only one run.
                 **({} if result.faults is None else {"faults": result.faults.drop("run").to_dicts()}),
                 **({} if result.failures is None else {"failures": result.failures.drop("run").to_dicts()}),
                 "warnings": warnings,
@@ -158,15 +169,19 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
 
 
 def _print_map(result: Result) -> None:
-    """Print the map of all robots, if their strategy keeps one."""
+    """Print the map of the floor that follows from the samples of all robots.
+
+    Nothing is printed if the robots' strategy keeps no map, or if the floor is too wide (``WIDEST_MAP``).
+    """
     import polars as pl
 
     from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
     from vibroswarm.cli.output import print_line, print_paragraph
 
-    tiles = result.scenario.floor.columns
-    if result.scenario.strategy.name not in WITH_MAP or tiles > WIDEST_MAP:
+    if result.scenario.strategy.name not in WITH_MAP or result.scenario.floor.columns > WIDEST_MAP:
         return
+    # One row per tile: `vibrating` is the belief that the tile vibrates, `vibrates` is 1 if it does. In the map that is
+    # made from the samples of all robots, the column `robot` is null.
     pooled = floor_maps(result).filter(pl.col("robot").is_null())
     right = ((pooled["vibrating"] > 0.5) == (pooled["vibrates"] == 1)).sum()
     print_line()
@@ -174,9 +189,9 @@ def _print_map(result: Result) -> None:
         f"Map of the floor, all robots' samples: {right} of {pooled.height} tiles right. Belief that a tile vibrates, "
         "%; ! marks a tile that is believed to be what it is not:"
     )
-    for (_,), row in pooled.group_by("row", maintain_order=True):
-        marks = (
-            "!" if (p > 0.5) != (v == 1) else " " for p, v in row.select("vibrating", "vibrates").iter_rows()
-        )
-        values = zip(row["vibrating"].to_list(), marks, strict=True)
-        print_line(" ".join(f"{100 * p:3.0f}{mark}" for p, mark in values))
+    for (_,), row_of_tiles in pooled.group_by("row", maintain_order=True):
+        cells = []
+        for belief, vibrates in row_of_tiles.select("vibrating", "vibrates").iter_rows():
+            mark = "!" if (belief > 0.5) != (vibrates == 1) else " "
+            cells.append(f"{100 * belief:3.0f}{mark}")
+        print_line(" ".join(cells))

@@ -9,7 +9,7 @@ from vibroswarm.cli.options import add_out, add_scenario_options
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``scenario`` and its options to the program's commands."""
     parser = commands.add_parser(
         "scenario",
         help="write a scenario as TOML, with every field",
@@ -22,7 +22,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Write the scenario given by the options."""
+    """Write the scenario that the options describe to a file or to stdout; return the exit code."""
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_file
 

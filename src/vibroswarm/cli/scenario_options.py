@@ -19,7 +19,10 @@ if TYPE_CHECKING:
 
 
 def scenario_from(arguments: argparse.Namespace) -> Scenario:
-    """Make the scenario: preset or file, changed by --floor and other options, then by --set.
+    """Make the scenario that the options describe; print the first new warning about it and the number of others.
+
+    The base is the scenario of ``--preset`` or ``--scenario``, or else the preset "paper". Other options such as
+    ``--floor`` change its fields; the fields of ``--set`` override these.
 
     Raises:
         InputError: an option or field is wrong.
@@ -31,7 +34,13 @@ def scenario_from(arguments: argparse.Namespace) -> Scenario:
 
 
 def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]:
-    """Return the fields set by options, by dotted names."""
+    """Return the values of the fields that options set, by dotted names such as ``swarm.robots``.
+
+    If a value is user code (FILE.py:NAME), the file is loaded.
+
+    Args:
+        base: the scenario whose fields are set; it gives the size of a random floor if ``--tiles`` does not.
+    """
     values: dict[str, Any] = {}
     if arguments.floor is not None or arguments.tiles is not None:
         values |= _floor_values(base, arguments.floor, arguments.tiles)
@@ -49,15 +58,18 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
             "sensor.still_energies": still,
         }
     settings = dict(parse_setting(text) for text in arguments.settings)
-    for kind in plugins.KINDS:
+    for kind in plugins.KINDS:  # user code may also be named by --set, as in strategy.name=FILE.py:NAME
         if plugins.is_code(settings.get(f"{kind}.name")):
             settings[f"{kind}.name"] = chosen(kind, settings[f"{kind}.name"])
-    return values | settings
+    return values | settings  # --set overrides other options
 
 
 def chosen(kind: str, text: str) -> str:
-    """Check the name of a strategy, network, task or motion source; loads it if it is a file.
+    """Check the name of a strategy, network, task or motion source, and return it as a scenario holds it.
 
+    Args:
+        kind: "strategy", "network", "task" or "motion".
+        text: a known name, or FILE.py:NAME, which is loaded and returned with the hash of its code.
     Raises:
         InputError: the name is unknown, or the file cannot be loaded.
     """
@@ -82,7 +94,17 @@ def chosen(kind: str, text: str) -> str:
 
 
 def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[str, Any]:
-    """Return the fields of a floor; the content of a file is copied into the scenario."""
+    """Return the fields of the floor that ``--floor`` and ``--tiles`` describe.
+
+    A random floor and a pattern are stored by name. The tiles of a file are copied into the scenario, so that the
+    scenario does not depend on the file.
+
+    Args:
+        base: the scenario whose fields are set. Without ``--floor``, its random floor is used; without ``--tiles``, a
+            random floor has the base's size.
+        spec: the text of ``--floor``; None if it is not given.
+        tiles: the text of ``--tiles``; None if it is not given.
+    """
     size = None if tiles is None else parse_tiles(tiles)
     if spec is None:
         if base.floor.tiles is not None or not is_random(base.floor.source):
@@ -92,7 +114,7 @@ def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[s
         spec = base.floor.source
     if is_random(spec) and size is None:
         size = (base.floor.rows, base.floor.columns)
-    grid, name = resolve(spec, size)
+    grid, name = resolve(spec, size)  # of a random floor, only the size of the grid is used
     name = "".join(c if c.isprintable() else "?" for c in name)  # file names may contain anything
     if is_random(spec):
         return {
@@ -102,25 +124,32 @@ def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[s
             "floor.columns": grid.shape[1],
         }
     rows = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
+    # For a pattern, `resolve` returns the user's text in a standard form, such as diagonal:0.46. For a file it returns
+    # the name of the file, which normally has no colon.
     is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
     return {"floor.source": name, "floor.tiles": None if is_pattern else rows}
 
 
 _printed: Final[set[str]] = set()
+"""Warnings that ``warn_of`` has printed or counted during this command."""
 
 
 def forget() -> None:
-    """Forget what was printed: a new command starts."""
+    """Forget the printed warnings, since a new command starts in the same process."""
     _printed.clear()
 
 
 def warn_of(scenarios: Iterable[Scenario]) -> None:
-    """Print the first new warning about these scenarios, and how many others there are."""
+    """Print on stderr the first new warning about these scenarios, and how many other new warnings there are.
+
+    Other warnings are only counted, because a study may have a warning in each of many cells. A warning is new if this
+    command has not printed or counted it yet.
+    """
     from vibroswarm.motion.robot_params import scenario_warnings
     from vibroswarm.observation.edge_response import edge_warnings
     from vibroswarm.scenario.fault_fields import fault_warnings
 
-    texts = dict.fromkeys(
+    texts = dict.fromkeys(  # each different warning once, in order
         text
         for scenario in scenarios
         for text in (
@@ -134,4 +163,4 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
     if new:
         print(f"Warning: {new[0]}.", file=sys.stderr)
     if len(new) > 1:
-        print(f"Warning: the same for {len(new) - 1} more scenarios.", file=sys.stderr)
+        print(f"Warning: not all warnings are printed; there are {len(new) - 1} more.", file=sys.stderr)

@@ -30,7 +30,7 @@ PAGES = ("report.html", "run.html", "run-1.html")
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``show`` and its options to the program's commands."""
     parser = commands.add_parser(
         "show",
         help="show the state and the results of a folder or file that a command has written",
@@ -45,7 +45,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what a folder or file holds, and open its page with ``--open``."""
+    """Print what a folder or file holds, and with ``--open`` open its page; return the exit code."""
     path: Path = arguments.folder
     if path.is_dir():
         _show_folder(path, arguments)
@@ -62,53 +62,68 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
-    """Print the state of a study or search, then results."""
+    """Print what a folder holds: the state of a study or search, and the results.
+
+    Results are printed as the command printed them, from the file ``printed.json``. If the folder has no such file, a
+    study is summarised again, and ``_show_result`` describes runs, recordings and tables.
+
+    Raises:
+        InputError: the folder holds a damaged search, or nothing that a command writes.
+    """
     from vibroswarm.cli.out_folder import print_blocks, read_printed
     from vibroswarm.cli.output import print_json, print_line, print_paragraph
     from vibroswarm.optimize.journal import HEAD as SEARCH_HEAD
     from vibroswarm.optimize.journal import SEARCH, held, is_search
     from vibroswarm.study.store import HEAD, Store
 
-    document: dict[str, Any] = {}
+    state: dict[str, Any] = {}
     lines: list[str] = []
     store = None
-    there = read_printed(folder)
+    printed = read_printed(folder)
+    # A search has two files. is_search is False if one of them is missing or is not a plain file; if only one is there,
+    # the folder is refused as damaged.
     if is_search(folder) or any(os.path.lexists(folder / name) for name in (SEARCH_HEAD, SEARCH)):
         if not is_search(folder):
             raise InputError(
                 f"is a damaged search: {SEARCH_HEAD} or {SEARCH} is missing or no plain file",
                 field=str(folder),
             )
-        document = held(folder)
-        lines = search_lines(document, with_result=there is None)
+        state = held(folder)
+        lines = search_lines(state, with_result=printed is None)
     elif (folder / HEAD).exists():
         store = Store.open(folder)
-        document = state_of(store)
-        lines = study_lines(document)
-    if there is None and store is None and not document:
+        state = state_of(store)
+        lines = study_lines(state)
+    if printed is None and not state:  # neither saved output nor a study or search
         _show_result(folder, arguments)
         return
     if arguments.json:
-        results = None
-        if store is not None and there is None:
+        document = dict(state)
+        if printed is not None:
+            document |= {"command": printed.command, "printed": printed.blocks}
+        elif store is not None:
             results, needed = results_or_need(store)
             document |= {"results_need": needed} if needed else {}
-        if there is not None:
-            document |= {"command": there.command, "printed": there.blocks}
-        print_json(document | ({} if results is None else {"results": results.as_dict()}))
+            document |= {} if results is None else {"results": results.as_dict()}
+        print_json(document)
         return
     for line in lines:
-        (print_line if line.startswith("To resume") else print_paragraph)(line)  # a command stays on one line
-    if there is not None:
+        # A command is not broken into lines, so that it can be copied.
+        print_text = print_line if line.startswith("To resume") else print_paragraph
+        print_text(line)
+    if printed is not None:
         if lines:
             print_line()
-        print_blocks(there.blocks)
+        print_blocks(printed.blocks)
     elif store is not None:
         print_results(store)
 
 
 def _show_result(folder: Path, arguments: argparse.Namespace) -> None:
-    """Print the verdict of a run or a recording, or what tables a folder holds."""
+    """Print the verdicts of the runs in a result; for any other folder, print the names of its tables and pictures.
+
+    The verdict on a single run is printed in full. Several runs are printed as a table, with one row for each.
+    """
     from vibroswarm.cli.options import read_result
     from vibroswarm.cli.output import print_json, print_line, print_table
 
@@ -143,13 +158,14 @@ def _show_result(folder: Path, arguments: argparse.Namespace) -> None:
             ]
             for run, one in zip(runs, verdicts, strict=True)
         ],
-        texts=2,
+        texts=2,  # the second column, the consensus, is text too
     )
 
 
 def _origin(result: Result) -> str:
+    """Return what was simulated or recorded in words: robots, strategy, floor, and seed."""
     robots = result.scenario.swarm.robots
-    floor, strategy = result.floor().name, result.scenario.strategy.name
+    floor, strategy = result.floor(int(result.runs["run"][0])).name, result.scenario.strategy.name
     seed = "as recorded" if result.seed is None else f"seed {result.seed}"
     return f"{robots} robots, strategy {strategy}, on '{floor}', {seed}"
 
@@ -157,16 +173,21 @@ def _origin(result: Result) -> str:
 MOST_FAILED = 5
 """Batches that are listed one by one."""
 OF_CODE: Final = ("strategy.name", "network.name", "task.name")
-"""Fields that may name code of the user's."""
+"""Fields of a scenario that may name the user's own code."""
 
 
 def state_of(store: Store) -> dict[str, Any]:
-    """Return the state of a study folder in plain values."""
+    """Return the state of a study's folder for JSON: how much is done, damaged and failed.
+
+    ``runs_wanted`` and ``runs_there`` are sums over cells; ``runs_each`` is the number of runs per cell, None if it
+    depends on a precision (``until``).
+    """
     from vibroswarm.study.plan import plan_of
     from vibroswarm.study.study_result import StudyResult
 
     study, plan = store.study, plan_of(store.study)
-    cells = StudyResult(study, store, tuple(cell.number for cell in study.cells)).cells
+    # one row for each cell, with the numbers of its runs that are wanted and of those that are there
+    cells = StudyResult(study, store, selected=tuple(cell.number for cell in study.cells)).cells
     size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
     return {
         "folder": str(store.folder),
@@ -191,10 +212,16 @@ def state_of(store: Store) -> dict[str, Any]:
 
 
 def search_lines(about: dict[str, Any], *, with_result: bool = True) -> list[str]:
-    """Describe the state of a search folder, and its result, line by line."""
-    done, requested = about["runs_there"], about["runs_wanted"]
+    """Describe the state of a search's folder in sentences, and its result if the search is validated.
+
+    Args:
+        about: the content of the folder, as ``journal.held`` returns it. In its result, the believed score is the score
+            on the search's own runs, and the true score is the score on fresh runs.
+        with_result: whether to describe the result too, or only the state.
+    """
     from vibroswarm.optimize.search_tables import values_said
 
+    done, requested = about["runs_there"], about["runs_wanted"]
     lines = [
         f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
         f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['steps']} steps; "
@@ -207,9 +234,9 @@ def search_lines(about: dict[str, Any], *, with_result: bool = True) -> list[str
     if not with_result:
         return lines
     if truth := about["result"].get("truth"):
-        score = truth["true"]["score"]
+        score = truth["true"]["score"]  # of the best candidate, on fresh runs
         believed, estimate, low, high = (
-            math.nan if value is None else value
+            math.nan if value is None else value  # JSON has no NaN: it is saved as null
             for value in (truth["believed"], score["estimate"], score["low"], score["high"])
         )
         lines.append(f"Best: {values_said(about['result']['best'])}")
@@ -220,7 +247,11 @@ def search_lines(about: dict[str, Any], *, with_result: bool = True) -> list[str
 
 
 def study_lines(about: dict[str, Any]) -> list[str]:
-    """Describe the state of a study folder, line by line."""
+    """Describe the state of a study's folder in sentences: how much is done, damage, failures, and how to resume.
+
+    Args:
+        about: the state of the study, as ``state_of`` returns it.
+    """
     requested, done = about["runs_wanted"], about["runs_there"]
     each = (
         f"{about['runs_each']:,} each"
@@ -255,21 +286,34 @@ def study_lines(about: dict[str, Any]) -> list[str]:
 
 
 def results_of(store: Store) -> Outcome | None:
-    """Summarise the runs of a study that are there, with those on other seeds; None if there are none."""
+    """Summarise the finished runs of a study.
+
+    If the study was repeated on other seeds and the repetition is saved in its folder, it confirms the comparisons.
+
+    Returns:
+        The summary; None if no run is finished.
+    """
     from vibroswarm.study.cell_comparison import SECOND
     from vibroswarm.study.store import HEAD
     from vibroswarm.study.study_result import StudyResult
     from vibroswarm.study.summary import outcome_of
 
-    result = StudyResult(store.study, store, tuple(cell.number for cell in store.study.cells))
+    every_cell = tuple(cell.number for cell in store.study.cells)
+    result = StudyResult(store.study, store, selected=every_cell)
     if not result.cells["there"].sum():
         return None
     second = store.folder / SECOND
-    return outcome_of(result, StudyResult.open(second) if (second / HEAD).exists() else None)
+    repetition = StudyResult.open(second) if (second / HEAD).exists() else None
+    return outcome_of(result, repetition)
 
 
 def results_or_need(store: Store) -> tuple[Outcome | None, str]:
-    """Return the results of a study; or None, and which code of the user's they need, which ``show`` does not run."""
+    """Return the results of a study (``results_of``) and an empty text; or None and the user's code that they need.
+
+    Results may need a strategy, network or task of the user. Without ``--trust``, ``show`` does not run such code; then
+    the results are None, and the text states which code is needed. If no run of the study is finished, the results are
+    None and the text is empty.
+    """
     try:
         return results_of(store), ""
     except InputError as error:
@@ -279,7 +323,7 @@ def results_or_need(store: Store) -> tuple[Outcome | None, str]:
 
 
 def print_results(store: Store) -> None:
-    """Print the tables of a study, or say which code is missing to make them."""
+    """Print the tables of a study, or which code of the user they need; print nothing if no run is finished."""
     from vibroswarm.cli.output import print_line, print_paragraph
     from vibroswarm.cli.studies import print_tables
 

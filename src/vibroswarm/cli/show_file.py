@@ -15,11 +15,13 @@ if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
 
 TABLES: Final = (".csv", ".parquet")
+"""Suffixes of files that hold a table; a .csv file may also hold a floor."""
 FLOORS: Final = (".txt", ".png")
+"""Suffixes of files that hold a floor."""
 
 
 def show_file(path: Path, arguments: argparse.Namespace) -> None:
-    """Print what a file holds, found by its ending and its content.
+    """Print what a file holds; the kind of file is detected by its suffix and its content.
 
     Raises:
         InputError: there is no such file, or no command writes such a file.
@@ -44,23 +46,30 @@ def show_file(path: Path, arguments: argparse.Namespace) -> None:
 
 
 def _show_toml(path: Path, arguments: argparse.Namespace) -> None:
-    """Print a scenario, the settings of strategies, a study or a search."""
+    """Print what a TOML file describes: a search, a study, settings of strategies or a scenario.
+
+    The kind is detected by the names of the file's tables. For a search or a study, only a summary is printed.
+    """
     from vibroswarm.core.untrusted_files import parsed_toml, read_text
 
     text = read_text(path, "a file in TOML")
     tables = parsed_toml(text, str(path))
-    what: dict[str, Any]
-    if {"space", "objective", "search"} & set(tables):
+    summary: dict[str, Any]
+    if {"space", "objective", "search"} & set(tables):  # tables that only the file of a search has
         from vibroswarm.optimize.spec import Search
 
         search = Search.read(path)
-        what = {"search": search.hash, "method": search.settings.method, "fields": list(search.space.names)}
+        summary = {
+            "search": search.hash,
+            "method": search.settings.method,
+            "fields": list(search.space.names),
+        }
         words = f"Search of {search.space.size} fields by {search.settings.method}: {', '.join(search.space.names)}."
-    elif {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
+    elif {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):  # names of a study only
         from vibroswarm.study.spec import Study
 
         study = Study.read(path)
-        what = {
+        summary = {
             "study": study.hash,
             "cells": len(study.cells),
             "seed": study.seed,
@@ -79,20 +88,29 @@ def _show_toml(path: Path, arguments: argparse.Namespace) -> None:
         _show_scenario(Scenario.read(path), path, arguments)
         return
     if arguments.json:
-        print_json(what)
+        print_json(summary)
     else:
         print_paragraph(words)
 
 
 def _is_settings(tables: dict[str, Any]) -> bool:
-    """Return whether these are settings of strategies, as ``tune`` writes them: dotted fields by strategy."""
+    """Return whether a file holds settings of strategies, as ``tune`` writes them.
+
+    Such a file has one table for each strategy, in which all keys are dotted names of fields, such as
+    ``"strategy.soft.eta"``.
+    """
     return bool(tables) and all(
         isinstance(table, dict) and all("." in field for field in table) for table in tables.values()
     )
 
 
 def _show_settings(text: str, tables: dict[str, Any], arguments: argparse.Namespace) -> None:
-    """Print the settings of each strategy, after the comment that says how they were found."""
+    """Print the settings of each strategy, after the comment at the top of the file, which says how they were found.
+
+    Args:
+        text: the text of the file.
+        tables: the parsed content of the file: for each strategy, the values of its fields.
+    """
     if arguments.json:
         print_json(tables)
         return
@@ -103,17 +121,20 @@ def _show_settings(text: str, tables: dict[str, Any], arguments: argparse.Namesp
     print_table(
         ["strategy", "field", "value"],
         [[name, field, value] for name, table in tables.items() for field, value in table.items()],
-        names=2,
+        names=2,  # strategy and field name a row
     )
     if without := [name for name, table in tables.items() if not table]:
-        print_paragraph(f"As the scenario has them, and by default: {', '.join(without)}")
+        print_paragraph(
+            f"No fields set (as in the scenario, else the strategy's defaults): {', '.join(without)}"
+        )
 
 
 def _show_scenario(scenario: Scenario, path: Path, arguments: argparse.Namespace) -> None:
-    """Print the fields of a scenario that differ from preset paper."""
+    """Print the fields of a scenario that differ from those of the preset ``paper``."""
     from vibroswarm.scenario.scenario import preset
 
     here, paper = scenario.model_dump(mode="json"), preset("paper").model_dump(mode="json")
+    # for each field that differs, by dotted name: its value here and its value in the preset
     differing = {
         f"{section}.{name}": (value, paper.get(section, {}).get(name))
         for section, fields in here.items()
@@ -122,21 +143,21 @@ def _show_scenario(scenario: Scenario, path: Path, arguments: argparse.Namespace
         if value != paper.get(section, {}).get(name)
     }
     if arguments.json:
-        print_json(
-            {"scenario": scenario.hash, "differs": {name: now for name, (now, _) in differing.items()}}
-        )
+        values = {name: value for name, (value, _) in differing.items()}
+        print_json({"scenario": scenario.hash, "differs": values})
         return
     print_paragraph(f"Scenario {scenario.hash}. To run it: vibroswarm run --scenario {path}")
     if not differing:
         print_paragraph("Every field is as in preset paper.")
         return
     print_paragraph(f"{len(differing)} fields differ from preset paper:")
-    rows = [[name, _short(now), _short(then)] for name, (now, then) in differing.items()]
-    print_table(["field", "here", "paper"], rows, texts=3)
+    rows = [[name, _short(value), _short(of_paper)] for name, (value, of_paper) in differing.items()]
+    columns = ["field", "here", "paper"]
+    print_table(columns, rows, texts=len(columns))  # all columns are text, because only text may be wrapped
 
 
 def _short(value: Any) -> str:
-    """Return a value as text, cut if it is a long list."""
+    """Return a value as text, which is cut off after 200 characters and then ends with ``...``; ``-`` for None."""
     if value is None:
         return "-"
     text = " ".join(map(str, value)) if isinstance(value, list) else str(value)
@@ -144,16 +165,19 @@ def _short(value: Any) -> str:
 
 
 def _is_floor(path: Path) -> bool:
-    """Return whether a CSV file holds a grid of tiles rather than a table with named columns."""
+    """Return whether a CSV file holds a floor, a grid of 0 and 1; False for a table.
+
+    The first line of a table has the names of its columns, so it contains letters; the first line of a floor does not.
+    """
     if path.suffix != ".csv":
         return False
     with path.open("rb") as stream:
-        first = stream.readline(10_000)
+        first = stream.readline(10_000)  # a limit, because a file from elsewhere may be one endless line
     return not any(chr(byte).isalpha() for byte in first)
 
 
 def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
-    """Draw a floor, and print how difficult it is."""
+    """Draw a floor from its file, and print its measures of difficulty."""
     import sys
 
     from vibroswarm.cli import terminal
@@ -162,7 +186,7 @@ def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
     from vibroswarm.floors.io import can_draw_blocks, draw
     from vibroswarm.floors.source import resolve
 
-    tiles, name = resolve(str(path), None, 0)
+    tiles, name = resolve(str(path))
     if arguments.json:
         print_json(as_json(name, measure(tiles)))
         return
@@ -171,7 +195,7 @@ def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
 
 
 def _show_archive(path: Path, arguments: argparse.Namespace) -> None:
-    """Print the verdicts in an archive of a reproduction."""
+    """Print the verdicts on the paper's claims in an archive that ``reproduce`` wrote."""
     import io
 
     import polars as pl
@@ -191,6 +215,11 @@ def _show_table(path: Path, arguments: argparse.Namespace) -> None:
 
 
 def _frame(path: Path) -> pl.DataFrame:
+    """Read a table from a CSV or Parquet file.
+
+    Raises:
+        InputError: it cannot be read.
+    """
     import polars as pl
 
     try:
@@ -200,26 +229,27 @@ def _frame(path: Path) -> pl.DataFrame:
 
 
 def _print_frame(table: pl.DataFrame, arguments: argparse.Namespace) -> None:
+    """Print a table; its columns before the first column of numbers are aligned to the left as text."""
     if arguments.json:
         print_json(table.fill_nan(None).to_dicts())
         return
     rows = [[_cell(value) for value in row] for row in table.iter_rows()]
-    texts = next((k for k, kind in enumerate(table.dtypes) if kind.is_numeric()), table.width)
-    print_table(table.columns, rows, texts=texts)
+    first_numeric = next((k for k, kind in enumerate(table.dtypes) if kind.is_numeric()), table.width)
+    print_table(table.columns, rows, texts=first_numeric)
 
 
 def _cell(value: Any) -> str:
-    """Return a value of a table as text: fractions to six significant digits, ``-`` for a missing value."""
-    if value is None or value != value:
+    """Return a value of a table as text: floats with six significant digits, ``-`` for None and NaN."""
+    if value is None or value != value:  # only NaN differs from itself
         return "-"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def show_tables(folder: Path, arguments: argparse.Namespace) -> None:
-    """Print which tables and pictures a folder holds that has nothing else.
+    """Print which tables, with their sizes, and which pictures a folder holds that is no result, study or search.
 
     Raises:
-        InputError: it has none.
+        InputError: the folder has neither tables nor pictures.
     """
     tables = sorted(path for path in folder.iterdir() if path.suffix in TABLES)
     pictures = sorted(

@@ -1,5 +1,7 @@
-"""Studies on the command line, for ``evaluate``, ``sweep``, ``detect`` and ``merge``: options, plan, run, and results:
-the answer, a sentence for each comparison, and its differences side by side.
+"""Run studies and print their results, for the commands ``evaluate``, ``sweep``, ``detect`` and ``merge``.
+
+Before a study runs, its plan is printed on stderr. Its results are the answer in sentences, the figures of each cell,
+and the differences of each comparison of cells.
 """
 
 from __future__ import annotations
@@ -22,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def add_running_options(parser: argparse.ArgumentParser) -> None:
-    """Add options for workers, executor, shards and batches."""
+    """Add options for how and which runs are executed: workers, executor, shards and batches."""
     execution = add_execution_options(parser)
     execution.add_argument(
         "--shard", metavar="K/N", help="run only shard K of N; 'vibroswarm merge' joins them"
@@ -52,39 +54,50 @@ def add_outcome_options(parser: argparse.ArgumentParser) -> None:
 
 
 def do_study(study: Study, arguments: argparse.Namespace) -> int:
-    """Plan and run a study, then summarise, print and draw it."""
+    """Run a study, repeat its comparisons on other seeds, then summarise, print and draw it; return the exit code.
+
+    If no run finished, nothing is repeated or printed.
+
+    Raises:
+        RunError: runs failed. The error is raised at the end, when all other runs are finished, saved and printed.
+    """
     from vibroswarm.study.cell_comparison import pairs_of
     from vibroswarm.study.runner import failures_in_words
 
     pairs_of(study, arguments.reference)  # refuses an unknown reference before anything is simulated
     result = run_study_of(study, arguments, allow_failures=True)
-    if result is None:
+    if result is None:  # only a shard or a batch was requested
         return 0
     second = None
     if result.cells["there"].sum():
         second = None if arguments.no_confirm else _second_block(result, arguments)
         print_outcome(result, second, arguments)
-    for study_result in (result, second):  # raised once all else is done
+    for study_result in (result, second):
         if study_result is not None and study_result.store.failures:
-            raise RunError(failures_in_words(study_result.store, arguments.out is not None))
+            raise RunError(failures_in_words(study_result.store, kept=arguments.out is not None))
     return 0
 
 
 def run_study_of(
     study: Study, arguments: argparse.Namespace, *, allow_failures: bool = False
 ) -> StudyResult | None:
-    """Plan and run a study; None if only a shard or a batch was requested, which is then reported.
+    """Print the plan of a study and run it, or only the part that ``--shard`` or ``--batch`` names.
 
     Args:
-        allow_failures: return the result even if runs failed.
+        allow_failures: return the result even if runs failed. If only a shard is run, its failures are raised anyway.
+    Returns:
+        The result; None if only a part of the study was run: then a sentence about that part is printed.
+    Raises:
+        InputError: options conflict, or ``--out`` holds something else.
+        RunError: runs failed, and ``allow_failures`` is False or only a shard is run.
     """
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.output import check_open
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.cli.scenario_options import warn_of
+    from vibroswarm.study.run import run
     from vibroswarm.study.runner import Job, run_batch
     from vibroswarm.study.store import Store
-    from vibroswarm.study.study_result import run
 
     job = None if arguments.shard is None else Job.from_words(arguments.shard)
     if job is not None and study.until is not None:
@@ -121,22 +134,29 @@ def run_study_of(
 
 
 def _execution(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the options of ``add_execution_options`` as keyword arguments of functions that run a study."""
     return {"executor": arguments.executor, "workers": arguments.workers, "mixed": arguments.mixed}
 
 
 def _second_block(result: StudyResult, arguments: argparse.Namespace) -> StudyResult | None:
-    """Repeat comparisons on other seeds; None if the study has none."""
+    """Run the cells of a study again on other seeds, to confirm comparisons; None if the study compares no cells."""
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.study.cell_comparison import pairs_of, second_block
 
     if not pairs_of(result.study, arguments.reference):
         return None
     with study_progress("repeating on other seeds") as progress:
+        # Failed runs are allowed here, because `do_study` reports them after the results are printed.
         return second_block(result, progress=progress, allow_failures=True, **_execution(arguments))
 
 
 def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
-    """Print on stderr what will be done and how long it may take."""
+    """Print on stderr what a study consists of, how much of it is left to do, and how long that may take.
+
+    Args:
+        out: the study's folder, whose finished runs are not repeated; None if nothing is saved.
+        job: the shard that will be run; None if the whole study will be run.
+    """
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.study.plan import plan_of
     from vibroswarm.study.runner import expected
@@ -144,6 +164,7 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
 
     plan = plan_of(study)
     cells, groups = len(study.cells), len(plan.groups)
+    # With --until, intervals are computed after 100 runs for the first time.
     runs = f"{study.runs:,}" if study.runs else "100 or more"
     shared = ", ".join(
         f"{count:,} {name}{'s' * (count != 1)}"
@@ -155,6 +176,7 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
     )
     report(f"{cells} cell{'s' * (cells != 1)}, {runs} runs each, seed {study.seed}; shared per run: {shared}")
     store = None if out is None else Store.existing(out, study)
+    # Without saved results, an empty store takes their place, so that all runs are left to do. Its path is not used.
     store = Store(Path(), study) if store is None else store
     for damage in store.damaged:
         print(f"damaged, will be recomputed: {damage}", file=sys.stderr)
@@ -178,11 +200,17 @@ def duration(seconds: float) -> str:
 
 
 def print_outcome(result: StudyResult, second: StudyResult | None, arguments: argparse.Namespace) -> int:
-    """Summarise a study and print its tables; save numbers, pictures and report if there is a folder."""
+    """Summarise a study and print its tables; with ``--out``, save numbers, pictures and report; return the exit code.
+
+    Args:
+        result: the study with its finished runs.
+        second: the repetition of its cells on other seeds, which confirms comparisons; None if it was not run.
+    """
     from vibroswarm.cli.output import print_json
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.study.summary import outcome_of, write_outcome
 
+    # `outcome_of` reports the progress of its replays for the comparison at equal error.
     with progress_bar("at equal error") as progress:
         outcome = outcome_of(result, second, arguments.reference, progress)
     if arguments.out is not None:
@@ -191,7 +219,7 @@ def print_outcome(result: StudyResult, second: StudyResult | None, arguments: ar
         print_json(outcome.as_dict())
     else:
         print_tables(outcome)
-    sys.stdout.flush()
+    sys.stdout.flush()  # the tables are seen before the pictures are drawn, which takes a while
     if arguments.out is not None and not arguments.no_pictures:
         _draw(outcome, arguments)
     _print_saved(arguments)
@@ -199,7 +227,11 @@ def print_outcome(result: StudyResult, second: StudyResult | None, arguments: ar
 
 
 def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
-    """Write tables, pictures and report of a study, with a progress bar."""
+    """Write the pictures and the report of a study, and its table of references.
+
+    A reference of a cell is how fast a decision could have been made if all samples had been known in one place at
+    once. References are computed for studies with few cells only.
+    """
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.study.baselines import reference_table, references_of
     from vibroswarm.study.study_report import write_pictures_and_report
@@ -214,29 +246,32 @@ def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
 
 
 def _print_saved(arguments: argparse.Namespace) -> None:
-    """Print where the study and its report are saved."""
+    """Print where the tables, runs and report of a study are saved; without ``--out``, print what could be saved."""
     from vibroswarm.cli.output import print_saved
 
+    # Without --out, the message lists all tables that a study may have; with it, only the tables that this study has.
     tables: tuple[str, ...] = ("summary.csv", "comparisons.csv", "equal_error.csv")
     if arguments.out is not None:
         tables = tuple(name for name in tables if (arguments.out / name).is_file())
     saved = ", ".join(tables)
     page = None if arguments.no_pictures else "report.html"
-    plain = arguments.no_pictures and arguments.out is not None
-    report_words = "" if plain else ", pictures and a report"
+    without_report = arguments.no_pictures and arguments.out is not None
+    report_words = "" if without_report else ", pictures and a report"
     print_saved(arguments, f"{saved}, the runs (shards){report_words}", page)
 
 
 MOST_SENTENCES: Final = 12
+"""Greatest number of comparisons, or of cells, that are described in sentences."""
 NOTES: Final = (
     "Differences run by run: the first minus the second, 95 % sign-flip intervals; right, wrong and undecided in "
     "percentage points of robots; * p < 0.05, corrected over all comparisons (Holm). No significant difference is not "
     "evidence of no difference."
 )
+"""The note below the table of differences."""
 
 
 def print_tables(outcome: Outcome) -> None:
-    """Print the answer, the cells and warnings."""
+    """Print the answer of a study, the figures of its cells, the differences of comparisons, and warnings."""
     print_answers(outcome)
     _print_cells(outcome)
     runs = {cell_outcome.summary.runs for cell_outcome in outcome.cells}
@@ -245,10 +280,10 @@ def print_tables(outcome: Outcome) -> None:
         f"{count} runs per cell; in brackets 95 % intervals over runs (Wilson, t). An undecided run counts with its "
         "whole time."
     )
-    until, levels = (
-        outcome.result.study.until,
-        {cell_outcome.settled.level for cell_outcome in outcome.cells if cell_outcome.settled},
-    )
+    # With --until, intervals are computed several times (looks), and the study ends when one is narrow enough. So that
+    # the last interval holds at 95 %, the interval of each look has a higher level.
+    until = outcome.result.study.until
+    levels = {cell_outcome.settled.level for cell_outcome in outcome.cells if cell_outcome.settled}
     if until is not None and levels:
         levels_text = " to ".join(f"{100 * level:.2f} %" for level in sorted({min(levels), max(levels)}))
         print_paragraph(
@@ -260,7 +295,7 @@ def print_tables(outcome: Outcome) -> None:
 
 
 def _print_cells(outcome: Outcome) -> None:
-    """Print the figures of each cell as a table."""
+    """Print the figures of each cell as a table, with the number of failed runs if any run failed."""
     print_table(
         [
             "cell",
@@ -292,12 +327,12 @@ def _print_cells(outcome: Outcome) -> None:
             ]
             for cell_outcome in outcome.cells
         ],
-        more=("split, %", "incomplete, %", "belief in the truth"),
+        more=("split, %", "incomplete, %", "belief in the truth"),  # printed with --wide only
     )
 
 
 def print_answers(outcome: Outcome) -> None:
-    """Print what was asked and the answer, then an empty line."""
+    """Print the question of a study and the sentences of its answer."""
     print_paragraph(outcome.question)
     print()
     for sentence in answer_lines(outcome):
@@ -306,7 +341,10 @@ def print_answers(outcome: Outcome) -> None:
 
 
 def answer_lines(outcome: Outcome) -> list[str]:
-    """Return sentences on the first comparisons, or on the first cells where none are compared."""
+    """Return sentences on the first ``MOST_SENTENCES`` comparisons, or on the first cells if a study compares none.
+
+    If comparisons or cells are left out, a last sentence states their number.
+    """
     from vibroswarm.study.answers import cell_sentences
 
     if not outcome.answers:
@@ -321,12 +359,16 @@ def answer_lines(outcome: Outcome) -> list[str]:
 
 
 def print_effects(outcome: Outcome) -> None:
-    """Print the differences of each comparison side by side: time, right, wrong and undecided."""
+    """Print a row for each comparison of two cells: the differences in time, right, wrong and undecided.
+
+    A star marks significant differences.
+    """
     if not outcome.answers:
         return
     rows = []
     for answer in outcome.answers:
+        # the differences in the order of the columns below
         effects = [effect.number + ("*" if effect.significant else "") for effect in answer.effects]
-        rows.append([answer.name, *(text.replace(" points", "") for text in effects)])
+        rows.append([answer.name, *(text.replace(" points", "") for text in effects)])  # NOTES names the unit
     print_table(["compared", "time", "right", "wrong", "undecided"], rows)
     print_paragraph(NOTES)

@@ -27,7 +27,7 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``sweep`` and its options to the program's commands."""
     parser = commands.add_parser(
         "sweep",
         help="run a study: many runs of a scenario with varied fields",
@@ -39,11 +39,12 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("--runs", metavar="N", type=whole, help="runs per cell (default: those of the file)")
     add_running_options(parser)
     add_outcome_options(parser)
+    # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Read the study and run it."""
+    """Read a study from its file, run it and print its results; return the exit code."""
     from vibroswarm.study.spec import Study
 
     study = Study.read(arguments.study)

@@ -1,5 +1,6 @@
-"""How a command prints: the terminal's width, the options ``--wide``, ``--quiet`` and ``--verbose``, and what the last
-reports on stderr: versions, kernels as they are loaded or compiled, and times.
+"""How a command prints: the terminal's width, and the options ``--wide``, ``--quiet`` and ``--verbose``.
+
+With ``--verbose``, versions, the loading and compiling of kernels, and times are reported on stderr.
 """
 
 from __future__ import annotations
@@ -20,11 +21,12 @@ TEXT_WIDTH: Final = 100
 UNLIMITED: Final = 100_000
 """Width of output that goes to a file or another program: one line for each row, for ``grep`` and ``awk``."""
 LEAST: Final = 40
+"""A narrower terminal is treated as if it had this width."""
 
 
 @dataclass
 class Printing:
-    """What the options of the command in progress ask for."""
+    """The options of the command in progress for how much is printed."""
 
     wide: bool = False
     quiet: bool = False
@@ -32,28 +34,33 @@ class Printing:
 
 
 printing = Printing()
+"""The options of the command in progress, which ``use`` sets."""
 
 
 def use(arguments: argparse.Namespace) -> None:
-    """Print as these options ask for; a new command starts."""
+    """Set how much is printed from the options of a new command."""
     for name in ("wide", "quiet", "verbose"):
         setattr(printing, name, bool(getattr(arguments, name, False)))
 
 
 def is_terminal() -> bool:
     """Return whether stdout is a terminal."""
-    with suppress(AttributeError, ValueError):  # replaced, or closed
+    with suppress(AttributeError, ValueError):  # stdout is replaced by an object without isatty, or closed
         return sys.stdout.isatty()
     return False
 
 
 def width() -> int:
-    """Return the width to print in: the environment variable COLUMNS, else the terminal's, else unlimited."""
-    with suppress(ValueError):
+    """Return the width to print in, characters.
+
+    It is the value of the environment variable COLUMNS if that is a number above 0, else the width of the terminal, but
+    in both cases at least ``LEAST``. If COLUMNS is not set and stdout is not a terminal, it is ``UNLIMITED``.
+    """
+    with suppress(ValueError):  # COLUMNS is missing or is not a number
         if (given := int(os.environ.get("COLUMNS", ""))) > 0:
             return max(given, LEAST)
     if is_terminal():
-        with suppress(OSError, ValueError):
+        with suppress(OSError, ValueError):  # the system does not know the width
             return max(os.get_terminal_size(sys.stdout.fileno()).columns, LEAST)
     return UNLIMITED
 
@@ -75,17 +82,20 @@ def report(text: str) -> None:
 
 
 _since_s = [0.0]
+"""Time at which the command began, by ``time.monotonic``; the only entry is replaced by each command."""
 _listens: list[bool] = []
+"""Empty until a compile listener is registered. The listener cannot be removed, so it serves all later commands too."""
 
 
 def _line(text: str) -> None:
+    """With ``--verbose``, print a line on stderr with the time since the command began."""
     if printing.verbose:
         print(f"[{time.monotonic() - _since_s[0]:7.2f} s] {text}", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def verbose() -> Iterator[None]:
-    """Report on the command that runs inside."""
+    """Inside the context, report on stderr about the command: versions, settings, kernels that it loads, its end."""
     from vibroswarm.core.jit import add_compile_listener, cache_folder, compiles
     from vibroswarm.simulation import versions
 

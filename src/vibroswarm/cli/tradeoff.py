@@ -21,12 +21,15 @@ if TYPE_CHECKING:
     import polars as pl
 
 THRESHOLDS = "0.7,0.8,0.9,0.95,0.98,0.99"
+"""Default of ``--thresholds``: values of p_c."""
 OBSERVATIONS = "0,50,100,200,300,400,600"
+"""Default of ``--observations``: values of O_c."""
 MARKER = "tradeoff.csv"
+"""File by which ``whole_folder`` recognises a folder that this command wrote and may replace."""
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``tradeoff`` and its options to the program's commands."""
     parser = commands.add_parser(
         "tradeoff",
         help="decision time against error, over p_c and O_c",
@@ -38,7 +41,7 @@ def add_parser(commands: Any) -> None:
         "--thresholds",
         metavar="P,...",
         type=list_of(real),
-        default=THRESHOLDS,
+        default=THRESHOLDS,  # a text: argparse converts it like a value that the user gives
         help=f"p_c (default {THRESHOLDS})",
     )
     options.add_argument(
@@ -57,7 +60,10 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay all settings on the same runs and print the Pareto front."""
+    """Replay every pair of p_c and O_c on the same runs; print the Pareto front and save the curve.
+
+    Returns the exit code.
+    """
     from vibroswarm.analysis.tradeoff import time_error_curve
     from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
     from vibroswarm.cli.output import print_line, print_paragraph, print_saved
@@ -72,6 +78,8 @@ def run(arguments: argparse.Namespace) -> int:
     work = hash_of(
         scenario.hash, arguments.seed, arguments.runs, arguments.thresholds, arguments.observations
     )
+    # An existing folder is accepted only if it holds results of the same settings, or with --force. at_once=False: the
+    # older folder stays until the new one is complete and replaces it.
     claim(arguments, lambda: refuse_other(arguments.out, "tradeoff", work), at_once=False)
     say_compiling()
     curve = time_error_curve(
@@ -90,6 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
         _print_front(curve)
 
     def deliver_to(part: Path | None) -> None:
+        """Print the results, and save the printed text in the folder ``part`` if there is one."""
         deliver(arguments, part, "tradeoff", show, curve.to_dicts, work=work)
 
     if arguments.out is None:
@@ -106,13 +115,19 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print_front(curve: pl.DataFrame) -> None:
-    """Print the points on the Pareto front."""
+    """Print the settings on the Pareto front: those for which no other setting is both faster and less often wrong.
+
+    Args:
+        curve: result of ``time_error_curve``: one row for each setting, a pair of p_c and O_c.
+    """
     from vibroswarm.cli.output import print_paragraph, print_table
 
     def limits(row: dict[str, float], name: str, scale: float, form: str) -> str:
+        """Format the figure in column ``name`` with its limits, multiplied by ``scale`` and in the format ``form``."""
         estimate, low, high = (f"{scale * row[name + end]:{form}}" for end in ("", "_low", "_high"))
         return f"{estimate} [{low}, {high}]"
 
+    # The column "pareto" is true for the settings on the front.
     front = curve.filter("pareto").sort("decision_time_s")
     print_paragraph(
         f"Pareto front of {curve.height} settings, {curve['runs'][0]} runs each (95 % intervals over runs):"
@@ -123,12 +138,11 @@ def _print_front(curve: pl.DataFrame) -> None:
             [
                 f"{row['credible_threshold']:g}",
                 row["min_observations"],
-                limits(row, "decision_time_s", 1, ".0f"),
-                limits(row, "error", 100, ".1f"),
+                limits(row, "decision_time_s", scale=1, form=".0f"),
+                limits(row, "error", scale=100, form=".1f"),
                 f"{100 * row['robots_undecided']:.1f}",
             ]
             for row in front.iter_rows(named=True)
         ],
-        names=2,
-        texts=0,
+        names=2,  # p_c and O_c name a row
     )

@@ -7,7 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.league import add_league_options, players_from, values_text
+from vibroswarm.cli.league import add_league_options, players_from
+from vibroswarm.cli.league_output import values_text
 from vibroswarm.cli.options import add_out, whole
 
 if TYPE_CHECKING:
@@ -21,12 +22,17 @@ example:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``tune`` and its options to the program's commands.
+
+    Its texts mention the forced error: the share of wrong robots, where an undecided robot counts as if it had decided
+    for the answer that it believes more at the end.
+    """
     parser = commands.add_parser(
         "tune",
         help="find settings for the strategies of a league, with equal numbers of runs",
         description="For each strategy, find the settings with the smallest decision time among those whose forced "
-        "error is not above that of the scenario as it is; in two rounds, with as many runs for each strategy.",
+        "error is not above that of the scenario as it is; in two rounds, each with equal numbers of runs for all "
+        "strategies.",
         epilog=EPILOG,
     )
     group = add_league_options(parser, runs=100)
@@ -45,11 +51,16 @@ def add_parser(commands: Any) -> None:
         help='bounds of the fields to search, in TOML: [voter] with "strategy.voter.phase_s" = { from = 5, to = 90 }',
     )
     add_out(group, "write the settings here, for 'vibroswarm league --settings'", metavar="FILE", force=True)
+    # After Ctrl-C, the runs saved beside the file --out can be resumed.
     parser.set_defaults(run=run, resumes="file")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Tune, print and write the settings."""
+    """Find settings for each strategy, print them and write them to ``--out``; return the exit code.
+
+    Until the file is written, finished runs are saved in a folder beside it, so that the same command can resume the
+    search after an interruption. With ``--force``, a folder of runs that exists is removed first.
+    """
     from vibroswarm.cli.interruption import folder_of_runs
     from vibroswarm.cli.output import print_line
     from vibroswarm.cli.progress import progress_bar
@@ -59,7 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     names, base, floors, robots = players_from(arguments)
     with ExitStack() as stack:
-        # Opened first: a name that cannot be written is refused before the work, not after.
+        # The file is opened before the work, so that a name that cannot be written is refused at once. Without --out,
+        # `out` and `runs_folder` are None.
         out = arguments.out and stack.enter_context(whole_file(arguments.out, replace=arguments.force))
         progress = stack.enter_context(progress_bar("tuning"))
         runs_folder = arguments.out and folder_of_runs(arguments.out)
@@ -70,6 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
             names,
             floors,
             robots,
+            # the search spaces of the package, and those of the user's file in their place
             space_of=spaces(arguments.own_motion)
             | (read_settings(arguments.spaces) if arguments.spaces else {}),
             points=arguments.points,
@@ -87,6 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         if out is not None:
             out.write_text(tuned.to_toml(how), encoding="utf-8", newline="\n")
+    # The file is complete, so the saved runs are no longer needed.
     if runs_folder is not None and runs_folder.exists():
         remove_folder(runs_folder)
     _print_tuned(tuned, how)
@@ -96,9 +110,15 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print_tuned(tuned: Tuned, how: str) -> None:
-    """Print the settings that were found, what they give, and how they were found."""
+    """Print the settings that were found, the error and time that they reach, and how they were found.
+
+    Args:
+        tuned: the result of the search.
+        how: a sentence that describes how the settings were found.
+    """
     from vibroswarm.cli.output import print_paragraph, print_table
 
+    # one row for each strategy: the settings that were found for it
     chosen = tuned.table.filter("is_chosen").sort("decision_time_s")
     print_paragraph(
         f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error"
@@ -109,15 +129,16 @@ def _print_tuned(tuned: Tuned, how: str) -> None:
         [
             [
                 row["strategy"],
-                values_text(row, "forced_error", 100, ".1f"),
-                values_text(row, "decision_time_s", 1, ".0f"),
+                values_text(row, "forced_error", scale=100, form=".1f"),
+                values_text(row, "decision_time_s", scale=1, form=".0f"),
             ]
             for row in chosen.iter_rows(named=True)
         ],
     )
     print()
     for row in chosen.iter_rows(named=True):
-        print_paragraph(f"{row['strategy']}: {row['settings'] or 'as the scenario has them, and by default'}")
+        unchanged = "no fields set (as in the scenario, else the strategy's defaults)"
+        print_paragraph(f"{row['strategy']}: {row['settings'] or unchanged}")
     print()
     print_paragraph(
         f"{how} The figures favour the settings that were lucky: play a league with another seed."

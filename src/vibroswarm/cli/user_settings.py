@@ -1,8 +1,8 @@
 """The user's settings file: how pictures look and how many workers run, never what is simulated.
 
-It is ``config.toml`` in the folder ``vibroswarm`` of ``$XDG_CONFIG_HOME`` (by default ``~/.config``; on Windows
-``%APPDATA%``). The environment variable VIBROSWARM_CONFIG names another file, or none if it is empty. Options of a
-command count more.
+The file is ``config.toml`` in the folder ``vibroswarm`` of ``$XDG_CONFIG_HOME`` (by default ``~/.config``; on Windows
+``%APPDATA%``). The environment variable VIBROSWARM_CONFIG names another file; if it is set to an empty text, no file is
+read. Options on the command line override the file.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from vibroswarm.errors import InputError, check_choice, nearest, shown
 NAMES: Final = ("style", "workers")
 """Keys of the file, each the name of an option."""
 VARIABLE: Final = "VIBROSWARM_CONFIG"
+"""The environment variable that names another settings file, or none if it is empty."""
 
 
 def location() -> Path | None:
-    """Return where the settings file is looked for; None if the environment variable is empty: use none."""
+    """Return the path of the settings file, which may not exist; None if VIBROSWARM_CONFIG is set to an empty text."""
     if (given := os.environ.get(VARIABLE)) is not None:
         return Path(given) if given else None
     if sys.platform == "win32":
@@ -34,10 +35,11 @@ def location() -> Path | None:
 
 
 def read() -> dict[str, Any]:
-    """Read the settings; empty without a file.
+    """Read and check the settings file; return its values by key, empty if there is no file.
 
     Raises:
-        InputError: the file cannot be read, has an unknown key or a wrong value, or VIBROSWARM_CONFIG names none.
+        InputError: the file cannot be read, or has an unknown key or a wrong value; or VIBROSWARM_CONFIG names a file
+            that does not exist.
     """
     path = location()
     if path is None or (not path.exists() and VARIABLE not in os.environ):
@@ -55,13 +57,14 @@ def read() -> dict[str, Any]:
             )
         if name == "style":
             check_choice(value, field, STYLES)
+        # Python counts True as an int, but it is no number of workers
         elif isinstance(value, bool) or not isinstance(value, int) or value < 1:
             raise InputError(f"{shown(value)} is not a whole number from 1", field=field)
     return settings
 
 
 def apply(settings: dict[str, Any], parsers: Iterable[argparse.ArgumentParser]) -> None:
-    """Make the settings the defaults of the options of the same names."""
+    """Make each setting the default of the option of the same name, in all parsers that have the option."""
     for parser in parsers:
         for action in parser._actions:
             for name in NAMES:

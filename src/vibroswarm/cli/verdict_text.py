@@ -1,7 +1,11 @@
-"""The verdict as text; the robots of a large swarm in a few lines, with the range of each figure."""
+"""The verdict of a run as text: the outcome, what was simulated, and a table of robots.
+
+The robots of a large swarm are summarised by decision, with the range of each figure.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Final
 
@@ -18,12 +22,15 @@ from vibroswarm.analysis.verdict import (
 )
 from vibroswarm.cli.output import paragraph, table_lines
 from vibroswarm.cli.terminal import printing
-from vibroswarm.faults import fault_words
 from vibroswarm.result import Result
+from vibroswarm.scenario.fault_draws import fault_words
 
 
 def fault_lines(result: Result) -> list[str]:
-    """Return which robots failed in the run, and how, in a sentence; none where none can."""
+    """Return a list of one sentence: which robots had which faults in the first run of a result.
+
+    The list is empty if the scenario has no faults.
+    """
     if result.faults is None:
         return []
     of_run = result.faults.filter(result.faults["run"] == result.runs["run"][0])
@@ -40,7 +47,10 @@ def fault_lines(result: Result) -> list[str]:
 
 
 def failure_lines(result: Result) -> list[str]:
-    """Return that the run failed, and why, in a sentence; none if it did not."""
+    """Return, for each run that a simulator of physics gave up, a sentence that says when and why.
+
+    The list is empty if no run failed.
+    """
     if result.failures is None:
         return []
     return [
@@ -50,8 +60,18 @@ def failure_lines(result: Result) -> list[str]:
 
 
 def verdict_text(result: Result, found: Verdict) -> str:
-    """Return the whole verdict in plain text, the outcome first."""
-    scenario, floor = result.scenario, result.floor()
+    """Return the verdict on a run as text of several lines.
+
+    The lines are, in this order: failures of the physics simulator, if any; the outcome and its confidence; swarm,
+    strategy and floor; the share of ones read, if it is known; the boundary of the share of ones, if it differs from
+    the boundary of the fill ratio; faults, if robots can have any; a note if robots hold opinions; and the table of
+    robots.
+
+    Args:
+        result: a result of a single run, of any number: floor, faults and failures are taken from it.
+        found: the verdict on that run.
+    """
+    scenario, floor = result.scenario, result.floor(int(result.runs["run"][0]))
     ones, tiles = int(floor.tiles.sum()), floor.tiles.size
     origin = "as recorded" if result.seed is None else f"seed {result.seed}"
     robots = f"{len(found.robots)} robot{'' if len(found.robots) == 1 else 's'}"
@@ -63,12 +83,13 @@ def verdict_text(result: Result, found: Verdict) -> str:
         f"{robots}, {strategy_name(scenario.strategy.name)}, on '{floor.name}' "
         f"({ones} of {tiles} tiles vibrate, fill ratio {found.fill_ratio:.4g}), {origin}",
     ]
+    # Shares are rounded to 4 decimals, so that percentages have at most two.
     if found.share_of_ones_read is not None:
         lines.append(
             f"Samples read as vibrating: {percent(round(found.share_of_ones_read, 4))} (expected on this floor, with "
             f"the sensor's errors: {percent(round(found.share_of_ones_expected, 4))})."
         )
-    if found.readings_boundary != found.decision_boundary:
+    if found.readings_boundary != found.decision_boundary:  # robots allow for the sensor's errors
         lines.append(
             f"Robots compare the share of ones with {percent(round(found.readings_boundary, 4))}, expected on a floor "
             f"with {percent(found.decision_boundary)} vibrating tiles."
@@ -82,13 +103,19 @@ def verdict_text(result: Result, found: Verdict) -> str:
 
 
 def robot_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:
-    """Return the table of robots: one row each, or of a large swarm one for each decision."""
+    """Return the lines of the table of robots: one row for each robot, or in a large swarm one for each decision.
+
+    Args:
+        found: the verdict on the run.
+        posterior: header of the column of posteriors: "share of ones", or "opinion" for strategies whose robots count
+            the conclusions of others as readings.
+    """
     if len(found.robots) > MOST_ROBOTS and not printing.wide:
         return summary_lines(found, posterior)
     return table_lines(
         ["robot", "decision", "at, s", "confidence, %", f"{posterior} (95 %)", "own", "heard"],
         [robot_row(robot, found.answers) for robot in found.robots],
-        texts=2,
+        texts=2,  # the second column, the decision, is text too
     )
 
 
@@ -97,10 +124,17 @@ MOST_ROBOTS: Final = 20
 
 
 def summary_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:
-    """Return a table of how many robots decided what, when, and with what confidence."""
+    """Return the lines of a table with a row for each decision: number of robots, and the range of their figures.
+
+    Args:
+        found: the verdict on the run.
+        posterior: header of the column of posteriors: "share of ones" or "opinion".
+    """
     from vibroswarm.analysis.verdict import decision_words
 
     groups: dict[str, list[RobotVerdict]] = {}
+    # Robots are sorted by decision, so that the rows are in the order of decisions. Undecided robots (-1) and robots
+    # whose decision is not logged (None) come last; `or 0` is for None, which cannot be compared with numbers.
     for robot in sorted(found.robots, key=lambda one: (one.decision in (None, -1), one.decision or 0)):
         groups.setdefault(decision_words(robot.decision, found.answers), []).append(robot)
     rows = [
@@ -120,12 +154,13 @@ def summary_lines(found: Verdict, posterior: str = "share of ones") -> list[str]
 
 
 def _percent(share: float | None) -> float | None:
+    """Return a share in percent; None stays None."""
     return None if share is None else 100 * share
 
 
 def _range(values: Iterable[float | None], form: str) -> str:
-    """Return the smallest to the largest value, ``-`` without any."""
-    known = [value for value in values if value is not None and value == value]
+    """Format the range from the smallest to the largest value; ``-`` if there is no value other than None and NaN."""
+    known = [value for value in values if value is not None and not math.isnan(value)]
     if not known:
         return "-"
     low, high = f"{min(known):{form}}", f"{max(known):{form}}"

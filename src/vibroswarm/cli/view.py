@@ -17,7 +17,7 @@ examples:
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command."""
+    """Add the command ``view`` and its options to the program's commands."""
     parser = commands.add_parser(
         "view",
         help="show a run in three dimensions, in a browser on this machine",
@@ -49,7 +49,10 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Serve a run until Ctrl-C, or write its file."""
+    """Serve a run to the browser until Ctrl-C; with ``--html`` or ``--picture``, write that file instead.
+
+    Returns the exit code.
+    """
     from vibroswarm.errors import InputError
     from vibroswarm.view.server import Server, viser, write_html
 
@@ -68,20 +71,20 @@ def run(arguments: argparse.Namespace) -> int:
         if file.is_dir() or (file.exists() and not arguments.force):
             raise InputError("exists; add --force to replace it", field=str(file))
     if arguments.picture is None:
-        viser()
+        viser()  # raises an error before any work if this package is missing; only pictures do not need it
     result = read_result(arguments.folder)
     number = int(result.runs["run"][0]) if arguments.number is None else arguments.number
     if arguments.picture is not None:
         from vibroswarm.view.picture import write_picture
 
-        way = write_picture(result, number, arguments.picture, arguments.at)
+        way = write_picture(result, number, arguments.picture, time_s=arguments.at)
         print(f"Saved: {arguments.picture} (drawn by {way})")
         return 0
     if arguments.html is not None:
-        frames = write_html(result, number, arguments.html, arguments.speed)
+        frames = write_html(result, number, arguments.html, speed=arguments.speed)
         print(f"Saved: {arguments.html} ({frames} frames, {arguments.html.stat().st_size / 1e6:.1f} MB)")
         return 0
-    server = Server(result, number, arguments.port, arguments.speed)
+    server = Server(result, number, port=arguments.port, speed=arguments.speed)
     print(f"Run {number} at {server.url} (Ctrl-C ends it)", flush=True)
     if arguments.open:
         import webbrowser

@@ -22,76 +22,106 @@ from vibroswarm.analysis.message_log import (
     message_log,
 )
 from vibroswarm.analysis.verdict import answers_of, decision_words
-from vibroswarm.faults import fault_words
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.result import Result
+from vibroswarm.scenario.fault_draws import fault_words
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
 FRAMES_PER_S = 12
+"""Pictures a second in a terminal."""
 LINES = 20
 """Number of lines of a playback without a terminal."""
 BAR = 24
+"""Length of the bar of a belief of 1, characters."""
 SYMBOLS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ"
+"""Symbols of robots 0, 1, ...; further robots use the same symbols from the first on."""
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What is shown at one time; one entry per robot."""
+    """What is shown at one time; the arrays and the list have one entry per robot."""
 
     time_s: float
     x_m: NDArray[np.float64]
     y_m: NDArray[np.float64]
     belief: NDArray[np.float64]
+    """Probability that the share of ones is below the boundary."""
     decision: NDArray[np.int64]
+    """Number of the answer that the robot has decided on; -1 while it is undecided."""
     faults: list[str]
-    """Of each robot, in words; empty while it has none."""
+    """Faults that have begun, in words; an empty text for a robot without faults."""
     radio: Radio | None = None
+    """Which messages were sent and lost so far; None without a log of messages."""
 
 
 @dataclass(frozen=True)
 class Radio:
-    """What was sent until one time."""
+    """Messages that were sent until one time."""
 
     lost: NDArray[np.int64]
-    """(robots,): messages to each robot that are lost."""
+    """(robots,): number of messages sent to each robot that were lost."""
     addressed: NDArray[np.int64]
-    """(robots,): messages to it."""
+    """(robots,): number of messages that others sent to each robot."""
     latest: NDArray[np.uint8]
-    """(receivers, senders): state of the sender's latest message there; ``OWN`` if there is none."""
+    """(receivers, senders): state of the sender's latest message at the receiver; ``OWN`` if it has sent none."""
 
 
 class Playback:
-    """Run 0 of a result, at any time."""
+    """Run 0 of a result, whose state can be requested at any time (``at``).
+
+    ``samples`` has a table for each robot: its samples in order of time, with its belief and decision after each.
+    """
 
     def __init__(self, result: Result) -> None:
+        """Prepare the tables from which ``at`` computes a moment.
+
+        Args:
+            result: one run, with segments (the robots' positions between samples).
+        """
         self.result, self.scenario = result, result.scenario
         self.floor = result.floor()
-        self.robots = result.ends.height
-        self.end_s = float(result.ends["end_s"][0])
+        self.robots = result.ends.height  # one row for each robot
+        self.end_s = float(result.ends["end_s"][0])  # the same for all robots of a run
         joined = result.motion.join(result.inference, on=["run", "robot", "sample"], maintain_order="left")
         self.log = self._message_log()
         self.samples = [joined.filter(pl.col("robot") == robot) for robot in range(self.robots)]
 
     def at(self, time_s: float) -> Moment:
-        """Return the state at a time."""
+        """Return the state at a time, s; for a time after the end of the run, the state at the end.
+
+        Beliefs and decisions are those after each robot's latest sample. Before its first sample, a robot has the
+        belief of the prior and is undecided.
+        """
         assert self.result.segments is not None, "a playback needs segments"
-        at = min(time_s, self.end_s)
-        poses = np.array([pose(self.result.segments, 0, robot, at) for robot in range(self.robots)])
+        shown_s = min(time_s, self.end_s)
+        # for each robot x (m), y (m) and heading
+        poses = np.array(
+            [pose(self.result.segments, run=0, robot=robot, time_s=shown_s) for robot in range(self.robots)]
+        )
         belief = np.full(self.robots, self._prior_belief())
         decision = np.full(self.robots, -1)
         for robot, samples in enumerate(self.samples):
-            done = int(samples["time_s"].search_sorted(at, side="right"))
+            done = int(samples["time_s"].search_sorted(shown_s, side="right"))  # number of samples until now
             if done:
                 belief[robot], decision[robot] = (
                     samples["belief_below"][done - 1],
                     samples["decision"][done - 1],
                 )
-        return Moment(at, poses[:, 0], poses[:, 1], belief, decision, self._faults(at), self._radio(at))
+        return Moment(
+            time_s=shown_s,
+            x_m=poses[:, 0],
+            y_m=poses[:, 1],
+            belief=belief,
+            decision=decision,
+            faults=self._faults(shown_s),
+            radio=self._radio(shown_s),
+        )
 
     def _faults(self, time_s: float) -> list[str]:
+        """Return for each robot, in words, its faults that have begun by a time, s; an empty text if it has none."""
         words = [list[str]() for _ in range(self.robots)]
         if self.result.faults is not None:
             begun = self.result.faults.filter((pl.col("run") == 0) & (pl.col("from_s") <= time_s))
@@ -100,25 +130,35 @@ class Playback:
         return [", ".join(own) for own in words]
 
     def _message_log(self) -> MessageLog | None:
-        """Return the run's messages, unless all hear all or there are too many to list."""
+        """Return the messages of the run; None if their display is not needed, or if there are too many to list.
+
+        It is not needed with the network ``ideal``, under which every robot hears every message.
+        """
         if self.scenario.network.name == "ideal" or log_size(self.result) > MAX_ENTRIES:
             return None
         return message_log(self.result)
 
     def _radio(self, time_s: float) -> Radio | None:
-        """Return what was sent and lost until a time, s; None without a log of messages."""
+        """Return which messages were sent and lost until a time, s; None without a log of messages."""
         if self.log is None:
             return None
         sent = int(np.searchsorted(self.log.time_s, time_s, side="right"))
+        # The log is in the order of time, so the messages sent until now are its first rows: the state of each message
+        # at each receiver, (messages, receivers), and the sender of each message, (messages,).
         state, sender = self.log.state[:sent], self.log.sender[:sent]
         latest = np.full((self.robots, self.robots), OWN, dtype=np.uint8)
         for i in range(self.robots):
-            own = np.flatnonzero(sender == i)
+            own = np.flatnonzero(sender == i)  # the messages that robot i has sent
             if own.size:
-                latest[:, i] = state[own[-1]]
-        return Radio((state == LOST).sum(axis=0), (state != OWN).sum(axis=0), latest)
+                latest[:, i] = state[own[-1]]  # the state of the last of them, at each receiver
+        return Radio(lost=(state == LOST).sum(axis=0), addressed=(state != OWN).sum(axis=0), latest=latest)
 
     def _prior_belief(self) -> float:
+        """Return the belief of a robot without samples, by the prior.
+
+        It is the probability that the share of ones is below the boundary. The prior is a Beta distribution, whose
+        cumulative distribution function is ``betainc``.
+        """
         from scipy.special import betainc
 
         decision = self.scenario.decision
@@ -126,9 +166,13 @@ class Playback:
 
 
 def play(result: Result, speed: float) -> None:
-    """Play run 0 back, ``speed`` times as fast; as plain lines if stdout is not a terminal."""
+    """Play run 0 of a result back, ``speed`` times as fast as in reality.
+
+    If stdout is not a terminal, ``LINES`` evenly spaced moments are printed as lines instead, without waiting.
+    """
     playback = Playback(result)
     if not sys.stdout.isatty():
+        # Time 0 is left out, since nothing has happened then.
         for time_s in np.linspace(0.0, playback.end_s, LINES + 1)[1:]:
             print(line(playback.at(float(time_s))), flush=True)
         return
@@ -144,7 +188,10 @@ def play(result: Result, speed: float) -> None:
 
 
 def line(moment: Moment) -> str:
-    """Return a moment as one line of text."""
+    """Return a moment as one line of text: for each robot its belief, and a mark for its decision and faults.
+
+    The mark is ? if the robot is undecided, < or > for the answers "less" and "more"; ! follows if it has a fault.
+    """
     marks = {-1: "?", 0: "<", 1: ">"}
     beliefs = " ".join(
         f"{robot}:{belief:.2f}{marks[int(decision)]}{'!' if faults else ''}"
@@ -161,7 +208,11 @@ def line(moment: Moment) -> str:
 
 
 def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
-    """Return a moment as a terminal picture: the arena, and each robot's belief as a bar."""
+    """Return a moment as a picture for the terminal: the arena, beliefs as bars, and who hears whom by radio.
+
+    Args:
+        speed: simulated seconds per second, shown in the first line.
+    """
     from rich.columns import Columns
     from rich.console import Group
     from rich.panel import Panel
@@ -187,16 +238,26 @@ def _has_unicode() -> bool:
 
 
 def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
-    """Return the arena from above: vibrating tiles shaded, a symbol for each robot; cells are twice as high as wide."""
+    """Return the arena from above as lines of text: vibrating tiles shaded, a symbol for each robot.
+
+    A character is about twice as high as wide, so a square has twice as many columns as rows.
+
+    Args:
+        rows: wanted number of lines. It gives the number of columns, which is limited to 4 to 100. If this limit
+            changes the number of columns, the number of lines changes in proportion.
+    """
     width_m, height_m = playback.scenario.arena.width_m, playback.scenario.arena.height_m
     columns = int(np.clip(round(2 * rows * width_m / height_m), 4, 100))
     rows = max(2, round(columns * height_m / width_m / 2))
-    x = (np.arange(columns) + 0.5) * width_m / columns
-    y = height_m - (np.arange(rows) + 0.5) * height_m / rows
+    x = (np.arange(columns) + 0.5) * width_m / columns  # centres of the characters, m
+    y = height_m - (np.arange(rows) + 0.5) * height_m / rows  # the first line is the top of the arena
+    # Index of the tile under each character, (rows, columns); -1 where the floor does not reach.
     tile = playback.floor.tile_at(*np.meshgrid(x, y))
     flat = playback.floor.tiles.ravel()
     shade, dot = ("░", "·") if _has_unicode() else ("#", ".")
+    # Where `tile` is -1, flat[-1] is the last tile, which does not matter: the outer `where` puts a blank there.
     cells = np.where(tile < 0, " ", np.where(flat[tile] == 1, shade, dot))
+    # Clipped, so that a robot at the very edge of the arena is drawn in the outermost character.
     column = np.clip((moment.x_m / width_m * columns).astype(int), 0, columns - 1)
     row = np.clip(((height_m - moment.y_m) / height_m * rows).astype(int), 0, rows - 1)
     for robot in range(playback.robots):
@@ -205,11 +266,17 @@ def arena_rows(playback: Playback, moment: Moment, rows: int = 22) -> list[str]:
 
 
 def radio_rows(radio: Radio) -> list[str]:
-    """Return a row for each receiver: a mark for each sender's latest message, heard or lost, and what was lost."""
+    """Return the radio's state as lines of text: a header, then a row for each receiver.
+
+    The row of a receiver has a mark for each sender, which shows whether the sender's latest message was heard or lost,
+    and the number of all messages that the receiver lost so far. The mark is "-" if the message arrives too late to be
+    read, and a blank if there is none. If there are more robots than symbols, the marks are left out.
+    """
     heard, lost = ("●", "x") if _has_unicode() else ("o", "x")
     robots = radio.lost.size
-    shown = robots if robots <= len(SYMBOLS) else 0  # a larger swarm: the counts alone
+    shown = robots if robots <= len(SYMBOLS) else 0
     marks = {RECEIVED: heard, LOST: lost, NOT_DUE: "-", OWN: " "}
+    # The first 3 characters of each row are for the receiver's symbol.
     rows = [f"{'':3}{' '.join(SYMBOLS[:shown])}{'   lost' if shown else 'lost'}"]
     for robot in range(robots):
         row = " ".join(marks[int(state)] for state in radio.latest[robot, :shown])
@@ -219,10 +286,15 @@ def radio_rows(radio: Radio) -> list[str]:
 
 
 def belief_rows(playback: Playback, moment: Moment) -> list[str]:
-    """Return a bar for each robot: its belief that less than the boundary vibrates."""
+    """Return beliefs as lines of text: a header, then for each robot a bar of its belief in the first answer.
+
+    The first answer of the task ``fill_ratio`` is that the share of vibrating tiles is less than the boundary. After
+    the bar, the line states the robot's decision and its faults.
+    """
     boundary, answers = playback.scenario.decision.decision_boundary, answers_of(playback.scenario)
     answer = f"less than {100 * boundary:g} %" if playback.scenario.task.name == "fill_ratio" else answers[0]
     block, rest = ("█", "─") if _has_unicode() else ("=", "-")
+    # The first 3 characters of each row are for the robot's symbol; in the header, 0 and 1 mark the ends of the bar.
     rows = [f"{'':3}{'0':<{BAR}}1   in '{answer}'"]
     for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True)):
         full = round(belief * BAR)

@@ -1,10 +1,12 @@
 """Files and folders written whole or not at all, temporary names, and folder locks.
 
-Temporary files are named ``.NAME.HOST-PID-TOKEN.SUFFIX``, so that those of a killed process can be removed. HOST
-stands for the machine and its process-number space: two containers, or two machines that share a disk, never
-mistake each other's processes for dead.
+Temporary files are named ``.NAME.vsHOST-PID-TOKEN.SUFFIX``, so that the files of a killed process can be recognised
+and removed. HOST identifies the machine and its process-number space: two containers, or two machines that share a
+disk, never mistake each other's processes for dead. A folder that is replaced is first moved aside, to
+``.NAME.old.vsHOST-PID-TOKEN``.
 
-A folder lock lets one process at a time work in a folder; it is released when that process ends, however it ends.
+A folder lock lets one process at a time work in a folder. The lock is released when that process ends, even if it is
+killed.
 """
 
 from __future__ import annotations
@@ -27,16 +29,19 @@ from vibroswarm.errors import InputError, RunError
 TEMPORARY_NAME: Final = re.compile(
     r"(?:\.(?P<name>.+?)\.(?P<old>old\.)?|vibroswarm-)vs(?P<host>[0-9a-f]{8})-(?P<pid>\d+)-[0-9a-f]{12}(?:\..*)?"
 )
+"""Names of temporary files and folders (see the module's text); ``old`` matches for a folder that was moved aside."""
 OLD_MARK: Final = "old."
 """Precedes the tag of a folder that was moved aside while another takes its place."""
 
 
 @cache
 def _host() -> str:
-    """Return 8 digits for this machine and its process-number space."""
+    """Return 8 hexadecimal digits that identify this machine and its process-number space."""
+    # Containers on one machine may share its name, but each counts its processes in a number space of its own.
     space = ""
-    with suppress(OSError):
-        space = os.readlink("/proc/self/ns/pid")  # noqa: PTH115 - a name, not a path
+    with suppress(OSError):  # systems other than Linux have no such entry
+        # The link's text, such as "pid:[4026531836]", names the space.
+        space = os.readlink("/proc/self/ns/pid")  # noqa: PTH115 - the text is not a path
     return hashlib.sha256(f"{socket.gethostname()} {space}".encode()).hexdigest()[:8]
 
 
@@ -50,24 +55,30 @@ def is_alive(pid: int) -> bool:
     if os.name != "posix":  # Windows, where os.kill terminates
         return True
     try:
-        os.kill(pid, 0)
+        os.kill(pid, 0)  # signal 0 only checks that the process exists
     except ProcessLookupError:
         return False
-    except (PermissionError, OverflowError):
+    except PermissionError:  # the process exists and belongs to another user
+        return True
+    except OverflowError:  # too large a number for this system, so that it cannot be checked
         return True
     return True
 
 
 def remove_leftovers(folder: Path) -> int:
-    """Remove what killed processes of this machine left in a folder; return the number of files and folders.
+    """Remove the temporary files and folders that killed processes of this machine left in a folder.
 
-    A folder that was moved aside by a process killed at that moment is moved back. Files of other users and of
-    running processes stay.
+    If a process was killed after it had moved a folder aside and before it had put the new one in its place, the old
+    folder is moved back. Files of other users, of other machines and of running processes stay.
+
+    Returns:
+        The number of files and folders that were removed or moved back, or would have been if the system allowed it.
     """
     removed = 0
     try:
+        # Temporary names contain "vs": a cheap test before the pattern is tried.
         names = [entry.name for entry in os.scandir(folder) if "vs" in entry.name]
-    except OSError:
+    except OSError:  # the folder does not exist or cannot be read
         return 0
     for name in names:
         match = TEMPORARY_NAME.fullmatch(name)
@@ -88,11 +99,15 @@ def remove_leftovers(folder: Path) -> int:
 
 
 _cleaned_folders: set[tuple[int, str]] = set()
+"""Folders for which ``remove_leftovers`` was called, each with the number of the process that called it."""
 
 
 def remove_leftovers_once(folder: Path) -> None:
-    """Call ``remove_leftovers`` once per process and folder, as a folder may hold many files and be written to
-    often."""
+    """Call ``remove_leftovers`` for a folder, unless this process has done so already.
+
+    A folder may hold many files and be written to often, so that searching it at each write would take long.
+    """
+    # A forked process inherits the set. With the process number in the key, it still searches the folder itself.
     key = os.getpid(), str(folder.absolute())
     if key not in _cleaned_folders:
         _cleaned_folders.add(key)
@@ -100,7 +115,9 @@ def remove_leftovers_once(folder: Path) -> None:
 
 
 fcntl: Any
+"""Module of file locks; None on Windows."""
 msvcrt: Any
+"""Module of file locks on Windows; None on other systems."""
 try:
     import fcntl
 except ImportError:  # Windows
@@ -111,22 +128,24 @@ except ImportError:
     msvcrt = None
 
 LOCK_FILE: Final = ".lock"
+"""Name of the file in a folder by which the folder is locked."""
 LOCK_OFFSET: Final = 2**30
 """Locked byte on Windows: far from the part that others may read."""
 
 
 @contextmanager
 def folder_lock(folder: Path) -> Iterator[None]:
-    """Hold the lock of an existing folder.
+    """Hold the lock of an existing folder during a ``with`` block.
 
-    A folder that cannot be written is not locked: nothing in it needs protection.
+    A folder that cannot be written to is not locked, as no process can change anything in it. The lock file names the
+    process that holds it, for the error message of other processes.
 
     Raises:
-        InputError: another process holds it.
+        InputError: another process holds the lock.
     """
     path = folder / LOCK_FILE
     stream = _acquire(path)
-    if stream is None:
+    if stream is None:  # the folder cannot be written to
         yield
         return
     try:
@@ -134,16 +153,17 @@ def folder_lock(folder: Path) -> Iterator[None]:
         os.write(stream, _me().encode())
         yield
     finally:
-        if msvcrt is None:  # while locked, so that only our own file is removed
+        if msvcrt is None:
+            # Remove the file before the lock is released: after that, another process might hold a lock on the file.
             path.unlink(missing_ok=True)
-        os.close(stream)
-        if msvcrt is not None:
-            with suppress(OSError):  # another process has opened it since
+        os.close(stream)  # releases the lock
+        if msvcrt is not None:  # Windows cannot remove an open file
+            with suppress(OSError):  # fails if another process has opened the file in the meantime
                 path.unlink()
 
 
 def _acquire(path: Path) -> int | None:
-    """Open and lock a lock file; return its descriptor, or None if it cannot be written.
+    """Create or open a lock file and lock it; return its descriptor, or None if the file cannot be written.
 
     Raises:
         InputError: another process holds the lock.
@@ -159,32 +179,40 @@ def _acquire(path: Path) -> int | None:
                     f"is in use by {_holder(path)}; wait until it ends, or choose another folder",
                     field=str(path.parent),
                 )
+            # Windows cannot remove an open file, so the file is still there.
             if os.name != "posix" or _is_still_there(stream, path):
                 return stream
         except BaseException:
             os.close(stream)
             raise
-        os.close(stream)  # released and removed between opening and locking
+        # The previous holder removed the file after it had been opened here and before it was locked. A lock on a
+        # removed file keeps no other process out, so try again with a new file.
+        os.close(stream)
 
 
 def _lock(stream: int, path: Path) -> bool:
-    """Lock an open file without waiting; return False if another process holds the lock."""
+    """Lock an open file without waiting; return False if another process holds the lock.
+
+    On a file system without locks, the process that the file names holds the lock while it is alive. A process on
+    another machine cannot be checked, and counts as ended. A file that names no process, or this process, is free.
+    """
     try:
         if fcntl is not None:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         elif msvcrt is not None:
-            os.lseek(stream, LOCK_OFFSET, os.SEEK_SET)
-            msvcrt.locking(stream, msvcrt.LK_NBLCK, 1)
+            os.lseek(stream, LOCK_OFFSET, os.SEEK_SET)  # ``locking`` locks the byte at the current position
+            msvcrt.locking(stream, msvcrt.LK_NBLCK, 1)  # 1 byte
             os.lseek(stream, 0, os.SEEK_SET)
     except (BlockingIOError, PermissionError):
         return False
-    except OSError:  # a file system without locks: the process named in the file, if it is alive
+    except OSError:  # a file system without locks
         pid, host = _named(path)
         return host != socket.gethostname() or pid == os.getpid() or not is_alive(pid)
     return True
 
 
 def _is_still_there(stream: int, path: Path) -> bool:
+    """Return whether ``path`` still names the open file ``stream``: it may have been removed or replaced since."""
     try:
         return os.path.samestat(os.fstat(stream), path.stat())
     except FileNotFoundError:
@@ -192,11 +220,12 @@ def _is_still_there(stream: int, path: Path) -> bool:
 
 
 def _me() -> str:
+    """Return the content of this process's lock files: its number and its machine."""
     return f"{os.getpid()} {socket.gethostname()}\n"
 
 
 def _named(path: Path) -> tuple[int, str]:
-    """Return process and machine named in the lock file, or (0, "")."""
+    """Return the number of the process and the machine that a lock file names; (0, "") if it names none."""
     try:
         pid, _, host = path.read_text(encoding="utf-8").strip().partition(" ")
         return int(pid), host
@@ -205,6 +234,7 @@ def _named(path: Path) -> tuple[int, str]:
 
 
 def _holder(path: Path) -> str:
+    """Return in words which process holds a lock file, for error messages."""
     pid, host = _named(path)
     return f"process {pid} on {host}" if pid else "another process"
 
@@ -212,18 +242,23 @@ def _holder(path: Path) -> str:
 MARKER = "scenario.toml"
 """The file that marks a folder as a result."""
 OURS: Final = (MARKER, "study.toml", "search.toml", "tradeoff.csv", "printed.json", "recording.json", "items")
-"""Files of which a folder that a command writes has at least one."""
+"""Files that mark a folder as written by one of our commands: each such folder has at least one of them."""
 MAX_TRIES = 20
+"""Attempts to check or to replace a folder that other processes replace at the same time."""
 MAX_NAME_LENGTH = 100
-"""Characters of a name that go into the temporary one, which file systems limit too."""
+"""Number of characters of a name that are used in its temporary name, since file systems limit the length of names."""
 
 
 @contextmanager
 def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
-    """Yield a temporary name beside ``path``; on success, rename it to ``path``.
+    """Yield the path of a new empty file beside ``path``; after the ``with`` block, rename the file to ``path``.
 
+    If the block raises an error, the new file is removed and ``path`` stays as it was.
+
+    Args:
+        replace: whether an existing file at ``path`` may be replaced.
     Raises:
-        InputError: ``path`` exists and ``replace`` is false, or its folder cannot be written.
+        InputError: ``path`` is a folder, or exists and ``replace`` is false, or its folder cannot be written to.
         RunError: the disk is full or failed.
     """
     path = Path(path)
@@ -234,7 +269,8 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
             f"'{path}' exists already; choose another name, or add --force (in Python: replace=True)",
             field="--out",
         )
-    # Named before it is created, so that no interruption, not even Ctrl-C during creation, leaves a file behind.
+    # The name is chosen before the file is created, so that the file is removed below even if Ctrl-C interrupts its
+    # creation.
     part = path.parent / f".{path.name[:MAX_NAME_LENGTH]}.{tag()}{path.suffix[:MAX_NAME_LENGTH]}"
     remove_leftovers_once(path.parent)
     try:
@@ -247,19 +283,21 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     except OSError as error:
         raise RunError(f"could not write '{path}': {error.strerror or error}") from error
     finally:
-        if os.path.isfile(part):  # noqa: PTH113 - Path's raises where the folder cannot even be read
+        if os.path.isfile(part):  # noqa: PTH113 - Path.is_file raises an error if the folder cannot be read
             part.unlink(missing_ok=True)
 
 
 def write_file(path: Path, content: str | bytes) -> None:
-    """Write a file whole or not at all; raises as ``whole_file`` does."""
+    """Write a file whole or not at all; raises the errors of ``whole_file``."""
     with whole_file(path) as part:
         part.write_bytes(content if isinstance(content, bytes) else content.encode())
 
 
 def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
-    """Write files by name into a folder, in order, each whole or not at all; make the folder if needed.
+    """Write files into a folder, in the order of ``contents``, each whole or not at all; make the folder if needed.
 
+    Args:
+        contents: file name to text (written as UTF-8) or bytes.
     Raises:
         RunError: the folder or a file cannot be written.
     """
@@ -277,13 +315,14 @@ def _make_empty(part: Path) -> None:
 
 @contextmanager
 def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> Iterator[Path]:
-    """Yield an empty folder beside ``path``; on success, rename it to ``path``.
+    """Yield a new empty folder beside ``path``; after the ``with`` block, rename the folder to ``path``.
 
-    An existing ``path`` is refused, or replaced if ``replace`` is true and it is empty or holds ``marker`` or a file
-    of ``OURS``: any other folder is never removed.
+    If the block raises an error, the new folder is removed and ``path`` stays as it was. An existing empty folder is
+    always replaced. Any other existing folder is replaced only if ``replace`` is true and the folder holds the file
+    ``marker`` or one of the files ``OURS``, so that a folder that is not a result of ours is never removed.
 
     Raises:
-        InputError: ``path`` exists, or cannot be written.
+        InputError: ``path`` exists and may not be replaced, or it cannot be written.
         RunError: the disk is full or failed.
     """
     path = Path(path)
@@ -297,17 +336,19 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
         raise InputError(f"cannot write '{path}': {error.strerror}", field="--out") from None
     try:
         yield part
-        # Another process may write there at the same time; the last one wins.
-        for left in reversed(range(MAX_TRIES)):
+        # A check or a move fails if another process replaces the folder at the same time. Then try again: the folder of
+        # the process that comes last stays.
+        for tries_left in reversed(range(MAX_TRIES)):  # tries after this one
             try:
                 check_folder(path, replace=replace, marker=marker)
                 _swap_in(part, path)
                 break
             except OSError:
-                if not (left and replace):
+                if not (tries_left and replace):
                     raise
-                # Longer at each try, and not as long as others: without, a process may lose every time.
-                time.sleep(0.0005 * (MAX_TRIES - left) * (1 + os.getpid() % 7))
+                # Wait 0.5 ms longer after each try, times a factor (1 to 7) that differs between processes: if all
+                # processes waited equally long, the same one might lose every time.
+                time.sleep(0.0005 * (MAX_TRIES - tries_left) * (1 + os.getpid() % 7))
     except OSError as error:
         raise RunError(f"could not write '{path}': {error.strerror or error}") from error
     finally:
@@ -315,24 +356,31 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
 
 
 def remove_folder(path: Path) -> None:
-    """Remove a folder that no other process works in.
+    """Remove a folder and its content, unless another process works in it.
 
     Raises:
-        InputError: another process works in it. RunError: it cannot be removed.
+        InputError: another process holds the folder's lock.
+        RunError: the folder cannot be removed.
     """
-    with folder_lock(path):
+    with folder_lock(path):  # only checks that no other process works in the folder
         pass
     old = path.parent / f".{path.name[:MAX_NAME_LENGTH]}.{OLD_MARK}{tag()}"
     try:
-        path.replace(old)  # at once: nobody sees half of it
+        path.replace(old)  # one operation, so that nobody sees a folder that is half removed
         shutil.rmtree(old)
     except OSError as error:
         raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
 
 
 def _swap_in(part: Path, path: Path) -> None:
-    """Move a folder to ``path``, replacing what is there; on failure, restore it."""
-    old: Path | None = None
+    """Rename the folder ``part`` to ``path`` and remove the old folder at ``path``, if there was one.
+
+    If the renaming fails, the old folder is moved back.
+
+    Raises:
+        OSError: one of the folders could not be renamed.
+    """
+    old: Path | None = None  # where the old folder was moved to
     try:
         if path.exists():
             old = path.parent / f".{path.name}.{OLD_MARK}{tag()}"
@@ -344,30 +392,34 @@ def _swap_in(part: Path, path: Path) -> None:
         raise
     finally:
         if old is not None:
-            shutil.rmtree(old, ignore_errors=True)
+            shutil.rmtree(old, ignore_errors=True)  # does nothing if the folder was moved back
 
 
 def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> None:
-    """Refuse a result folder that exists (unless it may be replaced) or whose name is taken by a file.
+    """Refuse a result folder if it exists and may not be replaced, or if a file has its name.
 
+    Args:
+        path: the folder to be written. An existing empty folder is accepted.
+        replace: whether an existing folder may be replaced, if it holds ``marker`` or a file of ``OURS``.
     Raises:
         InputError: the folder is refused.
     """
-    for left in reversed(range(MAX_TRIES)):
+    for tries_left in reversed(range(MAX_TRIES)):  # tries after this one
         before = _identity(path)
         try:
             _check_folder(path, replace, marker)
             return
         except (InputError, FileNotFoundError):
-            # Another process may have replaced the folder between two checks.
-            if not left or _identity(path) == before:
+            # Check again if another process has replaced the folder in the middle of this check.
+            if not tries_left or _identity(path) == before:
                 raise
 
 
 def _identity(path: Path) -> tuple[int, int, int] | None:
-    """Return a value that identifies the folder at ``path``; None if there is none.
+    """Return a value that identifies the file or folder at ``path``; None if there is none.
 
-    A folder may have the number of one that was just removed, but hardly its time of change too.
+    Device and inode number are not enough: a new folder may get the inode number of a folder that was just removed. So
+    the time of the last change is part of the value.
     """
     try:
         status = path.lstat()
@@ -377,12 +429,19 @@ def _identity(path: Path) -> tuple[int, int, int] | None:
 
 
 def _check_folder(path: Path, replace: bool, marker: str) -> None:
-    """Refuse a folder that must not be replaced."""
+    """Check a result folder once, where ``check_folder`` (which has the same arguments) may check it several times.
+
+    A symbolic link is always refused, even one to an empty folder: only folders themselves are replaced.
+
+    Raises:
+        InputError: the folder is refused.
+        FileNotFoundError: another process removed the folder during the check.
+    """
     try:
-        path.lstat()
+        path.lstat()  # fails for names that the file system does not allow
     except (FileNotFoundError, NotADirectoryError):
         pass
-    except (OSError, ValueError) as error:  # a name that is too long, or holds a NUL
+    except (OSError, ValueError) as error:  # a name that is too long, or contains a NUL character
         cause = error.strerror if isinstance(error, OSError) else error
         raise InputError(f"{str(path)[:200]!r} is not a valid folder name: {cause}", field="--out") from None
     if path.is_symlink() or path.exists():

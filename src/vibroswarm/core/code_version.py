@@ -1,7 +1,8 @@
 """The version of the code that made a result: a hash of its syntax, unaffected by comments and docstrings.
 
-The kernel cache is keyed by ``jit.source_hash``, a hash of the files as they are, which takes 10 ms. The syntax
-hash takes up to a second, and so is cached beside the kernels of the same files.
+The folder of cached kernels is named by ``jit.source_hash``, a hash of the files with their comments, which takes
+10 ms. The syntax hash takes up to a second. It is therefore saved as a file in that folder, where it stays valid:
+changed files have another folder.
 """
 
 from __future__ import annotations
@@ -27,32 +28,42 @@ from vibroswarm.core.jit import (
 from vibroswarm.errors import InputError, RunError
 
 DIGITS: Final = 16
+"""Number of hexadecimal digits of the hash."""
 HASH_FILE: Final = "syntax-hash.txt"
+"""Name of the file in the folder of cached kernels in which the hash is saved."""
 
 
 @cache
 def code_hash() -> str:
-    """Return 16 hexadecimal digits of all code that a simulation may depend on."""
+    """Return 16 hexadecimal digits that identify all code that a simulation may depend on.
+
+    The hash is read from its file in the folder of cached kernels. If there is no valid file, the hash is computed and
+    saved there.
+    """
     folder = cache_folder() if compiles() else None
     if folder is None:
         return syntax_hash(PACKAGE, simulation_sources())
     path = folder / HASH_FILE
     with suppress(OSError, UnicodeError):
-        kept = path.read_text(encoding="ascii")
-        if len(kept) == DIGITS and not set(kept) - set(string.hexdigits):
-            return kept
+        saved = path.read_text(encoding="ascii")
+        if len(saved) == DIGITS and not set(saved) - set(string.hexdigits):  # else the file is damaged
+            return saved
     digest = syntax_hash(PACKAGE, simulation_sources())
-    if hash_of_sources() == source_hash():  # else a file was changed since this process started
+    # The folder is named by the hash of the sources as this process first saw them. If the sources have changed since,
+    # ``digest`` describes the new sources and must not be saved in this folder.
+    if hash_of_sources() == source_hash():
         with suppress(InputError, RunError), whole_file(path, replace=True) as part:
             part.write_text(digest, encoding="ascii")
     return digest
 
 
 def syntax_hash(package: Path, sources: Iterable[Path]) -> str:
-    """Return 16 hexadecimal digits of Python files and their names, ignoring comments, docstrings and layout.
+    """Return a hash (16 hexadecimal digits) of Python files and their names, ignoring comments, docstrings and layout.
 
     Args:
-        package: names are relative to this folder.
+        package: folder to which the names that are hashed are relative, so that the hash does not depend on where the
+            package is installed.
+        sources: the files, in an order that must always be the same.
     """
     digest = hashlib.sha256()
     for source in sources:
@@ -66,7 +77,7 @@ def syntax_hash(package: Path, sources: Iterable[Path]) -> str:
 
 
 def _is_text(node: ast.stmt) -> bool:
-    """Return whether a statement is a docstring of a module, class, function or field."""
+    """Return whether a statement is only a text: the docstring of a module, class, function or field."""
     return (
         isinstance(node, ast.Expr)
         and isinstance(node.value, ast.Constant)

@@ -16,24 +16,29 @@ LANES: Final = 8
 
 @allocating_kernel
 def sum_of_distances(points: NDArray[np.float64], others: NDArray[np.float64]) -> float:
-    """Return the sum of the Euclidean distances from each of ``points`` to each of ``others``, without storing them.
+    """Return the sum of the Euclidean distances from each of ``points`` to each of ``others``.
+
+    The distances are not all stored: only those from one point at a time.
 
     Args:
-        points: (n, columns). others: (columns, m), transposed, so that inner loops run along rows.
+        points: shape (n, coordinates).
+        others: shape (coordinates, m), transposed, so that the inner loops run along rows.
     """
     count = others.shape[1]
-    squared = np.zeros(count + LANES)  # the padding stays 0
+    # Holds the squares of the distances from one point, and then the distances themselves. The LANES elements at the
+    # end stay 0, so that the last block of the sum may reach beyond ``count``.
+    distances = np.zeros(count + LANES)
     sums = np.zeros(LANES)
     for i in range(points.shape[0]):
         for j in range(count):
-            squared[j] = 0.0
+            distances[j] = 0.0
         for column in range(others.shape[0]):
             coordinate, row = points[i, column], others[column]
             for j in range(count):
-                squared[j] += (row[j] - coordinate) * (row[j] - coordinate)
+                distances[j] += (row[j] - coordinate) * (row[j] - coordinate)
         for j in range(count):
-            squared[j] = math.sqrt(squared[j])
+            distances[j] = math.sqrt(distances[j])
         for block in range((count + LANES - 1) // LANES):
             for lane in range(LANES):
-                sums[lane] += squared[LANES * block + lane]
+                sums[lane] += distances[LANES * block + lane]
     return float(sums.sum())

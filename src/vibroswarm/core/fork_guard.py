@@ -1,8 +1,8 @@
 """Refusal of forked processes in which polars would wait forever for threads that the fork did not copy.
 
 Before Python 3.14, ``multiprocessing`` on Linux starts processes by ``fork``. If polars had started its threads
-by then, its queries never return in the new process. Code that needs them calls ``check_threads`` first; a
-process forked before polars started any threads is fine.
+by then, its queries never return in the new process. Code that runs polars queries therefore calls ``check_threads``
+first. A process that was forked before polars started its threads is fine: polars starts them there when needed.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Final
 from vibroswarm.errors import RunError
 
 TASKS: Final = Path("/proc/self/task")
+"""Folder in which Linux lists the threads of this process."""
 HOW: Final = (
     "this process was forked after polars had started its threads, which a fork does not copy: it would wait forever; "
     "start processes by spawn, such as ProcessPoolExecutor(8, mp_context=multiprocessing.get_context('spawn'))"
@@ -27,11 +28,13 @@ class _State:
     begun = False
     """Whether polars had started threads when this process was about to fork."""
     lost = False
-    """Whether those threads are missing in this process."""
+    """Whether this process was forked without the threads that polars had started."""
 
 
 def check_threads() -> None:
-    """Raise an error instead of waiting forever.
+    """Refuse to use polars where its queries would wait forever; otherwise note that polars is used from now on.
+
+    What is known is kept in ``_State``: ``lost`` (set when the process was forked) and ``used`` (set here).
 
     Raises:
         RunError: this process was forked after polars had started its threads.
@@ -42,14 +45,21 @@ def check_threads() -> None:
 
 
 def _threads_begun() -> bool:
-    """Return whether polars has started its threads; if they cannot be listed, whether it was used."""
+    """Return whether polars has started its threads.
+
+    Where the threads of a process cannot be listed (Linux lists them in /proc), they count as started once
+    ``check_threads`` has been called.
+    """
     if "polars" not in sys.modules:
         return False
     try:
         names = [(task / "comm").read_text() for task in TASKS.iterdir()]
     except OSError:
         return _State.used
-    return any(name.startswith("polars-") and name[7:].strip().isdigit() for name in names)
+    # The threads of polars are named polars-0, polars-1, ...
+    return any(
+        name.startswith("polars-") and name.removeprefix("polars-").strip().isdigit() for name in names
+    )
 
 
 def _before() -> None:
@@ -58,7 +68,7 @@ def _before() -> None:
 
 
 def _in_child() -> None:
-    """Note in the forked process that these threads are missing, here or since an earlier fork."""
+    """Note, in the forked process, whether it lacks the threads of polars, since this fork or an earlier one."""
     _State.lost = _State.lost or _State.begun
 
 

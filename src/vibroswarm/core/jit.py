@@ -3,8 +3,11 @@ otherwise.
 
 Numba's disk cache checks only the file of the function itself, so a change in a function that it calls from
 another file would go unnoticed. The cache folder is therefore named by a hash of all sources that may hold a
-kernel or a template of one, and of the relevant versions: a changed kernel is never run stale. A process that
-finds a source changed while it imports caches nothing. See ``kernel_cache`` for the files.
+kernel or a template of a kernel, and of the versions of Python, Numba, LLVM and NumPy: changed sources have another
+folder, so that no outdated kernel is run. If a process finds that a source was changed before it was imported, no
+kernel is cached any more. See ``kernel_cache`` for the files in the folder.
+
+Plain mode (``PLAIN``, or Numba missing) runs all kernels as plain Python.
 """
 
 from __future__ import annotations
@@ -36,7 +39,7 @@ PLAIN = "1" in (os.environ.get("VIBROSWARM_PLAIN"), os.environ.get("NUMBA_DISABL
 
 
 def _user_cache() -> Path:
-    """Return the user's cache folder on this platform."""
+    """Return the folder in which programs of this user cache their files, by the custom of the platform."""
     if sys.platform == "win32":
         return Path(os.environ.get("LOCALAPPDATA", str(Path.home() / "AppData/Local")))
     if sys.platform == "darwin":
@@ -67,12 +70,12 @@ LAYERS_ABOVE: Final = (
 
 @cache
 def source_hash() -> str:
-    """Return 16 hexadecimal digits of all sources that a simulation may depend on, as first seen by this process."""
+    """Return a hash of all sources that a simulation may depend on, as they were at this process's first call."""
     return hash_of_sources()
 
 
 def hash_of_sources() -> str:
-    """Return ``source_hash`` of the files as they are now."""
+    """Return a hash (16 hexadecimal digits) of the names and contents of ``simulation_sources``, as they are now."""
     digest = hashlib.sha256()
     for source in simulation_sources():
         name = source.relative_to(PACKAGE)
@@ -81,17 +84,22 @@ def hash_of_sources() -> str:
 
 
 PACKAGE: Final = Path(__file__).parents[1]
+"""The folder of this package."""
 
 
 def simulation_sources() -> list[Path]:
-    """Return all sources that a simulation may depend on."""
+    """Return all source files that a simulation may depend on, sorted by path."""
     sources = sorted(PACKAGE.rglob("*.py"))
     return [source for source in sources if source.relative_to(PACKAGE).parts[0] not in LAYERS_ABOVE]
 
 
 @cache
 def cache_folder() -> Path | None:
-    """Return the folder of the compiled kernels of these sources and versions, or None if none can be trusted."""
+    """Return the folder of cached kernels for the present sources and versions of Python and its packages.
+
+    The folder is created if needed. The result is None, with a warning, if the folder cannot be written to or if other
+    users may write to it.
+    """
     import llvmlite
     import numba
 
@@ -108,9 +116,9 @@ def cache_folder() -> Path | None:
             folder.mkdir(mode=0o700, exist_ok=True)
         reason = kernel_cache.why_unsafe(folder, base)
         if reason is None:
-            with tempfile.TemporaryFile(dir=folder):
+            with tempfile.TemporaryFile(dir=folder):  # fails if the folder is read-only
                 return folder
-    except (OSError, RuntimeError) as error:  # a read-only or missing home
+    except (OSError, RuntimeError) as error:  # the user's home is missing or read-only
         reason = str(error)
     warn_once(f"compiled kernels are not cached, but compiled at every start: {reason}")
     return None
@@ -119,23 +127,26 @@ def cache_folder() -> Path | None:
 ENGINES: Final = {
     "event": "engine",
     "fixed-step": "fixed_step",
-    "mujoco-planar": "planar_step",
+    "mujoco-planar": "planar",
     "mujoco": "wheels_step",
 }
 """Modules of the engines, by the names of their motion sources."""
 
 
 def is_cached(*sources: str) -> bool:
-    """Return whether an engine's kernels are cached, or need no compiling.
+    """Return whether the kernels of at least one of these engines are cached; always True in plain mode.
 
-    Other kernels do not count: drawing a floor compiles a few before any robot moves.
+    Only files of the engines' own modules count: a cache may also hold kernels of other modules, such as those that
+    draw a floor, while no engine has been compiled yet.
 
     Args:
-        sources: names of motion sources; True if any one of them is cached. Without names, any engine will do.
+        sources: names of motion sources; without names, all engines of ``ENGINES``.
     """
     if not compiles():
         return True
     folder = cache_folder()
+    # The name of each kernel's file begins with the name of the kernel's module. For a motion source that is not in
+    # ENGINES, such as a user's, the name of the source is taken for that of its module.
     return folder is not None and any(
         any(folder.rglob(f"{ENGINES.get(name, name)}.*.nbc")) for name in sources or ENGINES
     )
@@ -148,10 +159,10 @@ def zero_rows(count: int | tuple[int, ...], dtype: np.dtype[np.void]) -> NDArray
 
 
 def read_only(values: NDArray[Any]) -> NDArray[Any]:
-    """Return a read-only view.
+    """Return a read-only view of an array, to be passed to kernels that only read it.
 
-    Numba treats read-only and writable arrays as two types and would compile each kernel twice. Table columns are
-    read-only, so all arrays that kernels only read are passed as such.
+    Numba treats read-only and writable arrays as two types, so a kernel that gets both would be compiled twice. The
+    columns of tables are read-only, so every array that a kernel only reads is passed as read-only.
     """
     view = values.view()
     view.flags.writeable = False
@@ -167,29 +178,30 @@ def compiles() -> bool:
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
     """Compile ``function`` in nopython mode (IEEE arithmetic, no fastmath), cached on disk.
 
-    It may not allocate. So Numba need not count references to its array arguments: the counting, atomic at every
-    call, took half of the engines' time.
+    The function may not create arrays. Numba therefore need not count references to its array arguments
+    (``_nrt=False``); the counting, by atomic operations at every call, took half of the engines' time.
     """
     return _compile(function, _nrt=False, forceinline=False)
 
 
 def branching_kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile as ``kernel`` does, without LLVM's vectors of equal operations side by side.
+    """Compile as ``kernel`` does, but without LLVM's superword-level vectorisation (``side_by_side=False``).
 
-    In code with many branches, gathering single numbers into a vector and splitting it again takes longer.
+    That vectorisation turns equal operations on several numbers into one vector operation. In code with many branches,
+    gathering the numbers into a vector and splitting it again takes longer than the vector operation saves.
     """
     return _compile(function, side_by_side=False, _nrt=False, forceinline=False)
 
 
 def inner(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function that only kernels call, together with each caller; called from Python, it runs as plain
-    Python."""
+    """Compile a function that only kernels call; called from Python, as in tests, it runs as plain Python."""
     return _compile(function, from_python=False, _nrt=False, forceinline=False)
 
 
 def inlined_uncached(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile as ``inlined`` does, without caching: for functions of generated modules, compiled with each kernel."""
-    return _compile(function, from_python=False, keeps=False, _nrt=False, forceinline=True)
+    """Compile as ``inlined`` does, without a cache file: for functions of generated modules, whose code is part of
+    their callers' cached kernels."""
+    return _compile(function, from_python=False, cached=False, _nrt=False, forceinline=True)
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
@@ -203,13 +215,15 @@ def allocating_kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _name_records_by_their_fields() -> None:
-    """Name the compiled functions of different row layouts differently, and alike in every process.
+    """Make Numba name compiled functions by the fields of the structured rows (records) that they take.
 
-    Numba names them by a number that each process counts up as it meets layouts. Two processes can so cache one
-    function under one name for two layouts, and a third that loads both runs the wrong one.
+    Numba itself names them by a number that counts the record types each process has met. Two processes could then
+    cache one function for two record types under the same name, and a third process that loads both files would run
+    the wrong one. A hash of the record's fields is different for different records, and the same in every process.
     """
     from numba import types
 
+    # Replaces Numba's property of this name. The name of a record type lists its fields.
     def mangling_args(self: Any) -> tuple[str, tuple[str]]:
         return "Record", (hashlib.sha256(self.name.encode()).hexdigest()[:16],)
 
@@ -218,10 +232,15 @@ def _name_records_by_their_fields() -> None:
 
 
 _compiled: list[Any] = []
+"""All kernels declared so far that may be cached on disk."""
+_changed_sources: set[str] = set()
+"""Sources found to be changed after they were hashed; from the first one on, no kernel is cached."""
 _hashed_at_s = time.time()
+"""When this module was imported: a source that was changed later differs from what the kernel cache is named by."""
 
 
 def _stamp(path: Path) -> tuple[int, int]:
+    """Return time of change, ns, and size, bytes, of a file."""
     status = path.stat()
     return status.st_mtime_ns, status.st_size
 
@@ -231,7 +250,11 @@ _stamps = {str(source): _stamp(source) for source in simulation_sources()} if co
 
 
 def register_source(file: str, text: str) -> None:
-    """Register the text of a generated module, so that its kernels are cached by a hash of that text."""
+    """Register the text of a generated module, so that its cached kernels are checked by a hash of that text.
+
+    Args:
+        file: the file name under which the module was compiled; no such file need exist.
+    """
     if not compiles():
         return
     from vibroswarm.core import kernel_cache
@@ -240,9 +263,10 @@ def register_source(file: str, text: str) -> None:
 
 
 def _is_changed(source: str) -> bool:
-    """Return whether a source file was changed since this process read it.
+    """Return whether a source file was changed after this process had started to import this package.
 
-    Generated sources never count as changed, nor does a time of change in the future (a clock that was wrong).
+    The text of a generated module is not read from a file, so it never counts as changed. Nor does a file whose time of
+    change lies in the future, which only a wrong clock explains.
     """
     from vibroswarm.core import kernel_cache
 
@@ -251,7 +275,7 @@ def _is_changed(source: str) -> bool:
         return False
     if source in _stamps:
         return _stamp(path) != _stamps[source]
-    # Without a stamp, by its time alone.
+    # Files outside the package, such as a user's own strategy, have no stamp: only their time of change is known.
     return _hashed_at_s < path.stat().st_mtime <= time.time()
 
 
@@ -259,10 +283,19 @@ def _compile(
     function: Callable[P, R],
     from_python: bool = True,
     side_by_side: bool = True,
-    keeps: bool = True,
+    cached: bool = True,
     **options: bool,
 ) -> Callable[P, R]:
-    """Compile ``function`` with Numba and these options; return it unchanged in plain mode."""
+    """Declare ``function`` as a Numba kernel, compiled at its first call; return it unchanged in plain mode.
+
+    Args:
+        from_python: whether Python calls the compiled form; if not, calls from Python run the function itself.
+        side_by_side: whether LLVM's superword-level vectorisation is on (``_settings``).
+        cached: whether compiled code may be cached on disk. It is cached only until a source file is found to be
+            changed: the cache folder is named by a hash of the sources as they were when this process started.
+        options: further options of ``numba.njit``: ``_nrt=False`` turns reference counting off, ``forceinline=True``
+            inlines the function into its callers (False is Numba's default).
+    """
     if not compiles():
         return function
     import numba
@@ -270,13 +303,20 @@ def _compile(
     from vibroswarm.core import kernel_cache
 
     if not _compiled:
+        # This replaces a property of one of Numba's classes: once in a process is enough, but it must be done before
+        # the first kernel that may be cached, since cached files hold the names that Numba gave.
         _name_records_by_their_fields()
-    options |= {"nogil": True, "no_cfunc_wrapper": True, "no_cpython_wrapper": not from_python}
+    options |= {
+        "nogil": True,  # threads run kernels at the same time
+        "no_cfunc_wrapper": True,  # C code calls no kernel: saves compile time
+        "no_cpython_wrapper": not from_python,
+    }
     njit: Any = numba.njit  # its stubs lack some options
+    # Error model "numpy": division by 0 gives inf or NaN, not an error.
     compiled: Any = njit(error_model="numpy", **options)(function)
-    folder = cache_folder() if keeps else None
+    folder = cache_folder() if cached else None
     if folder is not None:
-        config: Any = numba.config
+        config: Any = numba.config  # the cache takes its folder from there when it is created
         before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
         try:
             compiled._cache = kernel_cache.KernelCache(function)
@@ -285,21 +325,25 @@ def _compile(
     if not from_python:
         _call_plain(compiled)
     _set_for_compiling(compiled, side_by_side)
-    if not keeps:
+    if not cached:  # a changed source does no harm to code that is not cached
         return cast("Callable[P, R]", compiled)
     _compiled.append(compiled)
     if _is_changed(function.__code__.co_filename):
-        _disable_caching()
+        _changed_sources.add(function.__code__.co_filename)
+    if _changed_sources:
+        _disable_caching()  # of all kernels declared so far, including this one
     result: Callable[P, R] = compiled
     return result
 
 
 def entry_for(kernel: Callable[P, R], *arguments: P.args, **none: P.kwargs) -> Callable[P, R]:
-    """Return a kernel compiled for arguments of these types, without Numba's dispatch; the kernel itself in plain mode.
+    """Compile a kernel for the types of these arguments; return a function that calls it without Numba's dispatch.
 
-    Dispatch takes some 0.1 microseconds per array. Callers must pass arguments of exactly these types.
+    Dispatch, which finds the compiled form for the types of each call, takes some 0.1 microseconds per array. The
+    returned function skips it, so callers must pass arguments of exactly these types. In plain mode the kernel itself
+    is returned.
     """
-    del none
+    del none  # there are no keyword arguments; type checkers require P.kwargs where P.args is used
     if not compiles():
         return kernel
     dispatcher: Any = kernel
@@ -317,7 +361,7 @@ _entries: dict[Any, Any] = {}
 
 
 def _type_key(value: Any) -> Any:
-    """Return a key for the type that Numba gives an argument."""
+    """Return a key that tells arguments of different Numba types apart; it is computed faster than the Numba type."""
     if isinstance(value, np.ndarray):
         flags = value.flags
         return value.dtype, value.ndim, flags.writeable, flags.c_contiguous, flags.f_contiguous, flags.aligned
@@ -325,18 +369,23 @@ def _type_key(value: Any) -> Any:
         return (type(value), *map(_type_key, value))
     if isinstance(value, np.generic):
         return type(value), value.dtype
+    # Numba takes an integer of more than 63 bits as unsigned.
     return type(value), isinstance(value, int) and value.bit_length() > 63
 
 
 def _call_plain(compiled: Any) -> None:
-    """Make calls from Python run the uncompiled function, since an entry point for Python takes time to compile."""
+    """Make calls of a kernel from Python run its uncompiled function.
+
+    The kernel was compiled without an entry point for Python, which saves compile time. The object gets a subclass of
+    its class, since Python looks ``__call__`` up in the class and not in the object.
+    """
     kind = type(compiled)
     called = {"__call__": lambda self, *arguments: self.py_func(*arguments)}
     compiled.__class__ = type(kind.__name__, (kind,), called)
 
 
 def _set_for_compiling(compiled: Any, side_by_side: bool) -> None:
-    """Compile this kernel under ``_settings``, and notify the listeners before."""
+    """Make a kernel notify ``_compile_listeners``, and then compile under ``_settings``, whenever it compiles."""
     compile_one, module = compiled.compile, compiled.py_func.__module__
 
     def compile_under_settings(signature: Any) -> Any:
@@ -349,6 +398,7 @@ def _set_for_compiling(compiled: Any, side_by_side: bool) -> None:
 
 
 _compile_listeners: list[Callable[[str], None]] = []
+"""Functions to be called with a kernel's module before that kernel is loaded from the cache or compiled."""
 
 
 def add_compile_listener(listener: Callable[[str], None]) -> None:
@@ -365,14 +415,15 @@ find almost nothing, and take 5 % of the time."""
 def _settings(side_by_side: bool) -> Iterator[None]:
     """Set LLVM's superword-level vectorisation, and collect garbage less often, while a kernel is compiled.
 
-    The vectorisation is off in Numba; it speeds most kernels up by 5 to 10 %. Both settings are process-wide and are
-    restored.
+    Superword-level vectorisation combines equal operations on several numbers. It is off in Numba by default, and
+    speeds most kernels up by 5 to 10 %. Both settings are process-wide; they are restored afterwards.
     """
     from numba import config
 
     numba_config: Any = config
     vectorize, gc_threshold = numba_config.SLP_VECTORIZE, gc.get_threshold()
     numba_config.SLP_VECTORIZE = int(side_by_side)
+    # A threshold of 0 means that the user has turned collection off: it stays off.
     gc.set_threshold(max(gc_threshold[0], OBJECTS_BETWEEN) if gc_threshold[0] else 0, *gc_threshold[1:])
     try:
         yield
@@ -382,7 +433,10 @@ def _settings(side_by_side: bool) -> Iterator[None]:
 
 
 def _disable_caching() -> None:
-    """Cache nothing compiled, because a source was changed after it was hashed, during import."""
+    """Stop caching all kernels declared so far, because a source was changed after it was hashed.
+
+    The cache folder is named by the hash of the old source, but each kernel may call a function of the changed source.
+    """
     from numba.core.caching import NullCache
 
     for compiled in _compiled:
@@ -391,9 +445,10 @@ def _disable_caching() -> None:
 
 @kernel
 def signed(value: Any) -> int:
-    """Convert an integer of a table, of any width, to the signed integer that kernels compute with.
+    """Convert an integer from a table, of any width, to the signed 64-bit integer that kernels compute with.
 
-    Numba would compile callees for each width, and turn mixed signed and unsigned arithmetic into floats.
+    Without the conversion, Numba would compile each function that takes the integer once for each width, and would turn
+    the sum of a signed and an unsigned integer into a float.
     """
     return np.int64(value)  # type: ignore[return-value]
 
@@ -402,6 +457,6 @@ def signed(value: Any) -> int:
 def unsigned(value: Any) -> int:
     """Convert a non-negative index to unsigned, so that compiled code need not check for negative indices.
 
-    Only unsigned numbers may be added to it: a signed one would turn the result into a float.
+    Only unsigned numbers may be added to the result: the sum with a signed number would be a float.
     """
     return np.uint64(value)  # type: ignore[return-value]

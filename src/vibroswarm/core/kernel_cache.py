@@ -1,9 +1,12 @@
 """Numba's kernel cache on disk, made safe against any state of the disk.
 
-A damaged file is rewritten; a file that cannot be read or written is skipped. Each file begins with a hash of its
-content, since half a kernel may well load, and crash. Loaded kernels can run anything, so a folder that others
-may write to is not used (``why_unsafe``). Two processes that cache kernels at once never write to one file:
-Numba's own numbers, counted by each process, gave two kernels one name.
+A damaged file is rewritten. A file that cannot be read or written is skipped. Each file begins with a hash of its
+content, since half a kernel might load without an error, and crash when it runs. A loaded kernel can do anything, so a
+folder that other users may write to is not used (``why_unsafe``). Each kernel's file has a unique name, so that two
+processes never write to the same file. (Numba numbers its files, and two processes that count at once give two
+kernels the same number.)
+
+An overload is a kernel compiled for one signature (types of arguments).
 """
 
 from __future__ import annotations
@@ -28,22 +31,26 @@ from numba.core.caching import (
 from vibroswarm.errors import warn_once
 
 BY_OTHERS: Final = stat.S_IWGRP | stat.S_IWOTH
+"""Mode bits of a folder that group or others may write to."""
 DIGEST: Final = hashlib.sha256().digest_size
+"""Length of the hash at the start of each file, bytes."""
 
 
 def why_unsafe(folder: Path, base: Path) -> str | None:
-    """Return why others could place a program in a cache folder, or None.
+    """Return why other users could put a file into a cache folder, in words; None if they cannot.
 
     Args:
-        folder: it and its parents below ``base`` must belong to this user alone.
-        base: above that, nobody but the owner may replace a folder.
+        folder: the cache folder. The folder itself and its parents below ``base`` must belong to this user, and nobody
+            else may write to them.
+        base: the user's own folder. It and its parents may have other owners, but must not be writable by everybody,
+            unless only owners may replace what they contain (sticky bit, as of /tmp).
     """
-    if not hasattr(os, "geteuid"):  # Windows has no such modes; the folder lies in the user's own
+    if not hasattr(os, "geteuid"):  # Windows has no such modes; there the cache lies in the user's own folder
         return None
-    resolved, below = folder.resolve(), base.resolve()
+    resolved, resolved_base = folder.resolve(), base.resolve()
     for place in (resolved, *resolved.parents):
         status = place.stat()
-        if below in place.parents:
+        if resolved_base in place.parents:  # ``place`` lies below the base
             if status.st_uid != os.geteuid():
                 return f"'{place}' belongs to another user"
             if status.st_mode & BY_OTHERS:
@@ -62,12 +69,12 @@ class _Locator(UserProvidedCacheLocator):
         return cls(py_func, py_file)
 
     def ensure_cache_path(self) -> None:
-        """Create the folder; whether it is writable shows later."""
+        """Create the folder; a failure shows later, when a file is written."""
         with suppress(OSError):
             Path(self.get_cache_path()).mkdir(mode=0o700, exist_ok=True)
 
     def get_source_stamp(self) -> bytes:
-        """Return a hash of the source."""
+        """Return a hash of the source; cached kernels of another source are not used."""
         return _hash_of(self._py_file)
 
 
@@ -76,11 +83,13 @@ GENERATED: Final[dict[str, bytes]] = {}
 
 
 def _hash_of(path: str) -> bytes:
+    """Return the hash of a source: of the registered text of a generated module, else of the file."""
     return GENERATED[path] if path in GENERATED else _hash_of_file(path)
 
 
 @cache
 def _hash_of_file(path: str) -> bytes:
+    """Return the hash of a file's content, as it was at this process's first call."""
     return hashlib.sha256(Path(path).read_bytes()).digest()
 
 
@@ -89,10 +98,13 @@ class _Impl(CompileResultCacheImpl):
 
 
 class _Files(IndexDataCacheFile):
-    """An index by signature, and a file with a unique name for each kernel."""
+    """The cache files of one function: an index of its overloads, and a file with a unique name for each overload."""
 
     def save(self, key: Any, data: Any) -> None:
-        """Save a kernel: its file first, the index last."""
+        """Save a compiled overload, ``data``, under its signature, ``key``; remove the file that it replaces.
+
+        The overload's file is written before the index, so that the index never names a file that does not exist.
+        """
         name = f"{self._index_name.removesuffix('.nbi')}.{uuid4().hex[:16]}.nbc"
         self._save_data(name, data)
         overloads = self._load_index()
@@ -104,7 +116,10 @@ class _Files(IndexDataCacheFile):
                 Path(self._data_path(before)).unlink()
 
     def _load_index(self) -> dict[Any, str]:
-        """Load the index of cached kernels; empty if there is none, or if it is of other sources or another version."""
+        """Return the file name of each cached overload, by signature.
+
+        Empty if there is no index, or if it belongs to another source or another version of Numba.
+        """
         content = self._read(self._index_path)
         if content is None:
             return {}
@@ -115,16 +130,21 @@ class _Files(IndexDataCacheFile):
         self._write(self._index_path, self._dump((self._version, self._source_stamp, overloads)))
 
     def _load_data(self, name: str) -> Any:
+        """Return the overload in a file.
+
+        Raises:
+            FileNotFoundError: the file is missing or damaged; Numba then compiles the overload again.
+        """
         content = self._read(self._data_path(name))
         if content is None:
-            raise FileNotFoundError(name)  # the caller recompiles
-        return pickle.loads(content)  # noqa: S301 - as above
+            raise FileNotFoundError(name)
+        return pickle.loads(content)  # noqa: S301 - the folder is this user's alone
 
     def _save_data(self, name: str, data: Any) -> None:
         self._write(self._data_path(name), self._dump(data))
 
     def _read(self, path: str) -> bytes | None:
-        """Return the content of a file, or None if it is missing or damaged."""
+        """Return the content of a file without its hash; None if the file is missing, or damaged (with a warning)."""
         try:
             content = Path(path).read_bytes()
         except FileNotFoundError:
@@ -150,19 +170,19 @@ class KernelCache(FunctionCache):
         self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the kernel for a signature, or None if it has to be compiled."""
+        """Return the compiled overload for the signature ``sig``, or None if it has to be compiled; never raise."""
         try:
             return super().load_overload(sig, target_context)
         except OSError as error:
             self._say(error)
-        except Exception as error:  # an intact file that cannot be loaded all the same
+        except Exception as error:  # the file is intact, but its content cannot be loaded
             warn_once(
                 f"a compiled kernel in '{self._cache_path}' cannot be used ({error}) and will be recompiled"
             )
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Save a kernel if possible."""
+        """Save a compiled overload, ``data``, under its signature, ``sig``; warn if it cannot be saved."""
         try:
             super().save_overload(sig, data)
         except OSError as error:

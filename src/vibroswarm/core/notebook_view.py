@@ -1,6 +1,6 @@
-"""Show a public object in a session: on one short line, and as HTML in a notebook.
+"""Show a public object in an interactive session: on one short line, and as HTML in a notebook.
 
-The line has its class, and its public values as far as they fit.
+The line shows the object's class, and as many of its public values as fit.
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from typing import Any, Final
 from vibroswarm.errors import shown
 
 MOST_CHARACTERS: Final = 180
+"""Length up to which values are added to an object's line."""
 
 
 def short_text(value: object) -> str:
-    """Return ``Name(field=value, ...)`` on one line; what does not fit is replaced by ``...``."""
+    """Return ``Name(field=value, ...)`` on one line; fields that do not fit in MOST_CHARACTERS are shown as ``...``."""
     name, text = type(value).__name__, ""
     for field, content in public_values(value).items():
         part = f"{', ' if text else ''}{field}={short_value(content)}"
@@ -28,7 +29,7 @@ def short_text(value: object) -> str:
 
 
 def public_values(value: object) -> dict[str, Any]:
-    """Return the public fields of an object by name."""
+    """Return the public fields of a dataclass, a named tuple or any other object: name to value."""
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value) if field.name[0] != "_"}
     if isinstance(value, tuple) and hasattr(value, "_fields"):
@@ -37,16 +38,22 @@ def public_values(value: object) -> dict[str, Any]:
 
 
 def short_value(value: object) -> str:
-    """Return a value as it stands in a short text: numbers in six digits, of a collection its size."""
+    """Return a value as it is shown in ``short_text``.
+
+    Texts are cut, and floats have six digits. Collections, arrays and tables are shown by their size only, except for
+    up to three numbers, which are listed. Other objects are shown by the name of their class or function.
+    """
     if value is None or isinstance(value, bool | int | str | Path):
         return shown(str(value) if isinstance(value, Path) else value)
     if isinstance(value, float):
         return f"{value:.6g}"
     shape = getattr(value, "shape", None)
     if isinstance(shape, tuple):  # an array or a table
-        if hasattr(value, "columns"):
+        if hasattr(value, "columns"):  # a table
             return f"{shape[0]:,} rows"
+        # An empty shape is that of a single number, such as np.int64(3).
         return shown(value.item()) if not shape and hasattr(value, "item") else f"array {shape}"
+    # A dataclass, a named tuple or a Pydantic model.
     if is_dataclass(value) or hasattr(value, "_fields") or hasattr(type(value), "model_fields"):
         return type(value).__name__
     if isinstance(value, tuple | list) and len(value) <= 3 and all(isinstance(v, int | float) for v in value):
@@ -59,8 +66,8 @@ def short_value(value: object) -> str:
 
 
 def html_view(value: object) -> str:
-    """Return what a notebook shows of a public object; everything from scenarios and files is escaped."""
-    # Views draw pictures and pages, which are layers above most of these classes; so they are found by name.
+    """Return the HTML that a notebook shows for a public object; texts from scenarios and files are escaped."""
+    # Views import pictures and pages, which are layers above this one, so their module is imported only when needed.
     return str(import_module("vibroswarm.notebook.views").html_of(value))
 
 
@@ -70,7 +77,11 @@ class NotebookView:
     __slots__ = ()
 
     def __init_subclass__(cls, **settings: Any) -> None:
-        """Keep a dataclass from writing a ``__repr__`` with all its tables: it writes none where there is one."""
+        """Give each subclass a ``__repr__`` of its own, so that ``@dataclass`` does not write one with all its tables.
+
+        ``@dataclass`` writes a ``__repr__`` unless the class itself defines one; an inherited one does not count. So
+        the inherited ``__repr__`` is copied into the subclass.
+        """
         super().__init_subclass__(**settings)
         if "__repr__" not in vars(cls):
             cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
@@ -79,5 +90,5 @@ class NotebookView:
         return short_text(self)
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """Return the HTML that a notebook shows for this object."""
         return html_view(self)

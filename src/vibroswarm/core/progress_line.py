@@ -7,38 +7,49 @@ import time
 from typing import Final, TextIO
 
 WIDTH: Final = 30
+"""Length of the bar, characters."""
 EVERY_S: Final = 0.1
 """Least time between two updates."""
 
 
 def in_notebook() -> bool:
-    """Return whether this process is the kernel of a notebook."""
-    shell = sys.modules.get("IPython")
-    current = getattr(shell, "get_ipython", lambda: None)()
-    return current is not None and "IPKernelApp" in getattr(current, "config", {})
+    """Return whether this process is the kernel of a notebook; does not import IPython."""
+    ipython = sys.modules.get("IPython")
+    shell = getattr(ipython, "get_ipython", lambda: None)()  # None outside IPython
+    return shell is not None and "IPKernelApp" in getattr(shell, "config", {})
 
 
 def is_watched(stream: TextIO | None = None) -> bool:
-    """Return whether somebody watches a stream (stderr): it is a terminal, or the output of a notebook's cell."""
+    """Return whether somebody watches a stream: it is a terminal, or this process runs a notebook.
+
+    Args:
+        stream: by default stderr, which is None in a process without a console.
+    """
     stream = sys.stderr if stream is None else stream
     return in_notebook() or (stream is not None and stream.isatty())
 
 
 class ProgressLine:
-    """Rewrites one line on stderr: a bar, counts, rate and the time left."""
+    """A line on stderr that is rewritten again and again: a bar, counts, rate and the time left.
+
+    ``width`` is the length of the text that is now on the line, in characters; 0 before the first text.
+    """
 
     def __init__(self, what: str, stream: TextIO | None = None) -> None:
         self.what, self.stream = what, sys.stderr if stream is None else stream
         self.began_s, self.latest_s, self.width = time.monotonic(), -1.0, 0
 
     def show(self, done: int, wanted: int, note: str = "") -> None:
-        """Show how many of the ``wanted`` runs are done; the last is always shown."""
+        """Show that ``done`` of the ``wanted`` runs are done, with ``note`` at the end of the line.
+
+        Calls that follow the last update within EVERY_S are ignored, except when all runs are done.
+        """
         now_s = time.monotonic()
         if now_s - self.latest_s < EVERY_S and done < wanted:
             return
         self.latest_s = now_s
-        rate = done / max(now_s - self.began_s, 1e-9)
-        filled = WIDTH * done // max(wanted, 1)
+        rate = done / max(now_s - self.began_s, 1e-9)  # runs per second; the clock may not have moved yet
+        filled = WIDTH * done // max(wanted, 1)  # ``wanted`` may be 0
         parts = [f"{done:,} of {wanted:,} runs"]
         if done:
             parts.append(f"{rate:,.0f} per second")
@@ -46,12 +57,12 @@ class ProgressLine:
             parts.append(f"{(wanted - done) / rate:.0f} s left")
         parts += [note] if note else []
         text = f"{self.what} [{'#' * filled}{'.' * (WIDTH - filled)}] {', '.join(parts)}"
-        self.stream.write(f"\r{text.ljust(self.width)}")
+        self.stream.write(f"\r{text.ljust(self.width)}")  # blanks cover the end of a longer previous text
         self.stream.flush()
         self.width = len(text)
 
     def end(self) -> None:
-        """End the line, if there is one."""
+        """End the line, if anything has been shown on it."""
         if self.width:
             self.stream.write("\n")
             self.stream.flush()

@@ -23,7 +23,8 @@ class Registry(Generic[T]):
     """The registered objects of one kind.
 
     Args:
-        kind: in words. field: the setting that selects an object by name.
+        kind: what the objects are, in words for error messages: "strategy".
+        field: the setting that selects an object by name, for error messages.
     """
 
     def __init__(self, kind: str, field: str) -> None:
@@ -31,14 +32,17 @@ class Registry(Generic[T]):
         self._known: dict[str, T] = {}
 
     def register(self, one: T) -> T:
-        """Register an object by its name; return it, or an equal one that is already registered.
+        """Register an object under its name; return the object that is registered under this name from now on.
+
+        If an equal object is registered already, that object stays and is returned.
 
         Raises:
-            InputError: the name is taken by a different object.
+            InputError: a different object has the name.
         """
-        if self._known.setdefault(one.name, one) != one:
+        registered = self._known.setdefault(one.name, one)
+        if registered != one:
             raise InputError(f"there is a {self.kind} '{one.name}' already", field="name")
-        return self._known[one.name]
+        return registered
 
     def forget(self, name: str) -> None:
         """Remove an object, if it is registered."""
@@ -53,10 +57,10 @@ class Registry(Generic[T]):
         return self._known
 
     def get(self, name: str) -> T:
-        """Return the object of that name.
+        """Return the object registered under ``name``.
 
         Raises:
-            InputError: there is none; the message suggests the nearest name.
+            InputError: the name is not registered; the message suggests a similar one and lists all.
         """
         if not isinstance(name, str) or name not in self._known:
             raise InputError(

@@ -1,7 +1,12 @@
 """Random numbers by address: the uniform number of (seed, run, robot, purpose, index, peer).
 
-No numbers are drawn in order, so no result depends on threads, batches, order or interruption; changing the
-strategy changes no motion, and changing the floor changes no noise.
+No number depends on numbers drawn before. So no result depends on threads, batches, order or interruption; changing
+the strategy changes no motion, and changing the floor changes no noise.
+
+An address names what the number is for: its ``Purpose``; the index of the event (the leg, the sample, the message);
+and the peer, which is the other robot of a message, or else a small number (``OF_...``) that separates several numbers
+drawn for one event. A number with a normal or a triangular distribution is made of a pair of uniform numbers, at two
+consecutive peers.
 
 | name | symbol | where | equation |
 |---|---|---|---|
@@ -58,39 +63,56 @@ def _number(value: int) -> int:
 
 
 PLACEMENT: Final = _number(Purpose.PLACEMENT)
+"""Purpose of numbers that place a robot at the start: position, lattice site and heading."""
 HARDWARE: Final = _number(Purpose.HARDWARE)
+"""Purpose of numbers that make robots, or tiles, differ from each other for a whole run."""
 WALK: Final = _number(Purpose.WALK)
+"""Purpose of the numbers of a walk's legs and turns."""
 AVOIDANCE: Final = _number(Purpose.AVOIDANCE)
+"""Purpose of the numbers of avoidances."""
 SPEED: Final = _number(Purpose.SPEED)
+"""Purpose of the numbers of robots' speed factors."""
 SENSING: Final = _number(Purpose.SENSING)
+"""Purpose of the numbers of samples: what the sensor reads."""
 MESSAGE: Final = _number(Purpose.MESSAGE)
+"""Purpose of the numbers that a strategy uses after a robot's own sample, when it may send a message."""
 LOSS: Final = _number(Purpose.LOSS)
+"""Purpose of the numbers that decide which messages are lost."""
 FLOOR: Final = _number(Purpose.FLOOR)
 POSTERIOR: Final = _number(Purpose.POSTERIOR)
 HEARING: Final = _number(Purpose.HEARING)
+"""Purpose of the numbers that a strategy uses for a message that a robot receives."""
 TIMER: Final = _number(Purpose.TIMER)
+"""Purpose of the numbers that a strategy uses when a robot's timer is due."""
 BEGINNING: Final = _number(Purpose.BEGINNING)
+"""Purpose of the numbers that a strategy uses at the start of a run."""
 STEERING: Final = _number(Purpose.STEERING)
+"""Purpose of the numbers that a strategy uses when it steers a robot."""
 NETWORK: Final = _number(Purpose.NETWORK)
+"""Purpose of the numbers of a network."""
 FAULT: Final = _number(Purpose.FAULT)
 ODOMETRY: Final = _number(Purpose.ODOMETRY)
+"""Purpose of the numbers of the errors of odometry."""
 LOCALISATION: Final = _number(Purpose.LOCALISATION)
 VEER: Final = _number(Purpose.VEER)
+"""Purpose of the numbers by which a robot's misalignment varies (``robot_params``)."""
 
 FIRST: Final = _number(0)
 """Index of a number of which there is only one."""
 ALONE: Final = _number(0)
 """Peer of a number that concerns no other robot."""
 OF_HEADING: Final = _number(1)
+"""Peer that separates the number of the heading at the start from those of the place."""
 OF_SITE: Final = _number(2)
-"""Peers that separate the numbers of a start's heading and lattice site from those of its place."""
+"""Peer that separates the number of the lattice site at the start from those of the place."""
 OF_WANDER: Final = _number(1)
+"""Peer of the first of the two numbers by which a robot's speed wanders at a sample."""
 OF_WANDER_TOO: Final = _number(2)
-"""Peers of the two numbers by which a robot's speed wanders at a sample."""
+"""Peer of the second of the two numbers by which a robot's speed wanders at a sample."""
 OF_DRIFT: Final = _number(2)
+"""First peer of the pair of numbers of a veer's slow variation; those of its wander are ``ALONE`` and the next."""
 OF_DAY: Final = _number(4)
-"""Peers of the pairs of numbers of a veer's slow variation, and of its variation from run to run; those of its
-variation from sample to sample are ``ALONE`` and the next."""
+"""First peer of the pair of numbers of a veer's variation from run to run."""
 OF_EDGE: Final = _number(1)
 """Peer of a sample's second number: the side of a tile's edge on which it is sensed."""
 OF_TILE: Final = _number(1)
@@ -109,16 +131,26 @@ OF_PATHS: Final = _number(8)
 """Peer of the number that begins the draws of a robot's paths."""
 
 _M0: Final = 0xD2511F53
+"""First of the two multipliers of Philox4x32."""
 _M1: Final = 0xCD9E8D57
+"""Second of the two multipliers of Philox4x32."""
 _W0: Final = 0x9E3779B9
+"""Philox4x32 adds this number to the first word of the key after each round."""
 _W1: Final = 0xBB67AE85
+"""Philox4x32 adds this number to the second word of the key after each round."""
 _LOW: Final = 0xFFFFFFFF
+"""Mask of the lower 32 bits."""
 _SCALE: Final = 2.0**-52
+"""Distance between neighbouring uniform numbers: they have 52 random bits."""
 
 
 @kernel
 def philox4x32(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> tuple[int, int, int, int]:
-    """Apply ten rounds of Philox to a counter of four 32-bit words with a key of two."""
+    """Return the four pseudo-random 32-bit words of Philox4x32-10 for a counter and a key.
+
+    Args:
+        c0, c1, c2, c3: counter, 32 bits each. k0, k1: key, 32 bits each. All arithmetic is unsigned with 64 bits.
+    """
     low = np.uint64(_LOW)
     shift = np.uint64(32)
     a, b, c, d = np.uint64(c0), np.uint64(c1), np.uint64(c2), np.uint64(c3)
@@ -134,7 +166,7 @@ def philox4x32(c0: int, c1: int, c2: int, c3: int, k0: int, k1: int) -> tuple[in
 
 @kernel
 def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
-    """Return the number in (0, 1) at this address.
+    """Return the uniform number in (0, 1) at this address; see the module's text for what each part means.
 
     Args:
         seed: in [0, 2^63). run, index, peer: in [0, 2^32). robot: in [0, 2^16). purpose: a ``Purpose``.
@@ -142,6 +174,7 @@ def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int
     high, low, _, _ = philox4x32(
         index & _LOW, robot | (purpose << 16), run & _LOW, peer & _LOW, seed & _LOW, (seed >> 32) & _LOW
     )
+    # 52 bits: all 32 of the first word, and the upper 20 of the second. The 0.5 keeps the number off 0.
     return (float((np.uint64(high) << np.uint64(20)) | (np.uint64(low) >> np.uint64(12))) + 0.5) * _SCALE
 
 
@@ -154,12 +187,12 @@ def _fill(out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: in
 def uniforms(
     seed: int, run: int, robot: int, purpose: Purpose, count: int, first: int = 0
 ) -> NDArray[np.float64]:
-    """Return the uniform numbers of ``count`` consecutive indices from ``first`` on, shape (count,)."""
+    """Return the uniform numbers at the indices first, ..., first + count - 1 (and peer 0), shape (count,)."""
     out = np.empty(count, dtype=np.float64)
     _fill(out, seed, run, robot, int(purpose), first)
     return out
 
 
 def shuffled(count: int, seed: int, run: int) -> NDArray[np.int64]:
-    """Return a permutation of 0..count-1 for the floor of ``run``, shape (count,)."""
+    """Return a random permutation of 0..count-1 for the floor of ``run``, shape (count,)."""
     return np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, count), kind="stable")

@@ -1,12 +1,13 @@
 """Checks of tables from any source, and CSV that is safe to open in a spreadsheet.
 
-The allowed range of a column depends on its name alone and is given in ``ALLOWED``; a ``Schema`` adds the types
-of the columns, which may be null, and the key. Relations between tables and to the scenario are checked in
-``result_validation``.
+The allowed range of a column depends on its name alone and is given in ``ALLOWED``. A ``Schema`` gives the type of each
+column, which columns may be null, and the key (columns that identify a row). Relations between tables, and between
+tables and the scenario, are checked in ``result_validation``.
 
-Spreadsheets take a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return for a formula,
-wherever its text came from: a label, a file name, a message. Such texts get a leading apostrophe, as spreadsheets
-write it; numbers stay numbers, in text columns too. ``unescaped`` restores the original.
+A spreadsheet takes a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return for a formula and
+runs it, although the text may come from a stranger: a label, a file name, a message. ``escaped`` puts an apostrophe
+before such texts, by which spreadsheets mark a text. Texts that are numbers ("-1.5") stay as they are. ``unescaped``
+restores the original.
 """
 
 from __future__ import annotations
@@ -68,22 +69,23 @@ ALLOWED: Final[dict[str, tuple[float, float]]] = {
 
 @dataclass(frozen=True)
 class Schema:
-    """Columns, types and keys of a table.
-
-    Args:
-        columns: name to type. nullable: columns that may be null. key: columns that identify a row.
-    """
+    """Columns, types and keys of a table."""
 
     columns: Mapping[str, Any]
+    """Name to type of each column."""
     nullable: frozenset[str] = frozenset()
+    """Names of the columns that may be null."""
     key: tuple[str, ...] = ()
+    """Names of the columns that together identify a row; empty: rows may repeat."""
 
 
 def read_table(path: Path, schema: Schema, what: str) -> pl.DataFrame:
-    """Read a table from a Parquet file and check it; columns in schema order.
+    """Read a table from a Parquet file and check it; return it with its columns in the order of the schema.
 
+    Args:
+        what: name of the table, for errors.
     Raises:
-        InputError: not a regular Parquet file, or see ``check_table``.
+        InputError: the file is not a regular Parquet file, or the table does not pass ``check_table``.
     """
     return check_table(read_frame(path, what), schema, str(path), what)
 
@@ -91,43 +93,45 @@ def read_table(path: Path, schema: Schema, what: str) -> pl.DataFrame:
 def read_frame(path: Path, what: str) -> pl.DataFrame:
     """Read a Parquet file, whatever its columns.
 
+    Args:
+        what: name of the table, for errors.
     Raises:
-        InputError: it is missing, larger than MAX_BYTES, or not a complete Parquet file.
+        InputError: the file is missing, larger than MAX_BYTES, or not a complete Parquet file.
     """
     if not path.exists():
         raise InputError("is missing", field=str(path))
     check_plain(path, MAX_BYTES, f"the table '{what}'")
     try:
-        return pl.read_parquet(path, glob=False)
+        return pl.read_parquet(path, glob=False)  # a * in the path is part of the file's name, not a pattern
     except (OSError, ValueError, OverflowError, pl.exceptions.PolarsError) as error:
-        words = (str(error).splitlines() or [type(error).__name__])[0]
-        raise InputError(f"is damaged ({words[:120]})", field=str(path)) from None
-    except pl.exceptions.PanicException as error:  # of polars; not an Exception
+        first_line = (str(error).splitlines() or [type(error).__name__])[0]
+        raise InputError(f"is damaged ({first_line[:120]})", field=str(path)) from None
+    except pl.exceptions.PanicException as error:  # a BaseException, so it is not caught above
         raise InputError(f"is damaged ({str(error)[:80]})", field=str(path)) from None
 
 
 def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl.DataFrame:
-    """Return the frame with its columns in schema order, if it conforms to the schema.
+    """Check that a frame conforms to a schema; return it with its columns in the order of the schema.
 
     Args:
         name: name of the file, for errors. what: name of the table, for errors.
     Raises:
-        InputError: missing, unexpected or wrongly typed columns; values that are missing, out of range or not finite;
-            duplicate rows. Names the file and the column.
+        InputError: columns are missing, unexpected or of the wrong type; a value is missing, out of range or NaN; or
+            two rows have the same key.
     """
     _check_columns(frame, schema, name, what)
     frame = frame.select(list(schema.columns))
-    for column, kind in schema.columns.items():
-        _check_values(frame[column], kind, column in schema.nullable, name)
+    for column in schema.columns:
+        _check_values(frame[column], column in schema.nullable, name)
     if schema.key and frame.select(schema.key).is_duplicated().any():
         twice = frame.filter(frame.select(schema.key).is_duplicated()).select(schema.key).row(0, named=True)
-        words = ", ".join(f"{key} {value}" for key, value in twice.items())
-        raise InputError(f"{words} appears twice in the table '{what}'", field=name)
+        keys = ", ".join(f"{key} {value}" for key, value in twice.items())
+        raise InputError(f"{keys} appears twice in the table '{what}'", field=name)
     return frame
 
 
 def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> None:
-    """Refuse missing, unexpected and wrongly typed columns."""
+    """Refuse a frame with missing, unexpected or wrongly typed columns; ``name`` and ``what`` as in ``check_table``."""
     has_not = f"does not have the columns of the table '{what}'"
     for column, kind in schema.columns.items():
         if column not in frame.columns:
@@ -136,17 +140,20 @@ def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) ->
             raise InputError(
                 f"{has_not}: '{column}' is {frame.schema[column]}, expected {_kind(kind)}", field=name
             )
-    more = [column for column in frame.columns if column not in schema.columns]
-    if more:
-        raise InputError(f"{has_not}: '{more[0][:40]}' is unexpected", field=name)
+    unexpected = [column for column in frame.columns if column not in schema.columns]
+    if unexpected:
+        raise InputError(f"{has_not}: '{unexpected[0][:40]}' is unexpected", field=name)
 
 
 def _kind(kind: Any) -> str:
     return str(kind) if isinstance(kind, pl.DataType) else str(kind.__name__)
 
 
-def _check_values(values: pl.Series, kind: Any, nullable: bool, name: str) -> None:
-    """Refuse missing values and values outside the range of the column."""
+def _check_values(values: pl.Series, nullable: bool, name: str) -> None:
+    """Refuse a column with null values (unless ``nullable``), with NaN, or with values outside its ``ALLOWED`` range.
+
+    Columns without a range, and columns that are not numbers, are only checked for null. ``name`` is the file's.
+    """
     column = values.name
     if not nullable and values.null_count():
         raise InputError(f"column '{column}' lacks a value in row {_first(values.is_null())}", field=name)
@@ -156,7 +163,7 @@ def _check_values(values: pl.Series, kind: Any, nullable: bool, name: str) -> No
     wrong = (values < low) | (values > high)
     if values.dtype.is_float():
         wrong |= values.is_nan()
-    wrong = wrong.fill_null(False)
+    wrong = wrong.fill_null(False)  # comparisons with null are null
     if wrong.any():
         row = _first(wrong)
         raise InputError(
@@ -166,12 +173,18 @@ def _check_values(values: pl.Series, kind: Any, nullable: bool, name: str) -> No
 
 
 def _first(where: pl.Series) -> int:
+    """Return the number of the first row, from 0, in which a boolean column is true."""
     return int(where.arg_true()[0])
 
 
+# Texts that already begin with apostrophes get another one too, so that ``unescaped`` can always remove one.
 _FORMULA: Final = r"^'*[=+\-@\t\r]"
+"""Texts that get an apostrophe. Those that begin with apostrophes already get one more, so that ``unescaped`` can
+restore them."""
 _NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
+"""Texts that are numbers."""
 _MARK: Final = "'"
+"""The apostrophe, by which spreadsheets mark a text."""
 
 
 def csv_bytes(frame: pl.DataFrame) -> bytes:
@@ -180,7 +193,10 @@ def csv_bytes(frame: pl.DataFrame) -> bytes:
 
 
 def escaped(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the frame with its texts and column names escaped; words of an ``Enum`` become texts."""
+    """Return the frame with an apostrophe before texts and column names that a spreadsheet would take for formulas.
+
+    Columns of an ``Enum`` or a ``Categorical`` become text columns. A single "-" stays, as it is no formula.
+    """
     columns = []
     for name, kind in frame.schema.items():
         if kind in (pl.String, pl.Categorical, pl.Enum):
@@ -189,15 +205,15 @@ def escaped(frame: pl.DataFrame) -> pl.DataFrame:
             columns.append(pl.when(formula).then(pl.lit(_MARK) + text).otherwise(text).alias(name))
         else:
             columns.append(pl.col(name))
-    head = {name: f"{_MARK}{name}" for name in frame.columns if name[:1] in "=+-@\t\r" and name}
-    return frame.select(columns).rename(head)
+    escaped_names = {name: f"{_MARK}{name}" for name in frame.columns if name.startswith(tuple("=+-@\t\r"))}
+    return frame.select(columns).rename(escaped_names)
 
 
 def unescaped(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the frame with its texts as they were before ``escaped``."""
+    """Return the frame with its texts as they were before ``escaped``; column names and types stay as they are."""
     return frame.with_columns(
         pl.when(pl.col(name).str.contains(r"^'+[=+\-@\t\r]"))
-        .then(pl.col(name).str.slice(1))
+        .then(pl.col(name).str.slice(1))  # without the first apostrophe
         .otherwise(name)
         .alias(name)
         for name, kind in frame.schema.items()

@@ -19,20 +19,22 @@ T = TypeVar("T")
 
 _KINDS: Final = {int: "a whole number", str: "a text", list: "a list", dict: "a table of names", bool: "true or false",
                  float: "a number"}  # fmt: skip
+"""The types of JSON values in words, for errors."""
 
 MAX_NUMBER: Final = 1e300
+"""Numbers of a larger size are refused."""
 
 MAX_TEXT: Final = 64 * 2**20
 """Size limit of a TOML or JSON file, bytes."""
 
 
 def check_plain(path: Path, most: int, what: str) -> int:
-    """Return the size of a regular file.
+    """Check that a file is a regular file of a limited size; return its size, bytes.
 
     Args:
-        most: size limit, bytes. what: its kind, for errors: "a scenario".
+        most: size limit, bytes. what: the kind of file expected, for errors: "a scenario".
     Raises:
-        InputError: it is missing, unreadable, not a regular file, or too large.
+        InputError: the file is missing, unreadable, not a regular file, or too large.
     """
     name = _named(path)
     try:
@@ -51,12 +53,12 @@ def check_plain(path: Path, most: int, what: str) -> int:
 
 
 def read_bytes(path: Path, most: int, what: str) -> bytes:
-    """Read a regular file; arguments and errors as of ``check_plain``."""
+    """Read a regular file of at most ``most`` bytes; arguments and errors are those of ``check_plain``."""
     check_plain(path, most, what)
     try:
-        # The file may have been replaced since the check: never block on a pipe.
+        # The file may have been replaced by a pipe since the check. With O_NONBLOCK, opening it does not wait forever.
         with os.fdopen(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0)), "rb") as stream:
-            data = stream.read(most + 1)
+            data = stream.read(most + 1)  # one byte more shows that the file has grown beyond the limit
     except (OSError, ValueError) as error:
         raise InputError(f"cannot be read: {_why(error)}", field=_named(path)) from None
     if len(data) > most:
@@ -65,10 +67,10 @@ def read_bytes(path: Path, most: int, what: str) -> bytes:
 
 
 def read_text(path: Path, what: str, most: int = MAX_TEXT) -> str:
-    """Read a regular file as UTF-8, up to ``most`` bytes; ``what`` names its kind in errors.
+    """Read a regular file of at most ``most`` bytes as UTF-8 text; ``what`` names the kind of file, for errors.
 
     Raises:
-        InputError: as ``check_plain``, or it is not UTF-8 text.
+        InputError: the file does not pass ``check_plain``, or is not UTF-8 text.
     """
     try:
         return read_bytes(path, most, what).decode("utf-8")
@@ -77,43 +79,48 @@ def read_text(path: Path, what: str, most: int = MAX_TEXT) -> str:
 
 
 def read_json(path: Path, what: str) -> Any:
-    """Read a JSON file.
+    """Read a JSON file and return its value; ``what`` names the kind of file, for errors.
 
     Raises:
-        InputError: as ``read_text``, or it is not JSON, or holds numbers that are not finite.
+        InputError: ``read_text`` refuses the file, or it is not JSON, or it holds NaN or an infinite number.
     """
     return parsed_json(read_text(path, what), _named(path))
 
 
 def parsed_json(text: str | bytes, name: str) -> Any:
-    """Parse a JSON text; ``name`` is the file's, for errors.
+    """Parse a JSON text and return its value; ``name`` is the name of its file, for errors.
 
     Raises:
-        InputError: it is not JSON, or holds numbers that are not finite.
+        InputError: the text is not JSON, or holds NaN or an infinite number.
     """
     try:
-        return json.loads(text, parse_constant=_no_number)
-    except (ValueError, RecursionError) as error:  # also numbers with thousands of digits
+        return json.loads(text, parse_constant=_no_number)  # Python would accept NaN and Infinity
+    except (ValueError, RecursionError) as error:
+        # The text is not JSON, is nested too deeply, or holds a number of thousands of digits.
         raise InputError(f"is damaged: not JSON ({str(error)[:80]})", field=name) from None
 
 
 def parsed_toml(text: str, name: str) -> dict[str, Any]:
-    """Return the values in a TOML text; errors name the file ``name``.
+    """Parse a TOML text and return its table; ``name`` is the name of its file, for errors.
 
     Raises:
         InputError: the text is not TOML.
     """
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # not TOML, or a number of thousands of digits
+    except (ValueError, RecursionError) as error:
+        # The text is not TOML, is nested too deeply, or holds a number of thousands of digits.
         raise InputError(f"is not TOML: {error}", field=name) from None
 
 
 def entry(about: Any, key: str, kind: type[T], path: Path | str) -> T:
-    """Return the value under a key of a JSON object.
+    """Return the value under a key of a JSON object, after checking its type.
 
+    Args:
+        about: the JSON value that should be the object. kind: type that the value must have.
+        path: name of the file, for errors.
     Raises:
-        InputError: it is not an object, lacks the key, or has a value of another type (booleans are not numbers).
+        InputError: ``about`` is not an object or lacks the key, or the value has another type. A boolean is no number.
     """
     if not isinstance(about, dict):
         raise InputError("is damaged: not a JSON object", field=str(path))
@@ -126,15 +133,24 @@ def entry(about: Any, key: str, kind: type[T], path: Path | str) -> T:
 
 
 def number(about: Any, key: str, path: Path | str) -> float:
-    """Return the number under a key of a JSON object; errors as of ``entry``."""
+    """Return the number, an integer or a float of at most MAX_NUMBER in size, under a key of a JSON object.
+
+    Raises:
+        InputError: ``about`` is not an object, lacks the key, or its value is no such number.
+    """
     value = about.get(key) if isinstance(about, dict) else None
+    # ``not ... <=`` refuses NaN too, with which every comparison is false.
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MAX_NUMBER:
         raise InputError(f"is damaged: '{key}' is {shown(value)}, expected a number", field=str(path))
     return value
 
 
 def words(values: list[Any], key: str, path: Path | str) -> list[str]:
-    """Check that a list of a JSON file holds texts; ``path`` names the file, ``key`` the list."""
+    """Return a list of a JSON file after checking that it holds only texts; ``key`` names the list, ``path`` the file.
+
+    Raises:
+        InputError: one of the values is not a text.
+    """
     for value in values:
         if not isinstance(value, str):
             raise InputError(f"is damaged: '{key}' holds {shown(value)}, which is not text", field=str(path))
@@ -142,13 +158,13 @@ def words(values: list[Any], key: str, path: Path | str) -> list[str]:
 
 
 def texts(values: dict[str, Any], key: str, path: Path | str) -> dict[str, str]:
-    """Check that a table of a JSON file holds texts; ``path`` names the file, ``key`` the table."""
+    """Return a table of a JSON file after checking that its values are texts; ``key`` names the table."""
     words(list(values.values()), key, path)
     return values
 
 
 def sized(count: int) -> str:
-    """Return a number of bytes in words: 64 MiB."""
+    """Return a number of bytes in the largest fitting unit: "64 MiB", "1.5 GiB", "300 bytes"."""
     for unit, size in (("GiB", 2**30), ("MiB", 2**20)):
         if count >= size:
             return f"{count / size:g} {unit}"

@@ -1,4 +1,8 @@
-"""What a scenario's robots consist of: the functions of their strategy, constants, and the sizes of their memory."""
+"""The parts of a scenario's robots: their strategy's hooks, the constants of their program, and sizes of their memory.
+
+The program of a robot is ``robot_program``, a template. Some of its global names are open: an exporter replaces them by
+the strategy's hooks and by values of the scenario.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +30,7 @@ from vibroswarm.strategies.static_analysis import PLACE, fields_read
 from vibroswarm.strategies.world import World, belief_below
 
 HOOKS: Final = ("begin", "on_sample", "on_timer", "decision", "steer")
+"""Hooks of a strategy that have the same names in ``robot_program``; the others are treated one by one."""
 
 
 @dataclass(frozen=True)
@@ -34,29 +39,40 @@ class RobotParts:
 
     strategy: Strategy
     hooks: Mapping[str, Any]
-    """Values of names of ``robot_program``: the strategy's functions, and what they have."""
+    """Values of the open names of ``robot_program``, see ``hooks_of``."""
     replaced: Mapping[Callable[..., Any], Callable[..., Any]]
+    """Functions of the package that a robot cannot run: the functions exported in place of them."""
     params: Mapping[str, Any]
+    """The strategy's parameters, by name."""
     world: World
+    """The world as robot 0 knows it."""
     walker: WalkProgram
+    """Parameters of the walk."""
     sensing: SenseProgram
+    """Parameters of sensing."""
     localiser: LocalisationProgram | None
+    """Parameters of localisation; None if the strategy reads no places."""
     mixture: Mixture | None
+    """Memory of localisation, of the right size; None if the strategy reads no places."""
     sizes: Mapping[str, int]
+    """Sizes that arrays may have, by name, such as robots and tiles."""
     rms_threshold: float
+    """theta_E: a robot reads 1 if the energy is above this."""
     blind_ms: float
+    """How long the robot ignores its rays after a turn; 0: it never does."""
     estimates: int = len(ESTIMATE)
+    """Length of the array that holds the estimate of a robot's place."""
 
 
 def parts_of(scenario: Scenario) -> RobotParts:
     """Return the parts of a scenario's robots.
 
     Raises:
-        InputError: robots of this kind cannot be exported.
+        InputError: the strategy has an option that cannot be exported, or reads places that a real robot cannot know.
     """
     strategy = strategy_of(scenario.strategy.name)
     refuse_options(scenario, strategy)
-    read = fields_read(strategy) & set(PLACE)
+    read = fields_read(strategy) & set(PLACE)  # fields of ``Reading`` that depend on where the robot is
     localiser, mixture = None, None
     if read and not is_estimated(scenario):
         raise InputError(
@@ -67,15 +83,17 @@ def parts_of(scenario: Scenario) -> RobotParts:
     if read:  # a strategy that reads no place needs no localisation
         localiser = program_of(scenario)
         lag = scenario.localisation.lag
+        # The method "mixture" keeps several Gaussians, any other method one.
         count = scenario.localisation.components if scenario.localisation.method == "mixture" else 1
         mixture = empty_mixture(count, lag)
     setup = setup_of(scenario)
     return RobotParts(
         strategy=strategy,
-        hooks=hooks_of(strategy, mixture is not None),
+        hooks=hooks_of(strategy, has_places=mixture is not None),
+        # A simulated robot reads beliefs from a table; an exported one computes them.
         replaced={plain(belief_below): robot_program.belief_of_posterior},
         params=params_of(scenario, strategy),
-        world=world_of(scenario, 0),
+        world=world_of(scenario, counts=0),  # 0: the smallest table of beliefs, because it is not exported
         walker=WalkProgram(**{name: setup[name].item() for name in WalkProgram._fields}),
         sensing=sense_program(scenario),
         localiser=localiser,
@@ -87,45 +105,52 @@ def parts_of(scenario: Scenario) -> RobotParts:
 
 
 def refuse_options(scenario: Scenario, strategy: Strategy) -> None:
-    """Refuse parameters for which another variant of the strategy runs.
+    """Refuse parameters (options) for which a variant of the strategy runs: variants cannot be exported.
 
     Raises:
-        InputError: that names the first of them, and the functions that run.
+        InputError: it names the first such parameter, and the file of the variant's hooks.
     """
     used, params = strategy_used(scenario), scenario.strategy.params
     if used is strategy:
         return
     for name, field in type(params).model_fields.items():
         value = getattr(params, name)
-        plain_choice = scenario.with_values({f"strategy.{strategy.name}.{name}": field.default})
-        if value != field.default and strategy_used(plain_choice) != used:
-            functions = source_of(used.on_sample)
+        # The parameter is to blame if its default would select another strategy.
+        with_default = scenario.with_values({f"strategy.{strategy.name}.{name}": field.default})
+        if value != field.default and strategy_used(with_default) != used:
+            variant_hook = source_of(used.on_sample)
             shown = str(value).lower() if isinstance(value, bool) else value
             raise InputError(
-                f"{shown}: robots with this option cannot be exported yet, for their messages and readings have no "
-                f"form there (see {functions.file}, line {functions.before + 1}); leave it at "
+                f"{shown}: robots with this option cannot be exported yet, because an exported program cannot hold "
+                f"their messages and readings (see {variant_hook.file}, line {variant_hook.before + 1}); leave it at "
                 f"{str(field.default).lower()}",
                 field=f"strategy.{strategy.name}.{name}",
             )
 
 
 def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:
-    """Return the strategy's parameters by name."""
+    """Return the strategy's parameters by name, as plain Python numbers."""
     names = strategy.params_type.names or ()
     values = strategy.params_row(scenario.strategy.params)
     return {name: np.asarray(value).item() for name, value in zip(names, values, strict=True)}
 
 
 def hooks_of(strategy: Strategy, has_places: bool) -> dict[str, Any]:
-    """Return what stands for each open name of ``robot_program`` with a strategy: its hooks, or what replaces them."""
+    """Return the values of the open names of ``robot_program`` for a strategy: its hooks, and constants about them.
+
+    A hook that the strategy does not have is replaced by a function of ``robot_program``.
+
+    Args:
+        has_places: whether the robot estimates its place.
+    """
     found: dict[str, Any] = {hook: getattr(strategy, hook) for hook in HOOKS if getattr(strategy, hook)}
     found["on_message"] = strategy.on_message
-    if strategy.on_message is None:
+    if strategy.on_message is None:  # then messages have one bit, and ``on_counts`` counts each
         found["on_message"] = robot_program.hear_bit
         found["on_counts"] = strategy.on_counts
     found["belief"] = strategy.belief or robot_program.no_belief
-    found["next_s"] = robot_program.timer_of_state
+    found["next_s"] = robot_program.timer_of_state  # reads s.next_s
     found["HAS_TIMER"], found["HAS_STEER"] = strategy.on_timer is not None, strategy.steer is not None
     found["HAS_PLACES"] = has_places
-    found["posterior_below"] = posterior_below
+    found["posterior_below"] = posterior_below  # called by ``robot_program.belief_of_posterior``
     return found

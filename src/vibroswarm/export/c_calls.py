@@ -1,4 +1,8 @@
-"""Calls of the robot's program in C: functions of the program, of ``math``, and some of Python's own."""
+"""Translation of calls to C: of functions of the program, of ``math``, and of some of Python's own functions.
+
+A ``Value`` is an expression in C with its type (``c_types``). What cannot be translated is refused: ``refuse`` raises
+an ``InputError`` with file and line; an assertion after it is only for the type checker.
+"""
 
 from __future__ import annotations
 
@@ -28,26 +32,30 @@ from vibroswarm.export.source import MATH, is_function, math_name, plain
 BUILT_IN: Final[dict[str, Any]] = {
     "abs": None, "min": None, "max": None, "int": INT, "float": REAL, "bool": BOOL, "round": INT,
 }  # fmt: skip
+"""Python's own functions that may be called, and the types of their results; None: the type of their arguments."""
 
 
 class Calls(Expressions):
     """Translates the expressions of one function, calls among them."""
 
     def on_call(self, node: ast.Call) -> Value:
-        """Translate a call."""
+        """Translate a call: of ``math``, of Python's own functions, of a class, or of a function of the program."""
         name = math_name(self.source, node.func)
         if name is not None:
             return self.call_of_math(node, name)
+        # Methods, and variables of the function, cannot be called.
         if not isinstance(node.func, ast.Name) or node.func.id in self.types:
             self.refuse(node, f"the call '{ast.unparse(node)[:60]}'")
         assert isinstance(node.func, ast.Name)
         called = self.source.space.get(node.func.id)
         if called is None and node.func.id in BUILT_IN:
             return self.call_of_built_in(node, node.func.id)
+        # A function that a robot cannot run, because it reads the table of beliefs, is replaced by another.
         called = self.program.replaced.get(plain(called), called)
         if plain(called) is plain(uniform):
             return self.call_of_uniform(node)
-        struct = self.program.struct_of.get(called)
+        struct = self.program.struct_of.get(called)  # for a call that constructs a row
+        # The template has classes, such as ``Message``, that only stand for a strategy's own: they are found by name.
         if struct is None and node.func.id in self.program.row_names:
             struct = self.program.row_names[node.func.id]
         if struct is not None:
@@ -58,13 +66,13 @@ class Calls(Expressions):
         raise AssertionError
 
     def arguments(self, node: ast.Call, count: int) -> list[Value]:
-        """Return the arguments of a call with ``count`` numbers."""
+        """Return the arguments of a call that takes ``count`` numbers; refuse any other arguments."""
         if node.keywords or len(node.args) != count:
             self.refuse(node, f"the arguments of '{ast.unparse(node)[:60]}'")
         return self.numbers(node, node.args)
 
     def call_of_math(self, node: ast.Call, name: str) -> Value:
-        """Translate a function of ``math``."""
+        """Translate the call of ``math.NAME``, for the names in ``MATH``."""
         if name not in MATH:
             self.refuse(node, f"math.{name}")
         values = self.arguments(node, MATH[name])
@@ -72,41 +80,48 @@ class Calls(Expressions):
         if name in ("degrees", "radians"):
             factor = 180.0 / math.pi if name == "degrees" else math.pi / 180.0
             return Value(f"({texts} * {literal(factor).text})", REAL)
+        # The result is a whole number, as in Python. ``real`` is its text for uses as a floating-point number, without
+        # conversion to an integer and back.
         if name in ("floor", "ceil"):
             return Value(f"((int64_t)vs_{name}({texts}))", LONG, real=f"vs_{name}({texts})")
-        if name == "sqrt" and values[0].constant is not None:
+        if name == "sqrt" and values[0].constant is not None:  # the root of a constant is a constant
             return literal(math.sqrt(values[0].constant))
         return Value(f"vs_{name}({texts})", BOOL if name == "isnan" else REAL)
 
     def call_of_built_in(self, node: ast.Call, name: str) -> Value:
-        """Translate ``abs``, ``min``, ``max``, ``int``, ``float``, ``bool`` or ``round``."""
+        """Translate ``abs``, ``min``, ``max``, ``int``, ``float``, ``bool`` or ``round``.
+
+        ``min`` and ``max`` of several values become nested calls of the runtime's functions of two.
+        """
         if name in ("min", "max"):
-            values = self.arguments(node, max(len(node.args), 2))
+            values = self.arguments(node, max(len(node.args), 2))  # two arguments or more
             found = values[0]
             for value in values[1:]:
+                # Joined with INT, because truth values count as whole numbers.
                 kind = joined(joined(found.type, value.type), INT)
                 texts = (as_real(item) if kind == REAL else item.text for item in (found, value))
                 found = Value(f"vs_{name}{SUFFIX[kind]}({', '.join(texts)})", kind)
             return found
         (value,) = self.arguments(node, 1)
         if name == "abs":
-            kind = joined(value.type, INT)
+            kind = joined(value.type, INT)  # a truth value counts as a whole number
             return Value(f"vs_abs{SUFFIX[kind]}({value.text})", kind)
         if name == "bool" and value.type != BOOL:
             self.refuse(node, "bool() of a number")
         if name in ("bool", "float"):
             return value if value.type == BUILT_IN[name] else Value(as_real(value), REAL)
-        if value.type != REAL:
+        if value.type != REAL:  # int() and round() do not change a whole number
             return Value(value.text, joined(value.type, INT), value.constant)
+        # The conversion to an integer cuts decimals off, as ``int`` does.
         return Value(f"((vs_int){'vs_round' if name == 'round' else ''}({value.text}))", INT)
 
     def call_of_uniform(self, node: ast.Call) -> Value:
-        """Translate a uniform number."""
+        """Translate the call of ``core.rng.uniform``, which the runtime has as ``vs_uniform``."""
         texts = [value.text for value in self.arguments(node, 6)]
         return Value(f"vs_uniform({', '.join(texts)})", REAL)
 
     def construct(self, node: ast.Call, struct: Struct) -> Value:
-        """Translate a new row: all zeros, or with all its fields given in order."""
+        """Translate the construction of a row: without arguments all zeros, or with all fields given in order."""
         if not node.args and not node.keywords:
             return Value(f"({struct.name}){{0}}", struct)
         names = list(struct.source._fields)
@@ -115,13 +130,17 @@ class Calls(Expressions):
         texts = []
         for name, argument in zip(names, node.args, strict=True):
             value = self.expression(argument)
-            if name in struct.omitted:
+            if name in struct.omitted:  # the struct in C does not have this field, so its value is dropped
                 continue
             texts.append(f".{identifier(name)} = {value.text}")
         return Value(f"({struct.name}){{{', '.join(texts)}}}", struct)
 
     def call_of_function(self, node: ast.Call, called: Any) -> Value:
-        """Translate the call of a function of the program."""
+        """Translate the call of a function of the program; the function itself is translated for these types first.
+
+        Rows and arrays are passed by address. A row that has no address yet, as the result of a call, is stored in a
+        variable.
+        """
         names = [argument.arg for argument in self.program.source(called).tree.args.args]
         given: dict[str, ast.expr] = dict(zip(names, node.args, strict=False))
         given |= {word.arg: word.value for word in node.keywords if word.arg}
@@ -129,7 +148,7 @@ class Calls(Expressions):
             self.refuse(node, f"the arguments of '{ast.unparse(node)[:60]}'")
         values = self.in_any_order(node, [given[name] for name in names])
         compiled = self.program.function(called, [value.type for value in values], self.source, node)
-        if compiled.changes:
+        if compiled.changes:  # the function called may change a row, so this one may too
             self.changes += 1
             self.writes = True
         texts = []
@@ -144,7 +163,7 @@ class Calls(Expressions):
         return Value(f"{compiled.name}({', '.join(texts)})", compiled.returns)
 
     def hold(self, value: Value) -> str:
-        """Store a value in a variable that is set before the current statement; return the variable's name."""
+        """Return the name of a new constant that is set to a value before the current statement."""
         self.held += 1
         name = f"held_{self.held}"
         kind = value.type.name if isinstance(value.type, Struct | CTuple) else value.type
@@ -152,3 +171,4 @@ class Calls(Expressions):
         return name
 
     held: int = 0
+    """Number of constants made by ``hold`` so far, which numbers their names."""

@@ -1,7 +1,9 @@
-"""Expressions of the robot's program in C. What is not known here is refused with its file and line.
+"""Translation of expressions to C.
 
-Types follow from the arguments, as Numba's do: ``int`` is ``vs_int`` (32 bits), ``float`` is ``vs_real`` (float or
-double).
+A ``Value`` is an expression in C with its type, and its number if it is constant (``c_types``). Types follow from those
+of the function's arguments, as in Numba: ``int`` becomes ``vs_int`` (32 bits), ``float`` becomes ``vs_real`` (float or
+double). The method ``on_NODE`` translates syntax trees of the class NODE. What cannot be translated is refused:
+``refuse`` raises an ``InputError`` with file and line; an assertion after it is only for the type checker.
 """
 
 from __future__ import annotations
@@ -37,36 +39,41 @@ BINARY: Final = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.BitAnd: "&", ast.BitOr: "|", ast.BitXor: "^",
     ast.LShift: "<<", ast.RShift: ">>",
 }  # fmt: skip
+"""Operators that become an operator in C, and how they are written there."""
 OF_INTEGERS: Final = (ast.BitAnd, ast.BitOr, ast.BitXor, ast.LShift, ast.RShift)
+"""Operators that take whole numbers only."""
 COMPARE: Final = {
     ast.Eq: "==", ast.NotEq: "!=", ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=",
 }  # fmt: skip
+"""Comparisons that can be translated, and how they are written in C."""
 
 
 class Expressions:
     """Translates the expressions of one function."""
 
     program: Program
+    """The functions translated so far, to which the functions called are added."""
     source: Source
+    """The function that is translated, with its source."""
     types: dict[str, Any]
-    """Of parameters and local variables."""
+    """Types of parameters and local variables, by name."""
     aliases: dict[str, Value]
-    """Local names of rows and arrays."""
+    """Rows and arrays to which local variables refer, by the variable's name."""
     loops: list[str]
-    """Variables of the loops around."""
+    """Variables of the loops in which the current statement stands."""
     pending: list[str]
-    """Statements that come before the one under way."""
+    """Statements in C to write before the current one."""
     changes: int = 0
-    """Calls so far that may change a row."""
+    """Number of calls translated so far that may change a row."""
     writes: bool = False
-    """Whether the function may change a row."""
+    """Whether the function may change a row that it is given."""
 
     def refuse(self, node: ast.AST, why: str) -> Any:
-        """Refuse a construct."""
+        """Raise the error that refuses a construct, with its line; ``why`` says what is refused."""
         raise self.source.refusal(node, why)
 
     def expression(self, node: ast.expr) -> Value:
-        """Return an expression in C."""
+        """Return the translation of an expression, by the method for its class of syntax tree."""
         method: Any = getattr(self, f"on_{type(node).__name__.lower()}", None)
         if method is None:
             self.refuse(node, f"{type(node).__name__} '{ast.unparse(node)[:60]}'")
@@ -74,14 +81,18 @@ class Expressions:
         return found
 
     def number(self, node: ast.expr) -> Value:
-        """Return an expression that must be a number."""
+        """Return the translation of an expression that must be a number or a truth value; refuse any other."""
         value = self.expression(node)
         if value.type not in (INT, LONG, REAL, BOOL):
             self.refuse(node, f"'{ast.unparse(node)[:60]}' is not a number")
         return value
 
     def in_any_order(self, node: ast.AST, items: list[ast.expr]) -> list[Value]:
-        """Return expressions that C may compute in any order: if one changes a row, no other may change or read one."""
+        """Return the translations of expressions that C may compute in any order, such as arguments of a call.
+
+        The order must not matter: if one expression may change a row, the others must neither change nor read one;
+        otherwise they are refused.
+        """
         found, changing = [], set[int]()
         for k, item in enumerate(items):
             before = self.changes
@@ -95,24 +106,33 @@ class Expressions:
         return found
 
     def reads_row(self, item: ast.expr) -> bool:
-        """Return whether an expression reads a field that a call might change."""
+        """Return whether an expression reads a number in a row or array that a call might change.
+
+        Sizes of arrays cannot change, and a row or array that is only passed on is not read here.
+        """
         for part in ast.walk(item):
+            # For a field or element such as ``s.counts[k]``, find the variable at its beginning: ``s``.
             root: ast.AST = part
             while isinstance(root, ast.Attribute | ast.Subscript):
                 root = root.value
             if root is part or not isinstance(root, ast.Name) or not isinstance(part, ast.expr):
-                continue
+                continue  # not a field or element of a variable
             kind = self.types.get(root.id)
-            of_row = isinstance(kind, CArray) or (isinstance(kind, Struct) and kind.mutable)
+            # A call might change an array, a row that can be changed, and what a local variable refers to.
+            might_change = (
+                isinstance(kind, CArray)
+                or (isinstance(kind, Struct) and kind.mutable)
+                or root.id in self.aliases
+            )
             is_size = isinstance(part, ast.Attribute) and part.attr in ("size", "shape")
-            if is_size or not (of_row or root.id in self.aliases):
+            if is_size or not might_change:
                 continue
-            if not isinstance(self.expression(part).type, Struct | CArray):
+            if not isinstance(self.expression(part).type, Struct | CArray):  # a number
                 return True
         return False
 
     def numbers(self, node: ast.AST, items: list[ast.expr]) -> list[Value]:
-        """Return expressions that must be numbers, computed in any order."""
+        """Return the translations of expressions that must be numbers, and that C may compute in any order."""
         values = self.in_any_order(node, items)
         for item, value in zip(items, values, strict=True):
             if value.type not in (INT, LONG, REAL, BOOL):
@@ -120,21 +140,25 @@ class Expressions:
         return values
 
     def truth(self, node: ast.expr) -> Value:
-        """Return an expression that must be true or false."""
+        """Return the translation of an expression that must be a truth value; refuse any other."""
         value = self.expression(node)
         if value.type != BOOL:
             self.refuse(node, f"'{ast.unparse(node)[:60]}' is not a comparison")
         return value
 
     def on_constant(self, node: ast.Constant) -> Value:
-        """Translate a number."""
+        """Translate a number or truth value; refuse any other constant."""
         number = number_of(node.value)
         if number is None:
             self.refuse(node, f"the constant {node.value!r}")
         return literal(number)  # type: ignore[arg-type]
 
     def on_name(self, node: ast.Name) -> Value:
-        """Translate a variable or a global constant."""
+        """Translate the name of a variable, a constant row or a global number.
+
+        A variable of a loop is refused after the loop: in C it ends with the loop. A row that is a parameter is a
+        pointer in C.
+        """
         name = node.id
         if name in self.aliases:
             return self.aliases[name]
@@ -161,7 +185,7 @@ class Expressions:
 
     @property
     def program_loops(self) -> set[str]:
-        """Names of the variables of all loops of the function."""
+        """Names of the variables of all ``for`` loops in the function."""
         return {
             node.target.id
             for node in ast.walk(self.source.tree)
@@ -169,7 +193,10 @@ class Expressions:
         }
 
     def on_attribute(self, node: ast.Attribute) -> Value:
-        """Translate a field of a row, a size of an array or a constant of ``math``."""
+        """Translate a field of a row, the size of an array, or a constant of ``math``.
+
+        A field that the program leaves out has the type ``OMITTED``, and can only be passed to a constructor.
+        """
         name = math_name(self.source, node)
         if name is not None:
             number = number_of(getattr(math, name, None))
@@ -186,11 +213,15 @@ class Expressions:
         kind = row.type.type_of(node.attr)
         if kind is None:
             self.refuse(node, f"the field '{node.attr}', which {row.type.name} has not")
+        # Short integers are stored in a row, but are ``vs_int`` in expressions.
         number_kind = kind if isinstance(kind, Struct | CArray) or kind in (REAL, BOOL, LONG) else INT
         return Value(field_of(row.text, node.attr), number_kind, is_place=True)
 
     def on_subscript(self, node: ast.Subscript) -> Value:
-        """Translate an element of an array, or a length ``.shape[0]``."""
+        """Translate an element of an array, or a length such as ``a.shape[0]``, which is a constant.
+
+        Constant indices are checked against the length. ``VS_LOAD`` converts stored floating-point numbers.
+        """
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             array, axis = self.expression(node.value.value), self.expression(node.slice).constant
             if not isinstance(array.type, CArray) or axis is None:
@@ -215,7 +246,7 @@ class Expressions:
         return Value(text, array.type.number, is_place=True)
 
     def on_unaryop(self, node: ast.UnaryOp) -> Value:
-        """Translate a sign or ``not``."""
+        """Translate ``-x`` or ``not x``; refuse any other operator of one operand."""
         if isinstance(node.op, ast.Not):
             value = self.truth(node.operand)
             if value.constant is not None:
@@ -229,18 +260,22 @@ class Expressions:
         return Value(f"(-{value.text})", joined(value.type, INT))
 
     def on_binop(self, node: ast.BinOp) -> Value:
-        """Translate arithmetic."""
+        """Translate an operator of two numbers."""
         left, right = self.numbers(node, [node.left, node.right])
         return self.arithmetic(node, node.op, left, right)
 
     def arithmetic(self, node: ast.AST, operator: ast.operator, left: Value, right: Value) -> Value:
-        """Return the result of an operator, with Python's meaning of division and remainder."""
+        """Return the result of an operator, with Python's meaning of division and remainder.
+
+        If both operands are constants, the result is computed here, as a constant. A product of 32-bit numbers has two
+        further texts, in 64 bits and as a floating-point number, for uses where 32 bits might overflow.
+        """
         if left.constant is not None and right.constant is not None:
             folded = ast.BinOp(ast.Constant(left.constant), operator, ast.Constant(right.constant))
             text = compile(ast.fix_missing_locations(ast.Expression(folded)), "constant", "eval")
             number = number_of(eval(text, {}))  # noqa: S307 - two numbers and an operator
             return literal(number)  # type: ignore[arg-type]
-        both = joined(joined(left.type, right.type), INT)
+        both = joined(joined(left.type, right.type), INT)  # truth values count as whole numbers
         kind = type(operator)
         if kind in OF_INTEGERS and both not in INTEGERS:
             self.refuse(node, "an operator of whole numbers, on others")
@@ -259,6 +294,8 @@ class Expressions:
             return Value(f"({as_real(left)} / {as_real(right)})", REAL)
         if kind is ast.Pow and both == REAL:
             return Value(f"vs_pow({as_real(left)}, {as_real(right)})", REAL)
+        # The operators of C for remainder and whole division round towards 0; the runtime's functions round down, as
+        # Python.
         if kind is ast.Mod:
             return Value(f"vs_mod{SUFFIX[both]}({left.text}, {right.text})", both)
         if kind is ast.FloorDiv and both in INTEGERS:
@@ -267,14 +304,17 @@ class Expressions:
         raise AssertionError
 
     def on_boolop(self, node: ast.BoolOp) -> Value:
-        """Translate ``and`` and ``or``."""
+        """Translate ``and`` and ``or``; operands that are constant and do not decide the result are left out."""
         stops_at = isinstance(node.op, ast.Or)
         texts: list[str] = []
         for k, operand in enumerate(node.values):
             waiting = len(self.pending)
             value = self.truth(operand)
+            # A pending statement is written before the whole expression, so it would be run even where Python does not
+            # evaluate the operand. The first operand (k = 0) is always evaluated.
             if k and len(self.pending) > waiting:
                 self.refuse(operand, "a row that a function returns, after 'and' or 'or'")
+            # A constant that decides the result is the result, unless operands before it must still be evaluated.
             if value.constant is not None and bool(value.constant) == stops_at and not texts:
                 return literal(stops_at)
             if value.constant is None or bool(value.constant) == stops_at:
@@ -284,7 +324,10 @@ class Expressions:
         return Value(f"({(' || ' if stops_at else ' && ').join(texts)})", BOOL)
 
     def on_compare(self, node: ast.Compare) -> Value:
-        """Translate a comparison, or several in a row of which those in the middle have no effects."""
+        """Translate a comparison, or a chain such as ``a < b < c``.
+
+        A chain becomes several comparisons, so its middle operands are written twice: they must be names or constants.
+        """
         values = self.numbers(node, [node.left, *node.comparators])
         if any(type(operator) not in COMPARE for operator in node.ops):
             self.refuse(node, f"the comparison '{ast.unparse(node)[:60]}'")
@@ -300,6 +343,7 @@ class Expressions:
             )
             text = compile(ast.fix_missing_locations(ast.Expression(folded)), "constant", "eval")
             return literal(bool(eval(text, {})))  # noqa: S307 - numbers and operators
+        # Products are compared in 64 bits, where 32 bits might overflow.
         pairs = zip(values, node.ops, values[1:], strict=False)
         parts = [
             f"({left.wide or left.text} {COMPARE[type(op)]} {right.wide or right.text})"
@@ -308,12 +352,13 @@ class Expressions:
         return Value(parts[0] if len(parts) == 1 else f"({' && '.join(parts)})", BOOL)
 
     def on_ifexp(self, node: ast.IfExp) -> Value:
-        """Translate a choice between two numbers."""
+        """Translate ``a if test else b`` for two numbers; if the test is constant, only the value chosen."""
         test = self.truth(node.test)
         if test.constant is not None:
             return self.expression(node.body if test.constant else node.orelse)
         waiting = len(self.pending)
         first, second = self.number(node.body), self.number(node.orelse)
+        # A pending statement is written before the whole expression, so it would be run whichever value is chosen.
         if len(self.pending) > waiting:
             self.refuse(node, "a row that a function returns, in a choice")
         kind = joined(first.type, second.type)

@@ -1,4 +1,9 @@
-"""Functions of the robot's program in C: statements, and one C function for each set of argument types."""
+"""Translation of functions to C: their statements, and one C function for each set of argument types.
+
+The method ``do_NODE`` translates statements of the class NODE of syntax trees. A ``Value`` is an expression in C with
+its type (``c_types``). What cannot be translated is refused: ``refuse`` raises an ``InputError`` with file and line; an
+assertion after it is only for the type checker.
+"""
 
 from __future__ import annotations
 
@@ -31,25 +36,24 @@ from vibroswarm.export.source import Source, plain, source_of, without_docstring
 
 @dataclass(frozen=True)
 class Compiled:
-    """A function in C."""
+    """A function translated to C."""
 
     name: str
+    """Its name in C."""
     parameters: tuple[Any, ...]
+    """Types of its parameters."""
     returns: Any
+    """Type of its result."""
     head: str
+    """Its first line, without the body."""
     text: str
+    """The whole function."""
     changes: bool
     """Whether it may change a row or array that it is given."""
 
 
 class Program:
-    """The functions of a program, translated as they are called.
-
-    Args:
-        struct_of: types of the classes that functions construct. row_names: types of rows, by the name of their class
-            in ``template``. globals: constant rows, by name. replaced: functions in whose place others are taken.
-        template: file whose functions have names without that of their module. instead: values of its names.
-    """
+    """The functions of a program; each is translated when a function that is translated calls it."""
 
     def __init__(
         self,
@@ -60,49 +64,63 @@ class Program:
         template: str,
         instead: Mapping[str, Any],
     ) -> None:
+        """Begin without functions.
+
+        Args:
+            struct_of: types of the classes that functions construct. row_names: types of rows by the name of their
+                class in the template, for classes that only stand for a strategy's own. globals: constant rows and
+                numbers, by name. replaced: functions that are not exported, and those exported in place of them.
+            template: name of the template's module; names of its functions in C do not contain it. instead: values of
+                open global names of the template.
+        """
         self.struct_of, self.row_names, self.globals = struct_of, row_names, globals
         self.replaced, self.template, self.instead = replaced, template, instead
+        # Functions in C by (Python function, types of its arguments). A function comes after the functions that it
+        # calls; it is None while it is being translated.
         self.compiled: dict[Any, Compiled | None] = {}
-        self.tuples: dict[str, CTuple] = {}
-        self.names: set[str] = set()
+        self.tuples: dict[str, CTuple] = {}  # types of several values that functions return, by name
+        self.names: set[str] = set()  # names in C that are taken
 
     def source(self, function: Any) -> Source:
-        """Return the source of a function."""
+        """Return the source of a function; open names of the template have the strategy's values."""
         is_template = plain(function).__module__ == self.template
         return source_of(function, self.instead if is_template else None)
 
     def function(
         self, function: Any, given: list[Any], caller: Source | None = None, node: ast.AST | None = None
     ) -> Compiled:
-        """Return a function for arguments of these types, translated at its first call.
+        """Return a function in C for arguments of given types; it is translated once for each set of types.
 
+        Args:
+            function: the Python function. given: types of the arguments. caller, node: where it is called, for errors.
         Raises:
-            InputError: it calls itself, or holds a construct that is not known.
+            InputError: the function calls itself, or has a construct that cannot be translated.
         """
         source = self.source(function)
         types = []
         for argument, kind in zip(source.tree.args.args, given, strict=True):
             hint = ast.unparse(argument.annotation) if argument.annotation is not None else ""
+            # Annotations may widen the type of a number: one function then serves several types.
             if hint == "float" and kind in (BOOL, *INTEGERS):
                 kind = REAL
             types.append(INT if hint == "int" and kind == BOOL else kind)
         key = (plain(function), tuple(types))
         if key in self.compiled:
             found = self.compiled[key]
-            if found is None:
+            if found is None:  # still being translated
                 raise (caller or source).refusal(node, f"{source.function.__name__} calls itself")
             return found
         self.compiled[key] = None
         made = Function(self, source, tuple(types), self.name_for(source)).translated()
-        del self.compiled[key]  # so that functions come after those that they call
+        del self.compiled[key]  # so that it is inserted last, after the functions that it calls
         self.compiled[key] = made
         return made
 
     def name_for(self, source: Source) -> str:
-        """Return a name in C for a function that no other has: with its module, and a number if that is not enough."""
+        """Return a unique name in C for a function: with the name of its module, and a number if that is taken."""
         module = source.function.__module__
-        tail = "" if module == self.template else f"{module.rpartition('.')[2]}_"
-        name = base = f"vs_{tail}{source.function.__name__}"
+        prefix = "" if module == self.template else f"{module.rpartition('.')[2]}_"
+        name = base = f"vs_{prefix}{source.function.__name__}"
         count = 1
         while name in self.names:
             count += 1
@@ -112,9 +130,10 @@ class Program:
 
 
 class Function(Calls):
-    """Translates one function."""
+    """Translates one function for given types of its arguments."""
 
     def __init__(self, program: Program, source: Source, given: tuple[Any, ...], name: str) -> None:
+        """Begin with the types ``given`` for the parameters; ``name`` is the function's name in C."""
         self.program, self.source, self.given, self.name = program, source, given, name
         arguments = source.tree.args
         if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults:
@@ -127,11 +146,13 @@ class Function(Calls):
     def translated(self) -> Compiled:
         """Return the function in C.
 
-        A variable's type can widen at any assignment, so the body is translated again until no type changes.
+        An assignment can widen a variable's type, as from ``int`` to ``float``, also for statements before it in a
+        loop. So the body is translated again and again until no type changes.
         """
         body = without_docstring(self.source.tree.body)
         while True:
             before = dict(self.types), self.returns
+            # Everything but the types starts anew; depth is the indentation of the body's lines.
             self.aliases, self.depth, self.held = {}, 1, 0
             self.lines: list[str] = []
             for statement in body:
@@ -142,6 +163,7 @@ class Function(Calls):
         texts = [parameter(kind, identifier(name)) for name, kind in zip(names, self.given, strict=True)]
         returns = self.returns or VOID
         head = f"{c_name(returns)} {self.name}({', '.join(texts) or 'void'})"
+        # Variables of loops are declared in the heads of the loops.
         local = [
             f"    {declaration(kind, identifier(name))};"
             for name, kind in self.types.items()
@@ -153,24 +175,24 @@ class Function(Calls):
 
     @property
     def parameters_in_order(self) -> list[str]:
-        """Names of the parameters."""
+        """Names of the parameters, in order."""
         return [argument.arg for argument in self.source.tree.args.args]
 
     def write(self, text: str) -> None:
-        """Write a line, after the statements that must come before it."""
+        """Append a line to the body, after the pending statements, which are thereby written too."""
         for line in (*self.pending, text):
             self.lines.append("    " * self.depth + line)
         self.pending.clear()
 
     def statement(self, node: ast.stmt) -> None:
-        """Translate a statement."""
+        """Translate a statement, by the method for its class of syntax tree."""
         method: Any = getattr(self, f"do_{type(node).__name__.lower()}", None)
         if method is None:
             self.refuse(node, f"the statement '{ast.unparse(node).splitlines()[0][:60]}'")
         method(node)
 
     def block(self, statements: list[ast.stmt]) -> None:
-        """Translate the statements of a block."""
+        """Translate the statements of a block, indented one level deeper."""
         self.depth += 1
         for statement in statements:
             self.statement(statement)
@@ -194,7 +216,11 @@ class Function(Calls):
         self.write(f"{self.expression(node.value).text};")
 
     def do_return(self, node: ast.Return) -> None:
-        """Translate ``return``."""
+        """Translate ``return`` of a number, a constant row or several numbers; the result's type may widen.
+
+        All returns of a function must have results of one type, or numbers of which one type holds all. C returns
+        copies, so an array or a row that can be changed is refused: a change of the copy would be lost.
+        """
         if node.value is None:
             self.write("return;")
             return
@@ -202,7 +228,7 @@ class Function(Calls):
             values = [self.number(item) for item in node.value.elts]
             kind: Any = joined(self.returns, CTuple(tuple(value.type for value in values)))
             if kind is None:
-                self.refuse(node, "another number of values than before")
+                self.refuse(node, "another number of values than an earlier return")
             self.program.tuples[kind.name] = kind
             text = f"({kind.name}){{{', '.join(value.text for value in values)}}}"
         else:
@@ -215,7 +241,7 @@ class Function(Calls):
         self.write(f"return {text};")
 
     def do_if(self, node: ast.If) -> None:
-        """Translate ``if``; a branch that can never be taken is left out."""
+        """Translate ``if``; if the test is constant, only the statements that are run."""
         test = self.truth(node.test)
         if test.constant is not None:
             for statement in node.body if test.constant else node.orelse:
@@ -233,14 +259,17 @@ class Function(Calls):
         if node.orelse:
             self.refuse(node, "'else' after a loop")
         test = self.truth(node.test)
-        if self.pending:
+        if self.pending:  # statements before the loop would be run only once
             self.refuse(node, "a row that a function returns, in the condition of a loop")
         self.write(f"while ({test.text}) {{")
         self.block(node.body)
         self.write("}")
 
     def do_for(self, node: ast.For) -> None:
-        """Translate a loop over ``range`` or over written numbers."""
+        """Translate a ``for`` loop over ``range(...)`` or over a tuple of numbers, such as ``for k in (0, 2, 5)``.
+
+        The variable must not be assigned in the body, because it is the counter of the loop in C.
+        """
         if node.orelse or not isinstance(node.target, ast.Name):
             self.refuse(node, f"the loop 'for {ast.unparse(node.target)}'")
         assert isinstance(node.target, ast.Name)
@@ -253,6 +282,8 @@ class Function(Calls):
             self.refuse(node, f"the variable '{node.target.id}' of a loop is changed in it")
         if isinstance(node.iter, ast.Tuple):
             values = [self.number(item).text for item in node.iter.elts]
+            # Write an array of the numbers, a loop over its indices, and the variable as the first line of the body.
+            # That line is indented one level deeper, as ``block`` does for the other lines of the body.
             self.held += 1
             self.write(f"static const vs_int held_{self.held}[] = {{{', '.join(values)}}};")
             self.write(f"for (int k_{self.held} = 0; k_{self.held} < {len(values)}; k_{self.held}++) {{")
@@ -261,14 +292,17 @@ class Function(Calls):
             )
         else:
             self.write(self.head_of_range(node, name))
-        self.types.setdefault(node.target.id, INT)
+        self.types.setdefault(node.target.id, INT)  # unless it is known from the translation before
         self.loops.append(node.target.id)
         self.block(node.body)
         self.loops.pop()
         self.write("}")
 
     def head_of_range(self, node: ast.For, name: str) -> str:
-        """Return the head of a loop over ``range``, whose end is computed once."""
+        """Return the head of a loop over ``range``; the end is computed once, before the loop, as in Python.
+
+        The step must be a positive constant.
+        """
         call = node.iter
         if not (isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id == "range"):
             self.refuse(node, f"a loop over '{ast.unparse(node.iter)[:60]}'")
@@ -281,28 +315,31 @@ class Function(Calls):
             self.refuse(node, f"the step of '{ast.unparse(call)[:60]}'")
         start = values[0].text if len(values) > 1 else "0"
         stop = values[1] if len(values) > 1 else values[0]
+        # Anything but a constant is held, because the body may change what it depends on.
         end = stop.text if stop.constant is not None else self.hold(Value(stop.text, INT))
         return f"for ({INT} {name} = {start}; {name} < {end}; {name} += {step}) {{"
 
     def do_annassign(self, node: ast.AnnAssign) -> None:
-        """Translate an assignment with a type, which the value has anyway."""
+        """Translate an assignment with an annotation, which is ignored: the value has a type of its own."""
         if node.value is None:
             self.refuse(node, "a variable without a value")
         assert node.value is not None
         self.assign(node.target, self.expression(node.value), node)
 
     def do_augassign(self, node: ast.AugAssign) -> None:
-        """Translate ``x += y`` and the like."""
+        """Translate ``x += y`` and the like as ``x = x + y``."""
+        # ``x`` on the right must be an expression that is read, not assigned to, so the target is parsed again. Its
+        # line is kept for errors.
         before = ast.parse(ast.unparse(node.target), mode="eval").body
         ast.increment_lineno(before, node.lineno - 1)
         value = self.arithmetic(node, node.op, self.number(before), self.number(node.value))
         self.assign(node.target, value, node)
 
     def do_assign(self, node: ast.Assign) -> None:
-        """Translate an assignment."""
+        """Translate ``x = y``, ``x = y = z``, ``x, y = z, w`` and ``x, y = f()``."""
         if len(node.targets) > 1:
             value = self.number(node.value)
-            if value.constant is None:
+            if value.constant is None:  # computed once for all targets
                 value = Value(self.hold(value), value.type)
             for target in node.targets:
                 self.assign(target, value, node)
@@ -316,9 +353,15 @@ class Function(Calls):
             self.unpack(target, node)
 
     def assign_each(self, targets: list[ast.expr], values: list[ast.expr], node: ast.Assign) -> None:
-        """Assign several values, all of which are computed before the first is assigned."""
+        """Translate an assignment of several values, all of which Python computes before it assigns the first one.
+
+        In C, each value is computed and assigned in turn. The result can differ only if a later value may read an
+        earlier target. In this case all values are first stored in new C variables (``hold``), and then assigned.
+        """
         if any(reads(value, target) for k, target in enumerate(targets) for value in values[k + 1 :]):
             found = [self.expression(value) for value in values]
+            # A number that is known when the program is translated cannot change. Of an array or a row, only the name
+            # is assigned. So these need no variable.
             held = [
                 value
                 if value.constant is not None or isinstance(value.type, CArray | Struct)
@@ -332,7 +375,7 @@ class Function(Calls):
             self.assign(target, self.expression(item), node)
 
     def unpack(self, target: ast.Tuple, node: ast.Assign) -> None:
-        """Assign the values that a function returns."""
+        """Assign the values that one call returns to several targets; ``_`` takes a value that is not used."""
         value = self.expression(node.value)
         if not isinstance(value.type, CTuple) or len(value.type.items) != len(target.elts):
             self.refuse(node, f"'{ast.unparse(node)[:60]}'")
@@ -342,7 +385,11 @@ class Function(Calls):
                 self.assign(item, Value(f"{name}.v{k}", value.type.items[k]), node)
 
     def assign(self, target: ast.expr, value: Value, node: ast.AST) -> None:
-        """Assign a value to a variable, a field or an element."""
+        """Write the assignment of a value to a variable, a field or an element; refuse a value of an unfit type.
+
+        Args:
+            node: the statement, for errors.
+        """
         if value.type == OMITTED:
             self.refuse(node, "a field that the robot's program does not have")
         if isinstance(target, ast.Name):
@@ -359,8 +406,14 @@ class Function(Calls):
         self.write(f"{place.text} = {as_real(value) if place.type == REAL else value.text};")
 
     def assign_name(self, name: str, value: Value, node: ast.AST) -> None:
-        """Assign a value to a variable; for a row or an array the variable becomes a second name of it, not a copy."""
+        """Write the assignment of a value to a variable, whose type may widen by it.
+
+        If the value is an array or a row that can be changed, nothing is written: the variable becomes an alias, as in
+        Python. It must then stand for the same row everywhere.
+        """
         if isinstance(value.type, CArray) or (isinstance(value.type, Struct) and value.type.mutable):
+            # Refuse an element of an array, because its index may change later; a second row for the same variable; and
+            # a variable that holds a number elsewhere.
             if "[" in value.text or self.aliases.get(name, value).text != value.text or name in self.types:
                 self.refuse(node, f"the name '{name}' for more than one row or array")
             self.aliases[name] = value
@@ -375,12 +428,18 @@ class Function(Calls):
 
 
 def reads(value: ast.expr, target: ast.expr) -> bool:
-    """Return whether an expression may read what ``target`` names."""
+    """Return whether an expression may read the variable, field or array that an assignment to ``target`` changes.
+
+    It does if it contains the target's text (if the target is an element of an array: the text of the array). It also
+    does if it contains the variable at the target's beginning by itself, such as ``s`` of ``s.ones``, because a
+    function that is called with ``s`` may read the field. Other fields of that variable do not count.
+    """
     place = target.value if isinstance(target, ast.Subscript) else target
     wanted = ast.unparse(place)
     root: ast.expr = place
     while isinstance(root, ast.Attribute | ast.Subscript):
         root = root.value
+    # Names in front of a dot, which occur only to read a field.
     of_fields = {id(node.value) for node in ast.walk(value) if isinstance(node, ast.Attribute)}
     for node in ast.walk(value):
         if isinstance(node, ast.Attribute | ast.Subscript | ast.Name) and ast.unparse(node) == wanted:

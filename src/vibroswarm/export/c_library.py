@@ -1,6 +1,6 @@
 """The folder of an exported C library: sources, a sketch for Arduino and PlatformIO, and how much memory it takes.
 
-Flash and static RAM are those on a Cortex-M0+, by the compiler for it if there is one.
+Memory (flash and static RAM) is measured for a Cortex-M0+, if its compiler is installed.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from vibroswarm.export.parameters import HEADER_FILE, header_text
 from vibroswarm.scenario.scenario import Scenario
 
 ASSETS: Final = Path(__file__).parent / "assets"
+"""The folder of the files of a library that are not generated."""
 HEADERS: Final = ("vibroswarm_runtime.h", "vibroswarm_mathematics.h")
 """Headers that are the same for every scenario."""
 MARKER: Final = "library.properties"
@@ -35,6 +36,7 @@ url=
 architectures=*
 includes=vibroswarm.h
 """
+"""Text of the file ``library.properties``, by which Arduino knows a library."""
 PLATFORMIO: Final = """; A board with the SAMD21G18A of the robots; choose yours.
 [platformio]
 src_dir = examples/inspection
@@ -46,13 +48,15 @@ framework = arduino
 build_flags = -Isrc -Os
 build_src_filter = +<*> +<../../src/*.c>
 """
+"""Text of the file ``platformio.ini``, by which PlatformIO builds the sketch."""
 
 
 def library_files(scenario: Scenario) -> dict[str, str]:
-    """Return the files of the library by their path in its folder.
+    """Return the texts of the library's files, by their paths in its folder.
 
     Raises:
-        InputError: a construct that cannot be translated, with file and line.
+        InputError: the robots cannot be exported: a construct cannot be translated (file and line are named), the
+            strategy has an option that cannot be exported, or it reads places that a real robot cannot know.
     """
     parts = parts_of(scenario)
     sources = c_sources(parts)
@@ -68,27 +72,36 @@ def library_files(scenario: Scenario) -> dict[str, str]:
 
 
 COMPILER: Final = "arm-none-eabi-gcc"
+"""The compiler by which memory is measured."""
 FLAGS: Final = (
     "-std=c99", "-mcpu=cortex-m0plus", "-mthumb", "-ffunction-sections", "-fdata-sections",
     "-nostartfiles", "-Wl,--gc-sections", "-Wl,-e,main", "--specs=nano.specs", "--specs=nosys.specs",
 )  # fmt: skip
+"""Flags of the compiler: for a Cortex-M0+, without functions that are not called, and without an operating system."""
 TRIED: Final = ("-Os", "-Os -fno-inline")
+"""Flags to choose from: which gives less flash depends on the strategy."""
 SECONDS: Final = 120
+"""Longest time for a call of the compiler, s."""
 
 
 @dataclass(frozen=True)
 class Memory:
-    """Bytes of flash, and of static RAM, of the smallest program around one robot; its stack is not counted."""
+    """Memory of the smallest program around one robot, in bytes; the stack is not counted."""
 
     flash: int
     ram: int
+    """Static RAM."""
     flags: str
-    """Flags of the compiler, of those tried, that give the least flash."""
+    """Flags of the compiler for which this was measured."""
 
 
 def measured(sources: Path) -> Memory | None:
-    """Return the memory of the library in a folder of sources, the smallest over some flags; None without the compiler.
+    """Return the memory of the library for those flags of ``TRIED`` that give the least flash.
 
+    Args:
+        sources: folder ``src`` of the library.
+    Returns:
+        The memory; None if the compiler is not installed.
     Raises:
         RunError: the compiler failed.
     """
@@ -102,7 +115,11 @@ def measured(sources: Path) -> Memory | None:
 
 
 def _measured(sources: Path, program: Path, flags: str) -> Memory:
-    """Compile with these flags and return the program's memory."""
+    """Compile the library with a small program around it to the file ``program``, and return its memory.
+
+    Raises:
+        RunError: the compiler or the tool that lists sizes failed.
+    """
     files = [str(sources / "vibroswarm.c"), str(ASSETS / "measured_program.c")]
     command = [COMPILER, *FLAGS, *flags.split(), "-I", str(sources), *files, "-o", str(program), "-lm"]
     try:
@@ -110,8 +127,11 @@ def _measured(sources: Path, program: Path, flags: str) -> Memory:
         sizes = ["arm-none-eabi-size", str(program)]
         size = subprocess.run(sizes, check=True, capture_output=True, text=True, timeout=SECONDS)
     except (OSError, subprocess.SubprocessError) as error:
+        # stderr: what the compiler wrote; there is none if it could not be started.
         words = getattr(error, "stderr", None) or str(error)
         raise RunError(f"{COMPILER} failed: {words.strip()[:300]}") from error
+    # The tool lists the sizes of code, of initialised data and of data that is zero at the start. Initialised data
+    # takes flash, for the values, and RAM.
     numbers = re.findall(r"^\s*(\d+)\s+(\d+)\s+(\d+)", size.stdout, re.MULTILINE)
     text, data, zeros = (int(word) for word in numbers[0])
-    return Memory(text + data, data + zeros, flags)
+    return Memory(flash=text + data, ram=data + zeros, flags=flags)

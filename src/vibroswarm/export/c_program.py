@@ -1,4 +1,8 @@
-"""The C library of a scenario's robots: header, program and constants."""
+"""The generated C sources of a scenario's robots: the header and the program.
+
+The program is ``robot_program``, translated to C with the hooks of the strategy (``c_functions``). Rows become structs.
+The constants are macros in a header of their own (``parameters``).
+"""
 
 from __future__ import annotations
 
@@ -33,6 +37,7 @@ from vibroswarm.strategies.base import fields_of
 from vibroswarm.strategies.world import Draws, Reading, World
 
 SINGLE, MIXED, DOUBLE = 1, 2, 3
+"""Values of VS_PRECISION: float; double with arrays in float; double."""
 NEEDS_DOUBLE: Final = {
     "mcp": (
         DOUBLE,
@@ -41,27 +46,30 @@ NEEDS_DOUBLE: Final = {
     "bayes_cpf": (MIXED, "float beliefs were off by up to 0.005"),
     "three_valued": (DOUBLE, "phases last whole control periods, and float would end them a period later"),
 }
-"""Strategies that float does not serve: what does, and why."""
+"""Strategies for which float is not precise enough: the precision that is, and why."""
 OMITTED_OF_WORLD: Final = ("beliefs",)
+"""Fields of ``World`` that a robot does not have: the table of beliefs is too large."""
 
 
 @dataclass(frozen=True)
 class CSources:
-    """Text of the generated files."""
+    """Texts of the generated files."""
 
     header: str
     program: str
 
 
 def c_sources(parts: RobotParts) -> CSources:
-    """Return the C sources of these robots.
+    """Return the C sources of a scenario's robots: the header and the program.
 
     Raises:
-        InputError: a construct that cannot be translated, with file and line.
+        InputError: a construct cannot be translated; file and line are named.
     """
     structs, (precision, why) = structs_of(parts), precision_of(parts)
     robot = structs["Robot"]
+    # Constant rows are static structs in C, filled in from the macros of the header of parameters.
     constants = {name: structs[row] for name, row in ROWS.items() if row in structs}
+    # Constant rows and numbers that the translated functions read as global names.
     globals = {name: Value(f"(vs_{name.lower()})", kind, is_place=True) for name, kind in constants.items()}
     globals["RMS_THRESHOLD"] = Value("VS_RMS_THRESHOLD", REAL)
     globals["SENSING_BLIND_MS"] = literal(parts.blind_ms)
@@ -73,13 +81,14 @@ def c_sources(parts: RobotParts) -> CSources:
         template=robot_program.__name__,
         instead=parts.hooks,
     )
-    api = []
+    api = []  # functions of the API in C; translating one also translates the functions that it calls
     for name in robot_program.API:
         function = getattr(robot_program, name)
         given = [
             type_of_argument(item, robot, structs) for item in inspect.signature(function).parameters.values()
         ]
         api.append(program.function(function, given))
+    # No function is None any more, because all are translated by now; the test is for the type checker.
     compiled = [item for item in program.compiled.values() if item is not None]
     public = {item.name for item in api}
     texts = [text_of(item.text, item.name in public) for item in compiled]
@@ -89,9 +98,9 @@ def c_sources(parts: RobotParts) -> CSources:
     ]
     tuples = [typedef(kind) for kind in program.tuples.values()]
     types = [typedef(kind) for kind in structs.values()]
-    heads = [f"{item.head};" for item in api]
+    heads = [f"{item.head};" for item in api]  # prototypes; all other functions are static
     return CSources(
-        HEADER.format(
+        header=HEADER.format(
             made=made_by(parts),
             types="\n\n".join(types),
             heads=documented(heads),
@@ -99,7 +108,7 @@ def c_sources(parts: RobotParts) -> CSources:
             precision=precision,
             why=why,
         ),
-        PROGRAM.format(
+        program=PROGRAM.format(
             made=made_by(parts),
             checks="\n".join(checks_of(parts)),
             tuples="\n\n".join(tuples),
@@ -110,14 +119,18 @@ def c_sources(parts: RobotParts) -> CSources:
 
 
 def precision_of(parts: RobotParts) -> tuple[int, str]:
-    """Return the precision in which a strategy's robots do what they do in double, and why it is that one."""
+    """Return the least precision in which robots act as they do in double precision, and the reason for it.
+
+    Returns:
+        ``SINGLE`` (float), ``MIXED`` (double, with arrays in float) or ``DOUBLE``, and a sentence for the header.
+    """
     if parts.mixture is not None:
         return MIXED, "float changes which wall a component takes; double arrays need twice the memory"
     return NEEDS_DOUBLE.get(parts.strategy.name, (SINGLE, "float makes the same events as double"))
 
 
 def made_by(parts: RobotParts) -> str:
-    """Return the first lines of a generated file."""
+    """Return the comment at the top of a generated file: version, strategy, and how to make it again."""
     return (
         f"/* Robot program of vibroswarm ({code_hash()}), strategy '{parts.strategy.name}'.\n"
         "   Generated by 'vibroswarm export c'; export again rather than edit. */"
@@ -125,7 +138,7 @@ def made_by(parts: RobotParts) -> str:
 
 
 def structs_of(parts: RobotParts) -> dict[str, Struct]:
-    """Return the types of the program, in the order of their definition."""
+    """Return the structs of the program by the names of their Python classes, each after those that it contains."""
     strategy = parts.strategy
     found = {
         "World": struct_of_class("vs_World", World, omitted=OMITTED_OF_WORLD),
@@ -151,8 +164,15 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
 
 
 def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
-    """Return the type of a robot's memory."""
+    """Return the struct of a robot's memory: the fields of ``robot_memory.Robot``.
+
+    Fields that only localisation uses are left out if the robots have no localisation.
+
+    Args:
+        structs: the other structs, by the names of their Python classes.
+    """
     inbox = robot_program.INBOX
+    # Types of fields that depend on the strategy, or that are rows or arrays.
     special: dict[str, Any] = {
         "state": structs["State"],
         "arrays": structs["Arrays"],
@@ -167,20 +187,25 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
         "place": structs.get("Mixture"),
         "estimate": CArray(REAL, (parts.estimates,)),
     }
-    of_places = ("place", "estimate", "move_start_s", "move_turned_deg", "move_ray_m", "move_after_drive")
+    # ``move_ray_m`` is not among these, although only localisation uses it, because ``start`` sets it in every robot.
+    of_localisation = ("place", "estimate", "move_start_s", "move_turned_deg", "move_after_drive")
     fields = []
     for name, hint in inspect.get_annotations(robot_memory.Robot).items():
-        if name in of_places and name != "move_ray_m" and parts.mixture is None:
+        if name in of_localisation and parts.mixture is None:
             continue
-        kind = (
-            LONG if name == "seed" else special.get(name) or {"int": INT, "float": REAL, "bool": BOOL}[hint]
-        )
+        kind: Any
+        if name == "seed":
+            kind = LONG  # seeds need 64 bits
+        elif special.get(name) is not None:
+            kind = special[name]
+        else:
+            kind = {"int": INT, "float": REAL, "bool": BOOL}[hint]  # the annotation, as text
         fields.append((name, kind))
-    return Struct("vs_Robot", robot_memory.Robot, tuple(fields), True)
+    return Struct("vs_Robot", robot_memory.Robot, tuple(fields), mutable=True)
 
 
 def type_of_argument(item: inspect.Parameter, robot: Struct, structs: Mapping[str, Struct]) -> Any:
-    """Return the type of an argument of the API."""
+    """Return the type in C of an argument of a function in ``robot_program.API``, by its annotation."""
     if item.name == "seed":
         return LONG
     return {"int": INT, "float": REAL, "bool": BOOL, "Robot": robot, "Message": structs["Message"]}[
@@ -189,20 +214,23 @@ def type_of_argument(item: inspect.Parameter, robot: Struct, structs: Mapping[st
 
 
 def initial(name: str, kind: Struct) -> list[str]:
-    """Return the initialisers of a constant row, which take their values from macros; ``["0"]`` for an empty row."""
+    """Return the initialisers of a constant row, such as ``.rows = VS_WORLD_ROWS``; ``["0"]`` for an empty row."""
     return [f".{field} = {macro_of(name, field)}" for field, _ in kind.fields if field != "unused"] or ["0"]
 
 
 def text_of(text: str, is_public: bool) -> str:
-    """Return the text of a function, made ``static`` unless the program around it calls it."""
+    """Return the text of a function in C, made ``static`` unless it is public: part of the API."""
     if is_public:
         return text
-    place, rest = text.split("\n", 1)
+    place, rest = text.split("\n", 1)  # the first line is a comment that names file and line
     return f"{place}\nstatic {rest}"
 
 
 def checks_of(parts: RobotParts) -> list[str]:
-    """Return preprocessor checks that refuse parameters with other sizes than the program was generated for."""
+    """Return preprocessor checks that refuse parameters with other sizes than those the program was generated for.
+
+    Arrays have fixed lengths. Tiles are rows times columns, so they need no check of their own.
+    """
     return [
         f'#if VS_WORLD_{name.upper()} != {size}\n#error "this program is for {size} {name}: export again"\n#endif'
         for name, size in parts.sizes.items()
@@ -211,7 +239,11 @@ def checks_of(parts: RobotParts) -> list[str]:
 
 
 def documented(heads: list[str]) -> str:
-    """Return the prototypes, each with the first line of its documentation."""
+    """Return the prototypes of the API, each below the first paragraph of its docstring as a comment.
+
+    Args:
+        heads: prototypes, in the order of ``robot_program.API``.
+    """
     lines = []
     for name, head in zip(robot_program.API, heads, strict=True):
         text = inspect.getdoc(getattr(robot_program, name)) or ""

@@ -1,6 +1,8 @@
-"""Types and values of the translated program, and how C writes them.
+"""Types and values of the program that is translated to C, and how they are written in C.
 
-Types are numbers, rows, arrays of fixed size, and tuples that functions return.
+A type is one of: the name of a number's type in C (``INT``, ``LONG``, ``REAL``, ``BOOL``), a ``Struct`` (a row or named
+tuple), a ``CArray`` of fixed size, or a ``CTuple`` (several values that a function returns). A row can be changed in
+place, a named tuple cannot.
 """
 
 from __future__ import annotations
@@ -21,13 +23,18 @@ INT: Final = "vs_int"
 LONG: Final = "int64_t"
 """Random words, seeds, and larger numbers."""
 INTEGERS: Final = (INT, LONG)
+"""Types of whole numbers."""
 REAL: Final = "vs_real"
+"""Floating-point numbers: float or double."""
 STORED: Final = "vs_stored"
-"""Type of floating-point numbers in a robot's arrays."""
+"""Type of floating-point numbers in a robot's arrays; it may be shorter than ``REAL``, to save memory."""
 BOOL: Final = "bool"
+"""Truth values."""
 VOID: Final = "void"
+"""Type of the result of a function that returns nothing."""
 
 OF_PYTHON: Final[dict[Any, str]] = {int: INT, float: REAL, bool: BOOL}
+"""Types in C of Python's types of numbers."""
 STORAGE: Final = {
     "float64": STORED, "float32": STORED, "int64": "int64_t", "int32": "int32_t", "int16": "int16_t",
     "uint8": "uint8_t",
@@ -40,11 +47,12 @@ class CArray:
     """An array of fixed size: ``element`` is a C type of numbers, or a ``Struct``."""
 
     element: Any
+    """Type of its elements in memory."""
     shape: tuple[int, ...]
 
     @property
     def number(self) -> Any:
-        """Type of an element in an expression."""
+        """Type that an element has in expressions: short integers become ``INT``, stored numbers ``REAL``."""
         if self.element == STORED:
             return REAL
         return self.element if isinstance(self.element, Struct) or self.element in (REAL, LONG) else INT
@@ -52,21 +60,21 @@ class CArray:
 
 @dataclass(frozen=True)
 class Struct:
-    """A row or named tuple.
-
-    Args:
-        name: in C. source: the Python class. mutable: its fields are changed in place, as those of rows.
-        omitted: fields that the program does not have.
-    """
+    """A row or named tuple, as a struct in C. Two structs of one name are equal."""
 
     name: str
+    """Name of its type in C."""
     source: Any = field(compare=False, default=None)
+    """The Python class; None if there is none."""
     fields: tuple[tuple[str, Any], ...] = field(compare=False, default=())
+    """Names and types of its fields."""
     mutable: bool = field(compare=False, default=False)
+    """Whether its fields can be changed in place: those of a row can, those of a named tuple cannot."""
     omitted: tuple[str, ...] = field(compare=False, default=())
+    """Fields of the Python class that the program does not have."""
 
     def type_of(self, name: str) -> Any:
-        """Return the type of a field; None if there is none of this name."""
+        """Return the type of a field; None if there is no such field."""
         return dict(self.fields).get(name)
 
 
@@ -78,27 +86,27 @@ class CTuple:
 
     @property
     def name(self) -> str:
-        """Name of its type in C."""
+        """Name of its type in C, such as ``vs_tuple_ir`` of a whole and a floating-point number."""
         short = {INT: "i", LONG: "l", REAL: "r", BOOL: "b"}
         return "vs_tuple_" + "".join(short[item] for item in self.items)
 
 
 def c_name(kind: Any) -> str:
-    """Return a type's name in C; of arrays that of the element."""
+    """Return the name of a type in C; for an array that of its elements' type."""
     if isinstance(kind, CArray):
         return c_name(kind.element)
     return kind.name if isinstance(kind, Struct | CTuple) else str(kind)
 
 
 def declaration(kind: Any, name: str) -> str:
-    """Return the declaration of a variable or field."""
+    """Return the declaration of a variable or field in C, without semicolon."""
     if isinstance(kind, CArray):
         return f"{c_name(kind)} {name}" + "".join(f"[{size}]" for size in kind.shape)
     return f"{c_name(kind)} {name}"
 
 
 def parameter(kind: Any, name: str) -> str:
-    """Return the declaration of a function's parameter: rows and arrays are passed by address."""
+    """Return the declaration of a function's parameter in C: structs and arrays are passed by address."""
     if isinstance(kind, CArray):
         return declaration(kind, name)
     if isinstance(kind, Struct):
@@ -107,7 +115,13 @@ def parameter(kind: Any, name: str) -> str:
 
 
 def joined(one: Any, other: Any) -> Any:
-    """Return the type that holds values of both types, ``other`` if ``one`` is None; None if there is no such type."""
+    """Return the narrowest type that holds values of both types; None if there is no such type.
+
+    Numbers widen in the order of bool, INT, LONG and REAL, and tuples item by item. Other types must be equal.
+
+    Args:
+        one: a type, or None if it is not known yet; then ``other`` is returned.
+    """
     if one is None or one == other:
         return other
     order = (BOOL, INT, LONG, REAL)
@@ -122,43 +136,58 @@ def joined(one: Any, other: Any) -> Any:
 def struct_of_class(
     name: str, declared: type, *, mutable: bool = False, omitted: tuple[str, ...] = (), like: Any = None
 ) -> Struct:
-    """Return the type of a class of annotated fields.
+    """Return the struct of a class of annotated fields.
 
     Args:
-        omitted: fields left out. like: an instance, whose arrays give their sizes.
+        name: in C. declared: the Python class. mutable: whether fields can be changed in place. omitted: fields to
+            leave out. like: an instance, from which arrays take their types and shapes.
     """
     fields: list[tuple[str, Any]] = []
     for field_name, hint in get_type_hints(declared).items():
         if field_name in omitted:
             continue
-        if hint in OF_PYTHON:
+        if hint in OF_PYTHON:  # a number; seeds need 64 bits
             fields.append((field_name, LONG if field_name == "seed" else OF_PYTHON[hint]))
         else:
             value: np.ndarray[Any, Any] = getattr(like, field_name)
             element = STORAGE[value.dtype.name]
+            # Arrays of constants keep full precision; only a robot's memory may be shorter.
             fields.append(
                 (field_name, CArray(REAL if element == STORED and not mutable else element, value.shape))
             )
+    # A struct in C needs at least one field.
     return Struct(name, declared, tuple(fields) or (("unused", INT),), mutable, omitted)
 
 
 def struct_of_row(
     name: str, fields: Mapping[str, type], *, mutable: bool = True, source: Any = None
 ) -> Struct:
-    """Return the type of a strategy's rows."""
+    """Return the struct of a strategy's row (state, message or parameters) with these fields.
+
+    Without fields the struct gets one that is not used, because C has no empty structs.
+
+    Args:
+        name: of the struct in C. fields: Python types by name. mutable: whether fields can be changed in place. source:
+            the Python class that constructs such a row, if there is one.
+    """
     found = tuple((field_name, OF_PYTHON[kind]) for field_name, kind in fields.items())
     return Struct(name, source, found or (("unused", INT),), mutable)
 
 
 def struct_of_arrays(name: str, declared: type, sizes: Mapping[str, int]) -> Struct:
-    """Return the type of a robot's arrays."""
+    """Return the struct of a strategy's arrays in a robot.
+
+    Args:
+        name: of the struct in C. declared: the class that declares the arrays. sizes: value of each word that the sizes
+            of arrays may contain, such as "robots".
+    """
     arrays: Mapping[str, DeclaredArray] = arrays_of(declared)
     fields = tuple((key, CArray(STORAGE[value.kind], (value.size(sizes),))) for key, value in arrays.items())
-    return Struct(name, declared, fields or (("unused", INT),), True)
+    return Struct(name, declared, fields or (("unused", INT),), mutable=True)
 
 
 def typedef(kind: Struct | CTuple) -> str:
-    """Return the definition of a type in C."""
+    """Return the definition of a struct in C; items of a tuple are called v0, v1, ..."""
     if isinstance(kind, CTuple):
         lines = [f"    {declaration(item, f'v{k}')};" for k, item in enumerate(kind.items)]
     else:
@@ -167,8 +196,9 @@ def typedef(kind: Struct | CTuple) -> str:
 
 
 OMITTED: Final = "omitted"
+"""Type of a field that the program does not have."""
 SUFFIX: Final = {REAL: "", INT: "_i", LONG: "_l"}
-"""Of functions of the runtime, by the type of their arguments."""
+"""Suffixes of the names of the runtime's functions, by the type of their arguments."""
 KEYWORDS: Final = frozenset(
     (
         "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern",
@@ -181,23 +211,24 @@ KEYWORDS: Final = frozenset(
 
 @dataclass(frozen=True)
 class Value:
-    """An expression in C.
-
-    Args:
-        constant: its number, if it is known. is_place: it names a place in memory. real, wide: the same as a
-            floating-point number and in 64 bits, where whole numbers of 32 bits might overflow.
-    """
+    """An expression in C."""
 
     text: str
+    """The expression itself."""
     type: Any
+    """Its type in C."""
     constant: Number | None = None
+    """Its number, if that is known when the program is translated."""
     is_place: bool = False
+    """Whether it has an address in memory."""
     real: str = ""
+    """For a whole number that might overflow 32 bits: its text as a floating-point number; else empty."""
     wide: str = ""
+    """For a whole number that might overflow 32 bits: its text as a number of 64 bits; else empty."""
 
 
 def literal(number: Number) -> Value:
-    """Return a number in C."""
+    """Return a number as a constant in C."""
     if isinstance(number, bool):
         return Value("true" if number else "false", BOOL, number)
     if isinstance(number, int):
@@ -212,18 +243,18 @@ def literal(number: Number) -> Value:
 
 
 def identifier(name: str) -> str:
-    """Return a Python name as a C name."""
+    """Return a Python name as a name in C; one that is a keyword of C gets an underscore."""
     return f"{name}_" if name in KEYWORDS else name
 
 
 def address(value: Value) -> str:
-    """Return the address of a row."""
+    """Return the text of the address of a row: ``p`` if its text is ``(*p)``, else ``&text``."""
     inner = value.text.removeprefix("(*").removesuffix(")")
     return inner if value.text == f"(*{inner})" and inner.isidentifier() else f"&{value.text}"
 
 
 def field_of(text: str, name: str) -> str:
-    """Return the text of a row's field."""
+    """Return the text of a row's field: ``p->name`` if the row's text is ``(*p)``, else ``text.name``."""
     inner = text.removeprefix("(*").removesuffix(")")
     if text == f"(*{inner})" and inner.isidentifier():
         return f"{inner}->{identifier(name)}"
@@ -231,7 +262,7 @@ def field_of(text: str, name: str) -> str:
 
 
 def as_real(value: Value) -> str:
-    """Return a number as a floating-point one."""
+    """Return the text of a number as a floating-point number."""
     if value.type == REAL or value.real:
         return value.real or value.text
     if value.constant is not None:

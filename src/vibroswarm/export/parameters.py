@@ -1,7 +1,7 @@
-"""The parameters of an exported program as a C header, read back and compared with a scenario.
+"""The header of parameters of an exported C program: it is written, read back, and compared with a scenario.
 
 The header holds each field of the scenario as a line ``//@ section.field = value`` (TOML), from which the scenario can
-be read back, and each constant of the program as a ``#define``. Both are compared.
+be read back, and each constant of the program as a ``#define``. ``differences`` compares both with a scenario.
 """
 
 from __future__ import annotations
@@ -26,21 +26,25 @@ ROWS: Final = {
     "SENSING": "SenseProgram",
     "LOCALISER": "LocalisationProgram",
 }
-"""Constant rows of ``robot_memory``, and their types."""
+"""Constant rows of ``robot_memory``: the names of their classes."""
 FIELD: Final = "//@ "
+"""Beginning of the lines that hold fields of the scenario."""
 HEADER_FILE: Final = "vibroswarm_parameters.h"
+"""Name of the header of parameters."""
 DEFINE: Final = re.compile(r"#define (VS_\w+) (.+)")
+"""Line of a constant in the header: the name of its macro, and its value."""
 
 
 def macro_of(row: str, field: str) -> str:
-    """Return the name of a constant in C."""
+    """Return the name of a field of a constant row as a macro in C, such as ``VS_WORLD_ROWS``."""
     return f"VS_{row}_{field.upper()}"
 
 
 def constants_of(parts: RobotParts) -> dict[str, str]:
-    """Return the constants of the program in C, by name."""
+    """Return the values of the program's constants as texts in C, by the names of their macros."""
     rows: dict[str, Mapping[str, Any]] = {
         "PARAMS": parts.params,
+        # A robot has no table of beliefs.
         "WORLD": {name: value for name, value in parts.world._asdict().items() if name != "beliefs"},
         "WALKER": parts.walker._asdict(),
         "SENSING": parts.sensing._asdict(),
@@ -55,9 +59,10 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
 
 
 def c_number(value: Any) -> str:
-    """Return a number, or an array of them, in C."""
+    """Return the text in C of a number, or of an array of numbers, flattened in braces."""
     if isinstance(value, np.ndarray):
         return "{" + ", ".join(c_number(item) for item in value.ravel().tolist()) + "}"
+    # Truth values come before integers, because a Python bool is an int, too.
     if isinstance(value, bool | np.bool_):
         return "true" if value else "false"
     if isinstance(value, int | np.integer):
@@ -69,10 +74,11 @@ def c_number(value: Any) -> str:
 
 
 def toml_lines(scenario: Scenario) -> list[str]:
-    """Return a scenario as lines ``section.field = value``."""
+    """Return a scenario as lines ``section.field = value`` of TOML, one for each field of its TOML file."""
     import tomllib
 
     def walk(table: Mapping[str, Any], prefix: str) -> list[str]:
+        """Return the lines of a table and of the tables in it, whose names begin with ``prefix``."""
         lines = []
         for name, value in table.items():
             if isinstance(value, dict):
@@ -85,7 +91,7 @@ def toml_lines(scenario: Scenario) -> list[str]:
 
 
 def toml_value(value: Any) -> str:
-    """Return a value in TOML on one line."""
+    """Return a value in TOML on one line; ``tomli_w`` would write lists and tables on several."""
     import tomli_w
 
     if isinstance(value, list):
@@ -96,7 +102,7 @@ def toml_value(value: Any) -> str:
 
 
 def header_text(scenario: Scenario, parts: RobotParts) -> str:
-    """Return the header."""
+    """Return the text of the header of parameters."""
     lines = [
         "/* Parameters of a vibroswarm scenario. Compare with one: vibroswarm export check DIR. */",
         "#ifndef VIBROSWARM_PARAMETERS_H",
@@ -115,10 +121,10 @@ def header_text(scenario: Scenario, parts: RobotParts) -> str:
 
 
 def find_header(path: Path) -> Path:
-    """Return the header in an exported folder, or the file itself.
+    """Return the path of the header in an exported folder; a path that is no folder is returned unchanged.
 
     Raises:
-        InputError: there is none.
+        InputError: the folder, with the folders in it, does not hold exactly one such header.
     """
     if path.is_dir():
         found = sorted(path.rglob(HEADER_FILE))
@@ -129,10 +135,10 @@ def find_header(path: Path) -> Path:
 
 
 def read_header(path: Path) -> tuple[Scenario, dict[str, str]]:
-    """Return the scenario of a header, and its constants by name.
+    """Return the scenario in a header, and the texts of its constants by the names of their macros.
 
     Raises:
-        InputError: it is no such header, or its scenario is not valid.
+        InputError: the file is not such a header, or its scenario is not valid.
     """
     text = read_text(path, "a header of parameters")
     fields = [line.removeprefix(FIELD) for line in text.splitlines() if line.startswith(FIELD)]
@@ -148,14 +154,23 @@ def read_header(path: Path) -> tuple[Scenario, dict[str, str]]:
 def differences(
     found: tuple[Scenario, Mapping[str, str]], scenario: Scenario, parts: RobotParts
 ) -> list[tuple[str, str, str]]:
-    """Return what differs between a header and a scenario: name, value in the header, value of the scenario."""
+    """Return the fields and constants that differ between a header and a scenario.
+
+    Args:
+        found: what ``read_header`` returned. scenario, parts: the scenario, and the parts of its robots.
+    Returns:
+        Name, text in the header and text of the scenario, or "none" where there is no such field or constant. Fields
+        come first, then constants, each sorted by name.
+    """
+    header_scenario, header_constants = found
+    header_fields = dict(line.split(" = ", 1) for line in toml_lines(header_scenario))
+    scenario_fields = dict(line.split(" = ", 1) for line in toml_lines(scenario))
     return [
-        (name, before.get(name, "none"), after.get(name, "none"))
-        for before, after in (
-            (dict(line.split(" = ", 1) for line in toml_lines(found[0])),
-             dict(line.split(" = ", 1) for line in toml_lines(scenario))),
-            (found[1], constants_of(parts)),
+        (name, in_header.get(name, "none"), in_scenario.get(name, "none"))
+        for in_header, in_scenario in (
+            (header_fields, scenario_fields),
+            (header_constants, constants_of(parts)),
         )
-        for name in sorted({*before, *after})
-        if before.get(name) != after.get(name)
-    ]  # fmt: skip
+        for name in sorted({*in_header, *in_scenario})
+        if in_header.get(name) != in_scenario.get(name)
+    ]

@@ -1,6 +1,6 @@
-"""Memory of one robot, and the constants of its program; the exporter fills in what depends on strategy and scenario.
+"""Memory of one robot, and the constants of its program, as ``robot_program`` names them.
 
-In Python these classes and values only stand for what is exported.
+These classes and values are placeholders: an exporter replaces them by those of a strategy and a scenario.
 """
 
 from __future__ import annotations
@@ -12,8 +12,9 @@ from vibroswarm.robot.walk import Dice, WalkState
 from vibroswarm.strategies.world import World
 
 PARAMS: Final[Any] = None
-"""Of the strategy."""
+"""Parameters of the strategy."""
 WORLD: Final[Any] = None
+"""``strategies.world.World``: what robot 0 knows about its task."""
 WALKER: Final[Any] = None
 """``robot.walk.WalkProgram``."""
 SENSING: Final[Any] = None
@@ -21,7 +22,9 @@ SENSING: Final[Any] = None
 LOCALISER: Final[Any] = None
 """``robot.pose_mixture.LocalisationProgram``."""
 RMS_THRESHOLD: Final = 0.0
+"""Energy above which a robot reads 1."""
 SENSING_BLIND_MS: Final = 0.0
+"""Driving time after a turn or avoidance for which the rays are ignored; 0: they never are."""
 
 
 class Message:
@@ -33,49 +36,73 @@ class State:
 
 
 class Arrays:
-    """Its arrays."""
+    """The strategy's arrays."""
 
 
 class Robot:
     """A robot: who it is, what its parts remember, and what it has just decided and sends."""
 
     seed: int
+    """Seed of the simulation whose random numbers the robot draws."""
     run: int
+    """Number of the run of that simulation."""
     number: int
+    """Number of the robot, from 0."""
     tick: int
     """Control periods since the start."""
     world: World
+    """What the robot knows about its task."""
     walk: WalkState
+    """What the walk remembers from tick to tick."""
     dice: Dice
+    """Uniform numbers for the next leg, turn and avoidance."""
     sense: SenseState
+    """What the accelerometer's program remembers from reading to reading."""
     state: Any
+    """State of the strategy."""
     arrays: Any
+    """Arrays of the strategy."""
     out: Any
     """The message to send, if ``sends``."""
     sends: bool
+    """Whether the last step or sample has a message to send."""
     decision: int
-    """-1: undecided; 0, 1: fewer, more vibrate than the boundary."""
+    """0: the share of vibrating tiles is below the boundary, 1: above it, -1: undecided."""
     belief: float
-    """That the share lies below the boundary, at the last sample or timer."""
+    """Belief that the share of vibrating tiles is below the boundary, after the last sample or timer."""
     decided_s: float
+    """Time of the decision; nan before."""
     samples: int
+    """Number of samples so far."""
     sent: int
+    """Number of messages sent."""
     heard: int
+    """Number of messages passed to the strategy."""
     timers: int
+    """Number of calls of ``on_timer``."""
     waiting: int
-    """Messages in the inbox."""
+    """Number of messages in the inbox."""
     dropped: int
-    """Messages lost for lack of room."""
+    """Number of messages lost because the inbox was full."""
     inbox: Any
+    """Messages received and not heard yet, oldest first."""
     inbox_sender: Any
+    """The sender of each message in the inbox."""
     inbox_number: Any
+    """The index of each message in the inbox among its sender's messages, from 0."""
     sampled_s: float
+    """Time of the last sample."""
     sees_from_ms: float
+    """Driving time in the present leg from which on the rays are used again."""
     place: Any
-    """``robot.pose_mixture.Mixture``."""
+    """Memory of localisation (``robot.pose_mixture.Mixture``)."""
     estimate: Any
-    """``robot.pose_mixture.ESTIMATE``."""
+    """Estimate of the place of the last stop, in the order of ``robot.pose_mixture.ESTIMATE``."""
     move_start_s: float
+    """Start of the present move."""
     move_turned_deg: float
+    """Angle turned in the present move so far, by the gyro."""
     move_ray_m: float
+    """Shortest ray when the present move began as an avoidance; nan if it did not."""
     move_after_drive: bool
+    """Whether the move before was a drive of two ticks or more."""

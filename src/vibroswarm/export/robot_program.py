@@ -1,12 +1,15 @@
-"""The program of one robot: template of what is exported, with a strategy's functions in place of ``default_hooks``.
+"""The program of one robot: the template that is exported to C and Python.
 
-A robot is told the time by ``step`` (once a control period), its turn by the gyro, the shortest ray, readings or
-acceleration, and messages. Numbers of chance are addressed as in the simulation: a robot that measures and hears the
-same does the same, bit by bit.
+An exporter replaces the functions of ``default_hooks`` by a strategy's hooks, and the constants of ``robot_memory`` by
+those of a scenario. A robot ``r`` is a ``robot_memory.Robot``, which the functions change in place. The surrounding
+program calls the functions named in ``API``: ``step`` once per tick (control period) with the angle turned, by the
+gyro, and the shortest ray; ``accelerate`` with readings of the accelerometer, or ``sample`` with an observation; and
+``receive`` with messages. Random numbers have the same addresses as in the simulation, so a robot that measures and
+hears the same does the same, bit by bit.
 
-Order in a control period: a robot that walks hears the messages that came since it last walked, then its timer is
-called; one that stands hears nothing until it walks again; a sample ends a stop. What it sends at a period can be heard
-from the next one on.
+Order in a tick: a robot that walks hears the messages received since it last walked, then its timer is called if it is
+due. A robot that stands hears nothing until it walks again. A stop ends with a sample. A message sent in a tick can be
+heard from the next tick on.
 """
 
 from __future__ import annotations
@@ -75,8 +78,9 @@ from vibroswarm.strategies.world import Reading
 HAS_PLACES: Final = False
 """Whether the robot estimates where it is."""
 INBOX: Final = 16
-"""Messages that are kept while a robot stands."""
+"""Greatest number of messages that are kept while a robot stands."""
 UNKNOWN_M: Final = math.nan
+"""Place of a robot that does not estimate it; its strategy does not read it."""
 
 begin_places, add_drive, add_turn, add_obstacle, add_sample = (
     pose_mixture.begin,
@@ -90,13 +94,19 @@ API: Final = (
     "start", "told_pose", "looks_now", "step", "left_percent", "right_percent", "accelerate", "observed",
     "sample", "receive", "moved", "stopped", "hear", "time_s", "timer", "told_simulated",
 )  # fmt: skip
-"""Functions that a program around it calls."""
+"""Functions that the surrounding program calls."""
 
 
 def start(r: Robot, seed: int, run: int, number: int) -> None:
-    """Start robot ``number`` at time 0, standing; ``r`` is all zeros before."""
+    """Start a robot at time 0, standing. All of ``r`` must be zero before.
+
+    Args:
+        seed, run, number: seed of the simulation, number of the run, and number of the robot, which give its random
+            numbers.
+    """
     r.seed, r.run, r.number = seed, run, number
     r.world = world_of_robot(WORLD, number)
+    # Only the number of the first leg is used; ``roll`` then draws those of the next leg, turn and avoidance.
     r.walk = begin_walk(WALKER, Dice(uniform(seed, run, number, WALK, FIRST, ALONE), 0.5, 0.5))
     roll(r)
     r.sense = begin_sense()
@@ -106,19 +116,28 @@ def start(r: Robot, seed: int, run: int, number: int) -> None:
 
 
 def told_pose(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None:
-    """Tell the robot where it starts: place, m, and heading, rad, anticlockwise from x."""
+    """Tell the robot where it starts: place, m, and heading, rad, anticlockwise from x.
+
+    A robot that does not estimate its place ignores this.
+    """
     if HAS_PLACES:
+        # State of localisation's own random numbers: a whole number from 1 to 2^32 - 1. min() is needed in single
+        # precision, where the product may be rounded up.
         word = 1 + math.floor(uniform(r.seed, r.run, r.number, LOCALISATION, FIRST, ALONE) * 4294967295.0)
         begin_places(r.place, LOCALISER, min(word, 4294967295), x_m, y_m, heading_rad)
 
 
 def told_error(r: Robot, peer: int, spread: float) -> float:
-    """Return the error of a start that a robot is told, as simulated."""
+    """Return a random error of the start that a robot is told: normal, with standard deviation ``spread``.
+
+    It is the error that the simulation draws. ``peer`` is part of the number's address: one of ``OF_TOLD_X``,
+    ``OF_TOLD_Y`` and ``OF_TOLD_HEADING``.
+    """
     return spread * normal(r.seed, r.run, r.number, LOCALISATION, FIRST, peer)
 
 
 def told_simulated(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None:
-    """Tell the robot its start with the errors that the simulation draws for it."""
+    """Tell the robot its true start (place, m, and heading, rad) plus the errors that the simulation draws for it."""
     if HAS_PLACES:
         told_pose(
             r,
@@ -129,7 +148,10 @@ def told_simulated(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None
 
 
 def roll(r: Robot) -> None:
-    """Draw the numbers of the next leg, the turn before it, and the next avoidance."""
+    """Draw the uniform numbers of the next leg, of the turn before it, and of the next avoidance.
+
+    In the addresses of a walk, index 2 k is leg k and index 2 k - 1 is the turn before leg k.
+    """
     r.dice = Dice(
         uniform(r.seed, r.run, r.number, WALK, 2 * r.walk.legs, ALONE),
         uniform(r.seed, r.run, r.number, WALK, 2 * r.walk.legs - 1, ALONE),
@@ -138,46 +160,54 @@ def roll(r: Robot) -> None:
 
 
 def time_s(r: Robot) -> float:
-    """Return the time, s."""
+    """Return the time since the start, s."""
     return r.tick * r.world.tick_ms / 1000.0
 
 
 def looks_now(r: Robot, gyro_deg: float) -> bool:
-    """Return whether the next ``step`` reads the rays."""
+    """Return whether the next ``step``, called with the same ``gyro_deg``, needs the shortest ray."""
     return looks(r.walk, WALKER, gyro_deg)
 
 
 def is_blind(r: Robot) -> bool:
-    """Return whether the rays are ignored: in a turn, and for some driving time after it."""
+    """Return whether the rays are ignored: in a turn or avoidance, and for some driving time after it.
+
+    In a stop, it depends on the mode in which the robot will go on after the stop.
+    """
     mode = r.walk.resume if r.walk.mode == STOP else r.walk.mode
     return mode != DRIVE or r.walk.driven_ms < r.sees_from_ms
 
 
 def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
-    """Do one control period; True: take the sample now, and call ``sample`` before the next step.
+    """Do one tick; return True to take the sample now, and then call ``sample`` before the next step.
 
     Args:
-        gyro_deg: turned since the last step, anticlockwise positive. nearest_mm: the shortest ray; read only if
-            ``looks_now``.
+        gyro_deg: angle turned since the last step, anticlockwise positive. nearest_mm: the shortest ray; used only if
+            ``looks_now(r, gyro_deg)`` was true before the step.
     """
     r.tick += 1
     r.sends = False
     before = r.walk
+    # A robot that ignores its rays sees no obstacle at any distance.
     seen_mm = math.inf if SENSING_BLIND_MS > 0.0 and is_blind(r) else nearest_mm
     r.walk = walk_step(before, WALKER, gyro_deg, seen_mm, r.dice)
+    # A new leg or avoidance has used the numbers in r.dice, so new ones are drawn.
     if r.walk.legs != before.legs or r.walk.avoidances != before.avoidances:
         roll(r)
     if SENSING_BLIND_MS > 0.0:
+        # was: the mode until now or, in a stop, the mode in which the robot was to go on.
         was = before.resume if before.mode == STOP else before.mode
+        # A turn or avoidance has ended; driven_ms counts the present tick already, so one tick is subtracted.
         if was != DRIVE and r.walk.mode == DRIVE:
             r.sees_from_ms = r.walk.driven_ms - WALKER.tick_ms + SENSING_BLIND_MS
     begins_stop = r.walk.mode == STOP and before.mode != STOP
     if HAS_PLACES:
         r.move_turned_deg += gyro_deg
+        # A move ends when the mode changes, or when one avoidance follows another.
         begins_avoidance = r.walk.avoidances != before.avoidances
         if r.walk.mode != before.mode or begins_avoidance:
             end_move(r, before.mode)
-            if begins_avoidance:  # one that goes on after a sample met nothing new
+            if begins_avoidance:  # an avoidance that goes on after a sample has met no new obstacle
                 r.move_ray_m = seen_mm / 1000.0
     if begins_stop:
         r.sense = begin_sense()
@@ -186,6 +216,7 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     if r.walk.mode == STOP:
         return r.walk.sampled
     read_inbox(r)
+    # The time of the timer in ticks, with a margin for rounding.
     if HAS_TIMER and next_s(r.state) * 1000.0 / r.world.tick_ms - 1e-9 <= r.tick:
         timer(r)
     return False
@@ -204,7 +235,10 @@ def right_percent(r: Robot) -> float:
 
 
 def accelerate(r: Robot, ax: float, ay: float, az: float) -> None:
-    """Process a reading of the accelerometer, at ``SENSING.rate_hz``; only those after settling in a stop count."""
+    """Process a reading of the accelerometer, made at ``SENSING.rate_hz``: acceleration along three axes.
+
+    Readings count only in a stop, after the robot has settled, and up to the number that a sample takes.
+    """
     stands = r.walk.mode == STOP and r.walk.stopped_ms >= SENSING.settle_ms
     if stands and r.sense.taken < readings(SENSING):
         r.sense = sense_step(r.sense, SENSING, ax, ay, az)
@@ -216,8 +250,14 @@ def observed(r: Robot) -> int:
 
 
 def sample(r: Robot, reading: int) -> None:
-    """Process a sample: update the belief, decide; ``r.sends`` says whether ``r.out`` is to be sent to all."""
+    """Process a sample: update the belief and decide; if ``r.sends`` is then true, send ``r.out`` to all robots.
+
+    Args:
+        reading: the observation, 0 or 1.
+    """
     t_s, k = time_s(r), r.samples
+    # The values of a ``Reading`` after the reading, time and number: x, y, heading and spread; then the number, x, y
+    # and the spreads in x and y of the lagged sample. ``estimate`` holds them in this order.
     if HAS_PLACES:
         x = Reading(
             reading, t_s, k, r.estimate[0], r.estimate[1], r.estimate[2], r.estimate[3], int(r.estimate[4]),
@@ -235,8 +275,9 @@ def sample(r: Robot, reading: int) -> None:
 
 
 def process(r: Robot, x: Reading, k: int) -> None:
-    """Call the strategy with sample ``k``."""
+    """Call the strategy's ``on_sample``, and ``steer`` if it has one, with reading ``x`` of sample ``k``."""
     r.out = Message()
+    # -1.0: the first random number of the call is not known in advance.
     r.sends = on_sample(
         r.state, r.arrays, x, r.out, sample_draws(r.seed, r.run, r.number, k, -1.0), PARAMS, r.world
     )
@@ -249,7 +290,7 @@ def process(r: Robot, x: Reading, k: int) -> None:
 
 
 def timer(r: Robot) -> None:
-    """Call the strategy's timer."""
+    """Call the strategy's ``on_timer``; if ``r.sends`` is then true, ``r.out`` is to be sent."""
     r.out = Message()
     r.sends = on_timer(
         r.state,
@@ -265,7 +306,7 @@ def timer(r: Robot) -> None:
 
 
 def after_event(r: Robot) -> None:
-    """Note belief and decision after a sample or timer, and count what is sent."""
+    """Store the belief, and a new decision with its time, after a sample or timer; count the message if one is sent."""
     r.belief = belief(r.state, r.arrays, PARAMS, r.world)
     found = decision(r.state, r.arrays, PARAMS, r.world)
     if found != r.decision:
@@ -276,10 +317,10 @@ def after_event(r: Robot) -> None:
 
 
 def receive(r: Robot, sender: int, number: int, message: Message) -> bool:
-    """Keep a message until the robot walks; False if there is no room, and it is lost.
+    """Keep a message until the robot walks; return False if the inbox is full, and the message is lost.
 
     Args:
-        sender: number of the robot that sent it. number: index among its messages, from 0.
+        sender: number of the robot that sent the message. number: index among that robot's messages, from 0.
     """
     if r.waiting == INBOX:
         r.dropped += 1
@@ -291,14 +332,14 @@ def receive(r: Robot, sender: int, number: int, message: Message) -> bool:
 
 
 def read_inbox(r: Robot) -> None:
-    """Hear the messages that wait."""
+    """Hear the messages in the inbox, in the order in which they came, and empty it."""
     for k in range(r.waiting):
         hear(r, r.inbox_sender[k], r.inbox_number[k], r.inbox[k])
     r.waiting = 0
 
 
 def hear(r: Robot, sender: int, number: int, message: Message) -> None:
-    """Hear a message now."""
+    """Pass a message to the strategy now; the arguments are those of ``receive``."""
     on_message(
         r.state,
         r.arrays,
@@ -313,8 +354,9 @@ def hear(r: Robot, sender: int, number: int, message: Message) -> None:
 
 
 def end_move(r: Robot, kind: int) -> None:
-    """End the drive, turn or avoidance that was under way, and begin the next."""
+    """End the move of a kind (DRIVE, TURN, AVOID or STOP) that was under way, and begin the next."""
     duration_s = time_s(r) - r.move_start_s
+    # The last argument says whether an avoidance follows.
     moved(
         r,
         kind,
@@ -324,6 +366,7 @@ def end_move(r: Robot, kind: int) -> None:
         r.move_after_drive,
         r.walk.mode == AVOID,
     )
+    # Only a drive of two ticks or more counts; 1.5 allows for rounding of the times.
     r.move_after_drive = kind == DRIVE and duration_s > 1.5 * r.world.tick_s
     r.move_start_s, r.move_turned_deg = time_s(r), 0.0
     r.move_ray_m = math.nan
@@ -338,12 +381,12 @@ def moved(
     after_drive: bool,
     at_obstacle: bool,
 ) -> None:
-    """Tell localisation of a move that has ended.
+    """Tell localisation of a move that has ended; without effect in a robot that does not estimate its place.
 
     Args:
-        kind: DRIVE, TURN, AVOID or STOP. turned_rad: as the gyro measured. ray_m: shortest ray as an avoidance began;
-            nan: none began. after_drive: whether a drive of two periods or more was before it. at_obstacle: whether an
-            avoidance follows.
+        kind: DRIVE, TURN, AVOID or STOP. turned_rad: angle turned in the move, by the gyro. ray_m: shortest ray when
+            the move began as an avoidance; nan if it did not. after_drive: whether the move before was a drive of two
+            ticks or more. at_obstacle: whether an avoidance follows.
     """
     if HAS_PLACES:
         if kind == DRIVE:
@@ -355,13 +398,13 @@ def moved(
 
 
 def stopped(r: Robot) -> None:
-    """Tell localisation that a stop for a sample has begun."""
+    """Tell localisation that a stop for a sample has begun; it writes ``r.estimate``."""
     if HAS_PLACES:
         add_sample(r.place, LOCALISER, r.estimate)
 
 
 def hear_bit(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
-    """Count a bit, for strategies that count bits."""
+    """Hear a one-bit message, for strategies that have ``on_counts`` in place of ``on_message``."""
     on_counts(s, m.bit, 1 - m.bit, p, w)
 
 
@@ -377,14 +420,14 @@ def timer_of_state(s: Any) -> float:
 
 
 def on_counts(s: Any, ones: int, zeros: int, p: Any, w: Any) -> None:
-    """Stand for a strategy's function."""
+    """Do nothing: the exporter puts the strategy's ``on_counts`` in place of this function."""
 
 
 def belief_of_posterior(alpha: int, beta: int, w: Any) -> float:
-    """Return the belief, computed each time: a robot has no table of beliefs."""
+    """Return the belief that the share of ones is below the boundary, computed each time: a robot has no table."""
     return posterior_below(alpha, beta, w.boundary)
 
 
 def posterior_below(alpha: int, beta: int, boundary: float) -> float:
-    """Stand for ``robot.belief.belief_below``."""
+    """Return nan: the exporter puts ``robot.belief.belief_below`` in place of this function."""
     return math.nan

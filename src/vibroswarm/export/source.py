@@ -1,4 +1,4 @@
-"""Source of a function as a syntax tree, and the refusal of what cannot be translated, with file and line."""
+"""The source of a function as a syntax tree, and the error that refuses a construct that cannot be exported."""
 
 from __future__ import annotations
 
@@ -23,16 +23,23 @@ Number = bool | int | float
 
 @dataclass(frozen=True)
 class Source:
-    """A function's text: its tree, file, line before its first, and the names that it may read."""
+    """A function and its source."""
 
     function: Callable[..., Any]
     tree: ast.FunctionDef
     file: str
+    """The file's path: from the package's folder on, or in full for a user's file."""
     before: int
+    """Number of lines in the file before the function: lines of the tree count from its first line."""
     space: Mapping[str, Any]
+    """Values of the global names that it may read."""
 
     def refusal(self, node: ast.AST | None, why: str) -> InputError:
-        """Return the error that refuses a construct."""
+        """Return the error that refuses a construct.
+
+        Args:
+            node: the construct, which gives the line; None: the function's first line. why: what is refused.
+        """
         line = self.before + getattr(node, "lineno", 1)
         return InputError(
             f"{why}, in {self.function.__name__}: this cannot be exported; docs/export.md lists what can",
@@ -41,7 +48,7 @@ class Source:
 
 
 def plain(function: Any) -> Any:
-    """Return the Python function of one that may be compiled."""
+    """Return the Python function behind a function compiled by Numba; any other value unchanged."""
     return getattr(function, "py_func", function)
 
 
@@ -52,10 +59,17 @@ def is_function(value: Any) -> bool:
 
 @cache
 def _parsed(function: Callable[..., Any]) -> tuple[ast.FunctionDef, str, int]:
+    """Return a function's syntax tree, its file, and the number of lines before it in the file.
+
+    The tree is cached, so it must not be changed.
+
+    Raises:
+        InputError: the source cannot be read, or is not that of a plain function.
+    """
     code = function.__code__
     try:
         name = Path(code.co_filename).relative_to(PACKAGE.parent).as_posix()
-    except ValueError:
+    except ValueError:  # a user's file
         name = code.co_filename
     try:
         text = textwrap.dedent(inspect.getsource(function))
@@ -73,17 +87,20 @@ def source_of(function: Any, instead: Mapping[str, Any] | None = None) -> Source
     """Return the source of a function.
 
     Args:
-        instead: values that replace globals of this name.
+        function: a Python function, or one compiled by Numba. instead: values that replace those of global names.
     Raises:
-        InputError: its source cannot be read.
+        InputError: the source cannot be read.
     """
     found = plain(function)
     tree, file, before = _parsed(found)
-    return Source(found, tree, file, before, {**found.__globals__, **(instead or {})})
+    return Source(
+        function=found, tree=tree, file=file, before=before, space={**found.__globals__, **(instead or {})}
+    )
 
 
 def number_of(value: Any) -> Number | None:
-    """Return a constant as a number; None if it is something else."""
+    """Return a value as a plain Python number or truth value; None if it is neither."""
+    # Truth values come first, because a Python bool is an int, too.
     if isinstance(value, bool | np.bool_):
         return bool(value)
     if isinstance(value, int | np.integer):
@@ -94,7 +111,7 @@ def number_of(value: Any) -> Number | None:
 
 
 def without_docstring(body: list[ast.stmt]) -> list[ast.stmt]:
-    """Return the statements of a function but for its docstring."""
+    """Return the statements of a function without its docstring."""
     first = body[0] if body else None
     is_text = isinstance(first, ast.Expr) and isinstance(first.value, ast.Constant)
     return body[1:] if is_text and isinstance(first.value.value, str) else body  # type: ignore[union-attr]
@@ -104,10 +121,10 @@ MATH: Final[dict[str, int]] = {
     "sqrt": 1, "exp": 1, "log": 1, "log1p": 1, "sin": 1, "cos": 1, "tan": 1, "atan": 1, "erf": 1, "erfc": 1,
     "lgamma": 1, "atan2": 2, "floor": 1, "ceil": 1, "isnan": 1, "degrees": 1, "radians": 1,
 }  # fmt: skip
-"""Functions of ``math`` that may be used, and their numbers of arguments."""
+"""Functions of ``math`` that an exported function may call, and their numbers of arguments."""
 
 
 def math_name(source: Source, node: ast.expr) -> str | None:
-    """Return NAME for an expression ``math.NAME``; None for another one."""
+    """Return NAME if an expression is ``math.NAME``; None if it is anything else."""
     is_field = isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
     return node.attr if is_field and source.space.get(node.value.id) is math else None  # type: ignore[attr-defined]

@@ -1,32 +1,33 @@
-"""Simulated annealing over floors with a fixed number of vibrating tiles, compiled.
+"""Simulated annealing over floors with a fixed number of vibrating tiles, compiled by Numba.
 
 The clusters of vibrating tiles are updated with each change of a tile:
 
 | name | symbol | shape | meaning |
 |---|---|---|---|
 | tile | c_i | (cells,) | 1 vibrating, 0 still; the grid with a border of 0 around it, row after row |
-| label | | (cells,) | the cluster of each vibrating cell; 0: none |
-| size | abs(C_i) | (cells + 1,) | tiles of the cluster with this label |
+| label | | (cells,) | number of the cluster of each vibrating cell; 0 for still cells |
+| size | abs(C_i) | (cells + 1,) | number of tiles of the cluster with this label |
 | terms | n log2 n | (cells + 1,) | the sum of ``terms[size]`` over the clusters is S = N_v (H_c^max - H_c) |
-| free | | (cells + 1,) | the unused labels are ``free[1:1 + free[0]]`` |
-| stack | | (cells,) | scratch |
+| free | | (cells + 1,) | a stack of the unused labels: ``free[1:1 + free[0]]``, so ``free[0]`` is their number |
+| stack | | (cells,) | scratch of ``_flood`` |
 
-The entropy is S / (N_v log2 N_v). Removing a tile can split its cluster only if its neighbours are not connected
-around it, so most changes cost a handful of additions.
+The entropy is S / (N_v log2 N_v). Removing a tile can split its cluster only if the tile's vibrating neighbours are not
+connected around it, so most changes cost a few additions. Cells are indexed in the grid with its border, row after row.
 
-Annealing swaps two tiles at a time:
+Annealing swaps a vibrating and a still tile at a time:
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| links2 | sum w_ij c_i c_j | - | vibrating neighbours of vibrating tiles, each pair twice |
-| sides | sum w_ij c_i | - | neighbours of vibrating tiles, of either kind |
+| links2 | sum w_ij c_i c_j | - | number of pairs of vibrating neighbours, each counted twice |
+| sides | sum w_ij c_i | - | number of neighbours, vibrating or still, of all vibrating tiles |
 | pairs2 | sum w_ij = W | - | 2 (rows (columns - 1) + columns (rows - 1)) |
 | Moran index | E_MI | - | (links2 - 2 f sides) / (W f (1 - f)) + f / (1 - f) |
 | entropy | E_e | - | S / (N_v log2 N_v), S as above |
-| energy | | - | hypot(moran_weight * miss of E_MI, entropy_weight * miss of E_e) |
+| energy | | - | hypot(moran_weight * (E_MI - its target), entropy_weight * (E_e - its target)) |
 
-A swap is accepted if the energy stays below its old value - temperature * log(u) (Metropolis). As the energy
-is at least its Moran part, many swaps are rejected before any cluster is updated.
+A swap is accepted if the new energy is at most the old energy - temperature * log(u), with a uniform number u
+(Metropolis). The energy is at least its first term, that of the Moran index, which is cheap to compute. So many
+swaps are rejected by this term alone, before any cluster is updated.
 """
 
 from __future__ import annotations
@@ -44,29 +45,37 @@ Cells = NDArray[np.int64]
 
 
 class Clusters(NamedTuple):
-    """The arrays of the table above; ``stride`` is the distance from a cell to the one below it."""
+    """The arrays of the module's first table; ``stride`` is the number of cells of a row of the grid with its
+    border."""
 
     tile: Cells
+    """(cells,): 1 vibrating, 0 still."""
     label: Cells
+    """(cells,): number of the cluster of each vibrating cell, 0 for still cells."""
     size: Cells
+    """(cells + 1,): number of tiles of the cluster with each label."""
     terms: NDArray[np.float64]
+    """(cells + 1,): n log2 n of each number n."""
     free: Cells
+    """(cells + 1,): number of unused labels, then the labels; the last one is taken first."""
     stack: Cells
+    """(cells,): scratch of ``_flood``."""
     stride: int
+    """Number of cells of a row, with the border."""
 
 
 @allocating_kernel
 def no_clusters(cells: int, stride: int) -> Clusters:
-    """Return the clusters of a grid in which no tile vibrates yet.
+    """Return the state of a grid in which no tile vibrates.
 
     Args:
-        cells: cells of the grid with its border. stride: cells of a row.
+        cells: number of cells of the grid with its border. stride: number of cells of a row with its border.
     """
-    terms = np.zeros(cells + 1)
+    terms = np.zeros(cells + 1)  # n log2 n; 0 for n = 0, a label that is not used
     free = np.zeros(cells + 1, dtype=np.int64)
     free[0] = cells - 1
     for n in range(1, cells):
-        free[n] = cells - n
+        free[n] = cells - n  # label 1 is on top of the stack
         terms[n] = n * math.log2(n)
     tile = np.zeros(cells, dtype=np.int64)
     label = np.zeros(cells, dtype=np.int64)
@@ -77,15 +86,16 @@ def no_clusters(cells: int, stride: int) -> Clusters:
 
 @kernel
 def add_tile(state: Clusters, cell: int) -> float:
-    """Make the still ``cell`` vibrate; return the change of S, bits times tiles."""
+    """Make the still ``cell`` vibrate, joining the clusters beside it; return the change of S, bits times tiles."""
     label, size, stride = state.label, state.size, state.stride
-    keep = 0
+    keep = 0  # label of the largest neighbouring cluster; smaller ones are relabelled, which costs less
     for step in (1, -1, stride, -stride):
         neighbour = label[cell + step]
         if neighbour > 0 and (keep == 0 or size[neighbour] > size[keep]):
             keep = neighbour
-    if keep == 0:
+    if keep == 0:  # the tile is a cluster of its own
         keep = _new_label(state)
+    # S changes by the term of the new, joined cluster less the terms of the clusters that it joins.
     change = -state.terms[size[keep]]
     for step in (1, -1, stride, -stride):
         neighbour_label = label[cell + step]
@@ -101,15 +111,20 @@ def add_tile(state: Clusters, cell: int) -> float:
 
 @kernel
 def remove_tile(state: Clusters, cell: int) -> float:
-    """Make the vibrating ``cell`` still; return the change of S, bits times tiles."""
+    """Make the vibrating ``cell`` still, splitting its cluster if it connected parts; return the change of S.
+
+    S is in bits times tiles.
+    """
     tile, label, size, stride = state.tile, state.label, state.size, state.stride
     old = label[cell]
+    # S changes by the terms of the clusters that are left less the term of the old cluster.
     change = -state.terms[size[old]]
     tile[cell] = 0
     label[cell] = 0
     size[old] -= 1
     if size[old] > 0 and _groups_around(tile, stride, cell) <= 1:
-        return float(change + state.terms[size[old]])
+        return float(change + state.terms[size[old]])  # the cluster stays connected
+    # Give each part of the old cluster a label of its own; there is no part if the tile was alone.
     for step in (1, -1, stride, -stride):
         neighbour = cell + step
         if tile[neighbour] == 1 and label[neighbour] == old:
@@ -122,6 +137,7 @@ def remove_tile(state: Clusters, cell: int) -> float:
 
 @kernel
 def _new_label(state: Clusters) -> int:
+    """Take an unused label from the stack, and return it."""
     new = state.free[state.free[0]]
     state.free[0] -= 1
     return int(new)
@@ -129,6 +145,7 @@ def _new_label(state: Clusters) -> int:
 
 @kernel
 def _free_label(state: Clusters, label: int) -> None:
+    """Put a label whose cluster no longer exists back on the stack of unused labels."""
     state.free[0] += 1
     state.free[state.free[0]] = label
     state.size[label] = 0
@@ -136,7 +153,7 @@ def _free_label(state: Clusters, label: int) -> None:
 
 @kernel
 def _flood(state: Clusters, start: int, old: int, new: int) -> int:
-    """Relabel the cells connected to ``start`` from ``old`` to ``new``; return their number."""
+    """Relabel all cells that are connected to ``start`` and have label ``old`` to ``new``; return their number."""
     label, stack, stride = state.label, state.stack, state.stride
     label[start] = new
     stack[0] = start
@@ -157,12 +174,13 @@ def _flood(state: Clusters, start: int, old: int, new: int) -> int:
 
 @kernel
 def _groups_around(tile: Cells, stride: int, cell: int) -> int:
-    """Return the number of groups of vibrating neighbours of ``cell``, connected within the ring of eight around
-    it.
+    """Return the number of groups that the vibrating neighbours of ``cell`` form within the eight cells around it.
 
-    0 if all eight vibrate, as the ring closes: treat it as one.
+    Two neighbours are in one group if the corner cell between them vibrates too. With 0 or 1 groups the neighbours stay
+    connected without ``cell``. If all eight cells vibrate, they form a ring, and the result is 0 instead of 1.
     """
     north, south, west, east = tile[cell - stride], tile[cell + stride], tile[cell - 1], tile[cell + 1]
+    # joined: number of corners that connect two neighbours; each of them makes one group less
     joined = (
         north * tile[cell - stride + 1] * east
         + east * tile[cell + stride + 1] * south
@@ -173,31 +191,41 @@ def _groups_around(tile: Cells, stride: int, cell: int) -> int:
 
 
 class Goal(NamedTuple):
-    """The measures asked for, and the weights of misses; with ``entropy_weight`` 0 any entropy will do."""
+    """Target values of the measures and the weights of their errors; if ``entropy_weight`` is 0, any entropy is
+    accepted."""
 
     moran_index: float
+    """Target of E_MI."""
     entropy: float
+    """Target of E_e."""
     moran_weight: float
+    """Weight of the error of E_MI in the energy."""
     entropy_weight: float
+    """Weight of the error of E_e in the energy."""
 
 
 class Schedule(NamedTuple):
-    """First and last temperature (in energy, geometric in between), number of swaps, energy at which to stop."""
+    """First and last temperature (units of energy, falling geometrically), number of swaps, energy at which to stop."""
 
     hot: float
+    """First temperature."""
     cold: float
+    """Last temperature."""
     moves: int
+    """Number of swaps to try."""
     enough: float
+    """Energy at which the search stops."""
 
 
 @kernel
 def _vibrating_around(tile: Cells, stride: int, cell: int) -> int:
+    """Return the number of the four neighbours of ``cell`` that vibrate."""
     return int(tile[cell - 1] + tile[cell + 1] + tile[cell - stride] + tile[cell + stride])
 
 
 @allocating_kernel
 def _degrees(rows: int, columns: int) -> Cells:
-    """Return the number of neighbours of each cell, in the grid with its border; 0 on the border."""
+    """Return the number of neighbouring tiles of each cell of the grid with its border; 0 for cells of the border."""
     stride = columns + 2
     degree = np.zeros((rows + 2) * stride, dtype=np.int64)
     for row in range(1, rows + 1):
@@ -209,17 +237,20 @@ def _degrees(rows: int, columns: int) -> Cells:
 
 @kernel
 def _partner(u: float, p: int, zeros: Cells, blanks: int, tile: Cells, rows: int, columns: int) -> int:
-    """Return a still cell to swap with ``p``: half the time any, else one at most two rows and columns from ``p``.
+    """Draw a still cell to swap with the vibrating cell ``p``.
 
-    -1 if the cell that was drawn near ``p`` vibrates or is outside the floor.
+    With probability 1/2 it is drawn from all still cells, else from the cells at most two rows and columns from ``p``.
 
     Args:
-        u: uniform number. zeros: the still cells. blanks: their number.
+        u: uniform number in (0, 1). zeros: indices of all still cells. blanks: number of still cells.
+    Returns: index of the cell; -1 if the cell that was drawn near ``p`` vibrates or is outside the floor.
     """
+    # u < 1/2 selects from all still cells, u >= 1/2 from the cells near p. Within its half u is uniform, and selects
+    # the cell.
     if u < 0.5:
         return int(zeros[int(2.0 * u * blanks)])
     stride = columns + 2
-    pick = int((2.0 * u - 1.0) * 25.0)
+    pick = int((2.0 * u - 1.0) * 25.0)  # a cell of the 5 x 5 square around p
     row = p // stride + pick // 5 - 2
     column = p % stride + pick % 5 - 2
     if row < 1 or row > rows or column < 1 or column > columns or tile[row * stride + column] == 1:
@@ -231,9 +262,13 @@ def _partner(u: float, p: int, zeros: Cells, blanks: int, tile: Cells, rows: int
 def _place_tiles(
     state: Clusters, degree: Cells, ones: Cells, zeros: Cells, place: Cells
 ) -> tuple[int, int, float]:
-    """Make all ``ones`` vibrate and note each cell's index in its list, ``ones`` or ``zeros``, in ``place``.
+    """Make all cells of ``ones`` vibrate, and write the index of each cell in ``ones`` or ``zeros`` to ``place``.
 
-    Returns: twice the number of pairs of vibrating neighbours, the number of neighbours of all vibrating tiles, and S.
+    Args:
+        state: clusters of a floor without vibrating tiles; changed. degree: number of neighbours of each cell.
+        ones, zeros: indices of the cells that shall vibrate, and of the other cells of the floor.
+        place: (cells,): overwritten; the border's entries stay.
+    Returns: links2, sides and S of the module's tables.
     """
     links2, sides, cluster_bits = 0, 0, 0.0
     for i in range(zeros.size):
@@ -255,25 +290,29 @@ def anneal(
     Args:
         start: 0 and 1 with a border of 0, row after row, shape ((rows + 2) * (columns + 2),); at least one
             tile of each kind.
-        seed, search: address of the uniform numbers: (seed, 0, 0, floor, index, 1 + search).
-    Returns: the best floor in the form of ``start``, and its energy.
+        goal: target values of the measures. schedule: temperatures, number of swaps, energy at which to stop.
+        seed, search: select the uniform numbers, at the addresses (seed, 0, 0, FLOOR, index, 1 + search). So each
+            search draws other numbers than all others; random floors use the addresses that end in 0.
+    Returns: the best floor found, in the form of ``start``, and its energy.
     """
     stride = columns + 2
     state = no_clusters(start.size, stride)
     tile, degree = state.tile, _degrees(rows, columns)
-    place = np.zeros(start.size, dtype=np.int64)  # index of a cell in ``ones`` or ``zeros``
+    place = np.zeros(start.size, dtype=np.int64)  # position of each cell in ``ones`` or ``zeros``
     ones, zeros = np.nonzero(start == 1)[0], np.nonzero((start == 0) & (degree > 0))[0]
     count, blanks = ones.size, zeros.size
     links2, sides, cluster_bits = _place_tiles(state, degree, ones, zeros, place)
     fill = count / (rows * columns)
+    # E_MI - goal = (links2 - 2 fill sides) scale + offset
     scale = 1.0 / (2 * (rows * (columns - 1) + columns * (rows - 1)) * fill * (1.0 - fill))
     offset = fill / (1.0 - fill) - goal.moran_index
-    most = max(count * math.log2(count), 1.0)
+    most = max(count * math.log2(count), 1.0)  # S of a single cluster; not 0 if only one tile vibrates
     energy = math.hypot(
         goal.moran_weight * ((links2 - 2.0 * fill * sides) * scale + offset),
         goal.entropy_weight * (cluster_bits / most - goal.entropy),
     )
     best, best_energy = tile.copy(), energy
+    # With this factor per swap the temperature falls from ``hot`` to ``cold`` in the course of the search.
     cooling = (schedule.cold / schedule.hot) ** (1.0 / schedule.moves)
     temperature = schedule.hot
     for move in range(schedule.moves):
@@ -282,19 +321,22 @@ def anneal(
         temperature *= cooling
         pick = uniform(seed, 0, 0, FLOOR, 2 * move, 1 + search) * count
         p = ones[int(pick)]
+        # The fraction of ``pick`` is uniform too, and independent of the cell that its integer part selects.
         q = _partner(pick - int(pick), p, zeros, blanks, tile, rows, columns)
         if q < 0:
             continue
+        # Moving the vibrating tile from p to q: if they are neighbours, p is no longer a vibrating neighbour of q.
         adjacent = 1 if abs(q - p) == 1 or abs(q - p) == stride else 0
         gained = _vibrating_around(tile, stride, q) - adjacent - _vibrating_around(tile, stride, p)
         new_links2, new_sides = links2 + 2 * gained, sides + degree[q] - degree[p]
         miss = goal.moran_weight * ((new_links2 - 2.0 * fill * new_sides) * scale + offset)
+        # limit: the largest energy at which this swap is accepted (Metropolis)
         limit = energy - temperature * math.log(uniform(seed, 0, 0, FLOOR, 2 * move + 1, 1 + search))
-        if abs(miss) > limit:
+        if abs(miss) > limit:  # rejected by the Moran index alone
             continue
         new_cluster_bits = cluster_bits + remove_tile(state, p) + add_tile(state, q)
         new_energy = math.hypot(miss, goal.entropy_weight * (new_cluster_bits / most - goal.entropy))
-        if new_energy > limit:
+        if new_energy > limit:  # rejected: undo the swap
             remove_tile(state, q)
             add_tile(state, p)
             continue

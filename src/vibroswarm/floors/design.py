@@ -1,15 +1,15 @@
 """Floors of given difficulty: regular constructions, then simulated annealing.
 
-The regular constructions cover any size and fill ratio. Each is an order in which the tiles are made to vibrate;
-the first ``ones`` of them do. They mark the extremes of what is possible: stripes and corners (high Moran index,
-one cluster), checkerboards of ever larger squares (the highest Moran index that small clusters allow), combs (one
-cluster, yet a low Moran index).
+The regular constructions cover any size and fill ratio. Each is an order of the tiles, of which the first ``ones``
+tiles vibrate. They mark the extremes of what is possible: stripes and corners (high Moran index, one cluster),
+checkerboards of larger and larger squares (the highest Moran index that small clusters allow), combs (one cluster, yet
+a low Moran index).
 
-Fill ratio, Moran index and entropy depend on each other. Small clusters have long borders, so a low entropy keeps
-the Moran index low; a single cluster has its tiles side by side, so an entropy of 1 keeps the Moran index up.
-``make_floor`` anneals from a random floor, then from the regular floors nearest to the target, and stops at the
-first result within the tolerance. The work is bounded by a number of moves, never by a clock: the same arguments
-give the same floor.
+Fill ratio, Moran index and entropy depend on each other. Small clusters have long borders, so a low entropy keeps the
+Moran index low. In a single cluster tiles are side by side, so an entropy of 1 keeps the Moran index high.
+``make_floor`` anneals from a random floor, then from the regular floors nearest to the target, and stops at the first
+result within the tolerance. The work is limited by a number of swaps, never by time, so the same arguments give the
+same floor. The "miss" of a floor is the larger error of its Moran index and its entropy.
 """
 
 from __future__ import annotations
@@ -32,27 +32,41 @@ from vibroswarm.floors.source import check_fill_ratio, random_tiles
 
 
 def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uint8]]:
-    """Yield all regular floors of this size and number of vibrating tiles, each uint8 of shape (rows, columns)."""
+    """Yield all regular floors of this size and number of vibrating tiles, each uint8 of shape (rows, columns).
+
+    ``_filled`` sorts the tiles by the keys given to it, the first key being the most significant; the first ``ones``
+    tiles vibrate. Keys are computed from r and c, the row and the column of each tile. A floor may be yielded twice.
+    """
     r, c = np.indices((rows, columns))
     for first, second in ((r, c), (c, r)):
         yield _filled(ones, first, second)  # stripe
-        yield _filled(ones, (second > 0) & (first % 2), first, second)  # comb
+        # comb: the line ``second == 0`` is its back, and every other line ``first`` is a tooth.
+        yield _filled(ones, (second > 0) & (first % 2), first, second)
         yield _filled(ones, first % 2, first, second)  # separate lines
     yield _filled(ones, np.maximum(r, c), r)  # square in a corner
     yield _filled(ones, np.maximum(r * columns, c * rows), r)  # rectangle in a corner
     yield _filled(ones, r + c, r)  # triangle in a corner
-    # square in the middle
+    # Square in the middle: by the larger distance from the middle row or column, doubled so that it is whole.
     yield _filled(ones, np.maximum(abs(2 * r - rows + 1), abs(2 * c - columns + 1)), r)
+    # Squares of 1 x 1 tiles up to half of the floor's longer side, so that there are at least two of them.
     for side in range(1, max(2, max(rows, columns) // 2 + 1)):
         for first, second in ((r, c), (c, r)):
             yield _filled(ones, (r // side + c // side) % 2, first // side, second)  # checkerboard of squares
+        # Checkerboard with its colours exchanged.
         yield _filled(ones, (r // side + c // side + 1) % 2, r // side, c)
+        # gap: 0 inside a square, 1 in a gap between rows or between columns of squares, 2 where such gaps cross
         gap = (r % (side + 1) == side).astype(int) + (c % (side + 1) == side)
         yield _filled(ones, gap, r // (side + 1), c)  # squares with gaps of one tile
 
 
 def _filled(ones: int, *keys: NDArray[np.int_]) -> NDArray[np.uint8]:
-    """Return the floor whose first ``ones`` tiles in the order of ``keys`` (first key first) vibrate."""
+    """Return the floor on which the first ``ones`` tiles vibrate after the tiles are sorted by ``keys``.
+
+    Args:
+        keys: arrays of shape (rows, columns); the first one is the most significant. Tiles that are equal in all keys
+            are sorted by row, then by column.
+    """
+    # Lexsort takes the most significant key last.
     order = np.lexsort([np.ravel(key) for key in reversed(keys)])
     tiles = np.zeros(keys[0].shape, dtype=np.uint8)
     tiles.ravel()[order[:ones]] = 1
@@ -63,14 +77,20 @@ TOLERANCE: Final = 0.02
 """Allowed deviation of a measure from its target."""
 
 TILE_LIMIT: Final = 10_000
-"""Size of the largest floor that is designed: for larger ones the moves are too few."""
+"""Number of tiles of the largest floor that can be designed; larger floors would need more swaps than a search has."""
 
 _MOVES: Final = 150_000
+"""Number of swaps that a search tries."""
 _LONGER: Final = 3
-_MUST_WEIGHT: Final = 20.0  # weight of a measure that must be met
-_ENOUGH: Final = 0.002  # miss at which a search stops, well within the tolerance
+"""Number of swaps of a longer search, as a multiple of _MOVES."""
+_MUST_WEIGHT: Final = 20.0
+"""Weight of the measure that must be met, if the other measure, of weight 1, may miss its target."""
+_ENOUGH: Final = 0.002
+"""Miss at which a search stops, well within the tolerance."""
 _REGULAR_STARTS: Final = 4
-_MENDABLE_MISS: Final = 0.1  # a longer search does not mend a larger miss
+"""Number of regular floors, those nearest to the target, from which searches start."""
+_MENDABLE_MISS: Final = 0.1
+"""If short searches miss by more than this, longer searches do not help."""
 
 
 @dataclass(frozen=True)
@@ -78,10 +98,10 @@ class FloorDesign(NotebookView):
     """A designed floor.
 
     Args:
-        tiles: uint8, (rows, columns): the nearest found, whether it is near enough or not.
-        difficulty: its measures.
+        tiles: uint8, (rows, columns): the floor nearest to the targets that was found.
+        difficulty: measures of this floor.
         reached: whether all targets are met within ``TOLERANCE``.
-        words: the measures reached; if they miss the targets, the nearest found.
+        words: a sentence on the measures reached; if they miss the targets, also on other floors that were found.
     """
 
     tiles: NDArray[np.uint8]
@@ -92,6 +112,8 @@ class FloorDesign(NotebookView):
 
 @dataclass(frozen=True)
 class _Target:
+    """What a floor shall be: the arguments of ``make_floor``, and ``ones``, the whole number of vibrating tiles."""
+
     rows: int
     columns: int
     fill_ratio: float
@@ -101,22 +123,26 @@ class _Target:
     seed: int
 
     def miss(self, found: Difficulty) -> float:
-        """Return the larger of the misses of Moran index and entropy."""
+        """Return the larger error of Moran index and entropy; if ``entropy`` is None, the error of the Moran index."""
         miss = abs(found.moran_index - self.moran_index)
         return miss if self.entropy is None else max(miss, abs(found.entropy - self.entropy))
 
     def is_met(self, found: Difficulty) -> bool:
         """Return whether all targets are met, including the fill ratio."""
-        slack = 1e-9  # 12 of 25 tiles are within 0.02 of 0.5
+        slack = 1e-9  # rounding: |12 / 25 - 0.5| is slightly above 0.02 in double precision, and must pass
         return max(self.miss(found), abs(found.fill_ratio - self.fill_ratio)) <= TOLERANCE + slack
 
     def goal(self, moran_weight: float = 1.0, entropy_weight: float = 1.0) -> Goal:
+        """Return the target of ``anneal``; if any entropy is accepted, the weights are not used."""
         if self.entropy is None:
-            return Goal(self.moran_index, 0.0, 1.0, 0.0)
+            # With a weight of 0 the target entropy has no effect.
+            return Goal(self.moran_index, entropy=0.0, moran_weight=1.0, entropy_weight=0.0)
         return Goal(self.moran_index, self.entropy, moran_weight, entropy_weight)
 
 
 class _Found(NamedTuple):
+    """A floor, uint8 of shape (rows, columns), with its measures and its miss of the target."""
+
     tiles: NDArray[np.uint8]
     difficulty: Difficulty
     miss: float
@@ -130,42 +156,51 @@ def make_floor(
     entropy: float | None = None,
     seed: int = 0,
 ) -> FloorDesign:
-    """Design a floor of given size and difficulty, each measure within ``TOLERANCE``; or the nearest found.
+    """Design a floor of given size and difficulty, with each measure within ``TOLERANCE``.
+
+    If no such floor is found, return the nearest one that was found, with ``reached`` false.
 
     Args:
-        rows, columns: number of tiles, at most ``TILE_LIMIT`` in all.
-        fill_ratio: share of vibrating tiles, strictly between 0 and 1. The number of vibrating tiles is exact
-            where the tiles can give it, and else the nearest.
+        rows, columns: size of the floor, at most ``TILE_LIMIT`` tiles in all.
+        fill_ratio: share of vibrating tiles, strictly between 0 and 1; their number is rounded to a whole one.
         moran_index: E_MI, in [-1, 1]. entropy: E_e, in [0, 1]; None: any.
         seed: in [0, 2^63); another seed makes another floor.
     Raises:
-        InputError: any of these is not so, or a measure that has no value with so few vibrating tiles.
+        InputError: an argument is out of its range, or so few tiles vibrate that a measure is undefined.
     """
     target = _target(rows, columns, fill_ratio, moran_index, entropy, seed)
     best: _Found | None = None
-    for search, (start, hot, moves) in enumerate(_searches(target)):
-        if moves > _MOVES and best is not None and best.miss > _MENDABLE_MISS:
-            continue
-        best = _better(best, _anneal(target, target.goal(), start, hot, moves, search))
+    for search, (start, first_temperature, moves) in enumerate(_searches(target)):
+        is_longer = moves > _MOVES
+        if is_longer and best is not None and best.miss > _MENDABLE_MISS:
+            continue  # the miss is too large for a longer search to help
+        best = _better(best, _anneal(target, target.goal(), start, first_temperature, moves, search))
         if best.miss <= TOLERANCE:
             break
-    assert best is not None
-    traded = _traded(target, best.tiles) if entropy is not None and best.miss > TOLERANCE else []
-    for candidate in traded:
+    assert best is not None  # there is at least one search, and the first ones are not longer searches
+    # If no floor meets both targets, look for floors that meet one target and are as near as possible to the other.
+    favouring = _favouring_each(target, best.tiles) if entropy is not None and best.miss > TOLERANCE else []
+    for candidate in favouring:
         best = _better(best, candidate)
     reached = target.is_met(best.difficulty)
-    words = _reached(target, best.difficulty) if reached else _nearest(target, best.difficulty, traded)
+    words = _reached(target, best.difficulty) if reached else _nearest(target, best.difficulty, favouring)
     return FloorDesign(best.tiles, best.difficulty, reached, words)
 
 
 def _better(one: _Found | None, other: _Found) -> _Found:
+    """Return the floor with the smaller miss, ``one`` if both are equal."""
     return other if one is None or other.miss < one.miss else one
 
 
 def _target(
     rows: int, columns: int, fill_ratio: float, moran_index: float, entropy: float | None, seed: int
 ) -> _Target:
-    """Check the requested measures and return them as a target."""
+    """Check the arguments of ``make_floor``, and return them with the whole number of vibrating tiles.
+
+    Raises:
+        InputError: an argument is out of its range, or so few tiles vibrate that a measure is undefined.
+    """
+    # Here rows and columns may be any integers: ``check_size`` refuses those below 1, with a better message.
     rows = whole_number_of(rows, "rows", -(2**31), 2**31 - 1)
     columns = whole_number_of(columns, "columns", -(2**31), 2**31 - 1)
     seed = whole_number_of(seed, "seed", 0, 2**63 - 1)
@@ -175,6 +210,7 @@ def _target(
             raise InputError(f"{shown(value)} is not a number", field=name)
     check_size(rows, columns)
     check_fill_ratio(fill_ratio)
+    # This limit is lower than that of ``check_size``, which is for floors of any kind.
     if rows * columns > TILE_LIMIT:
         raise InputError(
             f"{rows} x {columns} tiles are too many to make; at most {TILE_LIMIT}", field="tiles"
@@ -204,26 +240,33 @@ def _target(
 
 
 def _searches(target: _Target) -> Iterator[tuple[NDArray[np.uint8], float, int]]:
-    """Yield where to start, how hot (in steps of the Moran index), and the number of moves."""
+    """Yield the start floor, the first temperature and the number of swaps of each search; longer searches come last.
+
+    The unit of temperature is the change of the Moran index by one more pair of vibrating neighbours.
+    """
     scattered = random_tiles(
         target.rows, target.columns, target.ones / (target.rows * target.columns), target.seed, 0
     )
-    yield scattered, 10.0, _MOVES
+    yield scattered, 10.0, _MOVES  # hot: nothing of the random start needs to last
     regular = constructions(target.rows, target.columns, target.ones)
-    ranked = sorted(
-        ((target.miss(measure(tiles)), i, tiles) for i, tiles in enumerate(regular)), key=lambda r: r[:2]
-    )
-    for _, _, tiles in ranked[:_REGULAR_STARTS]:
+    # Sort by miss; floors of equal miss stay in the order of ``constructions``.
+    ranked = sorted(((target.miss(measure(tiles)), tiles) for tiles in regular), key=lambda pair: pair[0])
+    # Regular floors begin at a low temperature, so that they are changed little: they are near the target already.
+    for _, tiles in ranked[:_REGULAR_STARTS]:
         yield tiles, 1.0, _MOVES
+    # If all of these miss: longer searches from the random floor (now cooler) and from the best regular floor.
     yield scattered, 3.0, _LONGER * _MOVES
-    yield ranked[0][2], 1.0, _LONGER * _MOVES
+    yield ranked[0][1], 1.0, _LONGER * _MOVES
 
 
-def _traded(target: _Target, start: NDArray[np.uint8]) -> list[_Found]:
-    """Return the nearest floors if the Moran index must be met, and if the entropy must be met."""
-    weights = (_MUST_WEIGHT, 1.0), (1.0, _MUST_WEIGHT)
-    hot = _MUST_WEIGHT
-    return [
+def _favouring_each(target: _Target, start: NDArray[np.uint8]) -> list[_Found]:
+    """Return two floors: one annealed to meet the Moran index, and one annealed to meet the entropy.
+
+    Each is annealed from ``start``, with the other measure as near to its target as possible.
+    """
+    weights = (_MUST_WEIGHT, 1.0), (1.0, _MUST_WEIGHT)  # weights of Moran index and entropy
+    hot = _MUST_WEIGHT  # the energy is larger by this factor, so the temperature is too
+    return [  # numbers 100 and 101: these searches use random numbers that no other search uses
         _anneal(target, target.goal(*pair), start, hot, _MOVES, 100 + i) for i, pair in enumerate(weights)
     ]
 
@@ -231,12 +274,19 @@ def _traded(target: _Target, start: NDArray[np.uint8]) -> list[_Found]:
 def _anneal(
     target: _Target, goal: Goal, start: NDArray[np.uint8], hot: float, moves: int, search: int
 ) -> _Found:
-    """Run simulated annealing from a start floor; return the best floor with its measures."""
+    """Run simulated annealing from a start floor; return the best floor with its measures.
+
+    Args:
+        start: uint8, (rows, columns). moves: number of swaps to try. search: number of the search, which selects its
+            random numbers. hot: first temperature; its unit is the change of the Moran index by one more pair of
+            vibrating neighbours.
+    """
     fill = target.ones / (target.rows * target.columns)
     pairs = target.rows * (target.columns - 1) + target.columns * (target.rows - 1)
     step = 1.0 / (pairs * fill * (1.0 - fill))  # change of the Moran index by one pair of neighbours
-    schedule = Schedule(hot * step, 0.05 * step, moves, _ENOUGH)
-    cells = np.pad(start.astype(np.int64), 1).ravel()
+    # The search ends cold: a swap that worsens the floor by one pair of neighbours is then practically never accepted.
+    schedule = Schedule(hot=hot * step, cold=0.05 * step, moves=moves, enough=_ENOUGH)
+    cells = np.pad(start.astype(np.int64), 1).ravel()  # with a border of still cells, as ``anneal`` needs
     best, _ = anneal(cells, target.rows, target.columns, goal, schedule, target.seed, search)
     tiles = best.reshape(target.rows + 2, target.columns + 2)[1:-1, 1:-1].astype(np.uint8)
     difficulty = measure(tiles)
@@ -244,12 +294,18 @@ def _anneal(
 
 
 def _reached(target: _Target, found: Difficulty) -> str:
+    """Return the sentence that a floor was made, with its measures ``found``."""
     words = f"made: {_size(target)}, fill ratio {found.fill_ratio:.4g}, Moran index {found.moran_index:.3f}"
     return words + ("" if math.isnan(found.entropy) else f", entropy {found.entropy:.3f}")
 
 
-def _nearest(target: _Target, found: Difficulty, traded: list[_Found]) -> str:
-    """Explain that no floor reaches the target, and describe the closest one."""
+def _nearest(target: _Target, found: Difficulty, favouring: list[_Found]) -> str:
+    """Return the sentences that the target was not reached, with the measures of the nearest floors.
+
+    Args:
+        found: measures of the nearest floor. favouring: the floor that favours the Moran index and the one that favours
+            the entropy, or empty.
+    """
     target_text = f"Moran index {target.moran_index:g}"
     has = f"fill ratio {found.fill_ratio:.4g}, Moran index {found.moran_index:.3f}"
     if target.entropy is not None:
@@ -259,14 +315,16 @@ def _nearest(target: _Target, found: Difficulty, traded: list[_Found]) -> str:
         f"not found: fill ratio {target.fill_ratio:g} and {target_text}, each to {TOLERANCE:g}, on {_size(target)}. "
         f"The nearest found has {has}"
     )
-    if traded:
-        moran, entropy = (floor.difficulty for floor in traded)
+    if favouring:
+        # Measures of the floor that favours the Moran index, and of the floor that favours the entropy.
+        with_moran, with_entropy = (floor.difficulty for floor in favouring)
         words += (
-            f". With Moran index {moran.moran_index:.3f} the nearest entropy found is {moran.entropy:.3f}; "
-            f"with entropy {entropy.entropy:.3f} the nearest Moran index found is {entropy.moran_index:.3f}"
+            f". With Moran index {with_moran.moran_index:.3f} the nearest entropy found is {with_moran.entropy:.3f}; "
+            f"with entropy {with_entropy.entropy:.3f} the nearest Moran index found is {with_entropy.moran_index:.3f}"
         )
     return words
 
 
 def _size(target: _Target) -> str:
+    """Return the size and the number of vibrating tiles in words."""
     return f"{target.rows} x {target.columns} tiles of which {target.ones} vibrate"

@@ -4,18 +4,18 @@
 |---|---|---|---|---|
 | tiles | E, c_i | 1 vibrating, 0 still | (rows, columns) | Eq. 1 |
 | fill_ratio | f | - | scalar | share of ones, Eq. 3 |
-| neighbours | w_ij | 1 or 0 | pairs | tiles that share a side, no wrap-around; every ordered pair once |
+| neighbours | w_ij | 1 or 0 | pairs | 1 if tiles i and j share a side (no wrap-around); each pair counts twice |
 | moran_index | E_MI | - | scalar | N / sum w_ij * sum w_ij (c_i - f)(c_j - f) / sum (c_i - f)^2 |
 | ones | N_v | tiles | scalar | number of vibrating tiles, N f |
 | clusters | C_1..C_M | tiles | (M,) | vibrating tiles joined through shared sides (4-connected) |
 | cluster entropy | H_c | bit | scalar | - sum_i abs(C_i)/N_v log2(abs(C_i)/N_v) |
 | its maximum | H_c^max | bit | scalar | log2(N_v): every vibrating tile alone |
-| entropy | E_e | - | scalar | (H_c^max - H_c) / H_c^max: 0 all tiles alone, 1 one cluster |
+| entropy | E_e | - | scalar | (H_c^max - H_c) / H_c^max: 0 if each vibrating tile is alone, 1 if all form one cluster |
 
 Moran index: near 1 large patches, near 0 tiles placed at random, near -1 a checkerboard. Source: the paper's
 equations of the Moran index and of the entropy, after Bartashevich and Mostaghim (2019).
 
-The module also has the paper's table of difficulties, beside the correct values.
+The module also has the paper's table of difficulties, with the correct values beside the printed ones.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ class Difficulty(NotebookView):
     """Measures of a floor; ``moran_index`` and ``entropy`` are nan where undefined.
 
     Args:
-        rows, columns: how many tiles there are. ones: how many of them vibrate. fill_ratio: which share.
-        moran_index, entropy: E_MI (Eq. 4) and E_e (Eq. 5). clusters: of vibrating tiles. largest_cluster: its tiles.
+        rows, columns: size of the floor, tiles. ones: number of vibrating tiles. fill_ratio: share of vibrating tiles.
+        moran_index, entropy: E_MI (Eq. 4) and E_e (Eq. 5). clusters: number of clusters of vibrating tiles.
+        largest_cluster: number of tiles of the largest cluster; 0 if no tile vibrates.
     """
 
     rows: int
@@ -57,27 +58,32 @@ def moran_index(tiles: ArrayLike) -> float:
 
     Args:
         tiles: (rows, columns) of 0 and 1.
-    Returns: about -1 (checkerboard) to 1 (large patches); nan where all tiles are alike, which leaves 0 / 0.
+    Returns: from about -1 (checkerboard) to 1 (large patches); nan (0 / 0) if all tiles vibrate or none does.
     Raises:
-        InputError: not a rectangle of 0 and 1.
+        InputError: ``tiles`` is not a rectangle of 0 and 1.
     """
     grid = as_tiles(tiles)
     rows, columns = grid.shape
     ones = int(grid.sum())
     if ones in (0, grid.size):
         return math.nan
-    apart = grid - ones / grid.size
-    # Unordered pairs in numerator and denominator: the factor 2 of the ordered pairs cancels.
+    apart = grid - ones / grid.size  # c_i - f
+    # Each pair of neighbours is counted once here, and twice in Eq. 4; the factor 2 cancels.
     pairs = rows * (columns - 1) + columns * (rows - 1)
-    alike = np.sum(apart[:, 1:] * apart[:, :-1]) + np.sum(apart[1:] * apart[:-1])
-    return float(grid.size / pairs * alike / np.sum(apart * apart))  # Eq. 4
+    products = np.sum(apart[:, 1:] * apart[:, :-1]) + np.sum(apart[1:] * apart[:-1])
+    return float(grid.size / pairs * products / np.sum(apart * apart))  # Eq. 4
 
 
 def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
-    """Return the sizes of the clusters of vibrating tiles (4-connected), in tiles, largest first, shape (M,)."""
+    """Return the number of tiles of each cluster of vibrating tiles (4-connected), largest first, shape (M,).
+
+    Args:
+        tiles: (rows, columns) of 0 and 1.
+    """
     from scipy import ndimage
 
     labels, _ = ndimage.label(as_tiles(tiles))  # scipy's default structure joins through sides only
+    # Label 0, that of still tiles, is left out.
     sizes = np.bincount(np.asarray(labels).ravel())[1:].astype(np.int64)
     return np.sort(sizes)[::-1]
 
@@ -87,11 +93,12 @@ def entropy(tiles: ArrayLike, ones: int | None = None) -> float:
 
     Args:
         tiles: (rows, columns) of 0 and 1.
-        ones: N_v where it shall not be the true number of vibrating tiles (at least 2). The paper's table
-            took 48 for all its floors, those of 46 vibrating tiles included.
-    Returns: in [0, 1] with the true N_v; nan with fewer than two vibrating tiles, where H_c^max is 0.
+        ones: N_v, at least 2; None: the number of tiles that vibrate. Other values serve to reproduce the paper's
+            table, which uses N_v = 48 for all floors, even for those with 46 vibrating tiles.
+    Returns: in [0, 1] if ``ones`` is None. nan if no tile vibrates; and if ``ones`` is None and a single tile vibrates,
+        as H_c^max is then 0.
     Raises:
-        InputError: not a rectangle of 0 and 1, or ``ones`` below 2.
+        InputError: ``tiles`` is not a rectangle of 0 and 1, or ``ones`` is below 2.
     """
     return _entropy(cluster_sizes(tiles), ones)
 
@@ -102,7 +109,7 @@ def measure(tiles: ArrayLike) -> Difficulty:
     Args:
         tiles: (rows, columns) of 0 and 1.
     Raises:
-        InputError: not a rectangle of 0 and 1.
+        InputError: ``tiles`` is not a rectangle of 0 and 1.
     """
     grid = as_tiles(tiles)
     sizes = cluster_sizes(grid)
@@ -120,26 +127,35 @@ def measure(tiles: ArrayLike) -> Difficulty:
 
 
 def _entropy(sizes: NDArray[np.int64], ones: int | None) -> float:
-    """Compute E_e from cluster sizes; see ``entropy``."""
+    """Return the entropy E_e of a floor.
+
+    Args:
+        sizes: number of tiles of each cluster of vibrating tiles. ones: N_v; None: the sum of ``sizes``.
+    Returns: nan if there are no clusters; and if ``ones`` is None and a single tile vibrates, as H_c^max is then 0.
+    Raises:
+        InputError: ``ones`` is below 2.
+    """
     if ones is not None and ones < 2:
         raise InputError(f"{ones} is too few; the entropy needs at least 2 vibrating tiles", field="ones")
     total = int(sizes.sum()) if ones is None else ones
     if total < 2 or sizes.size == 0:
         return math.nan
     shares = sizes / total
-    most = math.log2(total)
-    return max(0.0, (most + float(np.sum(shares * np.log2(shares)))) / most)  # Eq. 5; not -0.0 by rounding
+    most = math.log2(total)  # H_c^max
+    # Eq. 5, with H_c = -sum(shares log2 shares). max: rounding must not give a number below 0, or -0.0.
+    return max(0.0, (most + float(np.sum(shares * np.log2(shares)))) / most)
 
 
 _PRINTED: Final = {
-    # pattern: Moran index at 0.48, entropy at 0.48, Moran index at 0.46, entropy at 0.46
     "diagonal": (0.73, 1.00, 0.71, 0.99),
     "stripe": (0.88, 1.00, 0.88, 0.99),
     "block-diagonal": (0.76, 0.85, 0.75, 0.84),
     "alternating": (-0.96, 0.00, -0.91, 0.00),
     "random-fixed": (0.00, 0.51, -0.05, 0.46),
 }
-_PAPER_ONES: Final = 48  # the N_v of all its entropies
+"""Printed values by pattern: Moran index and entropy at a fill ratio of 0.48, then Moran index and entropy at 0.46."""
+_PAPER_ONES: Final = 48
+"""The number N_v of vibrating tiles that the paper uses for all entropies."""
 
 
 @dataclass(frozen=True)
@@ -147,10 +163,10 @@ class Entry:
     """One number of the paper's table.
 
     Args:
-        pattern: its name here. measure: "Moran index" or "entropy".
-        printed: as the paper has it.
-        as_the_paper: computed as the paper did: on the floor that it used, with N_v = 48.
-        right: on the floor of the fill ratio named, with its own N_v.
+        pattern: name of the floor, as in ``source.NAMES``. measure: "Moran index" or "entropy".
+        printed: the number in the paper.
+        as_the_paper: the number computed as the paper did, on the floor that it used and with N_v = 48.
+        right: the correct number, on the floor of the stated fill ratio and with its true N_v.
     """
 
     pattern: str
@@ -161,18 +177,38 @@ class Entry:
 
     @property
     def wrong(self) -> bool:
-        """Whether the printed number differs from the correct one to its two digits."""
-        return abs(self.printed - self.right) > 0.005 + 1e-9
+        """Whether the printed number is not the correct one, rounded to two decimals."""
+        return abs(self.printed - self.right) > 0.005 + 1e-9  # 1e-9: for floating-point rounding
 
 
 def paper_table() -> list[Entry]:
-    """Return all 20 numbers of the paper's table of Moran index and entropy, beside the correct ones."""
+    """Return the 20 entries of the paper's table of Moran index and entropy, with the correct numbers."""
     table: list[Entry] = []
-    for kind, printed in _PRINTED.items():
-        for fill, moran, clustering in (("0.48", *printed[:2]), ("0.46", *printed[2:])):
+    for kind, (moran_48, entropy_48, moran_46, entropy_46) in _PRINTED.items():
+        for fill, printed_moran, printed_entropy in (
+            ("0.48", moran_48, entropy_48),
+            ("0.46", moran_46, entropy_46),
+        ):
             name = f"{kind}:{fill}"
-            used = pattern("alternating:paper-0.46" if name == "alternating:0.46" else name)
-            true = pattern(name)
-            table.append(Entry(name, "Moran index", moran, moran_index(used), moran_index(true)))
-            table.append(Entry(name, "entropy", clustering, entropy(used, _PAPER_ONES), entropy(true)))
+            # At 0.46 the paper's alternating floor has 48 vibrating tiles; the correct one has 46.
+            used_by_paper = pattern("alternating:paper-0.46" if name == "alternating:0.46" else name)
+            correct = pattern(name)
+            table.append(
+                Entry(
+                    pattern=name,
+                    measure="Moran index",
+                    printed=printed_moran,
+                    as_the_paper=moran_index(used_by_paper),
+                    right=moran_index(correct),
+                )
+            )
+            table.append(
+                Entry(
+                    pattern=name,
+                    measure="entropy",
+                    printed=printed_entropy,
+                    as_the_paper=entropy(used_by_paper, _PAPER_ONES),
+                    right=entropy(correct),
+                )
+            )
     return table

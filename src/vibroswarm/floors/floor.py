@@ -6,8 +6,8 @@
 | fill ratio | f (Eq. 3) | - | scalar |
 | tile index | - | row * columns + column | -1: on no tile |
 
-x points right, y points up, the origin is the arena's lower left corner. A floor may be smaller than its
-arena (then a border without tiles is neither vibrating nor still) or be cut by it.
+x points right, y points up, the origin is the arena's lower left corner. A floor may be smaller than its arena; the
+border around it then has no tiles, and neither vibrates nor is still. A floor may also extend beyond the arena.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ class Floor(NotebookView):
         tiles: (rows, columns) of 0 and 1, top row first.
         tile_width_m, tile_height_m: size of one tile, m.
         left_m, bottom_m: the floor's lower left corner in the arena, m.
-        name: what it is called, for titles and results.
+        name: name of the floor in titles and results; equality ignores it.
 
     Raises:
-        InputError: no tiles, values other than 0 and 1, sizes that are not finite and positive.
+        InputError: there are no tiles, tiles other than 0 and 1, or a size that is not finite and positive.
     """
 
     tiles: NDArray[np.uint8]
@@ -50,6 +50,12 @@ class Floor(NotebookView):
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Copy the tiles, so that they cannot be changed from outside, and check all fields.
+
+        Raises:
+            InputError: a field is wrong.
+        """
+        # The dataclass is frozen, so its field is set past its own __setattr__.
         object.__setattr__(self, "tiles", as_tiles(self.tiles))
         self.tiles.setflags(write=False)
         for field in ("tile_width_m", "tile_height_m"):
@@ -65,17 +71,20 @@ class Floor(NotebookView):
                 )
 
     def __repr__(self) -> str:
+        """Return a summary on one line: name, number of tiles, size in m, fill ratio."""
         rows, columns = self.tiles.shape
         name = f"{shown(self.name)}, " if self.name else ""
         size = f"{columns * self.tile_width_m:.4g} m x {rows * self.tile_height_m:.4g} m"
         return f"Floor({name}{rows} x {columns} tiles, {size}, fill ratio {self.fill_ratio:.4g})"
 
     def __eq__(self, other: object) -> bool:
+        """Return whether both floors have equal tiles at equal places; names are ignored."""
         if not isinstance(other, Floor):
             return NotImplemented
         return self.geometry == other.geometry and np.array_equal(self.tiles, other.tiles)
 
     def __hash__(self) -> int:
+        """Return a hash of what ``__eq__`` compares."""
         return hash((self.geometry, self.tiles.tobytes()))
 
     @property
@@ -90,54 +99,70 @@ class Floor(NotebookView):
         return np.count_nonzero(self.tiles) / self.tiles.size  # Eq. 3
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
-        """Return the vibrating share of the tiled area inside an arena of ``width_m`` by ``height_m``; f if
-        nothing is cut."""
+        """Return the fill ratio of the part of the floor that lies inside an arena of ``width_m`` by ``height_m``.
+
+        It is the share of the tiled area inside the arena that vibrates; a tile that is cut by an edge of the arena
+        counts with the area that is inside. If all tiles are inside, it equals ``fill_ratio``.
+
+        Raises:
+            InputError: a size is not a finite number above 0.
+        """
         width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
         sides = sides_inside(self.geometry, width_m, height_m)
         if sides is None:
             return self.fill_ratio
-        across, up = sides
+        across, up = sides  # the width of each column and the height of each row inside the arena, m
+        # Vibrating area over tiled area, both inside the arena, m2.
         return float(up @ self.tiles @ across / (up.sum() * across.sum()))
 
     @classmethod
     def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
-        """Return a floor called ``name`` whose tiles fill a rectangle of ``width_m`` by ``height_m`` from the
-        origin."""
-        grid = as_tiles(tiles)
-        width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
-        return cls(grid, width_m / grid.shape[1], height_m / grid.shape[0], name=name)
-
-    def tile_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.int32]:
-        """Return the index of the tile under each point; -1 if there is none.
-
-        A shared edge belongs to the tile to its right or below it.
+        """Return a floor whose tiles fill a rectangle of ``width_m`` by ``height_m`` with a corner at the origin.
 
         Args:
-            x_m, y_m: points in the arena, m, of one shape.
-        Returns: int32 of that shape.
+            tiles: (rows, columns) of 0 and 1, top row first. name: name of the floor.
+        Raises:
+            InputError: ``tiles`` is not a rectangle of 0 and 1, or a size is not a finite number above 0.
+        """
+        grid = as_tiles(tiles)
+        width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
+        return cls(
+            grid, tile_width_m=width_m / grid.shape[1], tile_height_m=height_m / grid.shape[0], name=name
+        )
+
+    def tile_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.int32]:
+        """Return the index of the tile under each point; -1 if no tile is there.
+
+        A point on the edge between two tiles belongs to the tile on the right, or to the lower one.
+
+        Args:
+            x_m, y_m: coordinates of the points in the arena, m, in two arrays of the same shape.
+        Returns: int32 of the same shape.
         """
         rows, columns = self.tiles.shape
         x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
         top_m = self.bottom_m + rows * self.tile_height_m
         column = np.floor((x - self.left_m) / self.tile_width_m)
         row = np.floor((top_m - y) / self.tile_height_m)
-        # Compared as floating point numbers, so that a point at nan or infinity is on no tile.
+        # Compared before the conversion to integers, so that a point at nan or infinity is on no tile.
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         return np.where(inside, row * columns + column, -1).astype(np.int32)
 
 
 def _is_finite(value: object) -> bool:
-    """Return whether a value is a number, of Python or NumPy, and finite."""
-    if isinstance(value, int) and abs(value) > 10**300:  # too large for a float
+    """Return whether a value is a finite real number, of Python or NumPy."""
+    if isinstance(value, int) and abs(value) > 10**300:  # too large for a float, so that isfinite would raise
         return False
     return isinstance(value, Real) and math.isfinite(value)
 
 
 def _size_of(value: float, field: str) -> float:
-    """Return a size in m as it is.
+    """Return ``value``, a size in m, if it is valid.
 
+    Args:
+        field: name of the argument, for the message.
     Raises:
-        InputError: it is no finite number above 0.
+        InputError: ``value`` is not a finite number above 0.
     """
     if not (_is_finite(value) and value > 0):
         raise InputError(f"{shown(value)} is not a size; give a finite number above 0", field=field)
@@ -148,10 +173,17 @@ def _size_of(value: float, field: str) -> float:
 def sides_inside(
     geometry: tuple[int, int, float, float, float, float], width_m: float, height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Return the widths of columns and heights of rows inside an arena of this size, m; None if it cuts no tile."""
+    """Return how much of the width of each column and of the height of each row lies inside an arena, m.
+
+    Args:
+        geometry: rows, columns, tile width and height, left and bottom of the floor (``Floor.geometry``).
+        width_m, height_m: size of the arena.
+    Returns: the widths, (columns,), from the left; the heights, (rows,), from the top; 0 for columns and rows outside.
+        None instead of both if all tiles lie inside.
+    """
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry
     left = left_m + tile_width_m * np.arange(columns)
-    bottom = bottom_m + tile_height_m * np.arange(rows)[::-1]
+    bottom = bottom_m + tile_height_m * np.arange(rows)[::-1]  # the top row comes first
     across = np.clip(np.minimum(left + tile_width_m, width_m) - np.maximum(left, 0.0), 0.0, None)
     up = np.clip(np.minimum(bottom + tile_height_m, height_m) - np.maximum(bottom, 0.0), 0.0, None)
     # Rounding of the far edges must not turn whole tiles into cut ones.
@@ -161,10 +193,12 @@ def sides_inside(
 
 
 def check_size(rows: int, columns: int, field: str = "tiles") -> None:
-    """Refuse a floor without tiles, or with more than ``TILE_LIMIT``.
+    """Refuse a floor without tiles, or with more than ``TILE_LIMIT`` tiles.
 
+    Args:
+        field: name of the argument that gave the size, for the message.
     Raises:
-        InputError: the size is impossible.
+        InputError: the floor would have no tiles or too many.
     """
     if rows < 1 or columns < 1:
         raise InputError(f"{rows} x {columns} is not a floor; give at least 1 x 1 tiles", field=field)
@@ -173,15 +207,16 @@ def check_size(rows: int, columns: int, field: str = "tiles") -> None:
 
 
 def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
-    """Return a contiguous copy of ``values`` as (rows, columns) of 0 and 1.
+    """Return a contiguous copy of ``values`` as uint8 of shape (rows, columns) of 0 and 1.
 
     Raises:
-        InputError: not a rectangle, empty, or with values other than 0 and 1.
+        InputError: ``values`` is not a rectangle, is empty, or has values other than 0 and 1.
     """
+    # For speed: an array of the right type and values is only copied.
     if isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.ndim == 2 and values.size:
-        made_here = np.array(values, order="C")
-        if made_here.max() <= 1:
-            return made_here
+        copied = np.array(values, order="C")
+        if copied.max() <= 1:
+            return copied
     try:
         grid = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

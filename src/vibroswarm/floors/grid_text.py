@@ -1,9 +1,9 @@
 """Floors as text: rows of 0 and 1, with or without separators, and the lab's lists of coordinates.
 
-A grid has one row of tiles per line, top row first: ``01010``, ``0 1 0 1 0``, ``0,1,0,1,0`` (also ';' or tab). A
-list of coordinates has one vibrating tile per line, ``column,row``, counted from 0 at the top left; ``# -1`` ends
-it. It does not give the number of tiles, so that must be known. Empty lines, and lines that begin with '#', are
-skipped.
+A grid has one row of tiles per line, top row first: ``01010``, ``0 1 0 1 0``, ``0,1,0,1,0`` (also with ';' or tab). A
+list of coordinates has one vibrating tile per line, ``column,row``, counted from 0 at the top left; a line ``# -1``
+ends the list. A list does not state the size of the floor, so the user must give it. Empty lines, and other lines that
+begin with '#', are skipped.
 """
 
 from __future__ import annotations
@@ -19,29 +19,38 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import TILE_LIMIT
 
 Size = tuple[int, int]
+"""Rows and columns of a floor."""
 
 _STILL: Final = re.compile(r"0(\.0*(e\+00)?)?")
+"""Texts of a still tile: 0, also as a decimal."""
 _VIBRATING: Final = re.compile(r"1(\.0*(e\+00)?)?")
+"""Texts of a vibrating tile: 1, also as a decimal."""
 _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,9}")
+"""Text of an integer of at most nine digits."""
 _END: Final = re.compile(r"#\s*-1")
+"""The comment that ends a list of coordinates."""
 
 
 MAX_LINES: Final = 500_000
-"""Line limit of a floor's file; each line is kept while the file is read."""
+"""Limit on the number of lines of a floor's file, as all lines are in memory while it is read."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Line:
+    """A line of a file, split into cells: its number from 1, and whether there was a separator between the cells."""
+
     number: int
     cells: list[str]
     separated: bool
 
 
 def parse_tiles(text: str, field: str = "--tiles") -> Size:
-    """Parse rows and columns from a ``text`` such as ``"5x5"``; errors name the ``field``.
+    """Return the numbers of rows and columns that a ``text`` such as ``"5x5"`` states.
 
+    Args:
+        field: name of the option or argument that held the text, for messages.
     Raises:
-        InputError: not of this form, or not a possible size.
+        InputError: the text is not of this form, or the size is impossible.
     """
     match = re.fullmatch(r"\s*([0-9]{1,9})\s*[xX×]\s*([0-9]{1,9})\s*", text)
     if match is None:
@@ -58,13 +67,17 @@ def read_text(text: str, name: str, size: Size | None = None) -> NDArray[np.uint
     """Return the tiles that ``text`` describes, uint8 of shape (rows, columns), top row first.
 
     Args:
-        name: of the file, for messages.
-        size: rows and columns, if they are known: a grid must be of this size, and a list of coordinates
-            needs it.
+        name: name of the file, for messages.
+        size: rows and columns, if they are known. A grid must be of this size; a list of coordinates cannot be read
+            without it.
     Raises:
-        InputError: names the line, what it holds, and what would be right.
+        InputError: the text is neither a grid nor a list of coordinates. The message names the line, what it holds, and
+            what would be right.
     """
     lines, ended = _lines(text, name)
+    # A text that ends with "# -1" is a list of coordinates. A text without it is a list if each line is a pair of
+    # cells, unless it can be a grid of two columns. With a known size, it is a grid if it has this size and holds only
+    # 0 and 1. Without a known size, it is a list (which is refused below) if its cells are integers other than 0 and 1.
     pairs = all(len(line.cells) == 2 and line.separated for line in lines)
     grid_fits = size is not None and not ended and size == (len(lines), 2) and _all_bits(lines)
     if ended or (pairs and not grid_fits and (size is not None or _coordinates(lines))):
@@ -79,7 +92,13 @@ def read_text(text: str, name: str, size: Size | None = None) -> NDArray[np.uint
 
 
 def _lines(text: str, name: str) -> tuple[list[_Line], bool]:
-    """Return the non-empty lines, and whether ``# -1`` ended them."""
+    """Return the lines of a text that are neither empty nor comments, and whether a line ``# -1`` ended them.
+
+    Raises:
+        InputError: there are no tiles, too many lines or tiles, or lines after ``# -1``.
+    """
+    # Refuse far too long a text before the split needs much memory. A line may end with two characters (\r\n), so twice
+    # the limit is allowed here; the exact limit is checked below.
     if text.count("\n") + text.count("\r") > 2 * MAX_LINES:
         raise InputError(f"has too many lines; a floor's file has at most {MAX_LINES:,}", field=name)
     lines: list[_Line] = []
@@ -91,6 +110,7 @@ def _lines(text: str, name: str) -> tuple[list[_Line], bool]:
         if line.startswith("#"):
             ended = ended or _END.fullmatch(line) is not None
         elif line:
+            # Strip spaces only: a tab at an end of the line separates an empty cell, which must be refused.
             lines.append(_split(number, raw.strip(" "), name))
             cells += len(lines[-1].cells)
             if len(lines) > MAX_LINES or cells > TILE_LIMIT:
@@ -104,26 +124,33 @@ def _lines(text: str, name: str) -> tuple[list[_Line], bool]:
 
 
 def _split(number: int, line: str, name: str) -> _Line:
-    """Split a line into cells at its separator."""
+    """Split a line into cells at commas, semicolons, tabs or spaces; without any of them each character is a cell.
+
+    Args:
+        number: number of the line, from 1. name: name of the file, for messages.
+    Raises:
+        InputError: the line has too many cells.
+    """
     for separator in (",", ";", "\t"):
         if separator in line:
             _check_length(number, line.count(separator), name)
-            return _Line(number, [cell.strip() for cell in line.split(separator)], True)
-    cells = line.split(maxsplit=TILE_LIMIT)
+            return _Line(number, [cell.strip() for cell in line.split(separator)], separated=True)
+    cells = line.split(maxsplit=TILE_LIMIT)  # limited, so that a huge line does not fill the memory
     if len(cells) > 1:
         _check_length(number, len(cells), name)
-        return _Line(number, cells, True)
+        return _Line(number, cells, separated=True)
     _check_length(number, len(cells[0]), name)
-    return _Line(number, list(cells[0]), False)
+    return _Line(number, list(cells[0]), separated=False)
 
 
 def _check_length(number: int, cells: int, name: str) -> None:
+    """Refuse a line that has more cells than a floor may have tiles."""
     if cells > TILE_LIMIT:
         raise InputError(f"line {number} is too long; a floor has at most {TILE_LIMIT} tiles", field=name)
 
 
 def _bit(cell: str) -> int | None:
-    """Convert a cell to 0 or 1; None if it is neither."""
+    """Convert a cell to 0 or 1, also from decimals such as ``1.0`` or ``1.0e+00``; None if it is neither."""
     if cell in {"0", "1"}:
         return int(cell)
     if _STILL.fullmatch(cell):
@@ -132,17 +159,22 @@ def _bit(cell: str) -> int | None:
 
 
 def _all_bits(lines: list[_Line]) -> bool:
+    """Return whether every cell is 0 or 1."""
     return all(_bit(cell) is not None for line in lines for cell in line.cells)
 
 
 def _coordinates(lines: list[_Line]) -> bool:
-    """Return whether the cells are integers, and not all of them 0 or 1."""
+    """Return whether all cells are integers and at least one is neither 0 nor 1, so that the lines cannot be a grid."""
     all_integers = all(_WHOLE.fullmatch(cell) for line in lines for cell in line.cells)
     return all_integers and not _all_bits(lines)
 
 
 def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.uint8]:
-    """Read tiles from a grid of cells, one per tile."""
+    """Return the tiles of a grid, one cell per tile; ``size``, if given, must be the grid's size.
+
+    Raises:
+        InputError: a cell is neither 0 nor 1, rows differ in length, the grid is not of this size, or it is too large.
+    """
     columns = len(lines[0].cells)
     if len(lines) * columns > TILE_LIMIT:
         raise InputError(
@@ -174,7 +206,12 @@ def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.u
 
 
 def _from_coordinates(lines: list[_Line], name: str, size: Size) -> NDArray[np.uint8]:
-    """Read tiles from a list of coordinates (column, row) of vibrating tiles."""
+    """Return the tiles of a floor of this size, given the coordinates (column, row) of its vibrating tiles.
+
+    Raises:
+        InputError: a line is not a pair of integers, or names a tile that is outside the floor or was named before; the
+            message names the line.
+    """
     rows, columns = size
     tiles = np.zeros(size, dtype=np.uint8)
     for line in lines:
@@ -198,6 +235,6 @@ def _from_coordinates(lines: list[_Line], name: str, size: Size) -> NDArray[np.u
 
 
 def _short(text: str) -> str:
-    """Return ``text`` as shown in messages: one line, printable, short."""
+    """Return ``text`` for a message: '?' for characters that cannot be printed, and at most 40 characters."""
     printable = "".join(c if c.isprintable() else "?" for c in text)
     return printable if len(printable) <= 40 else f"{printable[:37]}..."

@@ -35,6 +35,7 @@ SUFFIXES: Final = (".txt", ".csv", ".png")
 """Formats of ``write_tiles``."""
 
 _OTHER_PICTURES: Final = ((b"\xff\xd8\xff", "JPEG"), (b"GIF8", "GIF"), (b"BM", "BMP"), (b"%PDF", "PDF"))
+"""First bytes and names of kinds of pictures that are recognised, but not read."""
 
 
 def read_tiles(path: Path | str, tiles: Size | None = None) -> NDArray[np.uint8]:
@@ -42,11 +43,11 @@ def read_tiles(path: Path | str, tiles: Size | None = None) -> NDArray[np.uint8]
 
     Args:
         path: a text grid, CSV, list of coordinates or PNG picture.
-        tiles: rows and columns. A list of coordinates needs it, a picture is divided by it, a grid must
-            be of this size.
+        tiles: rows and columns of the floor. A list of coordinates cannot be read without them; a picture is divided
+            into them; a grid must be of this size. None: not known; each pixel of a picture is then a tile.
     Raises:
-        InputError: the file cannot be read, or is no floor; the message names the place, what it holds, and
-            what would be right.
+        InputError: the file cannot be read or is not a floor. The message names the line or tile that is wrong, what it
+            holds, and what would be right.
     """
     name = str(path)
     data = read_bytes(Path(path), FILE_LIMIT, "a floor")
@@ -60,7 +61,7 @@ def read_tiles(path: Path | str, tiles: Size | None = None) -> NDArray[np.uint8]
     if b"\0" in data:
         raise InputError("is a binary file; give rows of 0 and 1, or a PNG picture", field=name)
     try:
-        text = data.decode("utf-8-sig")
+        text = data.decode("utf-8-sig")  # without a byte order mark
     except UnicodeDecodeError as error:
         raise InputError(
             f"is not UTF-8 text (byte {error.start + 1}); give rows of 0 and 1, or a PNG picture",
@@ -70,19 +71,18 @@ def read_tiles(path: Path | str, tiles: Size | None = None) -> NDArray[np.uint8]
 
 
 def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = False) -> None:
-    """Write a floor; the suffix selects the format: ``.txt`` (rows of 0 and 1), ``.csv``, ``.png`` (one pixel per
-    tile).
-
-    ``read_tiles`` gives the same tiles back.
+    """Write a floor to a file from which ``read_tiles`` gives the same tiles.
 
     Args:
-        path: the file. tiles: (rows, columns) of 0 and 1. replace: whether a file of this name may be replaced.
+        path: the file. Its suffix selects the format: ``.txt`` (rows of 0 and 1), ``.csv`` or ``.png`` (one pixel per
+            tile). tiles: (rows, columns) of 0 and 1. replace: whether an existing file may be replaced.
     Raises:
-        InputError: another suffix, the file exists, or its folder cannot be written.
+        InputError: the suffix is not known, the file exists and ``replace`` is false, or its folder cannot be written.
         RunError: the disk is full or failed.
     """
     path, grid = Path(path), as_tiles(tiles)
     kind = check_suffix(path)
+    # part: a temporary file, which is renamed to ``path`` when it is complete
     with whole_file(path, replace=replace) as part:
         if kind == ".png":
             write_png(part, grid)
@@ -93,10 +93,13 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
 
 
 def check_new(path: Path | str, *, replace: bool = False) -> None:
-    """Refuse early what ``write_tiles`` would refuse after the work.
+    """Refuse a path that ``write_tiles`` would refuse, before the work of making a floor begins.
 
+    Args:
+        path: the file to write. replace: whether an existing file may be replaced.
     Raises:
-        InputError: an unknown suffix, the file exists, it is a folder, or there is no folder to write into.
+        InputError: the suffix is unknown; the file exists and ``replace`` is false; ``path`` is a folder, or its folder
+            does not exist.
     """
     path = Path(path)
     check_suffix(path)
@@ -112,7 +115,7 @@ def check_suffix(path: Path, known: tuple[str, ...] = SUFFIXES) -> str:
     """Return the suffix of ``path`` in lower case.
 
     Raises:
-        InputError: not one of ``known``.
+        InputError: the suffix is not one of ``known``; the message lists ``known``.
     """
     suffix = path.suffix.lower()
     if suffix not in known:
@@ -129,18 +132,22 @@ PNG: Final = b"\x89PNG\r\n\x1a\n"
 """The first bytes of every PNG file."""
 
 PIXEL_LIMIT: Final = 64_000_000
-_DARK: Final = 1 / 3  # of full brightness: up to here a tile is still
-_BRIGHT: Final = 2 / 3  # from here on it vibrates
+"""Maximum number of pixels of a picture."""
+_DARK: Final = 1 / 3
+"""A tile of at most this share of full brightness is still."""
+_BRIGHT: Final = 2 / 3
+"""A tile of at least this share of full brightness vibrates."""
 
 
 def read_png(data: bytes, name: str, size: Size | None = None) -> NDArray[np.uint8]:
     """Read the tiles of a PNG picture, uint8 of shape (rows, columns), top row first.
 
     Args:
-        data: the whole file. name: of the file, for messages.
-        size: rows and columns to divide the picture into; None: one pixel a tile.
+        data: content of the file. name: name of the file, for messages.
+        size: rows and columns to divide the picture into; None: each pixel is a tile.
     Raises:
-        InputError: no whole PNG, too large, fewer pixels than tiles, transparent, or neither dark nor bright.
+        InputError: the picture is incomplete, too large or transparent, has fewer pixels than tiles, or has a tile that
+            is neither dark nor bright.
     """
     brightness = _brightness(data, name)
     if size is None:
@@ -157,11 +164,11 @@ def read_png(data: bytes, name: str, size: Size | None = None) -> NDArray[np.uin
             "--tiles; give at most as many tiles as pixels",
             field=name,
         )
-    means = _means(brightness, size)
+    means = _means(brightness, size)  # of each tile
     unclear = (means > _DARK) & (means < _BRIGHT)
     if unclear.any():
         row, column = (int(index[0]) for index in np.nonzero(unclear))
-        divided = size != brightness.shape
+        divided = size != brightness.shape  # whether a tile has several pixels
         raise InputError(
             f"row {row + 1}, column {column + 1} is {means[row, column]:.0%} bright, neither dark (still, up "
             f"to {_DARK:.0%}) nor bright (vibrating, from {_BRIGHT:.0%}); give a picture in black and white, "
@@ -172,14 +179,18 @@ def read_png(data: bytes, name: str, size: Size | None = None) -> NDArray[np.uin
 
 
 def write_png(path: Path, tiles: NDArray[np.uint8]) -> None:
-    """Write one pixel per tile, black and white, so that ``read_png`` gives the same tiles."""
+    """Write tiles of 0 and 1 as black and white pixels, one per tile, so that ``read_png`` gives the same tiles."""
     from PIL import Image
 
     Image.fromarray(tiles * np.uint8(255)).save(path, format="PNG")
 
 
 def _brightness(data: bytes, name: str) -> NDArray[np.float64]:
-    """Return the brightness of each pixel, 0 to 1, shape (height, width)."""
+    """Return the brightness of each pixel of a PNG file, from 0 to 1, shape (height, width).
+
+    Raises:
+        InputError: the picture is incomplete, too large or transparent; ``name`` is the file's name in the message.
+    """
     from PIL import Image
 
     try:
@@ -189,7 +200,7 @@ def _brightness(data: bytes, name: str) -> NDArray[np.float64]:
                 picture.verify()  # checks the checksums, which decoding ignores; the picture cannot be used afterwards
             with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
                 return _grey(picture, name)
-    except InputError:
+    except InputError:  # raised by ``_grey``
         raise
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         raise InputError(f"is too large a picture; at most {PIXEL_LIMIT} pixels", field=name) from None
@@ -200,16 +211,21 @@ def _brightness(data: bytes, name: str) -> NDArray[np.float64]:
 
 
 def _grey(picture: Image.Image, name: str) -> NDArray[np.float64]:
-    """Convert a picture to grey levels from 0 to 1."""
+    """Return the grey levels of a picture, from 0 to 1, shape (height, width).
+
+    Raises:
+        InputError: the picture is too large or has transparent pixels.
+    """
     if picture.width * picture.height > PIXEL_LIMIT:
         raise InputError(
             f"has {picture.height} x {picture.width} pixels, which is too large; at most {PIXEL_LIMIT}",
             field=name,
         )
-    if picture.mode.startswith("I"):  # 16 bits: convert("L") would clip them
+    # Modes I have 16 bits a pixel, which convert("L") would clip instead of scaling to 8 bits.
+    if picture.mode.startswith("I"):
         return np.asarray(picture, dtype=np.float64) / 65535
     if picture.has_transparency_data:
-        colours = picture.convert("RGBA")
+        colours = picture.convert("RGBA")  # so that transparency stated in a palette is seen too
         if np.asarray(colours.getchannel("A")).min() < 255:
             raise InputError("has transparent pixels; give a picture without", field=name)
         picture = colours
@@ -217,7 +233,14 @@ def _grey(picture: Image.Image, name: str) -> NDArray[np.float64]:
 
 
 def _means(brightness: NDArray[np.float64], size: Size) -> NDArray[np.float64]:
-    """Return the mean brightness of each of ``size`` parts, whose borders are rounded to pixels."""
+    """Return the mean brightness of each part of a picture that is divided into ``size`` (rows, columns).
+
+    Borders between parts are rounded down to whole pixels.
+
+    Args:
+        brightness: (height, width), at least one pixel per part.
+    Returns: shape ``size``.
+    """
     height, width = brightness.shape
     tops = np.arange(size[0]) * height // size[0]
     lefts = np.arange(size[1]) * width // size[1]
@@ -228,30 +251,34 @@ def _means(brightness: NDArray[np.float64], size: Size) -> NDArray[np.float64]:
 
 
 DRAW_LIMIT: Final = 200
-"""Maximum number of rows or columns drawn in text."""
+"""Largest number of rows or columns of a floor that is drawn in text."""
 
 _BLOCKS: Final = ("·", "█")
+"""Characters of a still and of a vibrating tile, in Unicode."""
 _ASCII: Final = (".", "#")
+"""Characters of a still and of a vibrating tile, in ASCII."""
 
 
 def draw(tiles: NDArray[np.uint8], *, blocks: bool = False, width: int = 80) -> str:
-    """Draw the floor in characters, one line per row, and a legend.
+    """Return a drawing of the floor in characters, one line per row, with a legend below.
 
     Args:
         tiles: (rows, columns) of 0 and 1.
         blocks: whether to use Unicode blocks; plain ASCII otherwise.
-        width: of the terminal, characters. A tile is two characters wide where they fit, one elsewhere.
+        width: width of the terminal, characters. Each tile is two characters wide if the rows then fit, else one.
+    Returns: the drawing. If the floor has more than DRAW_LIMIT rows or columns, a sentence that says so.
     """
     rows, columns = tiles.shape
     if max(rows, columns) > DRAW_LIMIT:
         return f"({rows} x {columns} tiles are too many to draw here; draw them to a file with --out)"
-    still, vibrating = (mark * (2 if 2 * columns <= width else 1) for mark in (_BLOCKS if blocks else _ASCII))
+    tile_width = 2 if 2 * columns <= width else 1
+    still, vibrating = (mark * tile_width for mark in (_BLOCKS if blocks else _ASCII))
     lines = ["".join(vibrating if tile else still for tile in row) for row in tiles.tolist()]
     return "\n".join([*lines, f"{vibrating} vibrating  {still} still"])
 
 
 def can_draw_blocks(stream: TextIO) -> bool:
-    """Return whether the stream's encoding has the block characters."""
+    """Return whether the encoding of ``stream`` has the characters that ``draw`` uses with ``blocks``."""
     try:
         "".join(_BLOCKS).encode(getattr(stream, "encoding", None) or "ascii")
     except (UnicodeEncodeError, LookupError):

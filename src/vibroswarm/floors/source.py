@@ -8,11 +8,11 @@
 
 Random floors have an exact number of vibrating tiles.
 
-The paper's table has five patterns at two fill ratios. Two entries differ from it:
+The paper's table has five patterns at two fill ratios. Two names differ from the table:
 
-- its ``alternating`` 0.46 has 48 vibrating tiles, not 46. What the paper used is ``alternating:paper-0.46``; the
-  pattern that has 46, and follows the rule of the 0.48 one, is ``alternating:0.46``.
-- its ``random`` is one fixed floor. It is ``random-fixed`` here; ``random:0.48`` is a new one for each run.
+- the paper's ``alternating`` floor of 0.46 has 48 vibrating tiles, not 46. That floor is ``alternating:paper-0.46``;
+  the correct pattern with 46, made by the rule of the floor of 0.48, is ``alternating:0.46``.
+- the paper's ``random`` is one fixed floor. It is ``random-fixed`` here; ``random:0.48`` is a new floor for each run.
 """
 
 from __future__ import annotations
@@ -42,7 +42,6 @@ _RANDOM: Final = (
     "1000000011 0000110100 0101011111 0011011010 1011001110"
 )
 
-# Name, drawing, and the tiles (row, column) of the drawing that are still in this pattern.
 _PATTERNS: Final[dict[str, tuple[str, tuple[tuple[int, int], ...]]]] = {
     "diagonal:0.48": (_DIAGONAL, ()),
     "diagonal:0.46": (_DIAGONAL, ((0, 3), (9, 6))),
@@ -56,23 +55,24 @@ _PATTERNS: Final[dict[str, tuple[str, tuple[tuple[int, int], ...]]]] = {
     "random-fixed:0.48": (_RANDOM, ()),
     "random-fixed:0.46": (_RANDOM, ((7, 6), (7, 8))),
 }
+"""By name: a drawing, and (row, column) of each tile that vibrates in the drawing but is still in this pattern."""
 
 NAMES: Final = tuple(_PATTERNS)
 """Names of all patterns, as ``pattern`` takes them."""
 
 FAMILIES: Final = tuple(dict.fromkeys(name.partition(":")[0] for name in NAMES))
-"""Names without fill ratios."""
+"""Names of the patterns without their fill ratios."""
 
 
 def pattern(name: str) -> NDArray[np.uint8]:
     """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first.
 
     Args:
-        name: one of ``NAMES``; '_' is read as '-', capitals as small letters.
+        name: one of ``NAMES``; case does not matter, and '_' may stand for '-'.
     Raises:
-        InputError: no such pattern.
+        InputError: no pattern has this name.
     """
-    drawing, cleared = _PATTERNS[canonical(name)]
+    drawing, cleared = _PATTERNS[canonical(name)]  # cleared: tiles that vibrate in the drawing but are still
     tiles = as_tiles([[int(tile) for tile in row] for row in drawing.split()])
     for row, column in cleared:
         tiles[row, column] = 0
@@ -80,16 +80,19 @@ def pattern(name: str) -> NDArray[np.uint8]:
 
 
 def family(name: str) -> str | None:
-    """Return the pattern that ``name`` refers to, whatever its fill ratio, or None."""
+    """Return the pattern that ``name`` refers to, without its fill ratio (``diagonal``); None if it is no pattern.
+
+    Only the part of ``name`` before the colon is read; case does not matter, and '_' may stand for '-'.
+    """
     known = name.partition(":")[0].strip().lower().replace("_", "-")
     return known if known in FAMILIES else None
 
 
 def canonical(name: str) -> str:
-    """Return ``name`` as it stands in ``NAMES``.
+    """Return the element of ``NAMES`` that ``name`` means, for example ``diagonal:0.48`` for ``Diagonal:.48``.
 
     Raises:
-        InputError: no such pattern, or not at this fill ratio; names those that there are.
+        InputError: there is no such pattern, or it does not exist at this fill ratio; the message lists what exists.
     """
     kind = family(name)
     if kind is None:
@@ -98,16 +101,17 @@ def canonical(name: str) -> str:
         )
     fill = name.partition(":")[2].strip().lower().replace("_", "-")
     fills = [known.partition(":")[2] for known in NAMES if known.startswith(f"{kind}:")]
-    if fill not in fills:
+    if fill not in fills:  # it may be written in another way, such as .48
         fill = next((known for known in fills if _same_number(known, fill)), fill)
     if fill not in fills:
         wrong = f"has no fill ratio '{fill}'" if fill else "needs a fill ratio"
         these = " or ".join(f"{kind}:{known}" for known in fills)
-        raise InputError(f"'{name}' {wrong}; say {these}", field="--floor")
+        raise InputError(f"'{name}' {wrong}; give {these}", field="--floor")
     return f"{kind}:{fill}"
 
 
 def _same_number(known: str, given: str) -> bool:
+    """Return whether two texts state the same number, as ``0.48`` and ``.480`` do; False if one is not a number."""
     try:
         return float(known) == float(given)
     except ValueError:
@@ -115,10 +119,12 @@ def _same_number(known: str, given: str) -> bool:
 
 
 RANDOM: Final = "random"
+"""Name of random floors, before the colon."""
 DEFAULT_SIZE: Final = (5, 5)
 """Rows and columns of a random floor of unspecified size: the paper's."""
 
 _FIELD: Final = "--floor"
+"""Field of errors about the name of a floor."""
 
 
 def resolve(
@@ -127,16 +133,18 @@ def resolve(
     """Return the floor called ``spec``, and its name.
 
     Args:
-        spec: a pattern (``diagonal:0.46``), ``random:0.48``, or the name of a file.
-        tiles: rows and columns: of a random floor (without: 5 x 5), of a list of coordinates, or the parts
-            that a picture is divided into. A pattern or grid of another size is refused.
-        seed, run: which random floor.
-    Returns: uint8 of shape (rows, columns), top row first; the name for titles and results.
+        spec: a pattern (``diagonal:0.46``), a random floor (``random:0.48``), or the path of a file.
+        tiles: rows and columns of the floor; a picture is divided into them. A pattern or a grid of another size is
+            refused. If not given, a random floor has 5 x 5 tiles, each pixel of a picture is a tile, and a list of
+            coordinates cannot be read.
+        seed, run: select one random floor; not used for other floors.
+    Returns: the tiles, uint8 of shape (rows, columns), top row first; the name of the floor in titles and results.
     Raises:
-        InputError: no such pattern or file (names the nearest), or one that does not fit ``tiles``.
+        InputError: there is no such pattern or file (the message names the most similar name), or it does not fit
+            ``tiles``.
     """
     if is_random(spec) or family(spec) is not None:
-        rows, columns = tiles or DEFAULT_SIZE
+        rows, columns = tiles or DEFAULT_SIZE  # the size of a random floor; a pattern has its own
         grid = named_tiles(spec, rows, columns, seed, run)
         if tiles is not None and grid.shape != tiles:
             raise InputError(
@@ -150,12 +158,14 @@ def resolve(
 
 
 def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
-    """Return the tiles of a pattern or of a random floor, which has ``rows`` and ``columns``.
+    """Return the tiles of a pattern or of a random floor.
 
     Args:
-        source: a pattern with its fill, or ``random:0.48``. seed, run: which random floor.
+        source: a pattern with its fill ratio (``diagonal:0.46``), or a random floor (``random:0.48``).
+        rows, columns, seed, run: size and address of a random floor; not used for patterns, which are 10 x 10.
     Raises:
-        InputError: no such pattern (names the nearest), or a fill ratio that the tiles cannot give.
+        InputError: there is no such pattern (the message names the most similar name), or a floor of this size cannot
+            have this fill ratio.
     """
     if is_random(source):
         return random_tiles(rows, columns, _fill_ratio(source), seed, run)
@@ -165,27 +175,30 @@ def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> ND
 
 
 def is_random(spec: str) -> bool:
-    """Return whether ``spec`` names a floor that is new for each run."""
+    """Return whether ``spec`` names a random floor (``random:0.48``), which is a new one for each run."""
     return spec.partition(":")[0].strip().lower() == RANDOM
 
 
 def shadows(name: str, tiles: NDArray[np.uint8]) -> bool:
-    """Return whether this name belongs to a pattern or random floor other than these tiles."""
+    """Return whether ``name`` is the name of a pattern or of random floors, but ``tiles`` is not that pattern.
+
+    A floor with these tiles must then not get this name, since the name would be read as the pattern or random floors.
+    """
     if is_random(name):
         return True
     if family(name) is None:
         return False
     try:
         return not np.array_equal(pattern(name), tiles)
-    except InputError:  # a pattern of that name, but not at this fill ratio
-        return True
+    except InputError:
+        return True  # the name would be read as a pattern, and refused, as the pattern does not exist at its fill ratio
 
 
 def _fill_ratio(spec: str) -> float:
-    """Parse the fill ratio of a name such as ``random:0.48``.
+    """Parse the fill ratio from the name of a floor such as ``random:0.48``.
 
     Raises:
-        InputError: there is none, or it is not a number.
+        InputError: the name has no fill ratio, or it is not a number.
     """
     text = spec.partition(":")[2].strip()
     try:
@@ -196,7 +209,7 @@ def _fill_ratio(spec: str) -> float:
 
 
 def _unknown(spec: str) -> str:
-    """Write the message for an unknown floor."""
+    """Return the message for a floor that is neither a pattern, a random floor nor a file."""
     known = (*NAMES, f"{RANDOM}:0.48")
     return (
         f"'{spec}' is neither a floor nor a file{nearest(spec.lower().replace('_', '-'), known)}; "
@@ -205,6 +218,7 @@ def _unknown(spec: str) -> str:
 
 
 def _is_there(spec: str) -> bool:
+    """Return whether a file or folder of this name exists."""
     try:
         return bool(spec) and Path(spec).exists()
     except (OSError, ValueError):  # a name that is too long, or holds a NUL
@@ -212,23 +226,26 @@ def _is_there(spec: str) -> bool:
 
 
 def _looks_like_a_file(spec: str) -> bool:
+    """Return whether ``spec`` is written as a path or ends as the name of a floor file, even if no such file exists."""
     return (
         "/" in spec or "\\" in spec or Path(spec).suffix.lower() in {".txt", ".csv", ".tsv", ".png", ".dat"}
     )
 
 
 RUN_LIMIT = 2**32
+"""Run numbers are below this."""
 
 
 def random_tiles(rows: int, columns: int, fill_ratio: float, seed: int, run: int) -> NDArray[np.uint8]:
-    """Return the random floor of (seed, run), uint8 of shape (rows, columns).
+    """Return the random floor that (seed, run) selects, uint8 of shape (rows, columns).
 
     Args:
-        rows, columns: number of tiles, at least 1 each.
-        fill_ratio: share of vibrating tiles, in [0, 1]; the tiles must be able to give it exactly.
+        rows, columns: size of the floor, at least 1 x 1.
+        fill_ratio: share of vibrating tiles, in [0, 1]; the number of vibrating tiles that it gives must be whole, to
+            about six digits.
         seed: in [0, 2^63). run: in [0, 2^32).
     Raises:
-        InputError: any of these is not so.
+        InputError: an argument is outside these ranges.
     """
     check_size(rows, columns)
     check_seed(seed)
@@ -236,19 +253,22 @@ def random_tiles(rows: int, columns: int, fill_ratio: float, seed: int, run: int
         raise InputError(f"{run} is not a run number; give a whole number from 0 to 2^32 - 1", field="run")
     ones = exact_ones(rows, columns, fill_ratio)
     tiles = np.zeros(rows * columns, dtype=np.uint8)
-    tiles[shuffled(rows * columns, seed, run)[:ones]] = 1
+    tiles[shuffled(rows * columns, seed, run)[:ones]] = 1  # the first ``ones`` tiles of a random order
     return tiles.reshape(rows, columns)
 
 
 def exact_ones(rows: int, columns: int, fill_ratio: float) -> int:
-    """Return the number of vibrating tiles that gives ``fill_ratio`` exactly, to about six digits.
+    """Return the number of vibrating tiles that gives ``fill_ratio``, to about six digits.
 
     Raises:
-        InputError: not in [0, 1], or between two numbers of tiles; names the two fill ratios that can be had.
+        InputError: ``fill_ratio`` is not in [0, 1], or no number of tiles gives it; the message names the two nearest
+            fill ratios that are possible.
     """
     check_fill_ratio(fill_ratio)
     count = rows * columns
     ones = round(fill_ratio * count)
+    # The user may round the fill ratio to six digits (1e-6), but by at most 0.01 tiles, so that it is clear which whole
+    # number is meant.
     if abs(fill_ratio * count - ones) <= min(1e-6 * count, 0.01):
         return ones
     below = math.floor(fill_ratio * count)
@@ -263,7 +283,7 @@ def check_fill_ratio(fill_ratio: float) -> None:
     """Refuse an invalid fill ratio.
 
     Raises:
-        InputError: not a finite number in [0, 1].
+        InputError: it is not a finite number in [0, 1].
     """
     if not 0 <= fill_ratio <= 1:
         raise InputError(f"{shown(fill_ratio)} is not a share; give a number from 0 to 1", field="fill_ratio")
@@ -273,7 +293,7 @@ def check_seed(seed: int) -> None:
     """Refuse an invalid seed.
 
     Raises:
-        InputError: not in [0, 2^63).
+        InputError: it is not in [0, 2^63).
     """
     if not 0 <= seed < SEED_LIMIT:
         raise InputError(f"{seed} is not a seed; give a whole number from 0 to 2^63 - 1", field="seed")

@@ -1,4 +1,8 @@
-"""Per-robot bookkeeping beside the strategy's own state, the robots' view of the world, and their random numbers."""
+"""State of a robot beside its strategy's own state, the world as robots know it, and the robots' random numbers.
+
+In arrays over the robots of some runs, robot i of the r-th run is in row r * robots + i; such a row is called ``e`` in
+kernels. A robot's "events" are its own samples and timers.
+"""
 
 from __future__ import annotations
 
@@ -23,11 +27,11 @@ from vibroswarm.core.rng import (
     uniform,
 )
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.faults import onset_s, working
 from vibroswarm.inference.generated_kernels import arrays_for
 from vibroswarm.networks.base import Network
 from vibroswarm.observation.decision_boundary import geometry_of, readings_boundary
 from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.scenario.fault_draws import onset_s, working
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.base import Strategy
@@ -39,12 +43,13 @@ AGENT = np.dtype(
     + [(name, np.int64) for name in ("opinion", "row", "tick", "sample_tick", "due_tick")]
     + [(name, np.float64) for name in ("decided_s", "first_decided_s", "belief", "belief_at_decision")]
 )  # fmt: skip
-"""One robot. ``decision``: -1 while undecided; ``opinion``: likewise, and may still change. ``samples``, ``sent``,
-``received``, ``timers``: how many so far. ``heard``: index of the next unread message of the run. ``ones``,
-``own_ones``: ones received, ones among its own messages. ``row``: row of its last sample. ``tick``,
-``sample_tick``, ``due_tick``: of its last own event, its last sample, and its timer. ``decided_s``,
-``first_decided_s``: when its current decision was made, and its first. ``belief``, ``belief_at_decision``:
-after its last own event, and when the current decision was made."""
+"""State of one robot. ``decision``: -1 while undecided. ``opinion``: the same, but may still change. ``samples``,
+``sent``, ``received``, ``timers``: numbers so far. ``heard``: index of the next unread message of the run. ``ones``,
+``own_ones``: number of ones among received messages, and among its own. ``row``: row of its last sample, counted from
+the run's first (-1: none). ``tick``, ``sample_tick``, ``due_tick``: ticks of its last event, of its last sample, and at
+which its timer is due. ``decided_s``, ``first_decided_s``: times of its current and of its first decision. ``belief``,
+``belief_at_decision``: after its last event, and when the current decision was made. Times and beliefs are nan
+before."""
 
 FINALS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -58,33 +63,36 @@ FINALS: Final[dict[str, Any]] = {
     "samples": pl.UInt32,
     "messages_received": pl.UInt32,
 }
-"""The final state of each robot. ``belief_below`` is at the moment of decision or, for a robot that never decided,
-at its last sample or timer; alpha, beta (null if the strategy keeps none) and messages_received are at the end."""
+"""The final state of each robot. ``belief_below`` is that at the moment of decision or, for a robot that never decided,
+at its last sample or timer. alpha, beta (null if the strategy has none) and messages_received are those at the end."""
 
 
 FAILURE = np.dtype([("opposite_from_s", np.float64), ("silent_tick", np.int64), ("works", np.int64)])
-"""Faults of a robot that concern its messages. ``opposite_from_s``: it sends the opposite from then on (inf: never).
-``silent_tick``: its radio is dead from this tick on. ``works``: 1 if its opinion has to agree with the others' before
-the swarm has decided: robots without any fault, or all if each has one."""
+"""Faults of a robot that concern its messages. ``opposite_from_s``: from this time on it sends the opposite (inf:
+never). ``silent_tick``: from this tick on its radio is dead (``NEVER_TICK``: never). ``works``: 1 if its opinion must
+agree with the others before a swarm that decides by opinions has decided, else 0. It is 1 for the robots without any
+fault or, if each robot of the run has a fault, for all."""
 NEVER_TICK: Final = 2**62
+"""A tick that no run reaches."""
 
 
 class Swarm(NamedTuple):
-    """State of all robots of some runs, (runs * robots,) rows each."""
+    """State of all robots of some runs, (runs * robots,) rows each unless stated."""
 
     agents: NDArray[np.void]
+    """Rows of ``AGENT``."""
     states: NDArray[np.void]
-    """Of the strategy's ``State``."""
+    """Rows of the strategy's ``State``."""
     arrays: Any
     """A tuple of arrays, (runs * robots, size) each."""
     params: NDArray[np.void]
-    """(robots,) of the strategy's ``Params``."""
+    """(robots,): rows of the strategy's ``Params``."""
     failures: NDArray[np.void]
-    """``FAILURE``."""
+    """Rows of ``FAILURE``."""
 
 
 def strategy_used(scenario: Scenario) -> Strategy:
-    """Return the scenario's strategy, or the variant of it that its parameters require.
+    """Return the scenario's strategy or, if the strategy has variants, the variant for its parameters and sizes.
 
     Raises:
         InputError: the strategy's parameters do not fit together.
@@ -92,24 +100,29 @@ def strategy_used(scenario: Scenario) -> Strategy:
     named, arena = strategy_of(scenario.strategy.name), scenario.arena
     if named.variant is None:
         return named
+    # Variants may need to know how many bits of a message a coordinate in mm takes.
     longest_mm = math.ceil(1000.0 * max(arena.width_m, arena.height_m))
     return named.variant(scenario.strategy.params, sizes_of(scenario) | {"longest_mm": longest_mm})
 
 
 def world_of(scenario: Scenario, counts: int) -> World:
-    """Return the world as robot 0 knows it.
+    """Return the world as robot 0 knows it (``strategies.world.World``).
 
     Args:
-        counts: upper bound on a posterior's counts, without its prior.
+        counts: largest number of observations that a posterior may hold without its prior; it determines the size of
+            the table of beliefs.
     Raises:
-        InputError: a boundary that cannot be tested by readings.
+        InputError: readings cannot be tested against the decision boundary.
     """
     decision, arena = scenario.decision, scenario.arena
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry_of(scenario)
+    # Robots assume error rates of 0, that is, trust their readings, unless the boundary or the strategy needs the
+    # rates.
     positive, negative = 0.0, 0.0
     if decision.boundary_of == "tiles" or strategy_used(scenario).knows_error_rates:
         own = error_rates(scenario.sensor)
         assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
+        # A rate that the scenario does not give is the sensor's own.
         positive, negative = (
             own_rate if value is None else value for value, own_rate in zip(assumed, own, strict=True)
         )
@@ -146,7 +159,10 @@ def world_of(scenario: Scenario, counts: int) -> World:
 
 @inlined
 def world_of_robot(w: World, i: int) -> World:
-    """Return the world as robot ``i`` knows it."""
+    """Return the world as robot ``i`` knows it: ``w`` with another ``robot``.
+
+    The fields are listed one by one, as compiled named tuples have no ``_replace``.
+    """
     return World(
         i, w.robots, w.t_end_s, w.tick_s, w.tick_ms, w.width_m, w.height_m, w.rows, w.columns, w.tile_width_m,
         w.tile_height_m, w.left_m, w.bottom_m, w.decision_boundary, w.boundary, w.credible_threshold,
@@ -156,40 +172,51 @@ def world_of_robot(w: World, i: int) -> World:
 
 
 def empty_swarm(strategy: Strategy, network: Network, scenario: Scenario, runs: int) -> Swarm:
-    """Return zeroed rows for the robots of ``runs`` runs."""
+    """Allocate the state of all robots of ``runs`` runs: zeros, with the strategy's parameters and without faults."""
     robots = scenario.swarm.robots
     params = zero_rows(robots, strategy.params_type)
     params[:] = strategy.params_row(scenario.strategy.params)
     arrays = arrays_for(strategy, network, runs * robots, sizes_of(scenario))
     failures = zero_rows(runs * robots, FAILURE)
+    # No faults: a robot never sends opposite bits, its radio is never silent, and its opinion counts.
     failures["opposite_from_s"], failures["silent_tick"], failures["works"] = np.inf, NEVER_TICK, 1
     return Swarm(
-        zero_rows(runs * robots, AGENT),
-        zero_rows(runs * robots, strategy.state_type),
-        arrays,
-        params,
-        failures,
+        agents=zero_rows(runs * robots, AGENT),
+        states=zero_rows(runs * robots, strategy.state_type),
+        arrays=arrays,
+        params=params,
+        failures=failures,
     )
 
 
 def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.int64]) -> None:
-    """Write the faults of these runs' robots into the swarm."""
+    """Write the faults of the robots to the rows of ``swarm.failures`` (``FAILURE``).
+
+    Args:
+        swarm: changed in place. runs: run numbers of the swarm's runs, in the order of its rows.
+    """
     if not scenario.faults.kinds:
         return
-    numbers: list[int] = runs.tolist()
-    opposite, silent = (onset_s(scenario, seed, numbers, kind) for kind in ("opposite", "radio_dead"))
-    works = working(scenario, seed, numbers)
-    works[~works.any(axis=1)] = True
+    run_numbers: list[int] = runs.tolist()
+    # (runs, robots) each; infinite for robots without the fault.
+    opposite_from_s = onset_s(scenario, seed, run_numbers, "opposite")
+    silent_from_s = onset_s(scenario, seed, run_numbers, "radio_dead")
+    opinion_counts = working(scenario, seed, run_numbers)  # True for robots without any fault
+    # If each robot of a run has a fault, all opinions count.
+    opinion_counts[~opinion_counts.any(axis=1)] = True
     tick_ms = scenario.run.control_period_ms
-    ticks = [
-        NEVER_TICK if np.isinf(time_s) else tick_at(time_s, tick_ms) for time_s in silent.ravel().tolist()
+    # Messages are sent and read at ticks, so the time from which a radio is dead is converted to its tick.
+    silent_ticks = [
+        NEVER_TICK if np.isinf(time_s) else tick_at(time_s, tick_ms)
+        for time_s in silent_from_s.ravel().tolist()
     ]
-    swarm.failures["opposite_from_s"], swarm.failures["silent_tick"] = opposite.ravel(), ticks
-    swarm.failures["works"] = works.ravel()
+    swarm.failures["opposite_from_s"] = opposite_from_s.ravel()
+    swarm.failures["silent_tick"] = silent_ticks
+    swarm.failures["works"] = opinion_counts.ravel()
 
 
 def sizes_of(scenario: Scenario) -> dict[str, int]:
-    """Return the sizes that a strategy's arrays may refer to."""
+    """Return the numbers of robots, rows, columns and tiles, by name; sizes of arrays are formulas of them."""
     rows, columns = geometry_of(scenario)[:2]
     robots = scenario.swarm.robots
     return {"robots": robots, "rows": int(rows), "columns": int(columns), "tiles": int(rows * columns)}
@@ -197,7 +224,8 @@ def sizes_of(scenario: Scenario) -> dict[str, int]:
 
 @inlined
 def begin_agent(row: Any) -> None:
-    """Reset a robot: undecided, nothing heard."""
+    """Reset a row of ``AGENT`` to time 0: undecided, no samples, nothing sent or heard."""
+    # -1: no decision, no opinion and no row of a sample yet. nan: no time and no belief yet.
     row.decision, row.samples, row.sent, row.received, row.timers = -1, 0, 0, 0, 0
     row.heard, row.ones, row.own_ones = 0, 0, 0
     row.opinion, row.row, row.tick, row.sample_tick, row.due_tick = -1, -1, 0, 0, 0
@@ -206,53 +234,69 @@ def begin_agent(row: Any) -> None:
 
 @inlined
 def begin_draws(seed: int, run: int, i: int) -> Draws:
-    """Return the random numbers of ``begin`` for robot ``i``."""
+    """Return the address of the random numbers of the hook ``begin`` of robot ``i``.
+
+    The last two values are ``shift``, which is 0, as no other robot is part of the address, and ``first``, which is -1,
+    as the first random number has not been computed in advance.
+    """
     return Draws(seed, run, i, BEGINNING, FIRST, ALONE, 0, -1.0)
 
 
 @inlined
 def sample_draws(seed: int, run: int, i: int, number: int, first: float) -> Draws:
-    """Return the random numbers of ``on_sample``, which soft feedback draws its messages from.
+    """Return the address of the random numbers of ``on_sample``, from which soft feedback draws its messages.
 
     Args:
-        number: index of the sample. first: number 0 if computed already, else -1.
+        number: index of the robot's sample. first: the first of these random numbers if it has been computed already,
+            else -1.
     """
+    # 0: ``shift``; no other robot is part of the address.
     return Draws(seed, run, i, MESSAGE, number, ALONE, 0, first)
 
 
 @inlined
 def message_draws(seed: int, run: int, i: int, sender: int, number: int) -> Draws:
-    """Return the random numbers of ``on_message``, addressed by receiver, sender and message."""
+    """Return the address of the random numbers of ``on_message``.
+
+    Args:
+        i: receiver. sender: robot that sent the message. number: index of the message among the sender's messages.
+    """
+    # 16: ``shift``. The k-th number is addressed by the word ``sender + (k << 16)``, 16 bits each. -1.0: ``first``,
+    # as the first random number has not been computed in advance.
     return Draws(seed, run, i, HEARING, number, sender, 16, -1.0)
 
 
 @inlined
 def timer_draws(seed: int, run: int, i: int, number: int) -> Draws:
-    """Return the random numbers of ``on_timer``."""
+    """Return the address of the random numbers of ``on_timer``; ``number`` counts the robot's timers from 0."""
     return Draws(seed, run, i, TIMER, number, ALONE, 0, -1.0)
 
 
 @inlined
 def steering_draws(seed: int, run: int, i: int, number: int) -> Draws:
-    """Return the random numbers of ``steer``."""
+    """Return the address of the random numbers of ``steer``; ``number`` is the index of the robot's sample."""
     return Draws(seed, run, i, STEERING, number, ALONE, 0, -1.0)
 
 
 @inlined
 def loss_draws(seed: int, run: int, receiver: int, sender: int, number: int) -> Draws:
-    """Return the random numbers of ``lost``, addressed by receiver, sender and message."""
+    """Return the address of the random numbers of ``lost``; ``number`` counts the sender's messages from 0."""
     return Draws(seed, run, receiver, LOSS, number, sender, 16, -1.0)
 
 
 @inlined
 def send_draws(seed: int, run: int, sender: int, number: int) -> Draws:
-    """Return the random numbers of ``send``, addressed by sender and message."""
+    """Return the address of the random numbers of ``send``; ``number`` counts the sender's messages from 0."""
     return Draws(seed, run, sender, NETWORK, number, ALONE, 0, -1.0)
 
 
 @inlined
 def is_lost(seed: int, run: int, receiver: int, sender: int, number: int, loss: float) -> bool:
-    """Return whether message ``number`` of the sender fails to reach the receiver."""
+    """Return whether message ``number`` of the sender fails to reach the receiver.
+
+    Args:
+        loss: probability that a message is lost.
+    """
     return loss > 0.0 and loss_uniform(seed, run, receiver, sender, number) < loss
 
 
@@ -263,21 +307,24 @@ def loss_uniform(seed: int, run: int, receiver: int, sender: int, number: int) -
 
 
 def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
-    """Return the columns of ``FINALS`` except run and robot, plus ``sent``, (runs * robots,) each.
+    """Return the final state of each robot as columns by name, (runs * robots,) each.
 
-    For a robot that never decided, the decision is -1, and ``decision_time_s`` and ``belief_at_decision`` are nan;
-    alpha and beta are nan if the strategy keeps none.
+    They are the columns of ``FINALS`` without run and robot, and ``sent``, the number of messages that the robot sent.
+
+    For a robot that never decided, the decision is -1, and ``decision_time_s`` and ``belief_at_decision`` are nan.
+    alpha and beta are nan if the strategy has none.
     """
     agents, states = swarm.agents, swarm.states
     decided = agents["decision"] != -1
-    kept = states.dtype.names or ()
+    fields = states.dtype.names or ()
     counts = {
-        name: states[name].astype(np.float64) if name in kept else np.full(agents.size, np.nan)
+        name: states[name].astype(np.float64) if name in fields else np.full(agents.size, np.nan)
         for name in ("alpha", "beta")
     }
     return {
         "decision": agents["decision"].astype(np.int8),
         "decision_time_s": np.where(decided, agents["decided_s"], np.nan),
+        # A copy, as all other columns are: ``swarm`` is overwritten by the next replay.
         "belief_at_decision": agents["belief_at_decision"].copy(),
         "belief_below": np.where(decided, agents["belief_at_decision"], agents["belief"]),
         **counts,
@@ -288,7 +335,11 @@ def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
 
 
 def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
-    """Return the final state of each robot as a table, in the order of ``ends``."""
+    """Return the final state of each robot as a table: the columns of ``FINALS``, and ``sent``.
+
+    Args:
+        ends: table of the motion with a row for each run and robot, in the order of the rows of ``swarm``.
+    """
     kinds = {**FINALS, "sent": pl.UInt32}
     columns = final_columns(swarm).items()
     series = [as_column(name, column, kinds[name]) for name, column in columns]
@@ -296,9 +347,10 @@ def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
 
 
 def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
-    """Return a table column with nan as null.
+    """Convert an array to a column of a table of type ``kind``, with null in place of nan.
 
-    It uses none of polars' threads, which a forked process lacks.
+    Integers may be given as floats, in which nan marks missing ones. They are converted here and not by a polars
+    ``cast``, because that uses threads, which a forked process lacks.
     """
     if values.dtype == np.float64 and kind != pl.Float64:
         if np.isnan(values).any():

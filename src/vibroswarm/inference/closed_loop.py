@@ -1,7 +1,7 @@
-"""Runs that are observed and replayed while they move, by the same functions as whole tables.
+"""The closed loop: runs whose samples are observed and replayed while the robots move.
 
-The closed loop knows when all robots have decided and where a strategy wants to steer. It gives the same tables
-as motion, observation and replay one after the other; a test holds it to that.
+It uses the functions that process whole tables, and gives the same numbers; a test compares them. It knows at any time
+which robots have decided, and where a strategy wants to steer them.
 """
 
 from __future__ import annotations
@@ -36,16 +36,20 @@ class SampleBuffer(NamedTuple):
 
     robot: NDArray[np.uint16]
     sample: NDArray[np.uint32]
+    """Index of the sample among the robot's samples."""
     time_s: NDArray[np.float64]
     tick: NDArray[np.int64]
+    """Tick of the sample, at the end of its stop."""
     previous: NDArray[np.int32]
     """Previous row of the same robot; -1: none."""
     stop_tick: NDArray[np.int64]
+    """Tick at which the robot stopped for the sample."""
     following: NDArray[np.int32]
     """Next row of the same robot; -1: none yet."""
     heard: NDArray[np.int32]
-    """(capacity, 3): as ``Timeline.heard``."""
+    """(capacity, 3): which messages the robot has heard, as in ``deliveries.Timeline.heard``."""
     observation: NDArray[np.uint8]
+    """Bit that the robot read."""
     x_m: NDArray[np.float64]
     y_m: NDArray[np.float64]
     heading_rad: NDArray[np.float64]
@@ -58,7 +62,7 @@ class SampleBuffer(NamedTuple):
 
 
 def empty_sample_buffer(robots: int, capacity: int) -> SampleBuffer:
-    """Return a buffer for ``capacity`` samples."""
+    """Allocate a buffer for ``capacity`` samples; its contents are not set until ``ClosedLoop.begin`` is called."""
     return SampleBuffer(
         robot=np.empty(capacity, dtype=np.uint16),
         sample=np.empty(capacity, dtype=np.uint32),
@@ -91,8 +95,9 @@ def record_samples(
     """Append new samples and their readings to the buffer; return the new number of samples.
 
     Args:
-        rows: the new samples, ``motion.recorder.SAMPLE_ROW``.
-        filled: number of samples in the buffer so far.
+        rows: the new samples (``motion.recorder.SAMPLE_ROW``), in order of time. ground: floor and sensors of the run.
+        buffer: changed. filled: number of samples in the buffer so far. seed, run: address of the sensors' noise.
+        tick_ms: control period.
     """
     for n in range(rows.size):
         row, k = rows[n], filled
@@ -107,7 +112,10 @@ def record_samples(
             buffer.following[buffer.latest[i]] = k
         else:
             buffer.first[i] = k
+        # The robot last walked at stop_tick - 1. A message is read one tick after it was sent, at the earliest, so the
+        # robot has read those sent up to stop_tick - 2.
         until, last_own, own = row.stop_tick - 2, buffer.latest[i], buffer.own[i]
+        # 0: first row of the run, as the buffer holds a single run
         write_heard(buffer.heard[k], buffer.heard, buffer.previous, buffer.tick, 0, k, until, last_own, own)
         buffer.latest[i] = k
         buffer.own[i] += 1
@@ -116,19 +124,34 @@ def record_samples(
 
 
 NO_STOP_TICKS: Final = np.empty(0, dtype=np.int64)
+"""Given to ``ClosedLoop.catch_up`` if no replayer needs stops."""
 
 
 def max_samples(scenario: Scenario) -> int:
-    """Return an upper bound on the number of samples of a run."""
+    """Return an upper bound on the number of samples of a run, from the fewest ticks between two samples of a robot.
+
+    Two samples more per robot are allowed for those at the beginning and at the end of the run.
+    """
     tick_ms, sample = scenario.run.control_period_ms, scenario.sample
     between = 1 + int(sample.sample_interval_ms // tick_ms) + int(sample.stop_ms // tick_ms)
     return scenario.swarm.robots * (scenario.ticks // between + 2)
 
 
 class ClosedLoop:
-    """Follows runs of a scenario, one after the other."""
+    """Observes and replays runs of a scenario, one after the other, while they move.
+
+    Call ``begin`` for each run. Then, again and again, add new moves and samples and call ``catch_up``.
+    """
 
     def __init__(self, scenario: Scenario, seed: int) -> None:
+        """Allocate all memory for a run; ``begin`` sets its contents.
+
+        ``readings``, ``rows`` and ``stops``, the inputs of the replay, are read-only views of memory that is filled as
+        the run advances.
+
+        Args:
+            seed: seed of the runs.
+        """
         robots, capacity = scenario.swarm.robots, max_samples(scenario)
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.strategy = strategy_used(scenario)
@@ -138,65 +161,73 @@ class ClosedLoop:
         self.estimates = np.zeros((capacity if self.localisation else 0, width))
         self.log_ratios = np.zeros(capacity if reads_energies(scenario) else 0)
         self.ends_s: list[float] = []
-        """Ends of its runs, for callers."""
-        self.entry: Callable[..., int] | None = None
+        """Ends of the runs, s; callers append to this list, it is not used here."""
+        self.entry: Callable[..., int] | None = None  # compiled ``record_samples``; see ``add_samples``
         self.replayer = replayer_of(scenario, seed, runs=1, longest=capacity, rows=capacity)
         buffer = SampleBuffer(*(read_only(column) for column in self.buffer))
         self.readings = Readings(
-            buffer.observation,
-            buffer.x_m,
-            buffer.y_m,
-            buffer.heading_rad,
-            NO_VALUES,
-            read_only(self.estimates),
-            read_only(self.log_ratios),
+            observation=buffer.observation,
+            x_m=buffer.x_m,
+            y_m=buffer.y_m,
+            heading_rad=buffer.heading_rad,
+            uniforms=NO_VALUES,  # the kernel computes the numbers when it needs them
+            estimates=read_only(self.estimates),
+            log_ratios=read_only(self.log_ratios),
         )
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.rows = Rows(
-            read_only(self.bounds),
-            read_only(self.runs),
-            buffer.robot,
-            buffer.sample,
-            buffer.time_s,
-            buffer.heard,
-            read_only(np.zeros((robots, 3), dtype=np.int32)),
+            bounds=read_only(self.bounds),
+            runs=read_only(self.runs),
+            robot=buffer.robot,
+            sample=buffer.sample,
+            time_s=buffer.time_s,
+            heard=buffer.heard,
+            heard_at_end=read_only(
+                np.zeros((robots, 3), dtype=np.int32)
+            ),  # not used: ``to_end`` is never requested here
         )
         self.walked_tick, self.known_tick = np.zeros(robots, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.stops = Stops(
-            buffer.tick,
-            buffer.stop_tick,
-            buffer.following,
-            buffer.first,
-            read_only(self.walked_tick),
-            read_only(self.known_tick),
+            tick=buffer.tick,
+            stop_tick=buffer.stop_tick,
+            following=buffer.following,
+            first=buffer.first,
+            walked_tick=read_only(self.walked_tick),
+            known_tick=read_only(self.known_tick),
         )
 
     def begin(self, run: int, ground: SensedFloor) -> None:
-        """Reset to the start of a run."""
+        """Set the state to the start of a run.
+
+        Args:
+            run: number of the run. ground: its floor and sensors.
+        """
         self.ground, self.runs[0], self.bounds[1] = ground, run, 0
         self.buffer.latest[:], self.buffer.own[:], self.buffer.first[:] = -1, 0, -1
         self.walked_tick[:], self.known_tick[0] = 0, 0
         self.moves, self.tracks = list[NDArray[np.void]](), NO_TRACKS
+        # is_new: whether ``catch_up`` was not called in this run yet. located: number of samples that it has handled.
         self.is_new, self.located = True, 0
         if self.localisation is not None:
             self.localisation.begin(run)
 
     @property
     def needs_moves(self) -> bool:
-        """Whether the network or the localisation reads the moves; ``add_moves`` must then be called before
-        ``catch_up``."""
+        """Whether network or localisation read the moves, so that ``add_moves`` must be called before ``catch_up``."""
         return self.replayer.reads_positions or self.localisation is not None
 
     def add_moves(self, rows: NDArray[np.void]) -> None:
-        """Append moves (``motion.moves.MOVE_ROW``) that have ended or are under way; the latter are given again
-        later."""
+        """Append moves (``motion.moves.MOVE_ROW``), which are copied.
+
+        A move that is still under way may be added, and is added again when it has ended.
+        """
         if self.replayer.reads_positions:
             self.moves.append(rows.copy())
         if self.localisation is not None:
             self.localisation.add_moves(rows)
 
     def add_samples(self, rows: NDArray[np.void]) -> None:
-        """Append new samples (``motion.recorder.SAMPLE_ROW``)."""
+        """Append new samples (``motion.recorder.SAMPLE_ROW``) with their readings to the buffer."""
         arguments = (
             rows,
             self.ground,
@@ -206,22 +237,23 @@ class ClosedLoop:
             int(self.runs[0]),
             self.tick_ms,
         )
-        if self.entry is None:
+        if self.entry is None:  # the compiled function for these types, which is faster to call
             self.entry = entry_for(record_samples, *arguments)
         self.bounds[1] = self.entry(*arguments)
 
     def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:
-        """Replay everything appended since the last call.
+        """Replay the samples that were added since the last call, after computing what their readings need.
 
         Args:
             known_tick: motion is known up to this tick, exclusive.
-            stop_tick: (robots,): tick since which each robot stands; -1: it walks. Read only if the replayer needs
+            stop_tick: (robots,): tick since which each robot stands; -1: it walks. Used only if the replayer needs
                 stops.
         """
         if self.replayer.needs_stops:
             self.known_tick[0] = known_tick
+            # Last tick at which each robot walked: before its stop or, if it does not stand, the last known tick.
             self.walked_tick[:] = np.where(stop_tick >= 0, stop_tick, known_tick) - 1
-        new = slice(self.located, int(self.bounds[1]))
+        new = slice(self.located, int(self.bounds[1]))  # rows of the new samples
         if self.log_ratios.size > 0:
             self._weigh_energies(new)
         if self.localisation is not None:
@@ -233,24 +265,28 @@ class ClosedLoop:
             )
         self.located = new.stop
         if self.replayer.reads_positions:
-            self.tracks = tracks_of_rows(np.concatenate(self.moves), self.walked_tick.size)
+            robots = self.walked_tick.size
+            self.tracks = tracks_of_rows(np.concatenate(self.moves), robots)
         self.replayer.advance(
             self.rows, self.readings, self.stops, from_start=self.is_new, tracks=self.tracks
         )
         self.is_new = False
 
     def _weigh_energies(self, new: slice) -> None:
-        """Write the log likelihood ratios of new samples' energies."""
+        """Write the log likelihood ratios of the energies of the samples in the rows ``new``."""
         buffer = self.buffer
         columns = (buffer.robot[new], buffer.sample[new], buffer.x_m[new], buffer.y_m[new])
         energy = energies_at(self.scenario, self.ground, self.seed, int(self.runs[0]), *columns)
         self.log_ratios[new] = log_ratios(self.scenario.sensor, buffer.observation[new], energy)
 
     def rewind_to(self, time_s: float) -> None:
-        """Return the swarm to its state at ``time_s``, including the samples taken at that time."""
+        """Set the swarm to its state at the earlier time ``time_s``, by replaying the run from its start.
+
+        Samples taken exactly at ``time_s`` are included.
+        """
         last = int(self.bounds[1]) - 1
         if not self.replayer.needs_stops and (last < 0 or self.buffer.time_s[last] <= time_s):
-            return  # nothing has happened since
+            return  # No sample was taken later; and a replayer without stops has no timers, so nothing else happens.
         self.replayer.advance(
             self.rows, self.readings, self.stops, from_start=True, limit_s=time_s, tracks=self.tracks
         )
@@ -275,14 +311,14 @@ class ClosedLoop:
 
     @property
     def first_all_decided_s(self) -> float | None:
-        """First time at which no robot was undecided, s; None while any robot is undecided."""
+        """First time at which all robots had decided, s; None while any robot is undecided."""
         if self.all_decided_s is None:
             return None
         return float(self.replayer.swarm.agents["first_decided_s"].max())
 
     @property
     def estimate(self) -> NDArray[np.float64]:
-        """Posterior mean of the fill ratio by each robot, (robots,); nan if the strategy keeps no posterior."""
+        """Each robot's posterior mean of the fill ratio, (robots,); nan if the strategy has no posterior."""
         states = self.replayer.swarm.states
         if not {"alpha", "beta"} <= set(states.dtype.names or ()):
             return np.full(states.size, np.nan)
@@ -300,7 +336,10 @@ class ClosedLoop:
 
 
 def sample_rows(samples: pl.DataFrame, tick_ms: int) -> NDArray[np.void]:
-    """Convert a motion table to rows (``motion.recorder.SAMPLE_ROW``); the times spent in each mode are left at 0."""
+    """Convert a motion table to rows (``motion.recorder.SAMPLE_ROW``).
+
+    The closed loop does not read the times spent driving, turning, avoiding and standing, so these fields are 0.
+    """
     rows = zero_rows(samples.height, SAMPLE_ROW)
     for name in ("run", "robot", "sample", "x_m", "y_m", "heading_rad"):
         rows[name] = samples[name].to_numpy()
@@ -309,46 +348,57 @@ def sample_rows(samples: pl.DataFrame, tick_ms: int) -> NDArray[np.void]:
     return rows
 
 
-def advance_loops(state: MotionState, loop: Sequence[ClosedLoop], until_s: float) -> Motion | None:
-    """Advance a run to ``until_s``, and replay it in the loops of several scenarios with the same motion.
+def advance_loops(state: MotionState, loops: Sequence[ClosedLoop], until_s: float) -> Motion | None:
+    """Advance a run to ``until_s``, and replay the new samples in the closed loops of several scenarios.
 
-    Returns the new motion as tables, or None if the state is a ``KernelRun``, which passes its rows on directly.
+    Args:
+        state: the run's motion, changed.
+        loops: one closed loop for each scenario, changed. All scenarios have this motion.
+    Returns: the new motion as tables; None if ``state`` is a ``KernelRun``, whose rows are passed on without making
+        tables.
     """
-    tick_ms = loop[0].tick_ms
+    tick_ms = loops[0].tick_ms
     if isinstance(state, KernelRun):
 
         def take(rows: NDArray[np.void]) -> None:
-            for member in loop:
-                member.add_samples(rows)
+            """Add new samples to each closed loop."""
+            for loop in loops:
+                loop.add_samples(rows)
 
-        if any(member.needs_moves for member in loop):
+        # Both ``hand_over`` and ``go_on`` simulate up to ``until_s`` and pass new samples to ``take``. Only
+        # ``hand_over`` also returns the new moves.
+        if any(loop.needs_moves for loop in loops):
             rest = state.hand_over(until_s, take)
-            for member in loop:
-                if member.needs_moves and rest.moves is not None:
-                    member.add_moves(rest.moves)
+            for loop in loops:
+                if loop.needs_moves and rest.moves is not None:
+                    loop.add_moves(rest.moves)
         else:
             state.go_on(until_s, take)
-        needed = any(member.replayer.needs_stops for member in loop)
-        piece, known_tick, stop_tick = None, state.tick, state.stop_ticks if needed else NO_STOP_TICKS
+        # known_tick: all samples before this tick are known. stop_tick, (robots,): tick since which each robot stands;
+        # -1: it walks. If no replayer needs stops, ``catch_up`` does not read ``stop_tick``.
+        needs_stops = any(loop.replayer.needs_stops for loop in loops)
+        piece, known_tick = None, state.tick
+        stop_tick = state.stop_ticks if needs_stops else NO_STOP_TICKS
     else:
         piece = state.advance(until_s)
-        known_tick, stop_tick = add_piece(piece, loop, tick_ms)
-    for member in loop:
-        member.catch_up(known_tick, stop_tick)
+        known_tick, stop_tick = add_piece(piece, loops, tick_ms)
+    # The samples have only been added so far: now replay them.
+    for loop in loops:
+        loop.catch_up(known_tick, stop_tick)
     return piece
 
 
-def add_piece(piece: Motion, loop: Sequence[ClosedLoop], tick_ms: int) -> tuple[int, NDArray[np.int64]]:
-    """Append a piece of motion to each loop.
+def add_piece(piece: Motion, loops: Sequence[ClosedLoop], tick_ms: int) -> tuple[int, NDArray[np.int64]]:
+    """Append the samples and, if needed, the moves of a piece of motion to each closed loop.
 
-    Returns: the tick up to which motion is known, exclusive, and the tick since which each robot stands, (robots,),
-        -1: it walks.
+    Returns: the arguments of ``ClosedLoop.catch_up``: the tick up to which motion is known, exclusive; the tick since
+        which each robot stands, (robots,), -1: it walks.
     """
     rows = sample_rows(piece.samples, tick_ms)
-    for member in loop:
-        member.add_samples(rows)
-        if member.needs_moves:
-            member.add_moves(move_rows(piece.moves, tick_ms))
-    standing = piece.ends["stop_start_s"].fill_null(-1.0).to_numpy()
+    for loop in loops:
+        loop.add_samples(rows)
+        if loop.needs_moves:
+            loop.add_moves(move_rows(piece.moves, tick_ms))
+    standing = piece.ends["stop_start_s"].fill_null(-1.0).to_numpy()  # null: the robot walks at the end
     stop_tick = np.where(standing < 0, -1, np.rint(standing * (1000.0 / tick_ms))).astype(np.int64)
     return int(np.rint(piece.ends["end_s"].to_numpy().max() * (1000.0 / tick_ms))), stop_tick

@@ -1,4 +1,4 @@
-"""Errors raised by a strategy or a network, translated into one sentence with file and line."""
+"""Errors raised by a user's strategy or network, translated into one sentence with file and line."""
 
 from __future__ import annotations
 
@@ -17,14 +17,18 @@ from vibroswarm.strategies import Strategy
 ALLOCATES = re.compile(
     r"NRT required|function Function\(<built-in function (zeros|empty|ones|full|arange|array|linspace|copy)"
 )
+"""Words of the compiler's messages about code that creates an array. (NRT is Numba's memory management.)"""
 
 
 @contextmanager
 def translate_errors(strategy: Strategy, network: Network) -> Iterator[None]:
-    """Translate errors raised by the functions of a strategy or a network into one sentence each.
+    """Translate errors that users' functions of a strategy or a network raise within the ``with`` block.
+
+    Errors of this package's own strategies and networks are bugs, and pass unchanged.
 
     Raises:
-        InputError: a function cannot be compiled. CodeError: it raised.
+        InputError: a function cannot be compiled.
+        CodeError: a function raised an error; the message names file and line.
     """
     try:
         yield
@@ -34,8 +38,8 @@ def translate_errors(strategy: Strategy, network: Network) -> Iterator[None]:
         files = files_of(strategy) | files_of(network)
         if not files:
             raise
-        if _is_numbas(error):
-            raise InputError(_of_compiling(error, files), field=_field(strategy, network)) from None
+        if _is_of_compiler(error):
+            raise InputError(_compiler_message(error, files), field=_field(strategy, network)) from None
         place = _place(error, files)
         if place is None:
             raise
@@ -43,8 +47,10 @@ def translate_errors(strategy: Strategy, network: Network) -> Iterator[None]:
 
 
 def files_of(declared: Strategy | Network) -> dict[str, Callable[..., Any]]:
-    """Return the files of the functions that do not belong to this package, with one function of each file; empty if
-    all do."""
+    """Return the user's files in which functions of a strategy or network are defined.
+
+    Returns: file names, each with one of the functions in it; empty if all functions belong to this package.
+    """
     functions = [function for function in vars(declared).values() if hasattr(function, "__code__")]
     return {
         function.__code__.co_filename: function
@@ -53,8 +59,12 @@ def files_of(declared: Strategy | Network) -> dict[str, Callable[..., Any]]:
     }
 
 
-def _is_numbas(error: Exception) -> bool:
-    """Return whether an error comes from Numba's compiler."""
+def _is_of_compiler(error: Exception) -> bool:
+    """Return whether an error comes from Numba's compiler.
+
+    It does if its type, or a base of its type, is defined in Numba, or if it was raised while a function of Numba that
+    compiles was running.
+    """
     kinds = {kind.__module__.partition(".")[0] for kind in type(error).__mro__}
     return "numba" in kinds or any(
         frame.name in ("_compile_for_args", "compile") and "numba" in frame.filename
@@ -62,11 +72,15 @@ def _is_numbas(error: Exception) -> bool:
     )
 
 
-def _of_compiling(error: Exception, files: dict[str, Callable[..., Any]]) -> str:
-    """Shorten Numba's message to file, line and cause."""
+def _compiler_message(error: Exception, files: dict[str, Callable[..., Any]]) -> str:
+    """Shorten a message of Numba's compiler to the user's file, the line and the cause.
+
+    Args:
+        files: the user's files, as ``files_of`` returns them.
+    """
     text = str(error)
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    noise = (
+    noise = (  # beginnings of lines that do not name the cause
         "Failed in",
         "During:",
         "- Resolution",
@@ -80,6 +94,7 @@ def _of_compiling(error: Exception, files: dict[str, Callable[..., Any]]) -> str
     if ALLOCATES.search(text):
         message = "creates an array, but a robot's memory is fixed: use loops, and keep arrays in Arrays"
     for file in files:
+        # The compiler writes: File "NAME", line 12 or NAME (12).
         line_numbers = re.findall(re.escape(file) + r"[\" ,]*\(?(?:line )?(\d+)", text)
         if line_numbers:
             return f"cannot be compiled: {file}, line {line_numbers[0]}: {message}"
@@ -87,19 +102,26 @@ def _of_compiling(error: Exception, files: dict[str, Callable[..., Any]]) -> str
 
 
 def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None:
-    """Return the file and line in user code at which an error was raised; None if it was not in user code."""
+    """Return file, line and function in a user's code where an error was raised; None if it was raised elsewhere.
+
+    Args:
+        files: the user's files, as ``files_of`` returns them.
+    """
     frames = [
         frame
         for frame in traceback.extract_tb(error.__traceback__)
         if PACKAGE not in Path(frame.filename).parents
     ]
+    # Raised by this package alone, or within a library.
     if not frames or "site-packages" in frames[-1].filename:
         return None
-    # A cached kernel reports the path that the file had when it was compiled: the same text, elsewhere.
+    # A cached kernel reports the path that the file had when it was compiled. The user's file may have moved since, so
+    # it is found by its name alone. If the error is in none of these files, the first of them is named.
     last, by_name = frames[-1], {Path(file).name: file for file in files}
     file = by_name.get(Path(last.filename).name) or next(iter(files))
     return f"{file}, line {last.lineno}, in {last.name}"
 
 
 def _field(strategy: Strategy, network: Network) -> str:
+    """Return the field of an error: the strategy if it is a user's, else the network."""
     return f"strategy '{strategy.name}'" if files_of(strategy) else f"network '{network.name}'"

@@ -1,8 +1,10 @@
-"""The functions of a strategy and a network, as the kernels import them.
+"""The functions ("hooks") of a strategy and a network under the names by which kernels import them.
 
-``generated_kernels`` makes a module like this one for each strategy and network, with their compiled functions,
-and substitutes it for this one in the kernel's source. This module gives the types, and the behaviour of
-functions that are left out.
+``generated_kernels`` makes a module like this one for each strategy and network, with their compiled functions, and
+replaces this module by it in the kernel's source. The functions here serve for hooks that a strategy or network does
+not define, and for type checks of the templates. ``strategies.base`` and ``networks.base`` describe the hooks'
+arguments: s: state of the robot; a: arrays; x: reading; m: message; out: message to fill; d: random numbers; p:
+parameters; w: world; n: state of the network; t_s: time.
 """
 
 from __future__ import annotations
@@ -17,14 +19,19 @@ Row = Any
 """A row of a structured array."""
 
 HAS_TIMER: Final = False
+"""Whether the strategy has ``on_timer``."""
 HAS_STEER: Final = False
+"""Whether the strategy has ``steer``."""
 IS_OPINION: Final = False
+"""Whether ``decision`` returns opinions, which become decisions when all agree for long enough."""
 HAS_SEND: Final = False
+"""Whether the network has ``send``."""
 READS_POSITIONS: Final = False
+"""Whether the network's ``send`` reads positions."""
 
 
 def begin(s: Row, a: Any, d: Draws, p: Row, w: World) -> None:
-    """Set the state at time 0, which is all zeros before."""
+    """Set the state ``s`` at time 0; it is all zeros before."""
 
 
 def on_counts(s: Row, ones: int, zeros: int, p: Row, w: World) -> None:
@@ -46,7 +53,7 @@ def on_timer(s: Row, a: Any, t_s: float, out: Row, d: Draws, p: Row, w: World) -
 
 
 def next_s(s: Row) -> float:
-    """Return the time at which ``on_timer`` is due."""
+    """Return the time at which ``on_timer`` is due, s."""
     return 0.0
 
 
@@ -61,21 +68,27 @@ def belief(s: Row, a: Any, p: Row, w: World) -> float:
 
 
 def steer(s: Row, a: Any, x: Reading, d: Draws, p: Row, w: World) -> tuple[float, float]:
-    """Return turn_deg and drive_ms after the own sample; nan keeps what was drawn."""
+    """Return the turn (deg) and the duration of the leg (ms) after an own sample; nan keeps what was drawn."""
     return 0.0, 0.0
 
 
 def opposite(m: Row) -> None:
-    """Turn a message into its opposite; without effect on messages that have none."""
+    """Change a message into its opposite; a message that has no opposite stays as it is."""
 
 
 def reading_of(readings: Readings, k: int, time_s: float, number: int) -> Any:
-    """Return the reading of row ``k`` as the strategy gets it; a ``DetailedReading`` if it ``reads_details``."""
+    """Return the reading of the sample in row ``k`` as the strategy gets it.
+
+    It is a ``Reading`` or, if the strategy ``reads_details``, a ``DetailedReading``.
+
+    Args:
+        time_s: time of the sample. number: index of the sample among the robot's samples.
+    """
     return own_reading(readings, k, time_s, number)
 
 
 def views(arrays: Any, i: int) -> Any:
-    """Return the arrays of the robot in row ``i``."""
+    """Return the arrays of the robot in row ``i``; this default, for strategies without arrays, returns any value."""
     return i
 
 
@@ -84,7 +97,7 @@ def clear_network(a: Any) -> None:
 
 
 def bit_of(m: Row) -> int:
-    """Return the bit of a one-bit message."""
+    """Return the bit of a one-bit message; 0 for other messages."""
     return 0
 
 
@@ -97,4 +110,7 @@ def send(
     n: Row, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Row, w: World,
 ) -> None:  # fmt: skip
-    """Fill in the tick from which each robot can read a message; -1: never."""
+    """Write the tick from which each robot can read a message to ``arrival_tick``, (robots,).
+
+    It holds -1 (never) before the call. This default writes nothing; networks without ``send`` have ``lost`` instead.
+    """

@@ -1,7 +1,7 @@
 """Deliveries of a network for strategies that send once per sample: template of a kernel.
 
-Senders and times then follow from the samples, so the deliveries do not depend on the content of messages and are
-computed once for all such strategies. The generated module holds the network's functions.
+The senders and times of messages are then those of the samples. So deliveries do not depend on the content of messages,
+and are computed once for all such strategies. ``generated_kernels`` puts the network's functions in this text.
 """
 
 from __future__ import annotations
@@ -35,27 +35,31 @@ def deliver(
     network_params: NDArray[np.void], network_state: NDArray[np.void], network_arrays: Any, bytes_on_air: int,
     seed: int,
 ) -> int:  # fmt: skip
-    """Fill in ``found``: the messages that each robot reads before each of its samples and after its last one.
-
-    Returns ``DONE``, or ``BUFFER_FULL`` if more messages were under way at a time than ``scratch`` holds; ``found`` is
-    then incomplete.
+    """List the messages that each robot reads before each of its samples, and after its last one.
 
     Args:
-        tracks: empty unless the network reads positions. network_params, network_state: (1,).
-        network_arrays: the network's arrays, or 0.
+        rows, stops: samples of some runs, and when their robots stand. tracks: moves of these runs; empty unless the
+            network reads positions. scratch: memory; if its ``log`` is not empty, the arrivals of all messages are
+            written there. found: the lists, written. world: as robot 0 knows it.
+        network_params, network_state: (1,): rows of the network's parameters and state. network_arrays: the network's
+            arrays, or 0 if it has none.
+        bytes_on_air: length of a message.
+    Returns: ``DONE``; or ``BUFFER_FULL`` if more messages were under way at one time than ``scratch`` holds, so that
+        ``found`` is incomplete.
     """
-    robots, filled = world.robots, 0
+    robots, filled = world.robots, 0  # filled: number of entries of ``found.which`` so far
     for r in range(rows.runs.size):
         low, high, run, first = rows.bounds[r], rows.bounds[r + 1], rows.runs[r], r * robots
         network_state[0] = scratch.zero_network_state[0]
         clear_network(network_arrays)
         clear_inbox(scratch.inbox)
         scratch.sent[:] = 0
-        if READS_POSITIONS:
+        if READS_POSITIONS:  # begin at each robot's first move
             for e in range(first, first + robots):
                 tracks.at[e] = tracks.bounds[e]
         for k in range(low, high):
-            i, m, tick = signed(rows.robot[k]), k - low, stops.tick[k]
+            i, m, tick = signed(rows.robot[k]), k - low, stops.tick[k]  # m: index of the message in its run
+            # Before this sample the robot has read what had arrived when it last walked, the tick before its stop.
             filled = read_until(i, stops.stop_tick[k] - 1, scratch, found, filled)
             found.until[k] = filled
             scratch.arrival[:] = -1  # robots that the network leaves out hear nothing
@@ -72,6 +76,7 @@ def deliver(
                     d = loss_draws(seed, run, j, i, scratch.sent[i])
                     if not lost(i, j, d, network_params[0], world_of_robot(world, j)):
                         scratch.arrival[j] = tick + 1
+            # max: a network may not deliver a message in the control period in which it was sent.
             for j in range(robots):
                 arrives = j != i and scratch.arrival[j] >= 0
                 if arrives and not put_message(scratch.inbox, j, m, max(scratch.arrival[j], tick + 1)):
@@ -89,7 +94,13 @@ def deliver(
 
 @inner
 def read_until(i: int, walked: int, scratch: DeliveryScratch, found: Deliveries, filled: Any) -> Any:
-    """Append the messages that robot ``i`` reads up to tick ``walked``; return the new length of ``found.which``."""
+    """Move the messages that robot ``i`` reads up to a tick from its inbox to the end of ``found.which``.
+
+    Args:
+        walked: last tick at which the robot walks, and so reads. scratch, found: changed. filled: number of entries of
+            ``found.which`` so far.
+    Returns: the new number of entries.
+    """
     inbox = scratch.inbox
     while inbox.first[i] >= 0 and inbox.arrival_tick[inbox.first[i]] <= walked:
         found.which[filled] = inbox.message[inbox.first[i]]

@@ -1,10 +1,9 @@
-"""A motion as replay reads it: which samples' messages each robot has heard by when, the same under every
-strategy.
+"""A motion as replay reads it: which messages each robot has heard at each of its samples, the same for all strategies.
 
-Without losses every robot hears every message. A bit sent at tick k is read at the receiver's first walking tick
-after k, never during its stop; ties are read in robot order. So a robot whose stop began at tick s, and that last
-walked at s - 1, has read all messages sent up to tick s - 2 when it samples. Messages are sent at samples, so
-none of this depends on their content.
+Each sample sends one message, so rows of samples are also rows of messages. Without losses every robot hears every
+message. A message sent at tick k is read at the receiver's first walking tick after k, never while it stands; messages
+sent at the same tick are read in the order of the robots. So a robot whose stop began at tick s last walked at s - 1.
+When it samples, it has read all messages sent up to tick s - 2. None of this depends on the content of messages.
 """
 
 from __future__ import annotations
@@ -27,27 +26,34 @@ from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network
 from vibroswarm.scenario.scenario import Scenario
 
-LANES, LANE_BITS = 4, 16
-"""Counts of several robots packed into a 64-bit word: lanes per word, bits per lane."""
+LANES = 4
+"""Number of robots whose counts are packed into one 64-bit word. The part of the word for a robot is its lane."""
+LANE_BITS = 16
+"""Number of bits of a lane, the part of a 64-bit word that holds the count of one robot."""
 MAX_ROBOTS = 64
-"""Above this, the receivers of a message are not cached."""
-HEARD_ROWS, LAST_OWN, OTHERS = 0, 1, 2
-"""Columns of ``Timeline.heard``."""
+"""For swarms larger than this, the receivers of messages are not cached."""
+HEARD_ROWS = 0
+"""Column of ``Timeline.heard``: number n of the run's messages that the robot has passed, its own among them."""
+LAST_OWN = 1
+"""Column of ``Timeline.heard``: row of the last of these n messages that is the robot's own; -1: none."""
+OTHERS = 2
+"""Column of ``Timeline.heard``: number of these n messages that are not the robot's own."""
 
 
 class Reach(NamedTuple):
-    """Receivers of each message if some are lost."""
+    """Receivers of each message if some messages are lost."""
 
     words: NDArray[np.uint64]
-    """(rows, words): a 1 in the lane of each robot that hears the message of this row, so that the counts of all
-    robots are added up at once."""
+    """(rows, words): 1 in the lane of each robot that hears the message of this row, so that one addition counts the
+    messages of several robots."""
     others: NDArray[np.int32]
-    """(rows,): number of messages the robot had heard when it took this sample."""
+    """(rows,): number of messages that the robot of this row had heard when it took this sample."""
     others_at_end: NDArray[np.int32]
-    """(runs * robots,): the same at the end of the run."""
+    """(runs * robots,): number of messages that each robot has heard at the end of its run."""
 
 
 NO_REACH = Reach(np.empty((0, 0), np.uint64), np.empty(0, np.int32), np.empty(0, np.int32))
+"""Stands for receivers that are not cached."""
 
 NO_STOPS: Final = Stops(
     *(
@@ -55,11 +61,12 @@ NO_STOPS: Final = Stops(
         for kind in (np.int64, np.int64, np.int32, np.int32, np.int64, np.int64)
     )
 )
+"""Empty stops, for replays that need none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Timeline:
-    """The samples of a motion, run by run, and the messages of the run that had been heard at each.
+    """The samples of a motion, run by run, and how many messages of the run the robot had heard at each.
 
     ``timeline_of`` builds it once for the replay of many strategies over one motion.
     """
@@ -67,26 +74,37 @@ class Timeline:
     samples: pl.DataFrame
     """run, robot and sample of the rows."""
     ends: pl.DataFrame
+    """Table of the ends of the robots' motion."""
     robots: int
+    """Number of robots of a run."""
     runs: NDArray[np.int64]
-    """(runs,)."""
+    """(runs,): run numbers."""
     bounds: NDArray[np.int64]
     """(runs + 1,): run r has the rows from ``bounds[r]`` to ``bounds[r + 1]``."""
     tick_ms: int
+    """Control period."""
     time_s: NDArray[np.float64]
+    """(rows,): time of the sample."""
     stop_start_s: NDArray[np.float64]
+    """(rows,): when the robot stopped for the sample."""
     robot: NDArray[np.uint16]
+    """(rows,): robot of the sample."""
     sample: NDArray[np.uint32]
+    """(rows,): index of the sample among the robot's samples."""
     x_m: NDArray[np.float64]
+    """(rows,): true x at the sample."""
     y_m: NDArray[np.float64]
+    """(rows,): true y at the sample."""
     heading_rad: NDArray[np.float64]
-    """(rows,) each."""
+    """(rows,): true heading at the sample."""
     heard: NDArray[np.int32]
-    """(rows, 3), at the time of this sample: how many of the run's messages lie behind the robot, the row of its
-    own last one (-1: none; both counted from the run's first row), and how many were not its own."""
+    """(rows, 3), at the time of the sample. HEARD_ROWS: number n of the run's messages that the robot has passed: it
+    has read the first n messages, but for its own. LAST_OWN: row of the last message among them that is its own,
+    counted from the run's first row; -1: none. OTHERS: number of messages among them that are not its own."""
     heard_at_end: NDArray[np.int32]
-    """(runs * robots, 3): the same at the end of the run."""
+    """(runs * robots, 3): the same for each robot at the end of its run."""
     moves: pl.DataFrame | None = None
+    """Table of moves; None if the motion has none."""
     _message_uniforms: dict[int, NDArray[np.float64]] = field(default_factory=dict, repr=False)
     _reach: dict[tuple[int, float], Reach] = field(default_factory=dict, repr=False)
 
@@ -96,36 +114,48 @@ class Timeline:
     """Cache, keyed by everything that they depend on; see ``deliveries_of``."""
 
     def stops_if(self, needed: bool) -> Stops:
-        """Return ``stops`` if needed, else empty ones."""
+        """Return when robots stand (``stops``) if that is needed, else empty arrays, which cost nothing."""
         return self.stops if needed else NO_STOPS
 
     @cached_property
     def stops(self) -> Stops:
-        """When robots stand."""
+        """When robots stand (``replay_arrays.Stops``), computed from the times of samples and of ends."""
         per_s = 1000.0 / self.tick_ms
         tick, stop_tick = (
             np.rint(column * per_s).astype(np.int64) for column in (self.time_s, self.stop_start_s)
         )
-        run = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))
-        whose = run * self.robots + self.robot
-        order = np.argsort(whose, kind="stable")
+        run = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))  # index of the run of each row
+        run_start = self.bounds[run]  # for each row, the first row of its run
+        whose = run * self.robots + self.robot  # robot of each row, counted over all runs
+        order = np.argsort(whose, kind="stable")  # rows by robot and, for each robot, in order of time
+        goes_on = np.diff(whose[order]) == 0  # whether the next row in this order is of the same robot
+        # ``following`` and ``first`` hold rows that are counted from the first row of their run, which is subtracted.
         following = np.full(tick.size, -1, dtype=np.int32)
+        later = order[1:][goes_on]
+        following[order[:-1][goes_on]] = later - run_start[later]
         first = np.full(self.runs.size * self.robots, -1, dtype=np.int32)
-        begins = np.flatnonzero(np.append(True, np.diff(whose[order]) != 0)[: order.size])
-        goes_on = np.setdiff1d(np.arange(order.size), begins)
-        following[order[goes_on - 1]] = order[goes_on] - self.bounds[run[order[goes_on]]]
-        first[whose[order[begins]]] = order[begins] - self.bounds[run[order[begins]]]
+        begins = order[np.append(True, ~goes_on)[: order.size]]  # first row of each robot; none without rows
+        first[whose[begins]] = begins - run_start[begins]
         end_tick = np.rint(self.ends["end_s"].to_numpy() * per_s).astype(np.int64)
         known = end_tick.reshape(-1, self.robots).max(axis=1) if end_tick.size else end_tick
+        # A message is read one tick after it was sent, so a robot last walked one tick after the last tick whose
+        # messages it has read.
         walked = last_read_ticks(self.ends, self.tick_ms) + 1
-        return Stops(*(read_only(column) for column in (tick, stop_tick, following, first, walked, known)))
+        return Stops(
+            tick=read_only(tick),
+            stop_tick=read_only(stop_tick),
+            following=read_only(following),
+            first=read_only(first),
+            walked_tick=read_only(walked),
+            known_tick=read_only(known),
+        )
 
     @cached_property
     def tracks(self) -> Tracks:
-        """Robot positions at any tick.
+        """Moves from which the robots' positions at any tick are computed.
 
         Raises:
-            InputError: the motion has no moves.
+            InputError: the motion has no table of moves.
         """
         return tracks_of(self.moves, self.runs, self.robots, self.tick_ms)
 
@@ -135,7 +165,7 @@ class Timeline:
         return int(np.diff(self.bounds).max(initial=0))
 
     def message_uniforms(self, seed: int) -> NDArray[np.float64]:
-        """Return the uniform number of each sample's message, (rows,)."""
+        """Return the uniform number from which each sample's message is drawn, (rows,); it is cached by seed."""
         if seed not in self._message_uniforms:
             self._message_uniforms[seed] = message_uniforms(
                 seed, self.runs, self.bounds, self.robot, self.sample
@@ -143,11 +173,13 @@ class Timeline:
         return self._message_uniforms[seed]
 
     def estimates(self, scenario: Scenario, seed: int) -> NDArray[np.float64]:
-        """Return where robots believe they are at each sample, (rows, 9 and more) as ``Readings.estimates``; of no rows
-        if they know where they are. It is the same for all strategies.
+        """Return where robots believe they are at each sample, as in ``replay_arrays.Readings.estimates``.
+
+        The result is cached. Strategies share it if they read the same number of draws. It has no rows if the robots
+        know their true places.
 
         Raises:
-            InputError: the robots estimate their positions, and the motion has no moves.
+            InputError: the robots estimate their positions, and the motion has no table of moves.
         """
         if not is_estimated(scenario):
             return NO_ESTIMATES
@@ -159,10 +191,11 @@ class Timeline:
         return self._estimates[key]
 
     def reach(self, seed: int, loss: float) -> Reach:
-        """Return who receives the message of each sample where a share ``loss`` is lost.
+        """Return which robots receive the message of each sample, if a message is lost with probability ``loss``.
 
-        It is the same under every strategy, so it is computed once for each seed and loss. The result is the empty
-        ``NO_REACH`` if nothing is lost, or if there are too many robots or messages for the packed counts.
+        The result is the same for all strategies, so it is cached by seed and loss. It is the empty ``NO_REACH`` if
+        nothing is lost, if there are more than MAX_ROBOTS robots, or if a run has so many messages that their number
+        does not fit into a lane.
         """
         if loss <= 0.0 or self.robots > MAX_ROBOTS or self.longest >= 1 << LANE_BITS:
             return NO_REACH
@@ -179,20 +212,23 @@ def needs_moves(scenario: Scenario) -> bool:
 
 
 def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
-    """Return the timeline of a motion; a timeline is returned as it is.
+    """Return the timeline of a motion.
 
+    Args:
+        motion: the tables of a motion; or its timeline, which is returned unchanged.
     Raises:
-        ValueError: the ends are not one row per run and robot, or there are samples of other robots.
+        ValueError: the table of ends does not have a row for each robot of each run, or a sample's robot does not
+            exist.
     """
     if isinstance(motion, Timeline):
         return motion
     tick_ms, robots = scenario.run.control_period_ms, scenario.swarm.robots
     samples, ends = motion.samples, motion.ends
     if ends.height % robots:
-        raise ValueError(f"{ends.height} ends of runs of {robots} robots")
+        raise ValueError(f"the table of ends has {ends.height} rows, not {robots} (robots) for each run")
     highest = int(samples["robot"].to_numpy().max(initial=0))
     if highest >= robots:
-        raise ValueError(f"samples of robot {highest} in runs of {robots} robots")
+        raise ValueError(f"samples name robot {highest}; there are {robots} robots, numbered from 0")
     runs = ends["run"].to_numpy()[::robots]
     bounds = np.append(np.searchsorted(samples["run"].to_numpy(), runs), samples.height)
     names = ("robot", "sample", "time_s", "stop_start_s", "x_m", "y_m", "heading_rad")
@@ -226,22 +262,23 @@ def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
 
 
 def rows_of(timeline: Timeline) -> Rows:
-    """Return a timeline as kernels read it."""
+    """Return the arrays of a timeline that kernels read."""
     columns = (timeline.bounds, timeline.runs, timeline.robot, timeline.sample, timeline.time_s)
     return Rows(*(read_only(column) for column in (*columns, timeline.heard, timeline.heard_at_end)))
 
 
 @inner
 def tick_of(time_s: float, tick_ms: int) -> int:
-    """Return the tick nearest to a time."""
+    """Return the tick nearest to ``time_s``: tables hold times of ticks, up to rounding."""
     return int(np.rint(time_s * (1000.0 / tick_ms)))
 
 
 def last_read_ticks(ends: pl.DataFrame, tick_ms: int) -> NDArray[np.int64]:
-    """Return the tick up to which each robot has read all messages when the run ends, (runs * robots,).
+    """Return, for each robot, the tick up to which it has read all messages when its run ends, (runs * robots,).
 
-    A robot reads until the tick at which it last walked: one before the end, or one before its stop began if it
-    stands at the end. By then it has read what was sent before that tick.
+    A robot reads until the tick at which it last walked: the tick before the end or, if it stands at the end, the tick
+    before its stop began. A message is read one tick after it is sent, at the earliest. So the robot has read all
+    messages sent up to 2 ticks before the end or its stop.
     """
     stop_start_s, end_s = ends["stop_start_s"].to_numpy(), ends["end_s"].to_numpy()
     standing_since_s = np.where(np.isnan(stop_start_s), end_s, stop_start_s)
@@ -257,19 +294,29 @@ def compute_heard(
     until_at_end: NDArray[np.int64],
     tick_ms: int,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return ``Timeline.heard`` and ``heard_at_end``.
+    """Return the arrays ``Timeline.heard`` and ``Timeline.heard_at_end``: which messages each robot has heard.
+
+    Messages are heard in the order of their rows, so a robot has always passed the first n messages of its run: it has
+    heard those of other robots, and skipped its own. A row of the result has three columns: HEARD_ROWS, the number n;
+    LAST_OWN, the row of the last of these n messages that is the robot's own, counted from the run's first row, -1 if
+    none is; OTHERS, the number of these n messages that are not its own. ``heard`` has a row for each sample, at the
+    time of the sample; ``heard_at_end`` has a row for each robot of each run (index: run * robots + robot), at the end
+    of the run.
 
     Args:
+        bounds: (runs + 1,): run r has the rows from ``bounds[r]`` to ``bounds[r + 1]``.
         robot, time_s, stop_start_s: (rows,), columns of the motion table.
-        until_at_end: (runs * robots,), the tick up to which each robot has read all messages at the end of the run.
+        until_at_end: (runs * robots,): tick up to which each robot has read all messages when its run ends.
     """
-    robots = until_at_end.size // max(bounds.size - 1, 1)
+    robots = until_at_end.size // max(bounds.size - 1, 1)  # max: there may be no runs
     heard = np.empty((robot.size, 3), dtype=np.int32)
     at_end = np.empty((until_at_end.size, 3), dtype=np.int32)
     tick = np.empty(robot.size, dtype=np.int64)
-    previous = np.empty(robot.size, dtype=np.int32)  # the robot's previous row, from the run's first
-    latest = np.empty(robots, dtype=np.int32)
-    own = np.empty(robots, dtype=np.int32)
+    # ``write_heard`` needs the next three arrays to find a robot's last own message among those that it has passed, and
+    # to count its own messages. Their rows are counted from the run's first row; -1: none.
+    previous = np.empty(robot.size, dtype=np.int32)  # for each row, the previous row of the same robot
+    latest = np.empty(robots, dtype=np.int32)  # for each robot, its latest row so far
+    own = np.empty(robots, dtype=np.int32)  # for each robot, the number of its rows so far
     for r in range(bounds.size - 1):
         low, high = bounds[r], bounds[r + 1]
         latest[:] = -1
@@ -277,12 +324,13 @@ def compute_heard(
         for k in range(low, high):
             i = signed(robot[k])
             tick[k], previous[k] = tick_of(time_s[k], tick_ms), latest[i]
+            # The robot last walked one tick before its stop. At that tick it read what was sent up to a tick earlier.
             until = tick_of(stop_start_s[k], tick_ms) - 2
             write_heard(heard[k], heard, previous, tick, low, k, until, latest[i], own[i])
             latest[i] = k - low
             own[i] += 1
         for i in range(robots):
-            e = r * robots + i
+            e = r * robots + i  # row of robot i at the end of run r
             write_heard(at_end[e], heard, previous, tick, low, high, until_at_end[e], latest[i], own[i])
     return heard, at_end
 
@@ -299,18 +347,32 @@ def write_heard(
     last_own: int,
     own: int,
 ) -> None:
-    """Fill in ``row``, a row of ``Timeline.heard``: what a robot has read of the messages of rows ``low`` to ``k``.
+    """Write a row of ``Timeline.heard``: which of the run's messages before row ``k`` a robot has passed.
+
+    A robot has passed all messages sent up to the tick ``until``: it has heard those of other robots, and skipped its
+    own. They are the first n messages of the run, because rows are in the order of time. The row that is written has
+    three columns: HEARD_ROWS, the number n; LAST_OWN, the row of the robot's last own message among these n, counted
+    from the run's first row, -1 if there is none; OTHERS, the number of these n messages that are not its own.
 
     Args:
+        row: (3,), written.
+        heard: rows of ``Timeline.heard``; those of the run before row ``k`` are already written.
+        previous: for each row, the previous row of the same robot, counted from the run's first row; -1: none.
+        tick: for each row, the tick of the sample, at which its message is sent.
+        low: first row of the run.
+        k: row of the sample; at the end of a run, the row after the run's last one.
         until: tick up to which the robot has read all messages.
-        last_own: row of the robot's last sample before row ``k``, from the run's first; -1: none.
-        own: number of its samples before row ``k``.
+        last_own: row of the robot's last sample before row ``k``, counted from the run's first row; -1: none.
+        own: number of the robot's samples before row ``k``.
     """
+    # The number n: begin with all messages before row k, and leave out those sent after ``until``.
     rows = k - low
     while rows > 0 and tick[low + rows - 1] > until:
         rows -= 1
     if last_own >= 0:
-        rows = max(rows, heard[low + last_own, HEARD_ROWS])  # what is read stays read
+        # The messages that the robot had passed at its last sample stay passed.
+        rows = max(rows, heard[low + last_own, HEARD_ROWS])
+    # The robot's latest own messages may have been sent after ``until``: go back to the last one among the first n.
     while last_own >= rows:
         last_own = previous[low + last_own]
         own -= 1
@@ -328,17 +390,18 @@ def compute_reach(
     heard_at_end: NDArray[np.int32],
     loss: float,
 ) -> tuple[NDArray[np.uint64], NDArray[np.int32], NDArray[np.int32]]:
-    """Return the arrays of ``Reach``.
+    """Return the three arrays of ``Reach``: which robots receive each message, and how many each robot has received.
 
     Args:
-        runs to heard_at_end: of the ``Timeline``.
+        runs, bounds, robot, sample, heard, heard_at_end: the fields of ``Timeline``. loss: probability that a message
+            is lost.
     """
-    robots = heard_at_end.shape[0] // max(runs.size, 1)
+    robots = heard_at_end.shape[0] // max(runs.size, 1)  # max: there may be no runs
     words = np.zeros((robot.size, (robots + LANES - 1) // LANES), dtype=np.uint64)
-    reached_lanes = np.empty(robot.size, dtype=np.int32)
+    others = np.empty(robot.size, dtype=np.int32)
     at_end = np.empty(heard_at_end.shape[0], dtype=np.int32)
     numbers = np.empty(robot.size, dtype=np.float64)
-    # Receivers of the messages before each row of a run, summed.
+    # For each row of a run, from its first: the number of earlier messages that reach each robot, in lanes.
     reached = np.zeros((robot.size + 1, words.shape[1]), dtype=np.uint64)
     for r in range(runs.size):
         low, high = bounds[r], bounds[r + 1]
@@ -346,15 +409,16 @@ def compute_reach(
             mark_receivers(
                 words[low:high], numbers, i, seed, runs[r], robot[low:high], sample[low:high], loss
             )
-        for k in range(unsigned(low), unsigned(high)):
-            reached_lanes[k] = in_lane(reached[unsigned(heard[k, HEARD_ROWS])], signed(robot[k]))
+        for k in range(unsigned(low), unsigned(high)):  # unsigned indices are faster
+            # What reached the robot among the messages that it has passed; these are before row k, so counted already.
+            others[k] = in_lane(reached[unsigned(heard[k, HEARD_ROWS])], signed(robot[k]))
             place = k - unsigned(low)
             for w in range(unsigned(words.shape[1])):
                 reached[place + unsigned(1), w] = reached[place, w] + words[k, w]
         for i in range(robots):
             e = r * robots + i
             at_end[e] = in_lane(reached[unsigned(heard_at_end[e, HEARD_ROWS])], i)
-    return words, reached_lanes, at_end
+    return words, others, at_end
 
 
 @inner
@@ -368,12 +432,11 @@ def mark_receivers(
     sample: NDArray[np.uint32],
     loss: float,
 ) -> None:
-    """Mark robot ``i`` in the words of the messages that reach it.
+    """Set the lane of robot ``i`` to 1 in the words of all messages that reach it; its own messages do not reach it.
 
     Args:
-        words: (rows, words), rows of the run; written.
-        robot, sample: (rows,), columns of the run.
-        numbers: scratch for at least as many rows.
+        words: (rows, words): ``Reach.words`` of one run, changed. robot, sample: (rows,): sender and index of each
+            message of the run. numbers: scratch, at least (rows,). loss: probability that a message is lost.
     """
     for k in range(unsigned(robot.size)):  # a separate loop, which compilers vectorise
         numbers[k] = loss_uniform(seed, run, i, signed(robot[k]), signed(sample[k]))
@@ -385,7 +448,7 @@ def mark_receivers(
 
 @inner
 def in_lane(words: NDArray[np.uint64], i: int) -> int:
-    """Return robot ``i``'s count from a row of packed counts (``LANES``)."""
+    """Return the count of robot ``i`` from its lane of the packed counts ``words``, (words,)."""
     shifted = words[i // LANES] >> np.uint64(i % LANES * LANE_BITS)
     return signed(shifted & np.uint64((1 << LANE_BITS) - 1))
 
@@ -398,7 +461,11 @@ def message_uniforms(
     robot: NDArray[np.uint16],
     sample: NDArray[np.uint32],
 ) -> NDArray[np.float64]:
-    """Return the uniform number of each sample's message, (rows,)."""
+    """Return the uniform number from which each sample's message is drawn, (rows,).
+
+    Args:
+        runs, bounds, robot, sample: as in ``Timeline``.
+    """
     out = np.empty(robot.size, dtype=np.float64)
     for r in range(runs.size):
         for k in range(bounds[r], bounds[r + 1]):

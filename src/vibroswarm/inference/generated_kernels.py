@@ -1,9 +1,10 @@
 """Kernels of a strategy, generated from templates with the strategy's functions in place of ``default_hooks``.
 
-Numba caches a kernel on disk by its source and argument types. Functions that are passed as arguments or closed
-over have a different type in each process, so a kernel that uses them is never found again. Here each strategy
-gets its own module, made from the template's text and registered under a name that contains the hash of that
-text, of the strategy and of our code. It is compiled once, and every later process finds it.
+Numba caches a kernel on disk by its source and argument types. Functions that are passed as arguments, or are closed
+over, have another type in each process, so a kernel that uses them would never be found in the cache. Here each
+strategy and network get modules of their own. One, ``hooks``, holds their compiled functions and replaces
+``default_hooks``. The others are copies of templates (modules of this folder) that import from it. Their names contain
+a hash of the strategy, the network and our code, so a kernel is compiled once, and later processes find it.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import inspect
 import linecache
 import sys
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from types import FunctionType, ModuleType
@@ -31,16 +33,19 @@ from vibroswarm.strategies.static_analysis import NETWORK_HOOKS, STRATEGY_HOOKS
 from vibroswarm.strategies.world import u
 
 FOLDER: Final = Path(__file__).parent
+"""Folder of the templates."""
 PACKAGE: Final = "vibroswarm_generated"
 """Prefix of the names of generated modules."""
 STRATEGIES: Final = "vibroswarm.strategies."
 """Functions of these modules may be called by any strategy."""
 IMPORT: Final = "from vibroswarm.inference.default_hooks import"
+"""Text of templates that is replaced by an import from the generated module ``hooks``."""
 
 HEADER: Final = """from typing import Any, NamedTuple
 
 from vibroswarm.core.jit import inlined_uncached
 """
+"""Beginning of a generated module ``hooks``."""
 VIEWS: Final = '''
 
 class Arrays(NamedTuple):
@@ -57,6 +62,7 @@ class Views(NamedTuple):
 def views(arrays, i):
     return Views({values})
 '''
+"""Text of the classes of a strategy's arrays, and of ``views``; the names in braces are filled in."""
 NETWORK_ARRAYS: Final = '''
 
 class NetworkArrays(NamedTuple):
@@ -68,45 +74,60 @@ class NetworkArrays(NamedTuple):
 def clear_network(a):
 {zeroed}
 '''
+"""Text of the class of a network's arrays, and of ``clear_network``, which zeroes them; braces are filled in."""
 OPPOSITE_BIT: Final = """
 
 @inlined_uncached
 def opposite(m):
     m.bit = 1 - m.bit
 """
+"""Text of the default of ``opposite``, which makes a faulty robot's message the opposite of what it would send."""
 AS_COUNTS: Final = """
 
 @inlined_uncached
 def on_message(s, a, m, sender, t_s, d, p, w):
     on_counts(s, m.bit, 1 - m.bit, p, w)
 """
+"""Text of an ``on_message`` that passes a single message to ``on_counts``, as a count of one."""
 
 
 def uses_uniforms(strategy: Strategy) -> bool:
-    """Return whether ``on_sample`` reads ``u``, so that it may draw a number, which can be computed in advance."""
+    """Return whether the strategy's ``on_sample`` uses the function ``u``, and so may draw random numbers.
+
+    If it does, it is worth computing the first random number of each sample in advance, for all samples at once.
+    """
     function = strategy.on_sample
     return any(value is u for value in globals_of(function).values())
 
 
 def key_of(*declared: Strategy | Network) -> str:
-    """Return 12 hexadecimal digits of everything the kernels of a strategy and a network are made from."""
+    """Return a hash, 12 hexadecimal digits, of all code from which the kernels of a strategy and a network are made."""
     texts = [item.source or _text_of(item) for item in declared]
-    text = "\0".join((source_hash(), *texts))  # which covers the templates
+    # ``source_hash`` is that of this package's own source, which includes the templates.
+    text = "\0".join((source_hash(), *texts))
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def _text_of(declared: Strategy | Network) -> str:
-    """Return the source of the module that defines the functions; a description of their code if there is no source
-    file, as for functions typed in; "" if there are no functions."""
-    functions = _functions_of(declared)
-    try:
-        return inspect.getsource(inspect.getmodule(functions[0]) or default_hooks) if functions else ""
-    except OSError:
-        return "\0".join(_described(function) for function in functions)
+    """Return a text that differs if the code of a strategy's or network's functions differs.
+
+    It is the source of the modules that define them; the functions of one strategy may come from several. Functions
+    without a source file, such as those typed into an interactive session, are described by their bytecode. The text is
+    empty if there are no functions.
+    """
+    texts: dict[str, None] = {}  # in the order of the functions, each text once
+    for function in _functions_of(declared):
+        module = inspect.getmodule(function)
+        text = _described(function)
+        if module is not None:
+            with suppress(OSError, TypeError):  # TypeError: the module of an interactive session has no file
+                text = inspect.getsource(module)
+        texts[text] = None
+    return "\0".join(texts)
 
 
 def _described(function: Callable[..., Any]) -> str:
-    """Describe a function without source text by its bytecode and the constants it reads."""
+    """Return a text of a function's bytecode and constants, and of the numbers and texts that it reads as globals."""
     code = function.__code__
     plain = {
         name: value
@@ -117,14 +138,17 @@ def _described(function: Callable[..., Any]) -> str:
 
 
 def _functions_of(declared: Strategy | Network) -> list[Callable[..., Any]]:
+    """Return the plain Python functions among the fields of a strategy or network."""
     return [value for value in vars(declared).values() if isinstance(value, FunctionType)]
 
 
 def arrays_for(strategy: Strategy, network: Network, robots: int, sizes: Mapping[str, int]) -> Any:
-    """Return zeroed arrays for ``robots`` robots; 0 if the strategy has none.
+    """Return a strategy's arrays for ``robots`` robots, zeroed: a named tuple of arrays of shape (robots, size).
+
+    The result is 0 if the strategy has no arrays.
 
     Args:
-        sizes: values of robots, rows, columns and tiles.
+        sizes: numbers of robots, rows, columns and tiles, by name; declared sizes of arrays are formulas of these.
     """
     declared = arrays_of(strategy.arrays)
     if not declared:
@@ -134,10 +158,13 @@ def arrays_for(strategy: Strategy, network: Network, robots: int, sizes: Mapping
 
 
 def network_arrays_for(strategy: Strategy, network: Network, params: object, sizes: Mapping[str, int]) -> Any:
-    """Return the arrays of a network, its lists of parameters among them; 0 if it has none.
+    """Return the arrays of a network as a named tuple: its parameters that are lists, and its own arrays, zeroed.
+
+    The result is 0 if the network has neither.
 
     Args:
-        params: of the network. sizes: values of robots, rows, columns and tiles.
+        strategy: with the network, it selects the generated module that defines the named tuple. params: the network's
+            parameters. sizes: numbers of robots, rows, columns and tiles, by name.
     """
     arrays = network.arrays_of(params, sizes)
     return vars(hooks_of(strategy, network))["NetworkArrays"](**arrays) if arrays else 0
@@ -145,19 +172,19 @@ def network_arrays_for(strategy: Strategy, network: Network, params: object, siz
 
 @cache
 def hooks_of(strategy: Strategy, network: Network) -> ModuleType:
-    """Return the module that replaces ``default_hooks``."""
+    """Return the module ``hooks`` of a strategy and a network: their compiled functions under the names of hooks."""
     name = f"{PACKAGE}.{strategy.name}_{network.name}_{key_of(strategy, network)}.hooks"
     return _hooks_module(name, strategy, network)
 
 
 @cache
 def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
-    """Return the module generated from a template for this strategy and network.
+    """Return the module that is generated from a template for a strategy and a network, built at the first call.
 
     Args:
-        template: name of a module of this folder: ``replay_counts``, ...
+        template: name of a module of this folder that imports from ``default_hooks``, such as ``replay_counts``.
     """
-    made_hooks = hooks_of(strategy, network).__name__
+    made_hooks = hooks_of(strategy, network).__name__  # name of the generated module ``hooks``
     text = (FOLDER / f"{template}.py").read_text()
     if IMPORT not in text:
         raise ValueError(f"{template} takes no hooks")
@@ -166,7 +193,14 @@ def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
 
 
 def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType:
-    """Build the module of the compiled functions of a strategy and a network, with defaults for those left out."""
+    """Build the module ``hooks`` of a strategy and a network, which has all names that ``default_hooks`` has.
+
+    Functions that only access fields and arrays by their declared names are generated as text. The others are the
+    functions of the strategy and of the network, compiled; ``default_hooks`` provides those that they do not define.
+
+    Args:
+        name: full name of the module.
+    """
     fields = tuple(arrays_of(strategy.arrays))
     text = HEADER
     if fields:
@@ -184,8 +218,10 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
         )
     else:
         text += "\n\n@inlined_uncached\ndef clear_network(a):\n    return\n"
+    # Only kernels that count bits call ``bit_of``. For messages without a bit it returns 0 and is not used.
     bit = "m.bit" if "bit" in (strategy.message_type.names or ()) else "0"
     text += f"\n\n@inlined_uncached\ndef bit_of(m):\n    return {bit}\n"
+    # ``next_s`` is called only if there is a timer.
     text += (
         f"\n\n@inlined_uncached\ndef next_s(s):\n    return {'s.next_s' if strategy.on_timer else '0.0'}\n"
     )
@@ -199,7 +235,7 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
     for declared, names in ((strategy, STRATEGY_HOOKS), (network, NETWORK_HOOKS)):
         for hook in names:
             if hook in space:
-                continue
+                continue  # generated as text above
             space[hook] = compiled_hook(getattr(declared, hook) or getattr(default_hooks, hook), compiled)
     space["reading_of"] = detailed_reading if strategy.reads_details else own_reading
     space["HAS_TIMER"] = strategy.on_timer is not None
@@ -211,7 +247,7 @@ def _hooks_module(name: str, strategy: Strategy, network: Network) -> ModuleType
 
 
 def globals_of(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the globals that a function reads, by name."""
+    """Return the values of the globals that a function reads, by name; names that are not defined are left out."""
     names = {
         instruction.argval
         for instruction in dis.get_instructions(function)
@@ -221,16 +257,26 @@ def globals_of(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _is_hook_code(function: FunctionType, module: str) -> bool:
-    """Return whether a function that a hook calls is compiled with the hook: one of the hook's module or of the
-    strategies."""
+    """Return whether a function that a hook calls must be compiled with the hook.
+
+    That is so if it belongs to the hook's own module or to ``vibroswarm.strategies``.
+
+    Args:
+        module: name of the hook's module.
+    """
     return function.__module__ == module or function.__module__.startswith(STRATEGIES)
 
 
 def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any], Any]) -> Any:
-    """Compile a function for use in a kernel, and the plain functions of its module and of strategies that it calls.
+    """Compile a function for use in a kernel, with the Python functions that it calls; return the compiled form.
+
+    The function itself is not changed. What is compiled is a copy, in whose globals the functions that it calls are
+    replaced by their compiled forms.
 
     Args:
-        compiled: functions compiled so far, extended; None marks one whose calls are being compiled.
+        function: a Python function; a function that is compiled already is returned as it is.
+        compiled: compiled forms of functions so far, extended. None in place of a form marks a function that is being
+            compiled, so that a function that calls itself is found.
     Raises:
         InputError: a function calls itself, directly or indirectly.
     """
@@ -242,13 +288,13 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
         return compiled[function]
     if not isinstance(function, FunctionType):
         return function  # compiled already
-    compiled[function] = None
+    compiled[function] = None  # being compiled
     called = {
         name: compiled_hook(value, compiled)
         for name, value in globals_of(function).items()
         if isinstance(value, FunctionType) and _is_hook_code(value, function.__module__)
     }
-    rebound = function
+    rebound = function  # the copy, if there is something to replace
     if called:
         space = {**function.__globals__, **called}
         rebound = FunctionType(
@@ -260,9 +306,14 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
 
 
 def _generated_module(name: str, text: str) -> ModuleType:
-    """Build and register a module from its text, so that tracebacks can show its lines."""
+    """Build a module from its source text, and register it for imports, for tracebacks and for the cache of kernels.
+
+    Args:
+        name: full name of the module. text: its source.
+    """
     file = str(FOLDER / "generated" / f"{name}.py")
     register_source(file, text)
+    # For tracebacks: size, time of change (None: the entry is never checked against a file), lines and name.
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     module = ModuleType(name)
     module.__file__ = file
@@ -278,6 +329,6 @@ def _register(module: ModuleType) -> None:
         parent = ".".join(parts[:count])
         if parent not in sys.modules:
             package = ModuleType(parent)
-            package.__path__ = []
+            package.__path__ = []  # a module with a path is a package
             sys.modules[parent] = package
     sys.modules[module.__name__] = module

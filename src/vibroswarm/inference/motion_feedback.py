@@ -1,7 +1,8 @@
 """Motion that depends on decisions: strategies that steer, and runs that end when all robots have decided.
 
-The engine knows nothing about strategies. For a strategy that steers, it stops after each control period in which
-a robot samples; the closed loop replays these samples and tells the engine the next turn and leg of each robot.
+The engine of motion knows nothing about strategies. For a strategy that steers, the engine returns after each control
+period in which a robot samples. The closed loop then replays these samples, and passes the turn and the leg that the
+strategy chooses for each of these robots to the engine.
 
 With ``run.stop = "all_decided"`` a run ends one tick after the last robot has decided.
 """
@@ -27,13 +28,16 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 
 Take = Callable[[NDArray[np.void]], None]
+"""Function that is called with new rows, which may be overwritten after the call."""
 
 
 class Wanted(NamedTuple):
-    """Tables requested beside the samples."""
+    """Whether the tables of segments and of moves are requested beside that of samples."""
 
     segments: bool = False
+    """Whether the table of segments is requested."""
     moves: bool = False
+    """Whether the table of moves is requested."""
 
 
 def steered_motion(
@@ -45,36 +49,43 @@ def steered_motion(
     wanted: Wanted,
     progress: Callable[[float], None] | None = None,
 ) -> Motion:
-    """Move runs that a strategy steers, to their end or, if the scenario says so, until all robots have decided.
+    """Simulate the motion of runs that a strategy steers.
+
+    A run ends at ``run.t_end_s`` or, if ``run.stop`` is "all_decided", one tick after all robots have decided.
 
     Args:
         floors: floor of each run, by run number. motion: name of the motion source.
         wanted: tables requested beside the samples. progress: called after each run with the share of runs done.
     Raises:
-        InputError: the source cannot be steered, or a turn or a leg is out of range.
+        InputError: the motion source cannot be steered, or the strategy chooses a turn or a leg that is out of range.
     """
     loop, t_end_s = ClosedLoop(scenario, seed), scenario.run.t_end_s
-    first = steerable(source(motion).init(scenario, seed, runs[0], *wanted), motion)
-    columns, parts = SampleColumns(first.tick_ms, 0), []
+    # One state serves all runs: ``start`` sets it to the start of each.
+    state = steerable(source(motion).init(scenario, seed, runs[0], *wanted), motion)
+    columns, parts = SampleColumns(state.tick_ms, room=0), []
     for done, (run, ground) in enumerate(zip(runs, sensed_floors(scenario, seed, runs, floors), strict=True)):
         until_s = t_end_s
+        # A run that ends with the last decision is simulated twice: the first time to find its end, the second time to
+        # record it up to that end.
         if scenario.run.stop == "all_decided":
             loop.begin(run, ground)
-            first.start(seed, run)
-            until_s = _decided_by(first, loop, t_end_s)
+            state.start(seed, run)
+            until_s = _decided_by(state, loop, t_end_s)
         loop.begin(run, ground)
-        first.start(seed, run)
-        parts.append(_whole_run(first, loop, until_s, columns))
+        state.start(seed, run)
+        parts.append(_whole_run(state, loop, until_s, columns))
         if progress is not None:
             progress((done + 1) / len(runs))
-    return with_samples(columns.frame(), parts, first.tick_ms)
+    return with_samples(columns.frame(), parts, state.tick_ms)
 
 
 def steerable(state: MotionState, motion: str) -> KernelRun:
-    """Return the state if its robots can be steered.
+    """Return ``state``, the state of a run, if its robots can be steered.
 
+    Args:
+        motion: name of the motion source, for the message.
     Raises:
-        InputError: it cannot.
+        InputError: the motion source does not support steering.
     """
     if not isinstance(state, KernelRun):
         raise InputError(
@@ -93,40 +104,46 @@ def steer_on(
     take_moves: Take | None = None,
     take_segments: Take | None = None,
 ) -> bool:
-    """Advance to the next sample or to ``until_s``, and let the strategy steer the robots that sampled.
+    """Advance a run to the next tick at which robots sample, or to ``until_s``; let the strategy steer these robots.
 
     Args:
+        state: the run's motion, changed. loop: the run's closed loop, which replays the samples.
         take, take_moves, take_segments: called with new rows of samples, moves and segments, if given.
-
-    Returns whether any robot sampled.
+    Returns: whether any robot sampled.
     """
-    before = int(loop.bounds[1])
+    before = int(loop.bounds[1])  # number of samples so far
 
-    def both(rows: NDArray[np.void]) -> None:
+    def take_samples(rows: NDArray[np.void]) -> None:
+        """Pass new samples to the closed loop, and to the caller."""
         loop.add_samples(rows)
         if take is not None:
             take(rows)
 
-    def both_moves(rows: NDArray[np.void]) -> None:
+    def pass_on_moves(rows: NDArray[np.void]) -> None:
+        """Pass new moves to the closed loop, and to the caller."""
         loop.add_moves(rows)
         if take_moves is not None:
             take_moves(rows)
 
-    asks = loop.needs_moves
-    sampled = state.to_sample(until_s, both, both_moves if asks else take_moves, take_segments)
-    if asks:
+    loop_reads_moves = loop.needs_moves
+    sampled = state.to_sample(
+        until_s, take_samples, pass_on_moves if loop_reads_moves else take_moves, take_segments
+    )
+    if loop_reads_moves:
         loop.add_moves(state.moves_under_way())
     loop.catch_up(state.tick, state.stop_ticks)
     for k in range(before, int(loop.bounds[1])):
-        turn_deg, drive_ms = loop.replayer.steering[k].tolist()
+        turn_deg, drive_ms = loop.replayer.steering[k].tolist()  # both nan: the strategy leaves all as drawn
         if not (math.isnan(turn_deg) and math.isnan(drive_ms)):
             state.steer(int(loop.buffer.robot[k]), turn_deg, drive_ms)
     return sampled
 
 
 def _decided_by(state: KernelRun, loop: ClosedLoop, t_end_s: float) -> float:
-    """Run until all robots have decided; return the time one tick after that, s, or the end of the run if they never
-    have."""
+    """Advance a run until all robots have decided, or to ``t_end_s``; return the time at which the run ends, s.
+
+    That is one tick after the last robot has decided, but at most ``t_end_s``.
+    """
     while not reached(state.time_s, t_end_s, loop.tick_ms):
         steer_on(state, loop, t_end_s)
         decided_s = loop.first_all_decided_s
@@ -136,10 +153,14 @@ def _decided_by(state: KernelRun, loop: ClosedLoop, t_end_s: float) -> float:
 
 
 def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: SampleColumns) -> Rows:
-    """Run from start to ``until_s``; append the samples to ``columns``, and return all other rows."""
+    """Advance a run from its start to ``until_s``; append its samples to ``columns``, and return its other rows.
+
+    Returns: ends, failure, and segments and moves if they were requested; the field of samples is empty.
+    """
     moves, segments = list[NDArray[np.void]](), list[NDArray[np.void]]()
 
     def keep(rows: NDArray[np.void], kept: list[NDArray[np.void]]) -> None:
+        """Append a copy of ``rows`` to ``kept``, as the engine overwrites its rows."""
         kept.append(joined([rows]))
 
     has_moves = state.record.moves.size > 0
@@ -148,30 +169,31 @@ def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: Samp
             state,
             loop,
             until_s,
-            columns.take,
-            (lambda rows: keep(rows, moves)) if has_moves else None,
-            (lambda rows: keep(rows, segments)) if state.record.segments.size > 0 else None,
+            take=columns.take,
+            take_moves=(lambda rows: keep(rows, moves)) if has_moves else None,
+            take_segments=(lambda rows: keep(rows, segments)) if state.record.segments.size > 0 else None,
         )
     if has_moves:
-        moves.append(state.moves_under_way())
+        moves.append(state.moves_under_way())  # those that end with the run
     return Rows(
-        state.record.samples[:0],
-        joined(segments) if segments else None,
-        state.ends(),
-        in_start_order(joined(moves)) if moves else None,
-        state.failure,
+        samples=state.record.samples[:0],  # none: they are in ``columns``
+        segments=joined(segments) if segments else None,
+        ends=state.ends(),
+        moves=in_start_order(joined(moves)) if moves else None,
+        failure=state.failure,
     )
 
 
 def in_start_order(moves: NDArray[np.void]) -> NDArray[np.void]:
-    """Return moves sorted by start and robot; they were recorded in the order in which they ended."""
+    """Sort moves, which were recorded in the order in which they ended, by start and then by robot."""
     return moves[np.lexsort((moves["robot"], moves["tick"]))]
 
 
 PIECE_S: Final = 100.0
-"""Length of the pieces in which motion advances; the last piece is redone, up to the decision."""
+"""Length of the pieces in which motion advances, s. The piece in which the last robot decides is simulated again, up to
+that decision."""
 LIKELY: Final = 0.9
-"""Length of a run's first piece, as a share of the shortest run so far. No result depends on it."""
+"""Length of a run's first piece, as a share of the shortest run so far. It affects speed only, not the result."""
 
 
 def until_all_decided(
@@ -183,12 +205,14 @@ def until_all_decided(
     wanted: Wanted,
     progress: Callable[[float], None] | None = None,
 ) -> Motion:
-    """Move runs until one tick after the last robot has decided, or to their end.
+    """Simulate the motion of runs until one tick after all robots have decided, or to ``run.t_end_s``.
 
     Args:
         floors: floor of each run, by run number. motion: name of the motion source.
         wanted: tables requested beside the samples. progress: called after each run with the share of runs done.
     """
+    # first_s: length of a run's first piece. A run is likely to take at least the share LIKELY of the shortest run so
+    # far, so its first piece is that long.
     loop, pieces, first_s = ClosedLoop(scenario, seed), list[Motion](), PIECE_S
     shortest_s = scenario.run.t_end_s
     for done, (run, ground) in enumerate(zip(runs, sensed_floors(scenario, seed, runs, floors), strict=True)):
@@ -196,17 +220,20 @@ def until_all_decided(
         moved = _run(source(motion).init(scenario, seed, run, *wanted), loop, first_s)
         pieces.append(moved)
         shortest_s = min(shortest_s, float(moved.ends["end_s"].to_numpy().max()))
-        first_s = max(LIKELY * shortest_s, scenario.tick_s)
+        first_s = max(LIKELY * shortest_s, scenario.tick_s)  # at least one tick, so that the run advances
         if progress is not None:
             progress((done + 1) / len(runs))
     return join(pieces)
 
 
 def _run(state: MotionState, loop: ClosedLoop, first_s: float) -> Motion:
-    """Move one run until one tick after the last robot has decided, or to its end.
+    """Advance one run until one tick after all robots have decided, or to ``run.t_end_s``; return its motion.
 
-    Motion advances in pieces; the piece in which the last decision falls is repeated up to it, from a copy of the
-    state.
+    Motion advances in pieces. The piece in which the last robot decides is repeated from a copy of the state at its
+    beginning, up to one tick after the decision.
+
+    Args:
+        state: the run at its start, changed. loop: the run's closed loop, begun. first_s: length of the first piece.
     """
     t_end_s, pieces, length_s = loop.scenario.run.t_end_s, list[Motion](), first_s
     while not reached(state.time_s, t_end_s, loop.tick_ms):

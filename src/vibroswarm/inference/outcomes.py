@@ -1,16 +1,16 @@
 """Outcomes of robots and runs: the columns, how each is computed, and the tables and figures made of them.
 
-All functions take arrays of shape (..., runs, robots) for robots and (..., runs) for runs; leading axes are
-cells.
+Unless stated otherwise, arrays about robots have shape (..., runs, robots) and arrays about runs have shape (...,
+runs); leading axes are cells (combinations of settings).
 
 | name | definition |
 |---|---|
-| truth | the right decision by the scenario's task; nan where neither is |
-| right, wrong | robots whose decision is, is not, the truth; none where the truth is nan |
-| consensus | incomplete: one is undecided; split: they differ; right, wrong; truth_undefined: the truth is nan |
-| consensus_time_s | time of the last decision of a swarm that decided alike, else nan |
-| belief_in_truth | belief that f is below the boundary where it is, one minus that where it is above |
-| estimate | alpha / (alpha + beta), the posterior mean of f; nan for a robot that keeps no posterior |
+| truth | the right decision by the scenario's task: 0 or 1; nan if neither decision is right |
+| right, wrong | robots that decided and whose decision is, or is not, the truth; no robot if the truth is nan |
+| consensus | incomplete: a robot is undecided; split: decisions differ; else right, wrong, or truth_undefined (nan) |
+| consensus_time_s | time of the last decision of a swarm whose robots all made the same decision, else nan |
+| belief_in_truth | belief that f is below the boundary if the truth is 0; one minus that belief if it is 1 |
+| estimate | alpha / (alpha + beta), the posterior mean of f; nan for a robot without a posterior |
 | capped time | min(decision time, T_end): an undecided robot, or a swarm without consensus, counts with T_end |
 """
 
@@ -29,11 +29,13 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import Asked, task
 
 Array = NDArray[np.float64]
+"""Floats, of any shape."""
 Columns = Mapping[str, NDArray[Any]]
+"""Columns of a table by name, as arrays."""
 
 CONSENSUS: Final = ("right", "wrong", "split", "incomplete", "truth_undefined")
-"""Outcome of a run. ``truth_undefined``: all decided alike, on a floor whose fill ratio lies on the boundary itself,
-so that neither decision is right."""
+"""Outcomes of a run. ``truth_undefined``: all robots made the same decision, on a floor on which neither decision is
+right, such as one whose fill ratio is the boundary itself."""
 RIGHT, WRONG, SPLIT, INCOMPLETE, TRUTH_UNDEFINED = range(len(CONSENSUS))
 
 ROBOTS: Final[dict[str, Any]] = {
@@ -50,8 +52,9 @@ ROBOTS: Final[dict[str, Any]] = {
     "sent": pl.UInt32,
     "messages_received": pl.UInt32,
 }
-"""Columns of the table of robots. ``belief_below`` (the boundary) is at the moment of decision, or at the last sample
-of a robot that never decided. alpha, beta and messages_received are at the end."""
+"""Columns of the table of robots. ``belief_below`` is the belief that f is below the boundary, at the moment of
+decision or, for a robot that never decided, at its last sample or timer. alpha, beta and messages_received are those
+at the end of the run."""
 
 RUNS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -65,16 +68,21 @@ RUNS: Final[dict[str, Any]] = {
     "end_s": pl.Float64,
     "stopped_early": pl.Boolean,
 }
-"""Columns of the table of runs; ``truth`` is null on the boundary. A run that stopped early has biased motion
-statistics: it is marked by ``stopped_early``."""
+"""Columns of the table of runs; ``truth`` is null if neither decision is right. ``stopped_early`` marks runs that ended
+before ``run.t_end_s``, as their motion statistics are biased."""
 
 
 # Floors and truth
 
 
 def fill_ratios(floors: Mapping[int, Floor], runs: list[int], width_m: float, height_m: float) -> list[float]:
-    """Return the fill ratio of each run's floor inside the arena; a floor shared by runs is measured once."""
-    known: dict[int, float] = {}
+    """Return the fill ratio inside the arena of each run's floor, in the order of ``runs``.
+
+    Args:
+        floors: the floor of each run, by run number; a floor object that several runs share is measured once.
+        runs: the run numbers. width_m, height_m: size of the arena.
+    """
+    known: dict[int, float] = {}  # fill ratio of each floor object, by its id
     for run in runs:
         floor = floors[run]
         if id(floor) not in known:
@@ -83,22 +91,27 @@ def fill_ratios(floors: Mapping[int, Floor], runs: list[int], width_m: float, he
 
 
 def truth_on(scenario: Scenario, floor: Floor, fill_ratio: float | None = None) -> int | None:
-    """Return the right decision on a floor by the scenario's task: 1, 0, or None where neither is.
+    """Return the right decision on a floor by the scenario's task: 1, 0, or None if neither decision is right.
 
     Args:
         fill_ratio: fill ratio of the floor inside the arena; None: it is computed.
     Raises:
-        CodeError: a user-defined task raised.
+        CodeError: a user's task raised an error, or returned something other than 0, 1 and None.
     """
     size = scenario.arena.width_m, scenario.arena.height_m
     fill_ratio = floor.fill_ratio_within(*size) if fill_ratio is None else fill_ratio
-    question = Asked(*size, fill_ratio, scenario.decision.decision_boundary)
+    question = Asked(*size, fill_ratio=fill_ratio, decision_boundary=scenario.decision.decision_boundary)
     return task(scenario.task.name).answer(floor, question, scenario.task.params)
 
 
 def truths(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int], fills: Array) -> Array:
-    """Return the truth about the floor of each run, (runs,): 1, 0, or nan where neither decision is right."""
-    known: dict[int, float] = {}
+    """Return the truth about the floor of each run, (runs,): 1, 0, or nan where neither decision is right.
+
+    Args:
+        floors: the floor of each run, by run number; a floor object that several runs share is judged once.
+        runs: the run numbers. fills: (runs,): fill ratio inside the arena of each run's floor.
+    """
+    known: dict[int, float] = {}  # truth about each floor object, by its id
     for run, fill in zip(runs, fills, strict=True):
         if id(floors[run]) not in known:
             answer = truth_on(scenario, floors[run], float(fill))
@@ -116,38 +129,52 @@ def fills_and_truth(scenario: Scenario, floors: Mapping[int, Floor], runs: list[
 
 
 def right_of(decision: NDArray[Any], truth: Array) -> NDArray[np.bool_]:
-    """Return which robots decided right, (..., runs, robots); none where the truth is nan."""
+    """Return which robots decided right, (..., runs, robots); no robot of a run whose truth is nan.
+
+    Args:
+        decision: (..., runs, robots): -1 undecided. truth: (..., runs).
+    """
     return np.asarray(decision == truth[..., None])
 
 
 def wrong_of(decision: NDArray[Any], truth: Array) -> NDArray[np.bool_]:
-    """Return which robots decided wrong, (..., runs, robots); none where the truth is nan."""
+    """Return which robots decided wrong, (..., runs, robots); no robot of a run whose truth is nan.
+
+    Args:
+        decision: (..., runs, robots): -1 undecided, which equals neither 0 nor 1. truth: (..., runs).
+    """
     return np.asarray(decision == 1.0 - truth[..., None])
 
 
 def belief_in_truth(belief: Array, truth: Array) -> Array:
-    """Return the belief in the truth, shape as they broadcast; nan where the truth or the belief is nan."""
+    """Return the belief in the truth; nan where ``belief`` or ``truth`` is nan.
+
+    Args:
+        belief: belief that f is below the boundary. truth: 0, 1 or nan; broadcast against ``belief``.
+    """
     return np.where(truth == 0.0, belief, np.where(truth == 1.0, 1.0 - belief, np.nan))
 
 
 def estimate_of(alpha: NDArray[Any], beta: NDArray[Any]) -> Array:
-    """Return the posterior mean of the fill ratio, shape of both; nan where they are nan or both 0."""
+    """Return the posterior mean of the fill ratio, element by element; nan where alpha and beta are nan or both 0."""
     total = alpha + beta.astype(np.float64)
+    # ``where`` leaves nan where the total is 0 or nan.
     estimate: Array = np.divide(alpha, total, out=np.full(total.shape, np.nan), where=total > 0)
     return estimate
 
 
 def capped_time_s(time_s: Array, t_end_s: ArrayLike) -> Array:
-    """Return min(time, T_end), s; T_end where the time is nan; shape as they broadcast."""
+    """Return min(time, T_end), s, and T_end where the time is nan; the arrays are broadcast against each other."""
     return np.minimum(np.where(np.isnan(time_s), t_end_s, time_s), t_end_s)
 
 
 def robot_columns(finals: Columns, truth: Array) -> dict[str, NDArray[Any]]:
-    """Return the columns of the table of robots but run and robot, (..., runs, robots) each.
+    """Return the columns ``finals`` with ``belief_in_truth`` and ``sent`` added, (..., runs, robots) each.
 
     Args:
-        finals: ``inference.agents.final_columns``, (..., runs, robots) each. Without ``sent``, each robot is taken to
-            have sent one message per sample.
+        finals: columns of ``inference.agents.final_columns``, (..., runs, robots) each; ``belief_below`` and
+            ``samples`` are needed. If there is no column ``sent``, each robot is taken to have sent one message per
+            sample.
         truth: (..., runs).
     """
     in_truth = belief_in_truth(finals["belief_below"], truth[..., None])
@@ -160,26 +187,27 @@ def run_columns(
     """Return the columns of the table of runs except ``run``; consensus is an index into ``CONSENSUS``.
 
     Args:
-        decision, time_s: (..., runs, robots); -1 and nan where undecided. truth: (..., runs).
-        fills, end_s: (runs,). t_end_s: end of a run that does not stop early, s.
+        decision, time_s: (..., runs, robots): decision and its time; -1 and nan where undecided. truth: (..., runs).
+        fills, end_s: (runs,): fill ratio of the floor and end of each run. t_end_s: end of a run that does not stop
+            early, s.
     Returns: columns of shape (..., runs); those that depend only on ``fills`` and ``end_s`` have shape (runs,). The
-        consensus time is nan unless all robots decided alike.
+        consensus time is nan unless all robots made the same decision.
     """
     undecided = (decision == -1).sum(axis=-1)
     right, wrong = right_of(decision, truth).sum(axis=-1), wrong_of(decision, truth).sum(axis=-1)
-    alike = (decision == decision[..., :1]).all(axis=-1)
-    of_alike = np.where(np.isnan(truth), TRUTH_UNDEFINED, np.where(right > 0, RIGHT, WRONG))
-    together = (undecided == 0) & alike
+    same = (decision == decision[..., :1]).all(axis=-1)  # all robots have the decision of the first one
+    of_same = np.where(np.isnan(truth), TRUTH_UNDEFINED, np.where(right > 0, RIGHT, WRONG))
+    consensus = (undecided == 0) & same
     return {
-        "consensus": np.where(undecided > 0, INCOMPLETE, np.where(alike, of_alike, SPLIT)).astype(np.uint8),
-        "consensus_time_s": np.where(together, time_s.max(axis=-1), np.nan),
+        "consensus": np.where(undecided > 0, INCOMPLETE, np.where(same, of_same, SPLIT)).astype(np.uint8),
+        "consensus_time_s": np.where(consensus, time_s.max(axis=-1), np.nan),
         "fill_ratio": fills,
         "truth": truth,
         "right": right.astype(np.uint16),
         "wrong": wrong.astype(np.uint16),
         "undecided": undecided.astype(np.uint16),
         "end_s": end_s,
-        "stopped_early": end_s < t_end_s - 1e-9,
+        "stopped_early": end_s < t_end_s - 1e-9,  # 1e-9: for rounding
     }
 
 
@@ -193,7 +221,8 @@ def outcome_tables(
 
     Args:
         floors: the floor of each run, by run number.
-        finals: final state of each robot (``inference.agents.FINALS``), run by run. ends: ends of the same rows.
+        finals: table of the final state of each robot (``inference.agents.FINALS``), run by run.
+        ends: the motion's table of ends, with a row for the same run and robot as each row of ``finals``.
     """
     robots = scenario.swarm.robots
     fills, truth = fills_and_truth(scenario, floors, finals["run"].to_list()[::robots])
@@ -204,45 +233,54 @@ def outcome_tables(
 def robot_table(finals: pl.DataFrame, truth: Array) -> pl.DataFrame:
     """Return the table of robots, one row per run and robot, also for robots that never sampled.
 
-    A robot's decision is its last one, and the decision time that of the sample at which it was made.
+    A robot's decision is its last one; the decision time is the time at which this decision was made.
 
     Args:
-        finals: final state of each robot, run by run. truth: (runs,).
+        finals: table of the final state of each robot, run by run, with the same number of robots in each run. Tables
+            from recordings have no column ``sent`` (number of messages sent): ``samples`` is then taken for it, because
+            robots send one message per sample.
+        truth: the right decision of each run, (runs,).
     """
-    robots = finals.height // max(truth.size, 1)
-    present: list[str] = [name for name in ("belief_below", "samples", "sent") if name in finals.columns]
-    by_run = {name: finals[name].to_numpy().reshape(-1, robots) for name in present}
+    robots = finals.height // max(truth.size, 1)  # per run; max: there may be no runs
+    # The columns that the columns to be added are computed from: ``sent`` only if the table has it.
+    read: list[str] = [name for name in ("belief_below", "samples", "sent") if name in finals.columns]
+    by_run = {name: finals[name].to_numpy().reshape(-1, robots) for name in read}
     computed = robot_columns(by_run, truth)
-    more = {
+    added = {
         name: as_series(name, computed[name].ravel(), ROBOTS[name]) for name in ("belief_in_truth", "sent")
     }
-    return pl.DataFrame([more[name] if name in more else finals[name] for name in ROBOTS])
+    return pl.DataFrame([added[name] if name in added else finals[name] for name in ROBOTS])
 
 
 def run_table(finals: pl.DataFrame, fills: Array, truth: Array, end_s: Array, t_end_s: float) -> pl.DataFrame:
     """Return the table of runs.
 
     Args:
-        finals: final state of each robot, run by run. fills, truth, end_s: (runs,). t_end_s: end of a run, s.
+        finals: table of the final state of each robot, run by run. fills, truth, end_s: (runs,): fill ratio of the
+            floor, truth, and end of each run. t_end_s: end of a run that does not stop early, s.
     """
-    robots = finals.height // max(truth.size, 1)
+    robots = finals.height // max(truth.size, 1)  # per run; max: there may be no runs
     decision, time_s = (
         finals[name].to_numpy().reshape(-1, robots) for name in ("decision", "decision_time_s")
     )
+    # One entry per run; copied to be contiguous, as every ``robots``-th entry of an array is not.
     run = {"run": finals["run"].to_numpy()[::robots].copy()}
     columns = run | run_columns(decision, time_s, fills, truth, end_s, t_end_s)
     return pl.DataFrame([as_series(name, columns[name], kind) for name, kind in RUNS.items()])
 
 
 def as_series(name: str, values: NDArray[Any], kind: Any) -> pl.Series:
-    """Return a column of a table: nan becomes null, an index into the words of an ``Enum`` becomes its word."""
+    """Convert an array to a column of a table, of type ``kind``, with null in place of nan.
+
+    If ``kind`` is an ``Enum``, ``values`` are indices into its words.
+    """
     if isinstance(kind, pl.Enum):
         return pl.Series(name, kind.categories, dtype=kind).gather(values)
     return pl.Series(name, values, nan_to_null=values.dtype == np.float64).cast(kind)
 
 
 def numbers(column: pl.Series) -> Array:
-    """Return a column as floats, nan in place of null."""
+    """Return a column as an array of floats, with nan in place of null."""
     return column.cast(pl.Float64).fill_null(math.nan).to_numpy()
 
 
@@ -250,19 +288,24 @@ def numbers(column: pl.Series) -> Array:
 
 
 def run_figures(robots: Columns, runs: Columns, t_end_s: ArrayLike) -> dict[str, Array]:
-    """Return figures of each run, (..., runs) each: those of ``of_swarms``, and means over its robots of decision time
-    (T_end if undecided), belief in the truth and estimate; nan where no robot has the value.
+    """Return the figures (results as numbers) of each run, by name, (..., runs) each.
+
+    They are the figures of ``of_swarms``, and three means over the run's robots: decision time (T_end for undecided
+    robots), belief in the truth, and estimate. A mean leaves out robots whose value is nan; it is nan if all are.
 
     Args:
-        robots: columns of the table of robots, (..., runs, robots) each. runs: of runs, (..., runs) each.
-        t_end_s: end of a run, s; shape of the leading axes, or one number.
+        robots: columns of the table of robots, (..., runs, robots) each. runs: columns of the table of runs, (...,
+            runs) each. t_end_s: end of a run, s: one number, or one for each cell in the shape of the leading axes.
     """
+    # t_end_s has one number per cell. It gets an axis for runs here, and another one for robots where that is needed.
     shape, end_s = robots["decision"].shape, np.asarray(t_end_s, dtype=np.float64)[..., None]
     of_robots = {
         "decision_time_s": capped_time_s(robots["decision_time_s"], end_s[..., None]),
         "belief_in_truth": robots["belief_in_truth"],
         "estimate": estimate_of(robots["alpha"], robots["beta"]),
     }
+    # All robots are put into one axis, run by run, so that each run's numbers are added in one fixed order.
+    # first: index of each run's first robot.
     first = np.arange(0, math.prod(shape), shape[-1])
     means = {
         name: mean_by_run(values.ravel(), first).reshape(shape[:-1]) for name, values in of_robots.items()
@@ -271,15 +314,15 @@ def run_figures(robots: Columns, runs: Columns, t_end_s: ArrayLike) -> dict[str,
 
 
 def of_swarms(runs: Columns, robots: ArrayLike, t_end_s: ArrayLike) -> dict[str, Array]:
-    """Return the figures of each swarm in ``runs``, (..., runs) each.
+    """Return those figures of each run that follow from the table of runs, by name, (..., runs) each.
 
-    Where the truth is nan, so are the figures that count right or wrong decisions.
+    Where the truth is nan, the figures that count right or wrong decisions are nan too.
 
     Args:
-        runs: columns of the table of runs. robots: number of robots of a run. t_end_s: end of a run, s.
+        runs: columns of the table of runs, (..., runs) each. robots: robots per run. t_end_s: end of a run, s.
     Returns: truth; consensus_time_s (nan without consensus); right, wrong, undecided (numbers of robots);
-        right_share, wrong_share, undecided_share; swarm_right, swarm_wrong (1: all decided so, else 0); swarm_time_s
-        (capped consensus time).
+        right_share, wrong_share, undecided_share; swarm_right, swarm_wrong (1 if the consensus is right, or wrong, else
+        0); swarm_time_s (capped consensus time).
     """
     robots = np.asarray(robots, dtype=np.float64)
     truth = runs["truth"].astype(np.float64)
@@ -298,21 +341,21 @@ def of_swarms(runs: Columns, robots: ArrayLike, t_end_s: ArrayLike) -> dict[str,
 
 
 def sum_by_run(values: Array, first: NDArray[np.intp]) -> Array:
-    """Return sums over the robots of each run, (runs,), in one fixed order.
+    """Return the sum over the robots of each run, (runs,); numbers are always added in the same order.
 
     Args:
-        values: (robots of all runs,), run by run. first: index of each run's first robot.
+        values: (robots of all runs,), run by run. first: (runs,): index of each run's first robot.
     """
     sums: Array = np.add.reduceat(values, first) if first.size else np.zeros(0)
     return sums
 
 
 def mean_by_run(values: Array, first: NDArray[np.intp]) -> Array:
-    """Return the mean over the robots of each run whose value is not nan, (runs,); nan where all are nan.
+    """Return the mean over those robots of each run whose value is not nan, (runs,); nan if all values are nan.
 
     Args:
-        values, first: as for ``sum_by_run``.
+        values: (robots of all runs,), run by run. first: (runs,): index of each run's first robot.
     """
     known = ~np.isnan(values)
-    with np.errstate(invalid="ignore", divide="ignore"):
+    with np.errstate(invalid="ignore", divide="ignore"):  # 0 / 0 where all values are nan
         return sum_by_run(np.where(known, values, 0.0), first) / sum_by_run(known.astype(np.float64), first)

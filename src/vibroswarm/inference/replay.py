@@ -1,4 +1,8 @@
-"""Replay of a strategy, including its messages, over the samples of runs."""
+"""Replay of a strategy, including its messages, over the samples of runs.
+
+A "timeline" (``deliveries.Timeline``) holds the samples of a motion in the form that replay reads; its rows are those
+of the motion table. Code that replays many strategies over one motion builds the timeline once.
+"""
 
 from __future__ import annotations
 
@@ -32,6 +36,7 @@ INFERENCE: Final[dict[str, Any]] = {
     "belief_below": pl.Float64,
     "decision": pl.Int8,
 }
+"""Columns of the inference table: message and state of the robot after each of its samples."""
 
 
 def infer(
@@ -40,8 +45,7 @@ def infer(
     """Return the inference table and the final state of each robot (``agents.FINALS``).
 
     Args:
-        motion: or its timeline, built once for many strategies.
-        observations: the observation table of the motion, row by row.
+        motion: the motion, or its timeline. observations: the observation table, with the rows of the motion table.
     Raises:
         ValueError: the rows of motion and observations are not the same.
         CodeError: the strategy did something that strategies may not do.
@@ -59,9 +63,17 @@ def infer(
 def outcomes(
     scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
 ) -> pl.DataFrame:
-    """Return the final state of each robot, as ``infer`` does, without the inference table."""
+    """Return the table of the final state of each robot (``agents.FINALS``), without computing the inference table.
+
+    Args:
+        motion: the motion, or its timeline. observations: the observation table, with the rows of the motion table.
+    Raises:
+        ValueError: the rows of motion and observations are not the same.
+        CodeError: the strategy did something that strategies may not do.
+    """
     timeline = timeline_of(scenario, motion)
-    return final_frame(timeline.ends, _replayed(scenario, seed, timeline, observations, None, None))
+    swarm = _replayed(scenario, seed, timeline, observations, messages=None, log=None)
+    return final_frame(timeline.ends, swarm)
 
 
 def replay_to_end(
@@ -71,15 +83,15 @@ def replay_to_end(
     observation: NDArray[np.uint8],
     energy: NDArray[np.float32] | None = None,
 ) -> Swarm:
-    """Replay whole runs; return the rows of the robots at their end.
+    """Replay whole runs; return the state of all robots at the end.
 
     Args:
-        observation: (rows,), bits of the timeline's samples.
-        energy: (rows,), needed only if the strategy reads energies.
+        observation, energy: (rows,): bits and energies of the timeline's samples; energies are needed only if the
+            strategy reads them.
     Raises:
-        ValueError: the strategy reads energies, and there are none.
+        ValueError: the strategy reads energies, and ``energy`` is None.
     """
-    return _replay(scenario, seed, timeline, observation, energy, None, None)
+    return _replay(scenario, seed, timeline, observation, energy, messages=None, log=None)
 
 
 def sent_messages(
@@ -88,23 +100,24 @@ def sent_messages(
     """Return sender and tick of the messages of one run, in the order of tick and sender, (messages,) each.
 
     Args:
-        timeline, observations: of that run alone.
+        timeline, observations: those of a single run.
     """
-    if counts_only(strategy_used(scenario)):  # a message at every sample
+    if counts_only(strategy_used(scenario)):  # such a strategy sends exactly one message at each sample
         return timeline.robot.astype(np.int64), timeline.stops.tick
     replayer = MessagesReplayer(
         scenario,
         seed,
-        1,
-        timeline.longest,
-        timeline.robot.size,
-        None,
-        None,
-        network_of(scenario.network.name),
+        runs=1,
+        longest=timeline.longest,
+        rows=timeline.robot.size,
+        messages=None,
+        log=None,
+        network=network_of(scenario.network.name),
     )
     _advance(replayer, scenario, seed, timeline, *bits_and_energies(observations))
     buffer = replayer.buffer
     sent = int(buffer.filled[0])
+    # Copies, so that the buffer, which is larger, can be freed.
     return buffer.sender[:sent].copy(), buffer.tick[:sent].copy()
 
 
@@ -116,15 +129,21 @@ def _replayed(
     messages: NDArray[np.void] | None,
     log: Log | None,
 ) -> Swarm:
-    """Replay after checking that the observations match the motion."""
+    """Check that the observations have the rows of the timeline, replay all runs, and return the robots' final state.
+
+    Args:
+        observations: the observation table. messages, log: (rows,): the message sent at each sample, and the state
+            after it; written unless None.
+    Raises:
+        ValueError: the observation table does not have the rows of the timeline.
+    """
     if not _same_rows(timeline.samples, observations):
         raise ValueError("the observation table does not have the rows of the motion table")
     return _replay(scenario, seed, timeline, *bits_and_energies(observations), messages, log)
 
 
 def bits_and_energies(observations: pl.DataFrame) -> tuple[NDArray[np.uint8], NDArray[np.float32] | None]:
-    """Return the bits and the energies of an observation table, (rows,) each; None for the energies if any is
-    missing."""
+    """Return the bits and the energies of an observation table, (rows,) each; no energies (None) if any is missing."""
     energy = observations["energy"]
     known = energy.null_count() == 0
     return observations["observation"].to_numpy(), energy.to_numpy() if known else None
@@ -139,7 +158,12 @@ def _replay(
     messages: NDArray[np.void] | None,
     log: Log | None,
 ) -> Swarm:
-    """Replay all runs with the kernels of this strategy and network; return the final swarm."""
+    """Replay all runs with the kernels of the scenario's strategy and network; return the final state of all robots.
+
+    Args:
+        observation, energy: (rows,): bits and energies of the samples; energies are needed only if the strategy reads
+            them. messages, log: (rows,): the message sent at each sample, and the state after it; written unless None.
+    """
     longest = timeline.longest
     replayer = replayer_of(
         scenario, seed, runs=timeline.runs.size, longest=longest, rows=timeline.robot.size, messages=messages,
@@ -157,17 +181,22 @@ def _advance(
     observation: NDArray[np.uint8],
     energy: NDArray[np.float32] | None,
 ) -> None:
-    """Replay all runs of a timeline from their start to their end."""
+    """Replay all runs of a timeline with ``replayer``, from their start to their end.
+
+    Args:
+        replayer: new, changed. observation, energy: (rows,): bits and energies of the samples; energies are needed only
+            if the strategy reads them.
+    """
     strategy = strategy_used(scenario)
     numbers = timeline.message_uniforms(seed) if uses_uniforms(strategy) else NO_VALUES
     readings = Readings(
-        read_only(observation),
-        timeline.x_m,
-        timeline.y_m,
-        timeline.heading_rad,
-        read_only(numbers),
-        timeline.estimates(scenario, seed),
-        read_only(_log_ratios(scenario, observation, energy)),
+        observation=read_only(observation),
+        x_m=timeline.x_m,
+        y_m=timeline.y_m,
+        heading_rad=timeline.heading_rad,
+        uniforms=read_only(numbers),
+        estimates=timeline.estimates(scenario, seed),
+        log_ratios=read_only(_log_ratios(scenario, observation, energy)),
     )
     replayer.advance(
         rows_of(timeline),
@@ -185,7 +214,7 @@ def _log_ratios(
     """Return the log likelihood ratio of each sample's energy, (rows,); empty if the strategy does not read it.
 
     Raises:
-        ValueError: the strategy reads energies, and there are none.
+        ValueError: the strategy reads energies, and ``energy`` is None.
     """
     if not reads_energies(scenario):
         return NO_VALUES
@@ -195,19 +224,28 @@ def _log_ratios(
 
 
 def _same_rows(samples: pl.DataFrame, observations: pl.DataFrame) -> bool:
+    """Return whether two tables have the same runs, robots and samples in the same order."""
     if samples.height != observations.height:
         return False
     return all(_same(samples[name].to_numpy(), observations[name].to_numpy()) for name in samples.columns)
 
 
 def _same(one: NDArray[Any], other: NDArray[Any]) -> bool:
-    # An observation table shares columns with its motion table: the same memory need not be compared.
+    """Return whether two columns of the same length are equal."""
+    # For speed: an observation table shares columns with its motion table. Columns at one address need not be compared.
     at_one_place = one.__array_interface__["data"][0] == other.__array_interface__["data"][0]
     return (at_one_place and one.dtype == other.dtype) or np.array_equal(one, other)
 
 
 def inference_columns(messages: NDArray[np.void], log: Log) -> list[pl.Series]:
-    """Return the inference columns except run, robot and sample; null if the strategy lacks the value."""
+    """Return the columns of the inference table (``INFERENCE``) except run, robot and sample.
+
+    A column is null everywhere if the strategy has no such value. ``message`` is the bit of a one-bit message; it is
+    null where the robot did not send.
+
+    Args:
+        messages: (rows,): message sent at each sample. log: state after each sample.
+    """
     count = log.belief.size
     columns: dict[str, Any] = {
         "messages_received": log.received,
@@ -215,7 +253,7 @@ def inference_columns(messages: NDArray[np.void], log: Log) -> list[pl.Series]:
         "decision": log.decision,
     }
     if "bit" in (messages.dtype.names or ()):
-        bits = messages["bit"].astype(np.float64)
+        bits = messages["bit"].astype(np.float64)  # floats, so that nan can mark missing bits
         bits[log.sends == 0] = np.nan
         columns["message"] = bits
     for name in ("alpha", "beta"):

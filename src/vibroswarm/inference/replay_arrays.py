@@ -1,8 +1,11 @@
 """Arrays that the replay kernels read and write: samples, stops, logs, and messages under way to each robot.
 
-Messages under way are in linked lists, the inboxes, in the order in which they will be read. Only messages that arrive
-take memory, so that a swarm of a thousand robots of which each hears a few costs no more than what these hear. Entries
-of a robot are sorted by arrival tick, and by the order of sending where that is equal.
+Messages under way are in doubly linked lists, one per robot, which share the arrays of an ``Inbox``. Each entry is one
+message to one receiver. A robot's entries are sorted by arrival tick and, for equal arrival ticks, in the order of
+sending, so that they are in the order in which they will be read. Only messages that arrive take memory, so that large
+swarms in which each robot hears only a few others need little of it.
+
+"Rows" are rows of a motion table, that is, samples. A number of a row "from the run's first" counts from 0 in each run.
 """
 
 from __future__ import annotations
@@ -16,60 +19,79 @@ from vibroswarm.core.jit import inlined, read_only, signed, zero_rows
 from vibroswarm.strategies.world import DetailedReading, Reading
 
 DONE: Final = 0
+"""Status code: all is replayed."""
 DOES_NOT_SEND: Final = 1
-"""A strategy with ``on_counts`` did not send at a sample."""
+"""Error code: a strategy with ``on_counts`` did not send at a sample."""
 BUFFER_FULL: Final = 2
-"""More messages were sent than the buffer holds."""
+"""Status code: a buffer of messages is full; the call must be repeated with a larger one."""
 INVALID_DECISION: Final = 3
-"""A decision is not -1, 0 or 1."""
+"""Error code: a decision is not -1, 0 or 1."""
 AGREED_SINCE: Final = 0
+"""Index in ``MessageBuffer.agreement`` of the tick since which all opinions agree; -1: they do not."""
 SETTLED: Final = 1
-"""Indices into ``MessageBuffer.agreement``."""
+"""Index in ``MessageBuffer.agreement`` of whether the opinions became decisions (1) or not (0)."""
 ERROR_TEXT: Final = {
     DOES_NOT_SEND: "on_sample did not send; a strategy that counts messages (on_counts) sends at every sample: "
     "give it on_message in place of on_counts",
     INVALID_DECISION: "a decision is none of -1 (undecided), 0 and 1",
 }
+"""Messages of the error codes."""
 
 
 class Rows(NamedTuple):
-    """Rows of a motion table, run by run, in order of time; see ``Timeline``."""
+    """Rows of a motion table, run by run, in order of time; the fields are those of ``deliveries.Timeline``."""
 
     bounds: NDArray[np.int64]
     """(runs + 1,): run r has the rows from ``bounds[r]`` to ``bounds[r + 1]``."""
     runs: NDArray[np.int64]
+    """(runs,): run numbers."""
     robot: NDArray[np.uint16]
+    """(rows,): robot of the sample."""
     sample: NDArray[np.uint32]
+    """(rows,): index of the sample among the robot's samples."""
     time_s: NDArray[np.float64]
+    """(rows,): time of the sample."""
     heard: NDArray[np.int32]
-    """(rows, 3)."""
+    """(rows, 3): which messages the robot has heard at the sample, as in ``deliveries.Timeline.heard``."""
     heard_at_end: NDArray[np.int32]
-    """(runs * robots, 3)."""
+    """(runs * robots, 3): the same for each robot at the end of its run."""
 
 
 class Readings(NamedTuple):
-    """Input of a strategy at each row, (rows,) each; empty if not available."""
+    """Input of a strategy at each row, (rows,) each; a field is empty if it is not available or not needed."""
 
     observation: NDArray[np.uint8]
+    """Bit that the robot read."""
     x_m: NDArray[np.float64]
+    """True place, x."""
     y_m: NDArray[np.float64]
+    """True place, y."""
     heading_rad: NDArray[np.float64]
+    """True heading."""
     uniforms: NDArray[np.float64]
-    """Uniform number 0 of each sample."""
+    """First uniform number of each call of ``on_sample``."""
     estimates: NDArray[np.float64]
-    """(rows, 9 and more): places as robots estimate them (``robot.pose_mixture.ESTIMATE``), then their draws
-    (``robot.place_draws``); of no rows if they know the true ones."""
+    """(rows, 9 or more): places as robots estimate them (``robot.pose_mixture.ESTIMATE``), then draws of places
+    (``robot.place_draws``); no rows if robots know their true places."""
     log_ratios: NDArray[np.float64]
     """Log likelihood ratio of each sample's energy (``observation.energy_model``)."""
 
 
 NO_ESTIMATES: Final = read_only(np.empty((0, 9)))
+"""``Readings.estimates`` of robots that know their true places."""
 
 
 @inlined
 def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Reading:
-    """Return the reading of row ``k`` as a strategy gets it: with estimated positions if there are estimates, else the
-    true ones; nan if there are neither."""
+    """Return the reading of the sample in row ``k`` as a strategy gets it.
+
+    Its place is the estimated place if there are estimates; else the true place, or nan if that is not known.
+
+    Args:
+        time_s: time of the sample. number: index of the sample among the robot's samples.
+    """
+    # A ``Reading`` has, after bit, time and number: place, heading and spread now; then number, place and spreads of
+    # the lagged sample. The columns of the estimates are in this order.
     bit, estimates = signed(readings.observation[k]), readings.estimates
     if estimates.shape[0] > 0:
         return Reading(
@@ -79,16 +101,24 @@ def own_reading(readings: Readings, k: int, time_s: float, number: int) -> Readi
     x_m = readings.x_m[k] if readings.x_m.size > 0 else np.nan
     y_m = readings.y_m[k] if readings.y_m.size > 0 else np.nan
     heading_rad = readings.heading_rad[k] if readings.heading_rad.size > 0 else np.nan
+    # A robot that knows its place knows it without error, so the "lagged" sample is this one, with spreads 0.
     return Reading(bit, time_s, number, x_m, y_m, heading_rad, 0.0, number, x_m, y_m, 0.0, 0.0)
 
 
 @inlined
 def detailed_reading(readings: Readings, k: int, time_s: float, number: int) -> DetailedReading:
-    """Return the reading of row ``k`` for a strategy that ``reads_details``: that of ``own_reading``, with the log
-    likelihood ratio of its energy (nan if not available) and draws of places (of size 0 if there are none)."""
+    """Return the reading of the sample in row ``k`` as a strategy that ``reads_details`` gets it.
+
+    It has the fields of ``own_reading``, and also the log likelihood ratio of the energy (nan if it is not available)
+    and the draws of places, m (an empty array if there are none).
+
+    Args:
+        time_s: time of the sample. number: index of the sample among the robot's samples.
+    """
     x = own_reading(readings, k, time_s, number)
     log_ratio = readings.log_ratios[k] if readings.log_ratios.size > 0 else np.nan
     estimates = readings.estimates
+    # Columns from 9 on are the draws. log_ratios[:0] serves as an empty array of floats.
     draws_m = estimates[k][9:] if estimates.shape[0] > 0 else readings.log_ratios[:0]
     return DetailedReading(
         x.reading, time_s, number, x.x_m, x.y_m, x.heading_rad, x.spread_m, x.lagged_number, x.lagged_x_m,
@@ -106,7 +136,7 @@ class Stops(NamedTuple):
     following: NDArray[np.int32]
     """(rows,): next row of the same robot, from the run's first; -1: none, or not known yet."""
     first: NDArray[np.int32]
-    """(runs * robots,): first row of each robot, likewise."""
+    """(runs * robots,): first row of each robot, from the run's first; -1: none, or not known yet."""
     walked_tick: NDArray[np.int64]
     """(runs * robots,): last tick at which the robot is known to walk."""
     known_tick: NDArray[np.int64]
@@ -117,19 +147,22 @@ class MessageBuffer(NamedTuple):
     """Messages sent in the current run, in the order of tick and sender; (capacity,) each unless stated."""
 
     messages: NDArray[np.void]
+    """Rows of the strategy's ``Message``."""
     sender: NDArray[np.int64]
+    """Robot that sent the message."""
     tick: NDArray[np.int64]
+    """Tick at which it was sent."""
     number: NDArray[np.int64]
-    """Index among the sender's messages."""
+    """Index of the message among its sender's messages."""
     arrival: NDArray[np.int64]
-    """(robots,): tick from which each robot can read the last message; -1: never. Empty if messages arrive at the next
-    tick or not at all."""
+    """(robots,): tick from which each robot can read the message that was sent last; -1: never. Empty for networks
+    without ``send``, whose messages arrive at the next tick or not at all."""
     inbox: Inbox
-    """Messages under way; empty if ``arrival`` is."""
+    """Messages under way; empty if ``arrival`` is empty."""
     filled: NDArray[np.int64]
     """(1,): number of messages."""
     agreement: NDArray[np.int64]
-    """(2,): tick since which all opinions agree (-1: they do not), and whether for long enough."""
+    """(2,): tick since which all opinions agree (-1: they do not); 1 if they have agreed for long enough, else 0."""
     zero_message: NDArray[np.void]
     """(1,): a zeroed message."""
     zero_state: NDArray[np.void]
@@ -137,75 +170,96 @@ class MessageBuffer(NamedTuple):
     zero_network_state: NDArray[np.void]
     """(1,): a zeroed network state."""
     x_m: NDArray[np.float64]
+    """(robots,): x of each robot when a message is sent; empty if the network does not read positions."""
     y_m: NDArray[np.float64]
-    """(robots,): positions when a message is sent; empty if the network does not read them."""
+    """(robots,): y of each robot when a message is sent; empty if the network does not read positions."""
 
 
 class Log(NamedTuple):
-    """Beliefs and decisions after each row, (rows,) each; empty if not requested."""
+    """State of the robot after each of its samples, (rows,) each; empty if not requested."""
 
     states: NDArray[np.void]
+    """Rows of the strategy's ``State``."""
     received: NDArray[np.uint32]
+    """Number of messages that the robot has received."""
     belief: NDArray[np.float64]
+    """Belief that the share of ones is below the boundary; nan if the strategy has none."""
     decision: NDArray[np.int8]
+    """-1: undecided."""
     sends: NDArray[np.uint8]
+    """1 if the robot sends a message at this sample, else 0."""
 
 
 def empty_log(rows: int, state_type: np.dtype[np.void]) -> Log:
-    """Return a log for ``rows`` rows; ``sends`` is 1 everywhere, as not all kernels write it."""
+    """Allocate a log for ``rows`` samples.
+
+    ``sends`` is set to 1 everywhere. Only the kernel of ``replay_messages`` writes it; in the other kernels robots send
+    a message at each sample.
+
+    Args:
+        state_type: row type of the strategy's state.
+    """
     return Log(
-        zero_rows(rows, state_type),
-        np.empty(rows, dtype=np.uint32),
-        np.empty(rows),
-        np.empty(rows, dtype=np.int8),
-        np.ones(rows, dtype=np.uint8),
+        states=zero_rows(rows, state_type),
+        received=np.empty(rows, dtype=np.uint32),
+        belief=np.empty(rows),
+        decision=np.empty(rows, dtype=np.int8),
+        sends=np.ones(rows, dtype=np.uint8),
     )
 
 
 class Counts(NamedTuple):
-    """Messages sent so far in a run, kept between calls."""
+    """Numbers of ones among the messages sent so far in a run, saved between calls; rows are those of one run."""
 
     ones_sent: NDArray[np.int32]
-    """(rows of the longest run + 1,): ones among the run's messages before each row."""
+    """(rows of the longest run + 1,): number of ones among the run's messages before each row."""
     own_ones: NDArray[np.int32]
-    """(rows of the longest run,): ones among the sender's messages up to each row."""
+    """(rows of the longest run,): number of ones among the messages of the row's sender up to and including that
+    row."""
     ones_reached: NDArray[np.uint64]
-    """(rows of the longest run + 1, words): as ``ones_sent`` for each robot that messages reach, in lanes."""
+    """(rows of the longest run + 1, words): number of ones among the messages before each row that reach each robot, in
+    lanes (``deliveries.LANES``)."""
 
 
 class Deliveries(NamedTuple):
-    """Messages that each robot reads before each of its samples, if all robots send once per sample."""
+    """Messages that each robot reads before each of its samples, if all robots send once per sample.
+
+    ``which`` is a list of messages in parts. The parts of a run are those of its rows, then those of its robots.
+    """
 
     which: NDArray[np.int32]
-    """Messages, by the row of their sample counted from the run's first."""
+    """Row of each message's sample, from the run's first."""
     until: NDArray[np.int64]
-    """(rows,): end in ``which`` of the messages read before the sample of row k; they begin at the end for row k -
-    1."""
+    """(rows,): end in ``which`` of the part of row k: the messages that the robot reads before that sample. A part
+    begins where the part before it ends."""
     until_at_end: NDArray[np.int64]
-    """(runs * robots,): the same for messages read after a robot's last sample; these follow the run's last row."""
+    """(runs * robots,): end in ``which`` of the part of each robot: the messages that it reads after its last
+    sample."""
 
 
 NO_DELIVERIES: Final = Deliveries(
     *(read_only(np.empty(0, dtype=kind)) for kind in (np.int32, np.int64, np.int64))
 )
+"""Empty deliveries, for replays that need none."""
 
 
 class DeliveryScratch(NamedTuple):
     """Scratch memory for computing deliveries."""
 
     arrival: NDArray[np.int64]
-    """(robots,): tick from which each robot can read the last message; -1: never."""
+    """(robots,): tick from which each robot can read the message that was sent last; -1: never."""
     inbox: Inbox
     """Messages under way."""
     sent: NDArray[np.int64]
-    """(robots,): messages sent so far."""
+    """(robots,): number of messages sent so far."""
     x_m: NDArray[np.float64]
+    """(robots,): x of each robot when a message is sent; empty if the network does not read positions."""
     y_m: NDArray[np.float64]
-    """(robots,): positions when a message is sent; empty if the network does not read them."""
+    """(robots,): y of each robot when a message is sent; empty if the network does not read positions."""
     zero_network_state: NDArray[np.void]
     """(1,): a zeroed network state."""
     log: NDArray[np.int64]
-    """(rows, robots): written, ``arrival`` of every message; empty if not requested."""
+    """(rows, robots): ``arrival`` of each message, written; empty if not requested."""
 
 
 class HeardMessages(NamedTuple):
@@ -214,66 +268,82 @@ class HeardMessages(NamedTuple):
     heard: NDArray[np.uint8]
     """(robots, rows): 1 if the robot has heard the message of that row."""
     leftover_from: NDArray[np.int64]
-    """(robots,): first row whose message may be left over."""
+    """(robots,): first row of the messages that were new at the robot's previous sample; they end at ``new_from``."""
     new_from: NDArray[np.int64]
-    """(robots,): first row whose message is new."""
+    """(robots,): first row of the messages that are new at the robot's next sample."""
 
 
 class Session(NamedTuple):
-    """Samples of one recorded run in order of time, (rows,) each."""
+    """Samples of one recorded run, in order of time, (rows,) each."""
 
     robot: NDArray[np.int64]
+    """Robot of the sample."""
     sample: NDArray[np.int64]
+    """Index of the sample among the robot's samples."""
     time_s: NDArray[np.float64]
+    """Time of the sample."""
     hears_until_s: NDArray[np.float64]
-    """Messages sent before this have arrived when the sample is taken."""
+    """Messages sent before this time have arrived when the sample is taken."""
     received: NDArray[np.int64]
-    """Messages received since the robot's previous row."""
+    """Number of messages received since the robot's previous row, by its log."""
     observation: NDArray[np.uint8]
+    """Bit that the robot read."""
 
 
 class Inbox(NamedTuple):
     """Lists of all robots, doubly linked; -1 ends a list."""
 
     first: NDArray[np.int64]
+    """(robots,): first entry of each robot's list; -1: the list is empty."""
     last: NDArray[np.int64]
-    """(robots,): first and last entry of each robot."""
+    """(robots,): last entry of each robot's list; -1: the list is empty."""
     before: NDArray[np.int64]
+    """(capacity,): the entry before this one; -1: none."""
     after: NDArray[np.int64]
-    """(capacity,): neighbours of an entry; ``after`` also links the entries that are free again."""
+    """(capacity,): the entry after this one; -1: none. It also links the entries that are free again."""
     message: NDArray[np.int64]
     """(capacity,): index of the message."""
     arrival_tick: NDArray[np.int64]
     """(capacity,): tick from which it can be read."""
     free: NDArray[np.int64]
-    """(2,): first entry that is free again (-1: none), and number of entries ever used."""
+    """(2,): first entry in the list of entries that are free again (-1: none), and number of entries used so far;
+    entries from that number on have never been used."""
 
 
 def empty_inbox(robots: int, capacity: int) -> Inbox:
-    """Return an inbox with room for ``capacity`` messages under way to ``robots`` robots."""
+    """Return an empty inbox for ``robots`` robots, with room for ``capacity`` entries, each a message to one robot."""
     before, after, message, arrival_tick = (np.empty(capacity, dtype=np.int64) for _ in range(4))
     first, last = (np.full(robots, -1, dtype=np.int64) for _ in range(2))
-    return Inbox(first, last, before, after, message, arrival_tick, np.array([-1, 0]))
+    free = np.array([-1, 0])  # no entry is free again, and none has been used
+    return Inbox(first, last, before, after, message, arrival_tick, free)
 
 
 def start_capacity(robots: int) -> int:
-    """Return a capacity to start with: one unread message from each robot to each other, but at most 16 MiB."""
+    """Return the first capacity of an inbox to try, in entries; callers repeat with a larger one if it is too small.
+
+    There is room for one unread message from each robot to each other robot, but not for more than 2^19 (4 arrays of 8
+    bytes each, 16 MiB). The 64 entries more keep the capacity of very small swarms from being almost 0.
+    """
     return min(robots * robots, 2**19) + 64
 
 
 @inlined
 def clear_inbox(inbox: Inbox) -> None:
-    """Drop all messages."""
+    """Remove all messages of all robots."""
     inbox.first[:], inbox.last[:] = -1, -1
     inbox.free[0], inbox.free[1] = -1, 0
 
 
 @inlined
 def put_message(inbox: Inbox, robot: int, message: int, arrival_tick: int) -> bool:
-    """Insert a message into a robot's list by arrival tick; return False if there is no room.
+    """Insert a message into a robot's list, which is sorted by arrival tick; return whether there was room for it.
 
-    The message must have been sent after all others, so it goes behind those with the same arrival tick.
+    Callers insert messages in the order of sending, so a message is put after those with the same arrival tick.
+
+    Args:
+        inbox: changed. message: index of the message. arrival_tick: tick from which it can be read.
     """
+    # Take an entry that is free again or, if there is none, one that was never used.
     entry = inbox.free[0]
     if entry >= 0:
         inbox.free[0] = inbox.after[entry]
@@ -283,6 +353,7 @@ def put_message(inbox: Inbox, robot: int, message: int, arrival_tick: int) -> bo
             return False
         inbox.free[1] = entry + 1
     inbox.message[entry], inbox.arrival_tick[entry] = message, arrival_tick
+    # Find the entries before and after it. The search begins at the end of the list, as most messages arrive last.
     before, after = inbox.last[robot], np.int64(-1)
     while before >= 0 and inbox.arrival_tick[before] > arrival_tick:
         before, after = inbox.before[before], before
@@ -300,7 +371,7 @@ def put_message(inbox: Inbox, robot: int, message: int, arrival_tick: int) -> bo
 
 @inlined
 def take_first(inbox: Inbox, robot: int) -> None:
-    """Remove the first message of a robot that has one."""
+    """Remove the first message from a robot's list, which must not be empty, and free its entry."""
     entry = inbox.first[robot]
     after = inbox.after[entry]
     inbox.first[robot] = after

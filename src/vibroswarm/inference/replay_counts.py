@@ -1,8 +1,18 @@
 """Replay of a strategy that counts bits, over the samples of runs: template of a kernel.
 
-Without losses everybody hears everything, so the ones a robot has received follow from the ones all robots have
-sent, minus its own. With losses messages are read one by one, and the losses are drawn once for all strategies.
-For other networks, ``Deliveries`` lists the messages that each robot has read.
+Such a strategy sends one bit at each sample, and only needs the numbers of ones and zeros that it has received. There
+are four ways to get these numbers:
+
+* Without losses every robot hears every message. The number of ones that a robot has received is the number that all
+  robots have sent, less its own.
+* With losses, ``Reach`` says which robots each message reaches, and the ones that reach each robot are counted.
+* With losses (``loss`` > 0) in a swarm that is too large for ``Reach``, messages are read one by one, and the loss of
+  each is drawn.
+* For other networks, ``Deliveries`` lists the messages that each robot reads before each sample.
+
+Robot ``i`` of the r-th run is in row ``e`` = r * robots + i of the swarm's arrays. ``low`` is the first row of the
+run's samples, and message m of the run is that of row ``low`` + m. ``swarm`` is the state of all robots, changed in
+place; ``world`` is what robot 0 knows; ``seed`` and ``run`` are part of the address of all random numbers.
 """
 
 from __future__ import annotations
@@ -50,7 +60,12 @@ from vibroswarm.strategies.world import World
 
 @inlined
 def update_counts(swarm: Swarm, e: int, i: int, ones: int, others: int, world: World) -> None:
-    """Update robot ``i``, in row ``e``, which has now heard ``others`` messages, ``ones`` of them ones."""
+    """Give robot ``i``, in row ``e``, the messages that it has received since the last update.
+
+    Args:
+        ones: number of ones among all messages that it has received since the run began. others: number of all messages
+            that it has received (from other robots) since the run began.
+    """
     row = swarm.agents[e]
     new, new_ones = others - row.received, ones - row.ones
     row.received, row.ones = others, ones
@@ -62,9 +77,18 @@ def read_one_by_one(
     swarm: Swarm, e: int, i: int, until: int, rows: Rows, low: int, messages: NDArray[np.void], world: World,
     seed: int, run: int, loss: float,
 ) -> None:  # fmt: skip
-    """Let robot ``i`` read the messages before index ``until`` of the run that it has not read yet, except lost
-    ones."""
-    ones = count = 0
+    """Let robot ``i``, in row ``e``, read the run's messages from its next unread one up to ``until`` - 1.
+
+    The robot's own messages are skipped, and so are messages that are lost on the way to it.
+
+    Args:
+        until: index, in the run, of the first message that is not read now. ``heard``, the robot's index of its next
+            unread message, is the first index that is read now, and is then set to ``until``.
+        rows: samples. low: first row of the run. messages: (rows,): messages sent at samples. world: as robot 0 knows
+            it.
+        loss: probability that a message is lost.
+    """
+    ones = count = 0  # of the messages that are read now
     for m in range(swarm.agents[e].heard, until):
         sender = signed(rows.robot[low + m])
         if sender != i and not is_lost(seed, run, i, sender, signed(rows.sample[low + m]), loss):
@@ -72,7 +96,7 @@ def read_one_by_one(
             count += 1
     row = swarm.agents[e]
     row.heard = until
-    if count > 0:
+    if count > 0:  # ``update_counts`` takes the totals since the run began
         update_counts(swarm, e, i, row.ones + ones, row.received + count, world)
 
 
@@ -82,12 +106,16 @@ def read_before_sample(
     messages: NDArray[np.void], counts: Counts, deliveries: Deliveries, start: int, end: int, world: World,
     seed: int, run: int, loss: float,
 ) -> None:  # fmt: skip
-    """Let robot ``i`` read what it has heard before a sample.
+    """Let robot ``i``, in row ``e``, read the messages that have reached it before a sample or the end of the run.
 
     Args:
-        heard: row of ``Timeline.heard``, read unless there are deliveries.
-        lossy: whether losses are given in ``counts.ones_reached``. others: number of messages heard, read if lossy.
-        start, end: range of the new messages in ``deliveries.which``.
+        heard: the sample's row of ``Timeline.heard`` or, at the end of the run, the robot's row of ``heard_at_end``;
+            not used if there are deliveries.
+        lossy: whether messages are lost and ``counts.ones_reached`` counts the ones that reach each robot. others:
+            number of messages received since the run began; used only if ``lossy``.
+        messages: (rows,): messages sent at samples. counts: numbers of ones among the run's messages so far.
+        deliveries: lists of messages, or empty. start, end: range of the new messages in ``deliveries.which``; used
+            only if there are deliveries. loss: probability that a message is lost.
     """
     if deliveries.until_at_end.size > 0:
         ones, row = 0, swarm.agents[e]
@@ -98,9 +126,9 @@ def read_before_sample(
     elif lossy:
         ones = in_lane(counts.ones_reached[unsigned(heard[HEARD_ROWS])], signed(i))
         update_counts(swarm, e, i, ones, others, world)
-    elif loss > 0.0:
+    elif loss > 0.0:  # with losses, in a swarm that is too large for ``Reach``
         read_one_by_one(swarm, e, i, signed(heard[HEARD_ROWS]), rows, low, messages, world, seed, run, loss)
-    else:
+    else:  # without losses: all ones that were sent, less the robot's own
         ones = counts.ones_sent[unsigned(heard[HEARD_ROWS])]
         if heard[LAST_OWN] >= 0:
             ones -= counts.own_ones[unsigned(heard[LAST_OWN])]
@@ -113,18 +141,26 @@ def replay(
     counts: Counts, log: Log, steering: NDArray[np.float64], world: World, seed: int, loss: float, reach: Reach,
     deliveries: Deliveries, from_start: bool, to_end: bool, limit_s: float,
 ) -> int:  # fmt: skip
-    """Replay the runs, one after the other, from where they stopped; return ``DONE`` or an error code.
+    """Replay the runs, one after the other, from where the last call stopped; return ``DONE`` or an error code.
 
     Args:
-        replayed: (runs,): number of samples replayed so far, updated. messages: (rows,), written. log: written, or
-            empty. steering: (rows, 2), written if the strategy steers, else empty. deliveries: of whole runs, over
-            networks other than ideal and loss, else empty. from_start: restart at the prior. to_end: also read the
-            messages that arrive after the last sample. limit_s: replay no later samples.
+        rows, readings: samples and what robots read at them. replayed: (runs,): number of samples replayed so far,
+            changed. swarm: state of all robots, changed. messages: (rows,), written: message sent at each sample.
+        counts: state between calls, changed. log: state after each sample, written unless it is empty.
+        steering: (rows, 2): turn (deg) and leg (ms) that the strategy chooses at each sample; written if it steers,
+            else empty. world: as robot 0 knows it.
+        loss: probability that a message is lost. reach: receivers of messages, or empty. deliveries: those of whole
+            runs for networks other than ideal and loss, else empty.
+        from_start: begin at time 0, not where the last call stopped. to_end: also read the messages that arrive after
+            the last sample. limit_s: do not replay samples after this time.
     """
     robots = swarm.params.size
+    # lossy: whether ``reach`` says which robots each message reaches.
     lossy, words = reach.words.shape[1] > 0, unsigned(reach.words.shape[1])
+    # start: index of the first delivery that is not read yet. The deliveries are listed in the order in which they are
+    # read here: by run and, in each run, sample by sample and then, at its end, robot by robot.
     start = 0
-    counts.ones_sent[0] = 0
+    counts.ones_sent[0] = 0  # before the first message of a run there are no ones
     for w in range(words):
         counts.ones_reached[0, w] = 0
     for r in range(rows.runs.size):
@@ -136,12 +172,14 @@ def replay(
                 begin_agent(swarm.agents[e])
                 begin(swarm.states[e], views(swarm.arrays, e), begin_draws(seed, run, i), swarm.params[i],
                       world_of_robot(world, i))  # fmt: skip
+        # m: row of the sample, and number of its message, from the run's first; unsigned indices are faster.
         for m in range(unsigned(replayed[r]), unsigned(high - low)):
             k, after = unsigned(low) + m, m + unsigned(1)
             if rows.time_s[k] > limit_s:
                 break
             i = signed(rows.robot[k])
             e = first + i
+            # Number of messages heard so far, and end of the deliveries before this sample, where these are used.
             others = signed(reach.others[k]) if lossy else 0
             end = deliveries.until[k] if deliveries.until.size > 0 else 0
             read_before_sample(
@@ -155,7 +193,7 @@ def replay(
             counts.ones_sent[after] = counts.ones_sent[m] + bit
             swarm.agents[e].own_ones += bit
             counts.own_ones[m] = swarm.agents[e].own_ones
-            for w in range(words):
+            for w in range(words):  # add 1 in the lane of each robot that a message of 1 reaches
                 more = reach.words[k, w] if bit == 1 else np.uint64(0)
                 counts.ones_reached[after, w] = counts.ones_reached[m, w] + more
             replayed[r] += 1
@@ -163,6 +201,7 @@ def replay(
             for i in range(robots):
                 e = first + i
                 row = swarm.agents[e]
+                # The final belief is that after the last sample, before later messages are read.
                 if row.samples > 0:
                     row.belief = belief(
                         swarm.states[e], views(swarm.arrays, e), swarm.params[i], world_of_robot(world, i)
@@ -182,11 +221,17 @@ def take(
     swarm: Swarm, e: int, i: int, k: int, rows: Rows, readings: Readings, messages: NDArray[np.void], log: Log,
     steering: NDArray[np.float64], world: World, seed: int, run: int,
 ) -> bool:  # fmt: skip
-    """Process the sample in row ``k`` of robot ``i``: message, decision, steering and log; return whether it sends."""
+    """Let the strategy handle a sample: update state, decision, steering and log, and write the message to send.
+
+    Args:
+        e, i: row and number of the robot. k: row of the sample. messages, log, steering: their row ``k`` is written;
+            log and steering only if they are requested.
+    Returns: whether the strategy sends the message. The caller reports an error if it does not.
+    """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a, number = views(swarm.arrays, e), signed(rows.sample[k])
     x = own_reading(readings, k, rows.time_s[k], number)
-    known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
+    known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0  # below 0: not computed yet
     sends = on_sample(s, a, x, messages[k], sample_draws(seed, run, i, number, known_uniform), p, w)
     if x.t_s >= swarm.failures[e].opposite_from_s:
         opposite(messages[k])

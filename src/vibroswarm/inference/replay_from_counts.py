@@ -1,9 +1,12 @@
-"""Replay of recordings that count received messages without saying which ones: template of a kernel.
+"""Replay of recordings whose logs count received messages, but do not say which ones: template of a kernel.
 
-A robot's log counts the messages it has received. In each draw, that many of the messages the others sent since
-its last sample are heard, chosen at random. Times in a log are a little late: if a robot received more messages
-than were sent in that time, the rest is taken from messages left over from earlier, then from those sent up to
-``slack_s`` later.
+A robot's log has the number n of messages that it received between two samples. A replay draws which messages these
+are: n of the messages that other robots sent since its previous sample, chosen at random. Times in a log are a little
+late, so n may be larger than the number of messages sent in that time. The rest is then drawn from older messages that
+the robot has not heard, and after that from messages sent up to ``slack_s`` later.
+
+``Session`` holds the samples of one recorded run, one per row; the message of a row is the one that its robot sent at
+that sample. ``seed`` and ``run`` are part of the address of all random numbers.
 """
 
 from __future__ import annotations
@@ -32,12 +35,17 @@ def choose(
     run: int,
     index: int,
 ) -> tuple[int, int]:
-    """Choose ``wanted`` of the others' messages in rows [first, last) that robot ``i`` has not heard, and mark them as
-    heard; all of them if there are fewer.
+    """Choose ``wanted`` of the messages in rows [first, last) at random, and mark them as heard by robot ``i``.
 
-    All subsets of this size are equally likely. Returns the numbers of ones and zeros chosen.
+    The messages of robot ``i`` itself, and those that it has heard already, are not chosen. If fewer than ``wanted``
+    messages remain, all of them are chosen. All subsets of this size are equally probable.
+
+    Args:
+        heard: (rows,): 1 where robot ``i`` has heard the message, else 0; changed. messages: (rows,): messages sent at
+            samples. index: number of the robot's sample, which is part of the address of the random numbers.
+    Returns: numbers of ones and of zeros among the chosen messages.
     """
-    remaining = 0
+    remaining = 0  # number of messages that may be chosen, from row k on
     for k in range(first, last):
         remaining += session.robot[k] != i and heard[k] == 0
     left, ones, zeros = min(wanted, remaining), 0, 0
@@ -46,6 +54,7 @@ def choose(
             break
         if session.robot[k] == i or heard[k] != 0:
             continue
+        # With ``left`` messages still to choose among ``remaining``, each is chosen with probability left / remaining.
         if uniform(seed, run, i, LOSS, index, k) * remaining < left:
             heard[k] = 1
             left -= 1
@@ -61,12 +70,20 @@ def hear(
     session: Session, heard_messages: HeardMessages, messages: NDArray[np.void], i: int, k: int, slack_s: float,
     seed: int, run: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Choose the messages that robot ``i`` has received by its sample in row ``k``.
+    """Choose the messages that robot ``i`` has received between its previous sample and that in row ``k``.
 
-    Those sent since its last sample come first, then what was left over from before, then what was sent up to
-    ``slack_s`` later. Returns the numbers of ones and zeros.
+    They are chosen from three ranges of rows, each used only if the ranges before it hold too few messages. The first
+    range holds the messages sent since the robot's previous sample. The second is the first range of that previous
+    sample, of which the robot has not heard all. The third holds messages that, by the times in the log, were sent up
+    to ``slack_s`` too late for this sample.
+
+    Args:
+        heard_messages: changed: the chosen messages are marked as heard, and the ranges move on to the next sample.
+    Returns: numbers of ones and of zeros among the chosen messages.
     """
     heard, leftover_from, new_from = heard_messages
+    # By the times in the log, the messages of rows before ``until`` were sent in time. If these times are late by
+    # ``slack_s``, the messages of rows before ``later`` were sent in time too.
     until = new_from[i]
     while until < k and session.time_s[until] < session.hears_until_s[k]:
         until += 1
@@ -74,6 +91,7 @@ def hear(
     while later < k and session.time_s[later] < session.hears_until_s[k] + slack_s:
         later += 1
     received, ones, zeros = session.received[k], 0, 0
+    # New messages, those left over from the range of the previous sample, and late ones.
     for first, last in ((new_from[i], until), (leftover_from[i], new_from[i]), (until, later)):
         more_ones, more_zeros = choose(
             session, heard[i], messages, i, first, last, received - ones - zeros, seed, run, session.sample[k]
@@ -83,23 +101,25 @@ def hear(
     return ones, zeros
 
 
-# Without allocation: a kernel that counts references would drop those of arrays in tuples that its hooks return.
+# Compiled without allocation of memory. A kernel that allocates counts references to arrays, and would drop references
+# to the arrays in tuples that its hooks return.
 @kernel
 def replay_from_counts(
     session: Session, swarm: Swarm, messages: NDArray[np.void], heard_messages: HeardMessages, log: Log,
     world: World, slack_s: float, seed: int, run: int,
 ) -> int:  # fmt: skip
-    """Replay one run from the prior to its end.
+    """Replay one recorded run from its start to its end.
 
     Args:
-        swarm, heard_messages: of one run, overwritten.
-        messages, log: (rows,), overwritten.
-        seed: seed of the lost messages and of the strategy's random numbers.
+        session: the samples of the run. swarm, heard_messages: state of the run's robots, zeroed; changed.
+        messages, log: (rows,), written: message sent at each sample, and state after it. world: as robot 0 knows it.
+        slack_s: by how much times in the log may be late, s.
+        seed, run: address of the random numbers, which choose the messages that are heard and serve the strategy.
 
-    Returns: the number of received messages for which no sent message was left.
+    Returns: number of received messages for which no message was left to choose.
     """
     rows, robots = session.robot.size, swarm.params.size
-    unsent = 0
+    unsent = 0  # messages received by the logs for which none was left to choose
     for i in range(robots):
         begin_agent(swarm.agents[i])
         begin(swarm.states[i], views(swarm.arrays, i), begin_draws(seed, run, i), swarm.params[i],
@@ -112,6 +132,7 @@ def replay_from_counts(
         a = views(swarm.arrays, i)
         row.received += ones + zeros
         on_counts(s, ones, zeros, p, w)
+        # Recorded readings have no places: pose and lagged place are nan, and the number of the lagged sample is -1.
         bit = signed(session.observation[k])
         x = Reading(bit, session.time_s[k], index, np.nan, np.nan, np.nan, 0.0, -1, np.nan, np.nan, 0.0, 0.0)
         on_sample(s, a, x, messages[k], sample_draws(seed, run, i, index, -1.0), p, w)

@@ -1,9 +1,13 @@
 """Replay of a strategy message by message, with timers, over the samples of runs: template of a kernel.
 
-It handles every strategy and network. ``replay_counts`` gives the same results, faster, for strategies that send
-one bit at every sample over a simple network. Events (own samples and timers) are processed in the order of tick
-and robot; before each, the robot reads the messages that have arrived, so that no message is read too early or
-too late.
+It handles every strategy and network. ``replay_counts`` gives the same results, but is faster, for strategies that send
+one bit at each sample over a simple network. Events (samples and timers) are processed in the order of tick and robot.
+Before each of its events, a robot reads the messages that have arrived at it.
+
+Robot ``i`` of the r-th run is in row ``e`` = r * robots + i of the swarm's arrays; ``first`` is the row of its run's
+robot 0. ``low`` is the first row of the run's samples. ``s``, ``a``, ``p``, ``w`` are the robot's state, arrays and
+parameters and the world as it knows it. ``swarm`` is the state of all robots, ``buffer`` holds the messages of the
+current run; both are changed in place. ``seed`` and ``run`` are part of the address of all random numbers.
 """
 
 from __future__ import annotations
@@ -66,6 +70,7 @@ from vibroswarm.inference.sender_positions import Tracks, positions_at
 from vibroswarm.strategies.world import World
 
 NEVER = 2**62
+"""A tick that no run reaches."""
 
 
 @inner
@@ -73,12 +78,19 @@ def read_arrived(
     swarm: Swarm, e: int, i: int, walked: int, buffer: MessageBuffer, world: World, seed: int, run: int,
     network_params: Any,
 ) -> None:  # fmt: skip
-    """Read the messages that had arrived when robot ``i``, in row ``e``, last walked, at tick ``walked``.
+    """Let robot ``i``, in row ``e``, read the messages that have arrived by tick ``walked``, at which it last walked.
 
-    A robot whose radio is dead reads none from then on.
+    A robot reads only while it walks, and never again from the tick on at which its radio is dead. A message that
+    arrives while the robot stands is read at the first tick at which it walks again.
+
+    Args:
+        buffer: messages of the run; messages that are read leave the robot's inbox. world: as robot 0 knows it.
+        network_params: (1,): row of the network's parameters.
     """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a = views(swarm.arrays, e)
+    # since: the first tick after its last sample, at which it walks again. last: the last tick before its radio is
+    # dead.
     count, since, last = buffer.filled[0], row.sample_tick + 1, swarm.failures[e].silent_tick - 1
     walked = min(walked, last)
     if walked < since:
@@ -91,6 +103,7 @@ def read_arrived(
             read_message(s, a, buffer, m, max(arrival_tick, since), seed, run, i, p, w)
             row.received += 1
         return
+    # Without ``send`` a message arrives at the next tick or is lost.
     while row.heard < count and buffer.tick[row.heard] < walked:
         m = row.heard
         row.heard += 1
@@ -106,7 +119,7 @@ def read_arrived(
 def read_message(
     s: Any, a: Any, buffer: MessageBuffer, m: int, tick: int, seed: int, run: int, i: int, p: Any, w: World
 ) -> None:
-    """Let robot ``i`` read message ``m`` of the buffer at a tick."""
+    """Let robot ``i`` read message ``m`` of the buffer at tick ``tick``; its state ``s`` and arrays ``a`` change."""
     sender, t_s = buffer.sender[m], time_of(tick, w)
     on_message(
         s, a, buffer.messages[m], sender, t_s, message_draws(seed, run, i, sender, buffer.number[m]), p, w
@@ -118,7 +131,15 @@ def send_message(
     swarm: Swarm, e: int, i: int, tick: int, buffer: MessageBuffer, world: World, seed: int, run: int,
     network_params: Any, network_state: Any, network_arrays: Any, bytes_on_air: int,
 ) -> bool:  # fmt: skip
-    """Send the message at the end of ``buffer`` from robot ``i``; return False if the inbox has no room."""
+    """Send the message that the strategy of robot ``i``, in row ``e``, has written to the end of ``buffer``.
+
+    Its sender, tick and number are stored, it is put into the inboxes of its receivers, and it is counted as sent.
+
+    Args:
+        network_params, network_state: (1,): rows of the network's parameters and state. network_arrays: the network's
+            arrays, or 0 if it has none.
+    Returns: whether there was room; if not, the replay must be repeated with a larger buffer.
+    """
     row, m = swarm.agents[e], buffer.filled[0]
     buffer.sender[m], buffer.tick[m], buffer.number[m] = i, tick, row.sent
     if HAS_SEND:
@@ -128,6 +149,7 @@ def send_message(
             network_state[0], network_arrays, i, tick, row.sent, bytes_on_air, buffer.x_m, buffer.y_m,
             buffer.arrival, d, network_params[0], world_of_robot(world, i),
         )  # fmt: skip
+        # max: a network may not deliver a message in the control period in which it was sent.
         for j in range(buffer.arrival.size):
             arrives = j != i and buffer.arrival[j] >= 0
             if arrives and not put_message(buffer.inbox, j, m, max(buffer.arrival[j], tick + 1)):
@@ -139,16 +161,20 @@ def send_message(
 
 @inlined
 def time_of(tick: int, w: World) -> float:
-    """Return the time of a tick, s: the float nearest to the exact decimal."""
+    """Return the time of a tick, s; this order of operations gives the float nearest to the exact decimal."""
     return tick * w.tick_ms / 1000.0
 
 
 @inlined
 def due_tick(swarm: Swarm, e: int, w: World) -> int:
-    """Return the first tick at or after the time of a robot's timer and after its last event; ``NEVER`` if none."""
+    """Return the tick at which the timer of the robot in row ``e`` is due; ``NEVER`` if no timer is set.
+
+    It is the first tick at or after the time ``next_s``, but not before the tick after the robot's last event.
+    """
     at_s, row = next_s(swarm.states[e]), swarm.agents[e]
-    if not at_s < 1e12:
+    if not at_s < 1e12:  # nan or inf: no timer; larger times would not fit into an integer
         return NEVER
+    # Without the 1e-9, rounding could give n + 1 for a time of exactly n ticks.
     at_tick: int = max(signed(np.ceil(at_s * 1000.0 / w.tick_ms - 1e-9)), row.tick + 1)
     return at_tick
 
@@ -157,10 +183,15 @@ def due_tick(swarm: Swarm, e: int, w: World) -> int:
 def update_decision(
     swarm: Swarm, first: int, e: int, i: int, tick: int, t_s: float, buffer: MessageBuffer, world: World
 ) -> int:
-    """Update belief, timer and decision of robot ``i``, in row ``e``, after a sample or timer; return ``DONE`` or an
-    error code.
+    """Update belief, timer and decision of robot ``i``, in row ``e``, after a sample or timer.
 
-    An opinion is not yet a decision: here only the tick is noted from which on all working robots agree.
+    If the strategy decides by opinions, the hook ``decision`` returns an opinion, which is not yet a decision. The tick
+    since which the opinions of all robots that count agree is then saved in ``buffer.agreement``; ``settle_opinions``
+    turns opinions into decisions. The robots that count are those with ``failures.works`` = 1.
+
+    Args:
+        first: row of the run's robot 0. tick, t_s: tick and time of the event.
+    Returns: ``DONE`` or an error code.
     """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a = views(swarm.arrays, e)
@@ -174,9 +205,10 @@ def update_decision(
     if new != row.opinion:
         row.opinion = new
         if IS_OPINION:
-            agreed = new != -1
+            agreed = new != -1  # whether all robots that count have this opinion now
             for j in range(first, first + w.robots):
                 agreed = agreed and (swarm.agents[j].opinion == new or swarm.failures[j].works == 0)
+            # The opinion of a robot that does not count changes nothing, nor does any opinion after decisions are made.
             if buffer.agreement[SETTLED] == 0 and swarm.failures[e].works == 1:
                 buffer.agreement[AGREED_SINCE] = tick if agreed else -1
         else:
@@ -188,7 +220,14 @@ def update_decision(
 
 @inlined
 def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, world: World) -> None:
-    """Make opinions that have agreed for ``hold_s`` by this tick the swarm's decision, dated from when they agreed."""
+    """Turn the opinions of a run's robots into decisions if, at this tick, they have agreed for ``world.hold_s``.
+
+    The time of the decisions is that since which the opinions agree. ``first_decided_s``, the time at which this was
+    known, is ``hold_s`` later.
+
+    Args:
+        first: row of the run's robot 0. tick: the present tick, or the last one that is known.
+    """
     since = buffer.agreement[AGREED_SINCE]
     long_enough = time_of(tick - since, world) >= world.hold_s
     if IS_OPINION and since >= 0 and buffer.agreement[SETTLED] == 0 and long_enough:
@@ -196,7 +235,7 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, 
         for e in range(first, first + world.robots):
             row = swarm.agents[e]
             if row.opinion == -1:
-                continue  # a robot that failed before it had one
+                continue  # a robot that failed before it had an opinion
             row.decision, row.decided_s, row.belief_at_decision = (
                 row.opinion,
                 time_of(since, world),
@@ -210,7 +249,11 @@ def begin_run(
     swarm: Swarm, first: int, buffer: MessageBuffer, tracks: Tracks, world: World, network_state: NDArray[np.void],
     network_arrays: Any, seed: int, run: int,
 ) -> None:  # fmt: skip
-    """Set everything to time 0: the robots of a run, in rows from ``first`` on, their messages and the network."""
+    """Set a run to time 0: its robots, in rows from ``first`` on, their messages and the network.
+
+    Args:
+        buffer, tracks, network_state, network_arrays: changed. world: as robot 0 knows it.
+    """
     buffer.filled[0] = 0
     buffer.agreement[AGREED_SINCE], buffer.agreement[SETTLED] = -1, 0
     network_state[0] = buffer.zero_network_state[0]
@@ -219,7 +262,7 @@ def begin_run(
     for i in range(swarm.params.size):
         e = first + i
         if READS_POSITIONS:
-            tracks.at[e] = tracks.bounds[e]
+            tracks.at[e] = tracks.bounds[e]  # the robot's first move
         begin_agent(swarm.agents[e])
         swarm.states[e] = buffer.zero_state[0]
         begin(swarm.states[e], views(swarm.arrays, e), begin_draws(seed, run, i), swarm.params[i],
@@ -232,13 +275,13 @@ def begin_run(
 def next_event(
     rows: Rows, stops: Stops, swarm: Swarm, first: int, low: int, tick: int, i: int
 ) -> tuple[int, int, bool]:
-    """Return tick and robot of the next event, and whether it is a timer; the tick is ``NEVER`` if there is none.
+    """Return tick and robot of a run's next event, and whether it is a timer; tick ``NEVER`` if no event is left.
 
-    A timer that is due while its robot stands waits for the sample.
+    A timer that is due while its robot stands waits until the robot has sampled, and is no event before that.
 
     Args:
         first: row of the run's robot 0. low: first row of the run's samples.
-        tick, i: tick and robot of the next sample; ``NEVER`` and the number of robots if there is none.
+        tick, i: tick and robot of the next sample; ``NEVER`` and the number of robots if there is no further sample.
     """
     is_timer = False
     for j in range(swarm.params.size):
@@ -253,8 +296,12 @@ def next_event(
 def log_sample(
     swarm: Swarm, e: int, k: int, out: Any, sends: bool, messages: NDArray[np.void], log: Log
 ) -> None:
-    """Log the state of the robot in row ``e`` after its sample in row ``k``, its message ``out``, and whether it sends
-    it."""
+    """Write a robot's state after a sample to ``log``, and its message to ``messages``.
+
+    Args:
+        e: row of the robot. k: row of the sample, to which is written. out: the message. sends: whether the robot sends
+            it.
+    """
     row = swarm.agents[e]
     log.states[k], log.decision[k], log.received[k] = swarm.states[e], row.opinion, row.received
     log.belief[k] = row.belief
@@ -269,15 +316,22 @@ def replay(
     world: World, network_params: NDArray[np.void], network_state: NDArray[np.void], network_arrays: Any,
     bytes_on_air: int, seed: int, from_start: bool, to_end: bool, limit_s: float,
 ) -> int:  # fmt: skip
-    """Replay the runs, one after the other, from where they stopped; return ``DONE`` or an error code.
+    """Replay the runs, one after the other, from where the last call stopped; return ``DONE`` or an error code.
+
+    Only a single run can be continued by a later call, as ``buffer`` holds the messages of one run.
 
     Args:
-        replayed: (runs,): number of samples replayed so far, updated. messages: (rows,): written, messages sent at
-            samples, or empty. buffer: of the current run. tracks: of all runs; empty unless the network reads
-            positions. log: written, or empty. steering: (rows, 2), written if the strategy steers, else empty.
-            network_params, network_state: (1,). network_arrays: its arrays, or 0.
-        from_start: restart at time 0. to_end: also read the messages that arrive after the last event.
-        limit_s: replay no later events.
+        rows, stops, readings: samples, when robots stand, and what robots read. replayed: (runs,): number of samples
+            replayed so far, changed. swarm: state of all robots, changed. buffer: messages of the current run, changed.
+        messages, log: (rows,), written: message of each sample, and state after it; both are empty if not requested.
+        tracks: moves of all runs; empty unless the network reads positions.
+        steering: (rows, 2): turn (deg) and leg (ms) that the strategy chooses at each sample; written if it steers,
+            else empty. world: as robot 0 knows it.
+        network_params, network_state: (1,). network_arrays: the network's arrays, or 0 if it has none.
+        bytes_on_air: length of a message.
+        from_start: begin at time 0, not where the last call stopped. to_end: also read the messages that arrive after
+            the last event. limit_s: do not replay events after this time.
+    Returns: ``DONE``; ``BUFFER_FULL`` if all must be repeated with a larger buffer; or an error code.
     """
     robots = swarm.params.size
     for r in range(rows.runs.size):
@@ -286,6 +340,7 @@ def replay(
             replayed[r] = 0
             begin_run(swarm, first, buffer, tracks, world, network_state, network_arrays, seed, run)
         while True:
+            # The next event: the next sample of the run, or a timer that is due before it.
             k = low + replayed[r]
             tick = signed(stops.tick[k]) if k < high else NEVER
             i = signed(rows.robot[k]) if k < high else robots
@@ -299,6 +354,7 @@ def replay(
             settle_opinions(swarm, first, tick, buffer, world)
             e, m = first + i, buffer.filled[0]
             row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
+            # The strategy writes its message to a zeroed row, which counts as sent only if ``send_message`` is called.
             a, out = views(swarm.arrays, e), buffer.messages[m]
             buffer.messages[m] = buffer.zero_message[0]
             if is_timer:
@@ -310,6 +366,7 @@ def replay(
                 t_s, number = rows.time_s[k], signed(rows.sample[k])
                 read_arrived(swarm, e, i, stops.stop_tick[k] - 1, buffer, world, seed, run, network_params)
                 x = reading_of(readings, k, t_s, number)
+                # The first random number of ``on_sample``, or below 0 if it is not computed yet.
                 known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0
                 sends = on_sample(s, a, x, out, sample_draws(seed, run, i, number, known_uniform), p, w)
                 row.samples += 1
@@ -335,7 +392,8 @@ def replay(
                     steering[k, 0], steering[k, 1] = steer(s, a, x, d, p, w)
                 if log.belief.size > 0:
                     log_sample(swarm, e, k, out, sends, messages, log)
-        limit = signed(min(limit_s * 1000.0 / world.tick_ms, 1e15))
+        # Opinions may also settle between the last event and the end of what is known, or the limit.
+        limit = signed(min(limit_s * 1000.0 / world.tick_ms, 1e15))  # 1e15: inf does not fit into an integer
         settle_opinions(swarm, first, min(stops.known_tick[r], limit), buffer, world)
         if to_end:
             for i in range(robots):
@@ -346,7 +404,9 @@ def replay(
 
 @inlined
 def stop_of(rows: Rows, stops: Stops, own: int, e: int, low: int) -> int:
-    """Return the tick from which the robot in row ``e`` stands next, or may stand if its next stop is not known.
+    """Return the first tick of the next stop of the robot in row ``e``; until then it walks.
+
+    If the next stop is not known, the result is the tick after the last one at which the robot is known to walk.
 
     Args:
         own: row of its last sample, from the run's first; -1: none. low: first row of the run's samples.

@@ -1,4 +1,7 @@
-"""The robots of some runs, and the kernel that replays their strategy."""
+"""Replayers: the state of the robots of some runs, with the kernel that replays their strategy.
+
+The kernel is generated from the template ``replay_counts`` or ``replay_messages``.
+"""
 
 from __future__ import annotations
 
@@ -39,19 +42,23 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import Strategy
 
 NO_VALUES: Final = read_only(np.empty(0))
+"""A column of ``Readings`` that is not needed."""
 
 
 class Replayer(ABC):
-    """Replays some runs from where they stopped.
+    """Replays some runs, in one or several calls of ``advance``, each from where the last one stopped.
 
     Args:
         runs: number of runs. longest: number of samples of the longest run. rows: number of samples of all runs.
         messages: (rows,), written if given: the message sent at each sample.
         log: (rows,), written if given: the state after each sample.
+        network: the network whose functions the kernel calls.
     """
 
     template: str
+    """Name of the kernel's template, a module of this folder."""
     needs_stops: bool
+    """Whether ``advance`` needs to know when robots stand."""
 
     def __init__(
         self,
@@ -64,15 +71,21 @@ class Replayer(ABC):
         log: Log | None,
         network: Network,
     ) -> None:
+        """Generate the kernel, and allocate the robots' state (arguments: see the class).
+
+        ``replayed`` counts the samples of each run that have been replayed. ``steering`` receives the turn (deg) and
+        the leg (ms) that the strategy chooses at each sample, (rows, 2); it has no rows if the strategy does not steer.
+        """
         self.strategy, self.network = strategy_used(scenario), network
         self.module = kernels(self.strategy, network, self.template)
         self.seed, self.world = seed, world_of(scenario, longest)
         self.scenario, self.swarm = scenario, empty_swarm(self.strategy, network, scenario, runs)
         self.replayed = np.zeros(runs, dtype=np.int64)
+        # A log and messages without rows are not written.
         self.log = empty_log(0, self.strategy.state_type) if log is None else log
         self.messages = zero_rows(0, self.strategy.message_type) if messages is None else messages
-        self.entry: Callable[..., int] | None = None
-        self.calls, self.is_new = 0, True
+        self.entry: Callable[..., int] | None = None  # the compiled kernel; see ``call``
+        self.calls, self.is_new = 0, True  # is_new: states and arrays are zero still
         self.steering = np.empty((rows if self.strategy.steer is not None else 0, 2))
 
     @property
@@ -82,7 +95,7 @@ class Replayer(ABC):
 
     @abstractmethod
     def arguments(self, rows: Rows, readings: Readings, stops: Stops, tracks: Tracks) -> tuple[Any, ...]:
-        """Return the kernel's arguments, except the last three of ``advance``."""
+        """Return the kernel's arguments, except its last three: ``from_start``, ``to_end`` and ``limit_s``."""
 
     def advance(
         self,
@@ -95,12 +108,13 @@ class Replayer(ABC):
         limit_s: float = np.inf,
         tracks: Tracks = NO_TRACKS,
     ) -> None:
-        """Replay new samples.
+        """Replay the samples that were added since the last call; ``swarm`` then holds the robots' new state.
 
         Args:
-            stops: empty unless ``needs_stops``. from_start: restart at time 0. to_end: also read the messages that
-                arrive after the last sample. limit_s: replay no later samples.
-            tracks: needed if ``reads_positions``.
+            rows, readings: all samples of the runs so far, and what the robots read. stops: when the robots stand;
+                empty unless ``needs_stops``. tracks: the robots' moves; needed only if ``reads_positions``.
+            from_start: begin at time 0, not where the last call stopped. to_end: also read the messages that arrive
+                after the last sample. limit_s: do not replay samples after this time.
         Raises:
             CodeError: the strategy did something that strategies may not do.
         """
@@ -113,30 +127,35 @@ class Replayer(ABC):
             status = self.call((*arguments, from_start, to_end, limit_s))
             if status == BUFFER_FULL:  # repeat everything with a larger buffer
                 self.enlarge_buffer()
-                from_start = True
+                from_start = True  # as the new buffer lacks the messages so far
         if status != DONE:
             raise CodeError(f"strategy '{self.strategy.name}': {ERROR_TEXT[status]}")
 
     def enlarge_buffer(self) -> None:
-        """Double the size of the buffer that was full."""
+        """Replace the buffer that was full by a buffer of twice its size."""
         raise NotImplementedError  # only a kernel with a buffer can say that it is full
 
     def clear(self) -> None:
-        """Zero all states and arrays, as ``begin`` expects them."""
+        """Zero all states and arrays, as the strategy's ``begin`` expects; at the first call they are zero already."""
         if self.is_new:
             self.is_new = False
             return
+        # Viewed as bytes, all fields of the records are zeroed at once.
         self.swarm.states.view(np.uint8)[:] = 0
         for array in self.swarm.arrays if isinstance(self.swarm.arrays, tuple) else ():
             array[:] = 0
 
     def call(self, arguments: tuple[Any, ...]) -> int:
-        """Call the kernel; arguments have the same types at each call."""
+        """Call the kernel, and return its status; the arguments must have the same types at each call.
+
+        From the third call on, the compiled function is called directly (``entry``), which is faster.
+        """
         if self.entry is None:
             with translate_errors(self.strategy, self.network):
                 status: int = self.module.replay(*arguments)
             self.calls += 1
-            # Entry points lose the line of an error, which is needed for users' code.
+            # A direct call loses the line at which an error occurred, which messages about a user's code state. So a
+            # user's strategy is never called directly.
             if self.calls == 2 and not self.strategy.code:
                 self.entry = entry_for(self.module.replay, *arguments)
             return status
@@ -148,7 +167,7 @@ class Replayer(ABC):
 
 
 class CountsReplayer(Replayer):
-    """Replays strategies that count bits, over ideal and lossy networks, and over others with known deliveries."""
+    """Replays strategies that count bits: over the networks ideal and loss, and over others if deliveries are given."""
 
     template = "replay_counts"
     needs_stops = False
@@ -165,20 +184,29 @@ class CountsReplayer(Replayer):
         timeline: Timeline | None,
         deliveries: Deliveries = NO_DELIVERIES,
     ) -> None:
-        # Losses are a number here, and deliveries a table: one kernel serves all networks.
+        """Allocate the memory of a replay; other arguments: see ``Replayer``.
+
+        Args:
+            timeline: the samples, if all are known: which robots receive each message is then computed in advance.
+                None: they are not all known.
+            deliveries: deliveries of the network; needed unless the network is ideal or ``loss``.
+        """
+        # This kernel calls no function of a network: losses are given as a number, and deliveries as a table. So it is
+        # always generated for the ideal network, and one kernel serves all networks.
         super().__init__(scenario, seed, runs, longest, rows, messages, log, network_of("ideal"))
         self.loss, self.deliveries = loss_of(scenario), deliveries
         self.reach = NO_REACH if timeline is None else timeline.reach(seed, self.loss)
+        # The kernel reads earlier messages, so it needs memory for them even if nobody requested them.
         if messages is None:
             self.messages = zero_rows(rows, self.strategy.message_type)
         self.counts = Counts(
-            np.empty(longest + 1, dtype=np.int32),
-            np.empty(longest, dtype=np.int32),
-            np.empty((longest + 1, self.reach.words.shape[1]), dtype=np.uint64),
+            ones_sent=np.empty(longest + 1, dtype=np.int32),
+            own_ones=np.empty(longest, dtype=np.int32),
+            ones_reached=np.empty((longest + 1, self.reach.words.shape[1]), dtype=np.uint64),
         )
 
     def arguments(self, rows: Rows, readings: Readings, stops: Stops, tracks: Tracks) -> tuple[Any, ...]:
-        """See ``Replayer.arguments``."""
+        """Return the arguments of ``replay_counts.replay``, except its last three."""
         return (
             rows, readings, self.replayed, self.swarm, self.messages, self.counts, self.log, self.steering, self.world,
             self.seed, self.loss, self.reach, self.deliveries,
@@ -202,6 +230,7 @@ class MessagesReplayer(Replayer):
         log: Log | None,
         network: Network,
     ) -> None:
+        """Allocate the memory of a replay (arguments: see ``Replayer``)."""
         super().__init__(scenario, seed, runs, longest, rows, messages, log, network)
         self.robots = scenario.swarm.robots
         self.network_params, self.network_state = (
@@ -212,10 +241,17 @@ class MessagesReplayer(Replayer):
         self.network_arrays = network_arrays_for(
             self.strategy, network, scenario.network.params, sizes_of(scenario)
         )
+        # Room for a message at each sample, and for 64 messages sent by timers; it is enlarged if this is not enough.
         self.buffer = self._message_buffer(longest + 64, start_capacity(self.robots))
 
     def _message_buffer(self, room: int, under_way: int) -> MessageBuffer:
-        """Allocate a buffer for ``room`` messages, and ``under_way`` pairs of an unread message and a receiver."""
+        """Allocate a buffer.
+
+        Args:
+            room: number of messages of a run that the buffer can hold. under_way: number of unread messages, of all
+                receivers together, that its inbox can hold; not used for networks without ``send``, which need no
+                inbox.
+        """
         strategy, network = self.strategy, self.network
         receivers = self.robots if network.send is not None else 0
         return MessageBuffer(
@@ -235,11 +271,11 @@ class MessagesReplayer(Replayer):
         )
 
     def enlarge_buffer(self) -> None:
-        """See ``Replayer.enlarge_buffer``."""
+        """Replace the buffer of messages by an empty one with room for twice as many, sent and under way."""
         self.buffer = self._message_buffer(2 * self.buffer.sender.size, 2 * self.buffer.inbox.message.size)
 
     def arguments(self, rows: Rows, readings: Readings, stops: Stops, tracks: Tracks) -> tuple[Any, ...]:
-        """See ``Replayer.arguments``."""
+        """Return the arguments of ``replay_messages.replay``, except its last three."""
         return (
             rows, stops, readings, self.replayed, self.swarm, self.messages, self.buffer, tracks, self.log,
             self.steering, self.world, self.network_params, self.network_state, self.network_arrays,
@@ -248,12 +284,12 @@ class MessagesReplayer(Replayer):
 
 
 def counts_only(strategy: Strategy) -> bool:
-    """Return whether ``CountsReplayer`` can replay this strategy if deliveries are known."""
+    """Return whether ``CountsReplayer`` can replay this strategy: it counts bits, has no timers and decides once."""
     return strategy.on_counts is not None and strategy.on_timer is None and strategy.decides == "once"
 
 
 def loss_of(scenario: Scenario) -> float:
-    """Return the share of messages lost over a network that loses each message independently, else 0."""
+    """Return the share of messages that are lost if the network is ``loss``; 0 for all other networks."""
     return float(scenario.network.params.share) if scenario.network.name == "loss" else 0.0
 
 
@@ -268,13 +304,16 @@ def replayer_of(
     log: Log | None = None,
     timeline: Timeline | None = None,
 ) -> Replayer:
-    """Return the fastest replayer for a scenario's strategy and network.
+    """Return the fastest replayer that can replay a scenario's strategy over its network.
 
     Args:
-        runs, longest, rows, messages, log: see ``Replayer``.
-        timeline: given if whole runs are replayed at once; only then can deliveries be computed in advance.
+        runs: number of runs. longest: number of samples of the longest run. rows: number of samples of all runs.
+        messages, log: (rows,): message sent at each sample, and state after it; written unless None.
+        timeline: all samples, if whole runs are replayed at once. Only then can deliveries be computed in advance.
     """
     network = network_of(scenario.network.name)
+    # Counting requires that each robot sends at each sample and hears until the end, which a robot with a dead radio
+    # does not.
     if counts_only(strategy_used(scenario)) and not scenario.faults.radio_dead:
         if network.name in ("ideal", "loss"):
             return CountsReplayer(scenario, seed, runs, longest, rows, messages, log, timeline)

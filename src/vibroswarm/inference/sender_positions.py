@@ -1,12 +1,12 @@
 """Robot positions when a message is sent, computed from moves, for networks that read them.
 
-The position of a robot that drives or stands is exact. A turning robot is taken to be where its turn began: its
-centre moves on a circle of a few millimetres, and its turn rate is unknown until the turn is over. So a closed
-loop knows as much as the tables do.
+The position of a robot that drives or stands is exact. A turning robot is taken to be where its turn began. Its centre
+moves on a circle of a few millimetres only, and its turn rate is not known until the turn is over. So a closed loop,
+which does not know it yet, computes the same positions as a replay of whole tables.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| chord | c | m | v t sin(w t / 2) / (w t / 2), along heading + w t / 2 |
+| chord | c | m | v t sin(w t / 2) / (w t / 2), along heading + w t / 2; v speed, w turn rate, t time since the start |
 """
 
 from __future__ import annotations
@@ -31,41 +31,55 @@ class Tracks(NamedTuple):
     bounds: NDArray[np.int64]
     """(runs * robots + 1,): the robot in row e has the moves from ``bounds[e]`` to ``bounds[e + 1]``."""
     tick: NDArray[np.int64]
-    """Start of the move."""
+    """Tick at which the move starts."""
     x_m: NDArray[np.float64]
+    """Place at the start of the move, x."""
     y_m: NDArray[np.float64]
+    """Place at the start of the move, y."""
     heading_rad: NDArray[np.float64]
+    """Heading at the start of the move."""
     speed_m_s: NDArray[np.float64]
-    """0 in a turn."""
+    """Speed of the centre, taken to be 0 in a turn or stop."""
     rate_rad_s: NDArray[np.float64]
+    """Turn rate, taken to be 0 in a turn or stop."""
     at: NDArray[np.int64]
-    """(runs * robots,): index of each robot's current move; changed in place."""
+    """(runs * robots,): index of the move in which each robot was at the last call of ``positions_at``, which
+    changes it in place."""
 
 
 def _tracks(whose: NDArray[np.int64], robots: int, *columns: NDArray[np.int64 | np.float64]) -> Tracks:
-    """Sort moves by robot.
+    """Return moves as tracks: sorted by robot, with ``at`` set to each robot's first move.
 
     Args:
-        whose: (moves,), index of the robot of each move. robots: number of robots of all runs.
-        columns: (moves,) each: tick, x, y, heading, speed and turn rate, in order of time for each robot.
+        whose: (moves,): row of each move's robot: index of the run * robots of a run + robot. robots: number of robots
+            of all runs together.
+        columns: (moves,) each: tick, x, y, heading, speed and turn rate. For each robot they are in order of time.
     """
     order = np.argsort(whose, kind="stable")
     bounds = np.searchsorted(whose[order], np.arange(robots + 1))
     tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s = (read_only(column[order]) for column in columns)
     first = bounds[:-1].astype(np.int64)
     return Tracks(
-        read_only(bounds.astype(np.int64)), tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s, first
+        bounds=read_only(bounds.astype(np.int64)),
+        tick=tick,
+        x_m=x_m,
+        y_m=y_m,
+        heading_rad=heading_rad,
+        speed_m_s=speed_m_s,
+        rate_rad_s=rate_rad_s,
+        at=first,
     )
 
 
 NO_TRACKS: Final = _tracks(np.empty(0, dtype=np.int64), 0, np.empty(0, dtype=np.int64), *(np.empty(0),) * 5)
+"""Tracks of no robots, for networks that do not read positions."""
 
 
 def _known(moves: pl.DataFrame | None) -> pl.DataFrame:
-    """Return the moves.
+    """Return ``moves``, the table of moves of a motion, unless it is missing.
 
     Raises:
-        InputError: there are none (None).
+        InputError: ``moves`` is None, as some motions have no such table.
     """
     if moves is None:
         raise InputError(
@@ -76,15 +90,17 @@ def _known(moves: pl.DataFrame | None) -> pl.DataFrame:
 
 
 def tracks_of(moves: pl.DataFrame | None, runs: NDArray[np.int64], robots: int, tick_ms: int) -> Tracks:
-    """Return the tracks of a table of moves.
+    """Convert a table of moves to tracks.
 
     Args:
-        moves: sorted by run and start. runs: (runs,), the run numbers, ascending.
+        moves: table sorted by run and start. runs: (runs,): the run numbers, ascending. robots: robots per run.
+        tick_ms: control period.
     Raises:
         InputError: ``moves`` is None.
     """
     moves = _known(moves)
-    run = np.searchsorted(runs, moves["run"].to_numpy())
+    run = np.searchsorted(runs, moves["run"].to_numpy())  # index of each move's run
+    # Only a robot that drives changes its place here; a turning robot is taken to stay.
     drives = (moves["kind"] == KINDS[DRIVE]).to_numpy()
     speed_m_s, rate_rad_s = (moves[name].to_numpy() for name in ("speed_m_s", "turn_rate_rad_s"))
     return _tracks(
@@ -98,22 +114,29 @@ def tracks_of(moves: pl.DataFrame | None, runs: NDArray[np.int64], robots: int, 
 
 
 def tracks_of_rows(rows: NDArray[np.void], robots: int) -> Tracks:
-    """Return the tracks of one run's moves so far, as engines record them (``motion.moves.MOVE_ROW``)."""
-    drives = rows["kind"] == DRIVE
+    """Convert the moves of one run so far to tracks.
+
+    Args:
+        rows: moves as engines record them (``motion.moves.MOVE_ROW``), for each robot in order of time. robots: number
+            of robots.
+    """
+    drives = rows["kind"] == DRIVE  # a robot that turns is taken to stay where it is
     return _tracks(
         rows["robot"].astype(np.int64),
         robots,
         rows["tick"],
         rows["x_m"],
         rows["y_m"],
-        wrapped(rows["heading_rad"].copy()),
+        wrapped(rows["heading_rad"].copy()),  # copied to be contiguous, as a field of records is not
         np.where(drives, rows["speed_m_s"], 0.0),
         np.where(drives, rows["rate_rad_s"], 0.0),
     )
 
 
 def move_rows(moves: pl.DataFrame | None, tick_ms: int) -> NDArray[np.void]:
-    """Convert a table of moves to rows (``motion.moves.MOVE_ROW``); fields that tracks and odometry do not read are 0.
+    """Convert a table of moves to rows (``motion.moves.MOVE_ROW``).
+
+    Fields that neither tracks nor localisation read are 0.
 
     Raises:
         InputError: ``moves`` is None.
@@ -130,7 +153,7 @@ def move_rows(moves: pl.DataFrame | None, tick_ms: int) -> NDArray[np.void]:
 
 @allocating_kernel
 def wrapped(headings: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return headings wrapped to [-pi, pi), as in tables, rad."""
+    """Return headings wrapped to [-pi, pi), as in tables, rad, in a new array."""
     out = np.empty_like(headings)
     for k in range(headings.size):
         out[k] = wrapped_rad(headings[k])
@@ -141,12 +164,13 @@ def wrapped(headings: NDArray[np.float64]) -> NDArray[np.float64]:
 def positions_at(
     tracks: Tracks, first: int, tick: int, tick_ms: int, x_m: NDArray[np.float64], y_m: NDArray[np.float64]
 ) -> None:
-    """Fill in the positions of one run's robots at a tick.
+    """Write the positions of one run's robots at a tick to ``x_m`` and ``y_m``, (robots,) each.
 
-    ``tracks.at`` only moves forwards, so the tick must not be earlier than that of the last call.
+    Each robot's entry of ``tracks.at`` moves forwards to the move in which the robot is at this tick. So calls must be
+    in order of time. Before the first call of a run, the caller sets ``tracks.at`` to each robot's first move.
 
     Args:
-        first: row of the run's robot 0 in ``tracks.at``. x_m, y_m: (robots,), written.
+        first: row of the run's robot 0 in ``tracks.at``. tick_ms: control period, ms.
     """
     for i in range(x_m.size):
         e = first + i
@@ -157,7 +181,7 @@ def positions_at(
         t_s = (tick - tracks.tick[k]) * tick_ms / 1000.0
         half = 0.5 * tracks.rate_rad_s[k] * t_s
         chord = tracks.speed_m_s[k] * t_s
-        if abs(half) > 1e-9:
+        if abs(half) > 1e-9:  # else the arc is a straight line, and the division might be 0 / 0
             chord *= math.sin(half) / half
         along = tracks.heading_rad[k] + half
         x_m[i] = tracks.x_m[k] + chord * math.cos(along)

@@ -1,4 +1,7 @@
-"""Deliveries of a network over whole runs, computed once for all strategies that send one bit per sample."""
+"""Deliveries: which messages each robot hears over a network before each of its samples.
+
+They are computed once for all strategies that send a bit at each sample.
+"""
 
 from __future__ import annotations
 
@@ -27,53 +30,59 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
 MAX_DELIVERIES: Final = 30_000_000
-"""Above this, deliveries are not cached, and strategies are replayed message by message."""
+"""If there may be more deliveries than this, they would need too much memory. They are then not computed, and
+strategies are replayed message by message."""
 
 
 def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveries | None:
     """Return the deliveries of a scenario's network over the runs of a timeline; None if there may be too many.
 
+    They are cached in the timeline.
+
     Raises:
-        InputError: the network reads positions, and the motion has no moves; or the network cannot be compiled.
-        CodeError: the network raised.
+        InputError: the network reads positions, and the motion has no table of moves; or the network cannot be
+            compiled.
+        CodeError: a function of the network raised an error.
     """
     robots = timeline.robots
-    most = timeline.robot.size * max(robots - 1, 0)
+    most = timeline.robot.size * max(robots - 1, 0)  # each message reaches each other robot
     if most > MAX_DELIVERIES:
         return None
     network, strategy = network_of(scenario.network.name), strategy_used(scenario)
     world = world_of(scenario, timeline.longest)
-    # The last field of the world is a table that depends only on the others.
+    # The key contains all that deliveries depend on. The world's last field is a table computed from the other fields.
     key = (network, repr((scenario.network.params, strategy.bytes_on_air, seed, world[:-1])))
     if key not in timeline.deliveries:
         tracks = timeline.tracks if network.reads_positions else NO_TRACKS
         timeline.deliveries[key] = compute_deliveries(
-            scenario, seed, rows_of(timeline), timeline.stops, tracks, NO_ARRIVALS
+            scenario, seed, rows_of(timeline), timeline.stops, tracks, log=NO_ARRIVALS
         )
     return timeline.deliveries[key]
 
 
 NO_ARRIVALS: Final = np.empty((0, 0), dtype=np.int64)
+"""Given to ``compute_deliveries`` if the ticks of arrival are not needed."""
 
 
 def compute_deliveries(
     scenario: Scenario, seed: int, rows: Rows, stops: Stops, tracks: Tracks, log: NDArray[np.int64]
 ) -> Deliveries:
-    """Return the deliveries if each robot sends one message at each of its samples.
+    """Return the deliveries of a scenario's network if each robot sends one message at each of its samples.
 
     Args:
-        tracks: of all runs; empty unless the network reads positions.
-        log: (rows, robots), written: tick from which each robot can read the message of each row, -1: never; or
-            ``NO_ARRIVALS`` if not requested.
+        rows, stops: samples of the runs, and when their robots stand. tracks: moves of all runs; empty unless the
+            network reads positions.
+        log: (rows, robots), written: tick from which each robot can read the message of each row, -1: never;
+            ``NO_ARRIVALS`` if this is not needed.
     Raises:
-        CodeError: the network raised.
+        CodeError: a function of the network raised an error.
     """
     robots, strategy = scenario.swarm.robots, strategy_used(scenario)
     network, sizes = network_of(scenario.network.name), sizes_of(scenario)
     deliveries = Deliveries(
-        np.empty(rows.robot.size * max(robots - 1, 0), dtype=np.int32),
-        np.empty(rows.robot.size, dtype=np.int64),
-        np.empty(rows.runs.size * robots, dtype=np.int64),
+        which=np.empty(rows.robot.size * max(robots - 1, 0), dtype=np.int32),
+        until=np.empty(rows.robot.size, dtype=np.int64),
+        until_at_end=np.empty(rows.runs.size * robots, dtype=np.int64),
     )
     network_params, network_state = zero_rows(1, network.params_type), zero_rows(1, network.state_type)
     network_params[0] = network.params_row(scenario.network.params)
@@ -83,7 +92,7 @@ def compute_deliveries(
     longest, capacity, status = int(np.diff(rows.bounds).max(initial=0)), start_capacity(robots), BUFFER_FULL
     world = world_of(scenario, longest)
     with translate_errors(sender, network):
-        while status == BUFFER_FULL:
+        while status == BUFFER_FULL:  # begin again with room for more messages under way
             scratch = DeliveryScratch(
                 arrival=np.empty(robots, dtype=np.int64),
                 inbox=empty_inbox(robots, capacity),

@@ -1,24 +1,24 @@
-"""Compare how sure robots are when they decide with how often they are right.
+"""Compare how confident robots of a league are when they decide with how often they are right.
 
-A robot that decides at a belief of 95 % should be right in 95 % of such decisions, averaged over the floors that it
-expects. Floors with different numbers k of vibrating tiles are simulated and weighted by a prior of k, so that one set
-of runs serves all priors.
+A league compares entries (strategies with settings). A robot that decides at a belief of 95 % should be right in 95 %
+of such decisions, averaged over the floors that its prior expects. Floors with different numbers k of vibrating tiles
+are simulated once and weighted by a prior of k, so that the same runs serve all priors.
 
 | prior | weight of k of N tiles | name |
 |---|---|---|
-| own | that of the strategy: beta-binomial of its prior of the fill ratio; uniform where it has none | ``OWN`` |
-| common | binomial of N and 1/2: tiles that vibrate independently | ``COMMON`` |
+| own | beta-binomial of the strategy's prior Beta(alpha, beta) of the fill ratio (uniform by default) | ``OWN`` |
+| common | binomial of N and 1/2: each tile vibrates with probability 1/2 | ``COMMON`` |
 
 | column | what it is |
 |---|---|
-| settings | "as it plays", or "95 %, no gate": p_c = 0.95 and O_c = 0 |
-| confidence | mean confidence, at their decisions, of the robots that decided |
-| right | share of their decisions that are right |
+| settings | "as it plays": the entry's settings; "95 %, no gate": these with p_c = 0.95 and O_c = 0 |
+| confidence | mean confidence at decision time, of the robots that decided |
+| right | share of right decisions, of the robots that decided |
 | decided | share of robots that decided |
 
-Floors of independent tiles lie near 1/2 more often than a uniform prior expects, so a strategy that assumes one is too
-sure on them. **The unit is the motion of a run**, which all floors share: shares are ratios of sums over floors and
-robots, with intervals by the jackknife over motions.
+Floors of independent tiles have a fill ratio near 1/2 more often than a uniform prior expects. So a strategy that
+assumes a uniform prior is too confident on them. **The unit is the motion of a run**, which all floors share. Figures
+are ratios of sums over floors and robots, with intervals by the jackknife over motions.
 """
 
 from __future__ import annotations
@@ -38,43 +38,52 @@ from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import fields_read
-from vibroswarm.study.study_result import run
+from vibroswarm.study.run import run
 
 BELIEFS: Final = "beliefs"
-"""Folder of its runs in that of a league."""
+"""Name of the folder of these runs inside the folder of a league."""
 OWN, COMMON = "own prior", "independent tiles"
+"""Names of the two priors."""
 AS_PLAYED, AT_95 = "as it plays", "95 %, no gate"
+"""Names of the settings of an entry: those that it has in the league, and those with ``SURE``."""
 TILES: Final = 100
-"""Of a random floor of a league (``entries.SIZE``)."""
+"""Number of tiles of a random floor of a league (``entries.SIZE``)."""
 HALF: Final = TILES // 2
 NEAR: Final = 14
-"""Within so many tiles of one half, every number of vibrating tiles is simulated; beyond, where few robots err, each
-fifth."""
+"""Up to this distance from ``HALF`` every number of vibrating tiles is simulated. Farther away, where few robots err,
+only multiples of 5 are."""
 COUNTS: Final = tuple(k for k in range(TILES + 1) if k != HALF and (abs(k - HALF) <= NEAR or k % 5 == 0))
-"""Numbers of vibrating tiles. On exactly one half no decision is right."""
+"""Numbers of vibrating tiles that are simulated; not ``HALF``, where neither decision is right."""
 ALL: Final = np.array([k for k in range(TILES + 1) if k != HALF])
+"""All numbers of vibrating tiles that a prior has weights for."""
 SURE: Final[dict[str, Any]] = {"decision.credible_threshold": 0.95, "decision.min_observations": 0}
+"""Fields that the settings ``AT_95`` change: p_c = 0.95, and O_c = 0 (no gate)."""
 COLUMNS: Final = ("name", "strategy", "settings", "prior", "confidence", "right", "decided")
+"""Columns of the result of ``belief_calibration``, without the limits."""
 Array = NDArray[np.float64]
 
 
 def belief_calibration(
     league: League, folder: Path | None = None, *, runs: int = 100, **how: Any
 ) -> pl.DataFrame:
-    """Simulate floors of every fill ratio and compare beliefs with outcomes.
+    """Simulate random floors with the numbers of vibrating tiles ``COUNTS``, and compare confidence with outcomes.
 
     Args:
-        league: gives the entries, the base scenario and the smallest swarm; floors and seed differ from the league's.
-        folder: where runs are kept; those that are there are not repeated.
-        runs: motions; each is read on every floor.
-        how: workers and executor, as of ``League.play``.
-    Returns: ``COLUMNS`` with ``_low`` and ``_high``, a row for each entry that has a belief, its settings and prior;
-    empty if no entry has one.
+        league: its entries, its base scenario and its smallest swarm size are used. Its floors are replaced, and its
+            seed is changed.
+        folder: where runs are saved; runs that are there already are not repeated. None: they are not saved.
+        runs: number of motions; each is used on every floor.
+        how: further arguments of ``study_result.run``, such as workers.
+    Returns: one row per entry whose strategy has a belief, settings and prior: ``COLUMNS``, the figures also with
+        ``_low`` and ``_high`` (null if undefined). Empty if no entry has a belief.
     """
     entries = [entry for entry in league.entries if strategy(entry.strategy).belief is not None]
     if not entries:
         return pl.DataFrame(schema=dict.fromkeys(COLUMNS, pl.String))
-    floors = [LeagueFloor("random", k / TILES, f"random:{k / TILES:g}") for k in COUNTS]
+    floors = [
+        LeagueFloor(pattern="random", fill_ratio=k / TILES, source=f"random:{k / TILES:g}") for k in COUNTS
+    ]
+    # (label of an entry of the league, name of the settings, the entry with these settings)
     variants = [
         (
             entry.label,
@@ -84,93 +93,120 @@ def belief_calibration(
         for entry in entries
         for settings, more in _settings_of(entry)
     ]
-    asked = replace(
+    calibration_league = replace(
         league,
         entries=tuple(variant for _, _, variant in variants),
         floors=tuple(floors),
         robots=(min(league.robots),),
         runs=runs,
-        seed=league.seed + 1,
+        seed=league.seed + 1,  # motion that neither the league nor its fault curves (seed + 2) use
     )
-    study = run(asked.study, folder, **how)
+    spec = calibration_league.study
+    study = run(spec, folder, **how)
     rows: list[dict[str, Any]] = []
     for place, (label, settings, entry) in enumerate(variants):
-        mine = asked.study.cells[place * len(COUNTS) : (place + 1) * len(COUNTS)]
-        table = study.rows(*(cell.number for cell in mine)).select(
+        # The cells of a study are ordered by entry and floor.
+        cells = spec.cells[place * len(COUNTS) : (place + 1) * len(COUNTS)]
+        table = study.rows(*(cell.number for cell in cells)).select(
             "cell", "run", "decision", "belief_below", "truth"
         )
-        sums = _sums(table.collect(), mine[0].number, (len(COUNTS), runs))
+        # Sums over the robots of each run on each floor, (floors, runs) each.
+        decided, confidence, right, robots = _sums(
+            table.collect(), first=cells[0].number, shape=(len(COUNTS), runs)
+        )
+        # Each figure is a ratio of two of these sums.
+        ratios = {
+            "confidence": (confidence, decided),
+            "right": (right, decided),
+            "decided": (decided, robots),
+        }
         for prior in (OWN, COMMON):
             weights = prior_weights(prior, entry, league)
-            # Each figure is the ratio of two of the sums.
-            found = {"confidence": (1, 0), "right": (2, 0), "decided": (0, 3)}
             row: dict[str, Any] = {
                 "name": label,
                 "strategy": entry.strategy,
                 "settings": settings,
                 "prior": prior,
             }
-            for name, (top, bottom) in found.items():
-                values = ratio_interval(weights @ sums[top], weights @ sums[bottom])
+            for name, (top, bottom) in ratios.items():
+                # Weighted sums over the floors, one for each run: the units of the jackknife.
+                values = ratio_interval(weights @ top, weights @ bottom)
                 row |= dict(zip((name, f"{name}_low", f"{name}_high"), values, strict=True))
             rows.append(row)
     return pl.DataFrame(rows).fill_nan(None)
 
 
 def _settings_of(entry: Entry) -> list[tuple[str, dict[str, Any]]]:
-    """Return names and fields of the settings at which an entry is judged: only as it plays if it does not use p_c."""
+    """Return the settings with which the beliefs of an entry are tested: (name, scenario fields to change) of each.
+
+    They are the entry's own settings and p_c = 0.95, O_c = 0. For a strategy that does not use p_c they are only its
+    own.
+    """
     has_threshold = "credible_threshold" in fields_read(strategy(entry.strategy))
     return [(AS_PLAYED, {}), (AT_95, SURE)] if has_threshold else [(AS_PLAYED, {})]
 
 
 def prior_weights(prior: str, entry: Entry, league: League) -> Array:
-    """Return the weights of ``COUNTS``, with sum 1: each stands for all numbers of tiles that are nearest to it.
+    """Return the weights of ``COUNTS`` by a prior, (counts,); their sum is 1.
+
+    Only the numbers ``COUNTS`` of vibrating tiles are simulated. So each number (except ``HALF``) adds its prior
+    probability to the weight of the nearest number that is simulated.
 
     Args:
-        prior: ``OWN`` or ``COMMON``.
+        prior: ``OWN`` or ``COMMON``. entry: the entry that has its own prior. league: its base scenario has the fields
+            that the entry does not set.
     """
     if prior == COMMON:
-        every = binom.pmf(ALL, TILES, 0.5)
+        prior_of_all = binom.pmf(ALL, TILES, 0.5)
     else:
         scenario = league.base.with_values({"strategy.name": entry.strategy, **entry.settings})
         alpha, beta = scenario.decision.prior_alpha, scenario.decision.prior_beta
         params: Any = getattr(scenario.strategy, entry.strategy, None)
-        if hasattr(params, "prior"):  # of Bayes Bots, which has one of its own
+        if hasattr(params, "prior"):  # Bayes Bots has a symmetric prior of its own
             alpha = beta = params.prior
-        every = betabinom.pmf(ALL, TILES, alpha, beta)
+        prior_of_all = betabinom.pmf(ALL, TILES, alpha, beta)
     nearest = np.abs(ALL[:, None] - np.array(COUNTS)).argmin(axis=1)
-    weights: Array = np.bincount(nearest, every, minlength=len(COUNTS)).astype(np.float64)
+    weights: Array = np.bincount(nearest, prior_of_all, minlength=len(COUNTS)).astype(np.float64)
     normalised: Array = weights / weights.sum()
     return normalised
 
 
 def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Array, Array, Array, Array]:
-    """Return the sums of robots that decided, of their confidences, of those right, and of all, (floors, runs) each."""
-    place = table["cell"].to_numpy().astype(np.int64) - first
-    place = place * shape[1] + table["run"].to_numpy()
+    """Sum over the robots of each run on each floor.
+
+    Args:
+        table: rows of robots with cell, run, decision, belief_below and truth. first: number of the cell of the first
+            floor; the cells of the other floors follow. shape: (number of floors, number of runs).
+    Returns: four arrays (floors, runs): number of robots that decided, sum of their confidences at decision time,
+        number of them that are right, and number of all robots.
+    """
+    floor = table["cell"].to_numpy().astype(np.int64) - first
+    floor_and_run = floor * shape[1] + table["run"].to_numpy()  # index into the results, flattened
     decision, below = numbers(table["decision"]), numbers(table["belief_below"])
     decided = decision >= 0
     confidence = np.where(decision == 0, below, 1.0 - below)
     right = decision == numbers(table["truth"])
 
     def by_run(values: Array) -> Array:
-        return np.bincount(place, values, minlength=shape[0] * shape[1]).astype(np.float64).reshape(shape)
+        """Sum a value over the robots of each floor and run."""
+        sums = np.bincount(floor_and_run, values, minlength=shape[0] * shape[1])
+        return sums.astype(np.float64).reshape(shape)
 
     return (
         by_run(decided.astype(float)),
         by_run(np.where(decided, confidence, 0.0)),
         by_run((decided & right).astype(float)),
-        by_run(np.ones(place.size)),
+        by_run(np.ones(floor_and_run.size)),
     )
 
 
 def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
-    """Return sum(top) / sum(bottom) and its 95 % limits by the jackknife over units.
-
-    All are nan if sum(bottom) is 0; the limits are nan if there is one unit, or if one unit has all of ``bottom``.
+    """Compute sum(top) / sum(bottom), with 95 % limits by the jackknife over units.
 
     Args:
-        top, bottom: (units,).
+        top, bottom: numerator and denominator of each unit, (units,) each; 0 or more, and top at most bottom.
+    Returns: estimate, lower limit, upper limit, cut off at 0 and 1. All are nan if sum(bottom) is 0. The limits are nan
+        if there is only one unit, or only one with ``bottom`` above 0.
     """
     total = bottom.sum()
     if total <= 0.0:
@@ -179,7 +215,7 @@ def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:
     rest = total - bottom
     if top.size < 2 or (rest <= 0.0).any():
         return estimate, np.nan, np.nan
-    without = (top.sum() - top) / rest
+    without = (top.sum() - top) / rest  # the ratio without each unit
     units = top.size
     error = float(np.sqrt((units - 1) / units * ((without - without.mean()) ** 2).sum()))
     reach = float(student.ppf(0.975, units - 1)) * error

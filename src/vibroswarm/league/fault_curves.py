@@ -1,17 +1,17 @@
-"""Compute how many faulty robots each strategy of a league bears.
+"""Compute how many faulty robots each strategy of a league tolerates.
 
-For each kind of fault the league's smallest swarm plays with 0, 1, 2, ... faulty robots, on random floors on both sides
-of 1/2: a fault that leans to one side does harm on the other. Robots that are faulty in a run are so with larger
-numbers too, and everything else is the same: differences are paired, run by run.
+For each kind of fault the smallest swarm of the league runs with 0, 1, 2, ... faulty robots, on random floors on both
+sides of 1/2, since a fault that favours one answer does harm only on one side. Robots that are faulty in a run are also
+faulty with each larger number, and everything else is the same, so differences are paired by run.
 
 | column | what it is |
 |---|---|
 | kind, faulty | the fault (a field of ``[faults]``), and the number of robots that have it |
-| forced_error | of the working robots, averaged over floors |
-| rise | its difference from the same robots in the same runs without faults |
-| bears | true: the upper limit of the rise is below ``MARGIN``; false: the lower limit is above it; null: open |
+| forced_error | mean forced error (``analysis.forced_error``) of the working robots, averaged over floors |
+| rise | its difference from that of the same robots in the same runs without faults |
+| bears | true (tolerated): upper limit of the rise below ``MARGIN``; false: lower limit above; else null |
 
-The unit is the run; 95 % intervals. How a strategy bears two faulty robots is not corrected for having asked of one.
+Intervals are 95 % intervals over runs. They are not corrected for the comparison of several numbers of faulty robots.
 """
 
 from __future__ import annotations
@@ -28,25 +28,29 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.forced_error import forced_errors
 from vibroswarm.analysis.intervals import mean_interval, plain
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.faults import working
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.standings import League
+from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.fault_fields import FAULTS
 from vibroswarm.strategies import strategy
-from vibroswarm.study.study_result import StudyResult, run
+from vibroswarm.study.run import run
+from vibroswarm.study.study_result import StudyResult
 
 FOLDER: Final = "faults"
-"""Of its runs in that of a league."""
+"""Name of the folder of these runs inside the folder of a league."""
 KINDS: Final = ("stuck_at_1", "opposite", "radio_dead", "stopped")
-"""Kinds of faults that a league asks by default."""
+"""Kinds of faults that are simulated by default."""
 MARGIN: Final = 0.05
-"""Rise of the forced error up to which a strategy bears a fault."""
+"""Rise of the forced error up to which a strategy tolerates a fault."""
 FILL: Final = 0.46
+"""Fill ratio of the random floors; its mirror 1 - f is added."""
 MOST: Final = 2
 """Most faulty robots in a swarm, by default."""
 Errors = tuple[NDArray[np.float64], NDArray[np.bool_]]
-"""Errors of robots, averaged over floors, and which of them work: (runs, robots) each."""
+"""Forced errors of robots, averaged over floors, and whether the robots work (have no fault): (runs, robots) each."""
+Case = tuple[str, str, int]
+"""Label of an entry, kind of fault ("none" without faulty robots), number of faulty robots."""
 
 
 def fault_curves(
@@ -58,17 +62,19 @@ def fault_curves(
     runs: int = 100,
     **how: Any,
 ) -> pl.DataFrame:
-    """Play a league's entries with faulty robots.
+    """Simulate a league's entries with faulty robots, and compute the table of the module's docstring.
 
     Args:
-        league: its entries, base and smallest swarm; other floors and another seed than its own.
-        folder: where its runs are kept; those that are there are not repeated. kinds: of faults. most: faulty
-            robots; by default ``MOST``, but never the whole swarm.
-        runs: of each fault, number and floor.
-        how: workers and progress, as of ``League.play``.
-    Returns: see the module; ``name`` is the entry's, limits have ``_low`` and ``_high``. Empty for single robots.
+        league: its entries, its base scenario and its smallest swarm size are used. Its floors are replaced, and its
+            seed is changed.
+        folder: where runs are saved; runs that are there already are not repeated. None: they are not saved.
+        kinds: kinds of faults. most: largest number of faulty robots; by default ``MOST``, but never the whole swarm.
+        runs: number of runs for each kind of fault, number of faulty robots and floor.
+        how: further arguments of ``study_result.run``, such as workers.
+    Returns: one row per entry (``name``), kind and number of faulty robots from 0 up; limits have ``_low`` and
+        ``_high``. Empty for a swarm of a single robot.
     Raises:
-        InputError: an unknown kind, or as many faulty robots as robots.
+        InputError: an unknown kind, or ``most`` is not from 1 to the number of robots - 1.
     """
     for kind in kinds:
         check_choice(kind, "faults", FAULTS)
@@ -79,10 +85,11 @@ def fault_curves(
             return pl.DataFrame()
     if not 1 <= most < robots:
         raise InputError(
-            f"{most} of {robots} robots cannot all be faulty; from 1 to {robots - 1}", field="faults"
+            f"{most} of {robots} robots cannot be faulty; give a number from 1 to {robots - 1}",
+            field="faults",
         )
     cases = [(entry, kind, count) for entry in league.entries for kind, count in _cases(entry, kinds, most)]
-    players = [
+    faulty_entries = [
         replace(
             entry,
             label=f"{entry.label}, {count} {kind}",
@@ -90,37 +97,42 @@ def fault_curves(
         )
         for entry, kind, count in cases
     ]
-    asked = replace(
+    faulty_league = replace(
         league,
-        entries=tuple(players),
+        entries=tuple(faulty_entries),
         floors=floors_of(["random"], [FILL]),
         robots=(robots,),
         runs=runs,
-        seed=league.seed + 2,
+        seed=league.seed + 2,  # fresh motion; the seed + 1 is that of belief_calibration
     )
-    study = run(asked.study, folder, **how)
-    errors = {case: _errors(asked, study, place) for place, case in enumerate(_keys(cases))}
-    return pl.DataFrame(
-        [_row(name, kind, count, errors) for name, kind, count in _with_none(errors, kinds)],
-        infer_schema_length=None,
-    )
+    study = run(faulty_league.study, folder, **how)
+    errors = {
+        (entry.label, kind, count): _errors(faulty_league, study, place)
+        for place, (entry, kind, count) in enumerate(cases)
+    }
+    return pl.DataFrame([_row(case, errors) for case in _rows_of(errors, kinds)], infer_schema_length=None)
 
 
 def _cases(entry: Entry, kinds: Sequence[str], most: int) -> list[tuple[str, int]]:
-    """Return kinds and numbers of faulty robots; without faults all kinds are the same, so that case comes once."""
+    """Return the kinds and numbers of faulty robots that are simulated for an entry.
+
+    The first is ("none", 0), which serves all kinds. "opposite" (robots that send the opposite of their message) is
+    left out for a strategy whose messages have no opposite.
+    """
     possible = [kind for kind in kinds if kind != "opposite" or strategy(entry.strategy).has_opposite]
     return [("none", 0), *((kind, count) for kind in possible for count in range(1, most + 1))]
 
 
-def _keys(cases: Sequence[tuple[Entry, str, int]]) -> list[tuple[str, str, int]]:
-    return [(entry.label, kind, count) for entry, kind, count in cases]
+def _rows_of(errors: dict[Case, Errors], kinds: Sequence[str]) -> list[Case]:
+    """Return the cases of the table, in the order of its rows: each kind begins with a row of no faulty robot.
 
+    An entry has no rows of a kind that was not simulated for it. The row of no faulty robot has the results of the case
+    "none", which was simulated once for all kinds.
 
-def _with_none(
-    errors: dict[tuple[str, str, int], Errors], kinds: Sequence[str]
-) -> list[tuple[str, str, int]]:
-    """Return name, kind and number of each row: every kind begins with no faulty robot."""
-    names = dict.fromkeys(name for name, _, _ in errors)
+    Args:
+        errors: results of all cases that were simulated. kinds: of faults, in the order of the rows.
+    """
+    names = dict.fromkeys(name for name, _, _ in errors)  # each once, in order
     return [
         (name, kind, count)
         for name in names
@@ -130,10 +142,21 @@ def _with_none(
     ]
 
 
-def _row(name: str, kind: str, count: int, errors: dict[tuple[str, str, int], Errors]) -> dict[str, Any]:
-    without, everybody = errors[name, "none", 0]
-    mine, fine = errors[name, kind, count] if count else (without, everybody)
-    of_run, before = (np.where(fine, found, 0.0).sum(axis=1) / fine.sum(axis=1) for found in (mine, without))
+def _row(case: Case, errors: dict[Case, Errors]) -> dict[str, Any]:
+    """Compute the row of a case: forced error and its rise with limits, and whether the fault is tolerated.
+
+    The rise is the difference from the case without faulty robots, over the robots that work in ``case``.
+
+    Args:
+        errors: results of all cases.
+    """
+    name, kind, count = case
+    without_faults, all_work = errors[name, "none", 0]
+    with_faults, works = errors[case] if count else (without_faults, all_work)
+    # Mean forced error of each run over the robots that work in ``case``: in runs with the faults and without them.
+    of_run, before = (
+        np.where(works, found, 0.0).sum(axis=1) / works.sum(axis=1) for found in (with_faults, without_faults)
+    )
     row: dict[str, Any] = {"name": name, "kind": kind, "faulty": count}
     for figure, values in (("forced_error", of_run), ("rise", of_run - before)):
         found = mean_interval(values)
@@ -143,19 +166,23 @@ def _row(name: str, kind: str, count: int, errors: dict[tuple[str, str, int], Er
             f"{figure}_high": plain(found.high),
         }
     low, high = row["rise_low"], row["rise_high"]
-    known = count > 0 and low is not None and high is not None
-    row["bears"] = None if not known else True if high < MARGIN else False if low > MARGIN else None
+    row["bears"] = None  # inconclusive, unless the whole interval lies on one side of the margin
+    if count > 0 and low is not None and high is not None and (high < MARGIN or low > MARGIN):
+        row["bears"] = high < MARGIN
     return row
 
 
 def _errors(league: League, study: StudyResult, place: int) -> Errors:
-    """Return the forced errors of the robots of one player, averaged over floors, and which robots work.
+    """Return the forced errors of the robots of one entry, averaged over floors, and which robots have no fault.
 
+    Args:
+        league: its entries have faults. study: the runs of this league. place: index of the entry in the league.
     Raises:
         InputError: runs are missing.
     """
     floors, robots = len(league.floors), league.robots[0]
-    total, fine = np.zeros((league.runs, robots)), np.ones((league.runs, robots), dtype=bool)
+    mean_error, works = np.zeros((league.runs, robots)), np.ones((league.runs, robots), dtype=bool)
+    # The cells of a study are ordered by entry and floor, and the rows of a cell by run and robot.
     for cell in study.study.cells[place * floors : (place + 1) * floors]:
         rows = study.rows(cell.number).select("run", "decision", "belief_in_truth", "truth").collect()
         if rows.height != league.runs * robots:
@@ -165,21 +192,25 @@ def _errors(league: League, study: StudyResult, place: int) -> Errors:
         found = forced_errors(
             rows["decision"].to_numpy(), numbers(rows["belief_in_truth"]), numbers(rows["truth"])
         )
-        total += found.reshape(league.runs, robots) / floors
-        fine = working(cell.scenario, league.seed, range(league.runs))  # the same on all floors
-    return total, fine
+        mean_error += found.reshape(league.runs, robots) / floors
+        works = working(cell.scenario, league.seed, range(league.runs))  # the same on all floors
+    return mean_error, works
 
 
 def borne(curves: pl.DataFrame) -> pl.DataFrame:
-    """Return, for each entry and kind, the largest number of faulty robots that it is shown to bear.
+    """Compute for each entry and kind the largest number of faulty robots that the entry is shown to tolerate.
 
-    Returns: name, kind, borne (with all smaller numbers), open (the next number is neither borne nor not).
+    Args:
+        curves: from ``fault_curves``.
+    Returns: one row per entry and kind: name, kind, borne (the entry tolerates this number of faulty robots and all
+        smaller numbers), open (whether the result for the next larger number is inconclusive).
     """
     rows = []
     for (name, kind), part in curves.filter(pl.col("faulty") > 0).group_by(
         "name", "kind", maintain_order=True
     ):
-        verdicts = part.sort("faulty")["bears"].to_list()
+        verdicts = part.sort("faulty")["bears"].to_list()  # of 1, 2, ... faulty robots
+        # Number of verdicts before the first that is not True.
         count = next((k for k, verdict in enumerate(verdicts) if verdict is not True), len(verdicts))
         is_open = count < len(verdicts) and verdicts[count] is None
         rows.append({"name": name, "kind": kind, "borne": count, "open": is_open})

@@ -1,4 +1,7 @@
-"""Write the report of a league: one page that says who wins where, and how surely."""
+"""Write the report of a league as one page: which entry (a strategy with settings) is best where, with intervals.
+
+"The reference" is the entry with which all others are compared.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +11,17 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.league.report_sections import (
-    belief_sentences,
-    beliefs_section,
-    faults_section,
-    limits_text,
-)
+from vibroswarm.league.report_sections import belief_sentences, beliefs_section, faults_section, limits_text
 from vibroswarm.league.standings import Standings
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_heat
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
 
 REPORT = "report.html"
+"""Name of the report's file."""
 PERCENT = Column(percent=True)
 COSTS = ("name", "told", "sent", "bytes_on_air", "bytes_sent")
+"""Columns of the standings that the table of costs has."""
 _COLUMNS = {
     "name": Column("entry"),
     "forced_error": Column("forced error", percent=True),
@@ -36,34 +36,42 @@ _COLUMNS = {
     "worst_floor_error": Column("error on it", percent=True),
     "told": Column("told to a robot"),
 }
+"""Headings and formats of the columns of the standings, by name."""
 
 
 def write_league_report(folder: Path, standings: Standings, tables: Mapping[str, pl.DataFrame]) -> None:
-    """Write ``report.html`` into a folder.
+    """Write the report of a league as ``report.html`` into a folder.
 
     Args:
-        tables: differences, floor_differences and fronts, against the same reference; where known, beliefs and faults.
+        folder: it must exist. standings: results of the league.
+        tables: tables by name: "differences" and "floor_differences" (of ``Standings``) and "fronts" (from
+            ``front_table``), all with the same reference; optionally "beliefs" (from ``belief_calibration``) and
+            "faults" (from ``fault_curves``).
     """
     write_report(folder / REPORT, report_of(standings, tables))
 
 
 def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Report:
-    """Lay out the report, see ``write_league_report``."""
+    """Lay out the report of a league: its sections, the sentences at its top, and the details at its end.
+
+    Args:
+        standings: results of the league. tables: the tables that ``write_league_report`` describes, by name.
+    """
     table, league = standings.table, standings.league
     sections = (
         _time_and_error(table),
         Section(
             "What it costs, and what a robot is told",
-            ("Messages and bytes are those that a robot sends in a run.",),
-            (ReportTable(table.select(COSTS), _COLUMNS, name="costs"),),
+            text=("Messages and bytes are those that a robot sends in a run.",),
+            parts=(ReportTable(table.select(COSTS), _COLUMNS, name="costs"),),
         ),
         Section(
             "Compared with the reference",
-            (
+            text=(
                 "Differences motion by motion (entry - reference), with 95 % intervals; p by Holm over the entries. "
                 "No significant difference is not evidence of no difference.",
             ),
-            (
+            parts=(
                 ReportTable(
                     _side_by_side(tables["differences"]), {"name": Column("entry")}, name="differences"
                 ),
@@ -73,7 +81,7 @@ def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Repor
         *beliefs_section(tables.get("beliefs")),
         *faults_section(tables.get("faults")),
         *_by_floor(standings.floor_table, tables["floor_differences"]),
-        Section("Settings", (), (ReportTable(_settings(standings), name="settings"),)),
+        Section("Settings", parts=(ReportTable(_settings(standings), name="settings"),)),
     )
     details = {
         "floors": str(len(league.floors)),
@@ -82,11 +90,11 @@ def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Repor
         "seed": str(league.seed),
         "base scenario": league.base.hash,
     }
-    return Report("League", answers(table, tables), sections=sections, details=details)
+    return Report("League", lead=answers(table, tables), sections=sections, details=details)
 
 
 def _time_and_error(table: pl.DataFrame) -> Section:
-    """Return the section with the standings, and their picture."""
+    """Return the section with the standings (``Standings.table``) and their picture."""
     front = draw_front(
         table.select(
             "name",
@@ -106,11 +114,15 @@ def _time_and_error(table: pl.DataFrame) -> Section:
         "as wrong if it leans to the wrong side at the end (forced error)."
     )
     standings = ReportTable(_with_limits(table), _COLUMNS, name="standings")
-    return Section("Time and error", (text,), (picture_of(front, "front"), standings))
+    return Section("Time and error", text=(text,), parts=(picture_of(front, "front"), standings))
 
 
 def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section, ...]:
-    """Return the sections on each floor: a picture, differences from the reference, and all numbers."""
+    """Return the sections on single floors: a picture, differences from the reference, and all figures.
+
+    Args:
+        floors: ``Standings.floor_table``. differences: ``Standings.floor_differences``.
+    """
     heat = draw_heat(
         by_difficulty(floors),
         x_label="pattern and share of tiles in the minority",
@@ -122,14 +134,17 @@ def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section,
     by_pair = ReportTable(differences, {"name": Column("entry")}, name="floor_differences")
     all_figures = ReportTable(floors, _COLUMNS, name="floors")
     return (
-        Section("Floor by floor", (_floors_text(differences),), (picture_of(heat, "floors"),)),
+        Section("Floor by floor", text=(_floors_text(differences),), parts=(picture_of(heat, "floors"),)),
         Section("Differences from the reference, floor by floor", parts=(by_pair,), folded=True),
         Section("All figures, floor by floor", parts=(all_figures,), folded=True),
     )
 
 
 def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:
-    """Average forced errors, in %, over a floor and its mirror: x, y and value of a heat map."""
+    """Average each entry's forced error over a floor and its mirror 1 - f, for a heat map.
+
+    Returns: x (pattern and the smaller fill ratio), y (entry) and value (forced error in %).
+    """
     minority = pl.min_horizontal("fill_ratio", 1.0 - pl.col("fill_ratio")).round(6)
     return (
         floors.with_columns(x=pl.format("{} {}", "pattern", minority), y="name")
@@ -139,26 +154,33 @@ def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:
 
 
 def answers(table: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> tuple[str, ...]:
-    """Say who is fastest, who errs least, which differences from the reference are sure, and where.
+    """Write the sentences at the top of the report.
+
+    They name the fastest entry and the one with the smallest error, the entries that know the grid of tiles, the
+    significant differences from the reference, and the fastest front.
 
     Args:
-        table: the standings. tables: as of ``write_league_report``.
+        table: the standings, by rising forced error.
+        tables: the tables that ``write_league_report`` describes, by name.
     """
     differences, fronts = tables["differences"], tables["fronts"]
     fastest = table.sort("decision_time_s").row(0, named=True)
-    surest = table.row(0, named=True)
+    surest = table.row(0, named=True)  # smallest forced error
     found = [
         f"Smallest forced error: {surest['name']}, {_share(surest, 'forced_error')}; it decides after "
         f"{surest['decision_time_s']:.0f} s. Fastest: {fastest['name']}, {fastest['decision_time_s']:.0f} s; its "
         f"forced error is {_share(fastest, 'forced_error')}."
     ]
-    if mapping := [row["name"] for row in table.iter_rows(named=True) if "grid" in (row.get("told") or "")]:
+    # Entries whose robots are told the grid of tiles.
+    if with_grid := [row["name"] for row in table.iter_rows(named=True) if "grid" in (row.get("told") or "")]:
         found.append(
-            "Told the grid of tiles, which others are not, and worse than counting on a wrong one: "
-            f"{', '.join(mapping)}."
+            "Told the grid of tiles, which the other entries are not (with a wrong grid, worse than counting): "
+            f"{', '.join(with_grid)}."
         )
     if differences.height:
         reference = differences["reference"][0]
+        # For each entry the signs of its differences in forced error and in decision time: -1 if smaller than the
+        # reference, which is better, 1 if larger, and 0 if no difference is shown.
         by_entry = {
             name: _signs(differences, name) for name in differences["name"].unique(maintain_order=True)
         }
@@ -174,10 +196,11 @@ def answers(table: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> tuple[st
             ("worse in one and not shown to be better in the other", worse),
             ("better in one and worse in the other", mixed),
         )
-        words = [f"{what}: {', '.join(names)}" for what, names in kinds if names]
-        what = "; ".join(words) or "no difference shown"
-        found.append(f"Time and forced error against {reference}, at p < 0.05 after Holm: {what}.")
+        words = [f"{kind}: {', '.join(names)}" for kind, names in kinds if names]
+        result = "; ".join(words) or "no difference shown"
+        found.append(f"Time and forced error against {reference}, at p < 0.05 after Holm: {result}.")
         found.append(_floors_text(tables["floor_differences"]))
+    # Fronts of more than one entry that reach the reference's error.
     several = fronts.filter((pl.col("points") > 1) & pl.col("time_at_equal_error_s").is_not_null())
     if several.height:
         best = several.sort("time_at_equal_error_s").row(0, named=True)
@@ -190,15 +213,19 @@ def answers(table: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> tuple[st
 
 
 def _floors_text(floors: pl.DataFrame) -> str:
-    """Say on how many floors each strategy errs less or more often than the reference."""
+    """Write the sentence that says on how many floors each entry errs significantly less, or more, than the reference.
+
+    Args:
+        floors: table from ``Standings.floor_differences``.
+    """
     sure = floors.filter((pl.col("figure") == "forced_error") & (pl.col("p_holm") < 0.05))
     count = floors.select("pattern", "fill_ratio").unique().height
     if not sure.height:
         return f"Floor by floor, at p < 0.05 after Holm over strategies and {count} floors: no forced error differs."
     parts = []
     for name in sure["name"].unique(maintain_order=True):
-        mine = sure.filter(pl.col("name") == name)["difference"]
-        numbers = (("fewer", int((mine < 0).sum())), ("more", int((mine > 0).sum())))
+        found = sure.filter(pl.col("name") == name)["difference"]
+        numbers = (("fewer", int((found < 0).sum())), ("more", int((found > 0).sum())))
         parts.append(f"{name} " + ", ".join(f"{word} on {number}" for word, number in numbers if number))
     reference = floors["reference"][0]
     return (
@@ -208,10 +235,14 @@ def _floors_text(floors: pl.DataFrame) -> str:
 
 
 def _signs(differences: pl.DataFrame, name: str) -> tuple[int, int]:
-    """Return 1 if forced error, and time, of an entry are significantly above the reference's, -1 if below, else 0."""
+    """Return the signs of an entry's differences from the reference: of forced error, and of decision time.
+
+    A sign is 1 or -1 for a significant difference above or below 0 (p < 0.05 after Holm), else 0.
+    """
     rows = {row["figure"]: row for row in differences.filter(pl.col("name") == name).iter_rows(named=True)}
 
     def sign(figure: str) -> int:
+        """Return the sign of the entry's difference in one figure."""
         row = rows[figure]
         sure = row["p_holm"] is not None and row["p_holm"] < 0.05
         return 0 if not sure else 1 if row["difference"] > 0 else -1
@@ -220,13 +251,18 @@ def _signs(differences: pl.DataFrame, name: str) -> tuple[int, int]:
 
 
 def _share(row: Mapping[str, float], name: str) -> str:
+    """Write a share in percent, with its limits in brackets if it has any."""
     low, high = row[f"{name}_low"], row[f"{name}_high"]
     limits = "" if low is None or high is None else f" [{100 * low:.1f}, {100 * high:.1f}]"
     return f"{100 * row[name]:.1f} %{limits}"
 
 
 def _fronts_section(fronts: pl.DataFrame) -> tuple[Section, ...]:
-    """Return the section of fronts; none unless some front has more than one point."""
+    """Return a tuple with the section on the strategies' fronts; an empty tuple if no front has more than one point.
+
+    Args:
+        fronts: table from ``front_table``.
+    """
     if not (fronts["points"] > 1).any():
         return ()
     rows = [
@@ -234,12 +270,13 @@ def _fronts_section(fronts: pl.DataFrame) -> tuple[Section, ...]:
             "strategy": row["strategy"],
             "entries on its front": row["points"],
             "time at equal error (s)": row["time_at_equal_error_s"],
-            "time, 95 %": limits_text(row, "time_at_equal_error_s", 1, ".0f"),
+            "time, 95 %": limits_text(row, "time_at_equal_error_s", scale=1, form=".0f"),
             "error at equal time (%)": _times_100(row["error_at_equal_time"]),
-            "error, 95 %": limits_text(row, "error_at_equal_time", 100, ".1f"),
+            "error, 95 %": limits_text(row, "error_at_equal_time", scale=100, form=".1f"),
         }
         for row in fronts.iter_rows(named=True)
     ]
+    # All rows have the same reference.
     reference, time_s, error = fronts.select("reference", "reference_time_s", "reference_error").row(0)
     text = (
         f"Along the front of each strategy's own entries: the time at which it reaches the forced error of {reference} "
@@ -247,11 +284,14 @@ def _fronts_section(fronts: pl.DataFrame) -> tuple[Section, ...]:
         "its front does not reach there."
     )
     table = ReportTable(pl.DataFrame(rows, infer_schema_length=None), name="fronts")
-    return (Section("At equal error, and at equal time", (text,), (table,)),)
+    return (Section("At equal error, and at equal time", text=(text,), parts=(table,)),)
 
 
 def _side_by_side(differences: pl.DataFrame) -> pl.DataFrame:
-    """Return one row an entry: both figures with limits as text and p-values."""
+    """Convert ``Standings.differences`` from one row per entry and figure to one row per entry.
+
+    Each of the two figures has three columns: the difference, its limits as text, and the corrected p-value.
+    """
     rows: dict[str, dict[str, Any]] = {}
     for row in differences.iter_rows(named=True):
         scale, title, form = (
@@ -259,36 +299,36 @@ def _side_by_side(differences: pl.DataFrame) -> pl.DataFrame:
             if row["figure"] == "forced_error"
             else (1, "decision time (s)", "+.0f")
         )
-        what = title.partition(" (")[0]
-        rows.setdefault(row["name"], {"name": row["name"], "reference": row["reference"]}).update(
-            {
-                title: scale * row["difference"],
-                f"{what}, 95 %": limits_text(row, "difference", scale, form),
-                f"{what}, p": row["p_holm"],
-            }
-        )
+        without_unit = title.partition(" (")[0]
+        of_entry = rows.setdefault(row["name"], {"name": row["name"], "reference": row["reference"]})
+        of_entry |= {  # changes the dictionary in ``rows``
+            title: scale * row["difference"],
+            f"{without_unit}, 95 %": limits_text(row, "difference", scale=scale, form=form),
+            f"{without_unit}, p": row["p_holm"],
+        }
     return pl.DataFrame(list(rows.values()), infer_schema_length=None)
 
 
 def _times_100(value: float | None) -> float | None:
+    """Convert a share to percent; None stays None."""
     return None if value is None else 100.0 * value
 
 
 def _with_limits(table: pl.DataFrame) -> pl.DataFrame:
-    """Return the standings with limits as text, next to the figures that they belong to."""
+    """Select the columns of the standings that are shown; limits become a column of text behind their figure's."""
     rows = [
         {
             "name": row["name"],
             "forced_error": row["forced_error"],
-            "forced error, 95 %": limits_text(row, "forced_error", 100, ".1f"),
+            "forced error, 95 %": limits_text(row, "forced_error", scale=100, form=".1f"),
             "right": row["right"],
             "wrong": row["wrong"],
             "undecided": row["undecided"],
             "decision_time_s": row["decision_time_s"],
-            "time, 95 %": limits_text(row, "decision_time_s", 1, ".0f"),
+            "time, 95 %": limits_text(row, "decision_time_s", scale=1, form=".0f"),
             "worst_floor": row["worst_floor"],
             "worst_floor_error": row["worst_floor_error"],
-            "error on it, 95 %": limits_text(row, "worst_floor_error", 100, ".1f"),
+            "error on it, 95 %": limits_text(row, "worst_floor_error", scale=100, form=".1f"),
         }
         for row in table.iter_rows(named=True)
     ]
@@ -296,6 +336,7 @@ def _with_limits(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _settings(standings: Standings) -> pl.DataFrame:
+    """Return one row per entry: name, its settings as text, and whether they were given for the league."""
     rows = [
         (
             entry.label,

@@ -14,10 +14,19 @@ from vibroswarm.report.html import Column, ReportTable, Section, picture_of
 
 PERCENT: Final = Column(percent=True)
 COLUMNS: Final = {"name": Column("entry"), **dict.fromkeys(("confidence", "right", "decided"), PERCENT)}
+"""Headings and formats of the table of beliefs, by column."""
 
 
 def belief_sentences(beliefs: pl.DataFrame | None) -> list[str]:
-    """Say whose robots are right less often than their confidence says, at a 95 % threshold without a gate."""
+    """Write the sentence that names the strategies whose robots are right less often than their confidence says.
+
+    A strategy is named, for each prior of the fill ratio, if its interval of the share right lies below its interval of
+    the confidence. Only the settings with which it plays in the league count.
+
+    Args:
+        beliefs: table from ``belief_calibration``; None if it was not computed.
+    Returns: a list of one sentence, or an empty list.
+    """
     if beliefs is None or not beliefs.height:
         return []
     rows = beliefs.drop_nulls(["right_high", "confidence_low"])
@@ -30,7 +39,11 @@ def belief_sentences(beliefs: pl.DataFrame | None) -> list[str]:
 
 
 def faults_section(curves: pl.DataFrame | None) -> tuple[Section, ...]:
-    """Return the section on faulty robots: a picture for each kind of fault."""
+    """Return two sections on faulty robots: the numbers tolerated with a picture for each kind, and all figures.
+
+    Args:
+        curves: table from ``fault_curves``; if it is None or empty, there are no sections.
+    """
     if curves is None or not curves.height:
         return ()
     text = (
@@ -56,8 +69,8 @@ def faults_section(curves: pl.DataFrame | None) -> tuple[Section, ...]:
     return (
         Section(
             "Faulty robots",
-            (text,),
-            (ReportTable(table, {"name": Column("entry")}, name="borne"), *parts),
+            text=(text,),
+            parts=(ReportTable(table, {"name": Column("entry")}, name="borne"), *parts),
         ),
         Section(
             "Faulty robots, all figures",
@@ -72,7 +85,11 @@ def faults_section(curves: pl.DataFrame | None) -> tuple[Section, ...]:
 
 
 def beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
-    """Return the section that compares beliefs with outcomes."""
+    """Return a tuple with the section that compares the robots' confidence with how often they are right.
+
+    Args:
+        beliefs: table from ``belief_calibration``; if it is None or empty, the tuple is empty.
+    """
     if beliefs is None or not beliefs.height:
         return ()
     text = (
@@ -93,19 +110,16 @@ def beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
         percent=True,
         style="page",
     )
-    columns = ("name", "settings", "prior", "confidence", "right", "decided")
     table = pl.DataFrame(
         [
             {
-                **{name: row[name] for name in columns[:3]},
-                **{
-                    key: value
-                    for name in columns[3:5]
-                    for key, value in (
-                        (name, row[name]),
-                        (f"{name}, 95 %", limits_text(row, name, 100, ".1f")),
-                    )
-                },
+                "name": row["name"],
+                "settings": row["settings"],
+                "prior": row["prior"],
+                "confidence": row["confidence"],
+                "confidence, 95 %": limits_text(row, "confidence", scale=100, form=".1f"),
+                "right": row["right"],
+                "right, 95 %": limits_text(row, "right", scale=100, form=".1f"),
                 "decided": row["decided"],
             }
             for row in beliefs.iter_rows(named=True)
@@ -114,8 +128,8 @@ def beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
     return (
         Section(
             "Belief and truth",
-            (text,),
-            (
+            text=(text,),
+            parts=(
                 picture_of(picture, "beliefs"),
                 ReportTable(
                     table,
@@ -128,6 +142,11 @@ def beliefs_section(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
 
 
 def limits_text(row: Mapping[str, float], name: str, scale: float, form: str) -> str:
-    """Return the limits of a figure as text: ``9.7 to 16.4``; a dash if there are none."""
+    """Write the limits of a figure, such as ``9.7 to 16.4``; a dash if there are none.
+
+    Args:
+        row: has the limits of the figure ``name`` in columns that end in ``_low`` and ``_high``.
+        scale: factor of the limits. form: format of a number.
+    """
     low, high = row[f"{name}_low"], row[f"{name}_high"]
     return "-" if low is None or high is None else f"{scale * low:{form}} to {scale * high:{form}}"

@@ -1,21 +1,23 @@
 """Run a league and compute its standings: time and error of each strategy over all floors, with intervals.
 
+A league runs entries (strategies with settings) on the same floors, with the same motion.
+
 | column | what it is |
 |---|---|
 | forced_error | share of robots wrong, or undecided and leaning to the wrong side (``analysis.forced_error``) |
 | right, wrong, undecided | shares of robots |
 | decision_time_s | mean of min(decision time, T_end), s |
 | sent | messages that a robot sends in a run |
-| bytes_sent | the same in bytes: ``sent`` times the bytes of one message |
+| bytes_sent | ``sent`` times the bytes of one message |
 
-**The unit is the motion of a run.** All strategies and floors share the motion of run r of a swarm size, so outcomes on
-different floors are dependent. Each figure is therefore averaged over the floors first, and intervals are over the
-(size, run) pairs. Strategies are compared with a reference pair by pair; the p-values of each figure are corrected over
-the strategies, or over strategies and floors (Holm). The floors are given, not drawn: figures hold for them, and every
-floor counts the same.
+**The unit is the motion of a run**: a run number and a swarm size. All strategies and floors share the motion of a
+unit, so outcomes on different floors are dependent. Each figure is therefore averaged over the floors first, and
+intervals are over units. Strategies are compared with a reference unit by unit. The p-values of each figure are
+corrected over the strategies, or over strategies and floors (Holm). The floors are a given set, not a random sample:
+figures hold for this set, in which every floor counts the same.
 
-**Worst floor**: among the floors nearest to 1/2, that with the largest forced error. It is chosen by half of the units
-and measured with the other half, as the largest of several estimates is too large.
+**Worst floor**: the floor with the largest forced error among those with a fill ratio nearest to 1/2. One half of the
+units chooses the floor and the other half estimates its error, since the largest of several estimates is too large.
 """
 
 from __future__ import annotations
@@ -42,49 +44,57 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
 from vibroswarm.study.factors import LABEL
+from vibroswarm.study.run import run
 from vibroswarm.study.spec import Study
-from vibroswarm.study.study_result import StudyResult, run
+from vibroswarm.study.study_result import StudyResult
 
 FIGURES: Final = ("forced_error", "right", "wrong", "undecided", "decision_time_s", "sent", "bytes_sent")
+"""Figures of the standings; the table of the module's docstring explains them."""
 NEEDED: Final = ("cell", "run", "decision", "decision_time_s", "belief_in_truth", "sent", "truth")
 """Columns of a study's rows that are read."""
 COMPARED: Final = ("forced_error", "decision_time_s")
+"""Figures that are compared with the reference."""
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class League(NotebookView):
-    """Strategies that meet on the same floors, motion, readings and radio.
+    """Strategies that are compared on the same floors, motion, readings and radio.
 
-    Args:
-        base: what strategies do not set. entries: the strategies; the first is the reference. floors: all equally
-            important. robots: swarm sizes. runs: of each cell. seed: of all.
     Raises:
         InputError: a scenario cannot be run.
     """
 
     base: Scenario
+    """Scenario with all fields that entries do not set."""
     entries: tuple[Entry, ...]
+    """The strategies with their settings; the first is the reference by default."""
     floors: tuple[LeagueFloor, ...]
+    """Floors on which every entry runs; all count the same in averages."""
     robots: tuple[int, ...] = (5, 10)
+    """Swarm sizes with which every entry runs."""
     runs: int = 1000
+    """Number of runs of each entry, floor and swarm size."""
     seed: int = 1
+    """Seed of all runs."""
 
     @cached_property
     def study(self) -> Study:
-        """The study of all cells: entries, then floors, then sizes, the last varying fastest."""
-        players = [
+        """The study of all cells, ordered by entry, then floor, then swarm size."""
+        # Blocks of a study: a list with one point per entry, and a grid of all pairs of floor and swarm size.
+        # A strategy that is not built in is named by its file and class (``code``).
+        entry_points = [
             {LABEL: entry.label, "strategy.name": entry.code or entry.strategy, **entry.settings}
             for entry in self.entries
         ]
-        where = {
+        grid = {
             "floor.source": [floor.source for floor in self.floors],
             "swarm.robots": list(self.robots),
         }
         floors = {floor.source: floor.tiles for floor in self.floors if floor.tiles is not None}
         return Study(
             self.base.with_values(SIZE),
-            {"list": players, "grid": where},
+            {"list": entry_points, "grid": grid},
             runs=self.runs,
             seed=self.seed,
             floors=floors,
@@ -92,28 +102,30 @@ class League(NotebookView):
         )
 
     def play(self, folder: Path | None = None, **how: Any) -> Standings:
-        """Run all cells that are missing in ``folder``.
+        """Run the cells that are missing in ``folder``, and compute the standings of all.
 
         Args:
-            how: workers and progress, as of ``study.study_result.run``.
+            folder: where runs are saved; None: they are not saved. how: further arguments of ``study_result.run``,
+                such as workers.
+        Raises:
+            InputError: the folder cannot be used, or runs failed.
         """
         return standings_of(self, run(self.study, folder, **how))
 
 
 @dataclass(frozen=True)
 class Standings(NotebookView):
-    """What came of a league.
-
-    Args:
-        league: the league. values: (entries, floors, sizes * runs) of each figure, in the order of the league; nan
-            where the task has no right answer. study: with all tables.
-    """
+    """Results of a league."""
 
     league: League
     values: Mapping[str, Array]
+    """Values of each figure by its name, (entries, floors, units), in the order of the league. The units are all runs
+    of the first swarm size, then those of the next. A value is nan where neither decision is right."""
     study: StudyResult
+    """Result of the league's study, with all tables."""
 
     def __repr__(self) -> str:
+        """Return the size of the league, and the entry with the smallest forced error, in one line."""
         league = self.league
         return (
             f"Standings({len(league.entries)} entries, {len(league.floors)} floors, {league.runs:,} runs of each; "
@@ -121,36 +133,50 @@ class Standings(NotebookView):
         )
 
     def interval(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Interval:
-        """Return the mean of a figure over floors (by default all) and its 95 % interval."""
+        """Compute the mean of a figure of an entry over floors and units, with its 95 % interval over units.
+
+        Args:
+            entry: index of the entry. figure: one of ``FIGURES``. floors: indices of floors; by default all.
+        """
         return mean_interval(self.by_unit(entry, figure, floors))
 
     def by_unit(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Array:
-        """Average a figure over floors, for each size and run: (sizes * runs,)."""
+        """Average a figure of an entry over floors (by default all), for each unit: (units,)."""
         of_floors = self.values[figure][entry]
         mean: Array = (of_floors if floors is None else of_floors[list(floors)]).mean(axis=0)
         return mean
 
     def boundary_of(self, entry: Entry) -> str:
-        """Return ``decision.boundary_of`` as this entry plays."""
+        """Return the value of ``decision.boundary_of`` that an entry runs with."""
         found: str = entry.settings.get("decision.boundary_of", self.league.base.decision.boundary_of)
         return found
 
     def worst_floor(self, entry: int) -> tuple[LeagueFloor, Interval]:
-        """Return the floor with the largest forced error among those nearest to 1/2, and that error.
+        """Return the floor on which an entry errs most, among those with a fill ratio nearest to 1/2, and the error.
 
-        One half of the runs chooses the floor and the other half estimates its error, so that the choice does not
-        bias it.
+        Every other unit serves to choose the floor, and the rest to estimate the forced error on it, so that the choice
+        does not bias the estimate.
+
+        Args:
+            entry: index of the entry.
+        Returns: the floor, and the interval of the forced error.
         """
         floors = self.league.floors
+        # The 1e-9 is for rounding: f and 1 - f are equally near to 1/2.
         nearest = min(abs(floor.fill_ratio - 0.5) for floor in floors) + 1e-9
         hard = [k for k, floor in enumerate(floors) if abs(floor.fill_ratio - 0.5) <= nearest]
-        errors = self.values["forced_error"][entry][hard]
-        worst = int(errors[:, ::2].mean(axis=1).argmax())
-        return floors[hard[worst]], mean_interval(errors[worst, 1::2])
+        errors = self.values["forced_error"][entry][hard]  # (hard floors, units)
+        choosing, estimating = errors[:, ::2], errors[:, 1::2]
+        worst = int(choosing.mean(axis=1).argmax())
+        return floors[hard[worst]], mean_interval(estimating[worst])
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """One row an entry, those with the smallest forced error first: figures with ``_low`` and ``_high``."""
+        """The standings, one row per entry by rising forced error.
+
+        Columns: name, strategy, bytes_on_air, told (the prior knowledge that robots need), ``FIGURES``, worst_floor and
+        worst_floor_error; figures also with ``_low`` and ``_high``.
+        """
         rows = []
         for k, entry in enumerate(self.league.entries):
             row: dict[str, Any] = {
@@ -172,7 +198,7 @@ class Standings(NotebookView):
 
     @cached_property
     def floor_table(self) -> pl.DataFrame:
-        """One row an entry and floor, with all figures."""
+        """All figures, with limits, of each entry on each floor: one row per entry and floor."""
         rows = []
         for k, entry in enumerate(self.league.entries):
             for place, floor in enumerate(self.league.floors):
@@ -189,14 +215,14 @@ class Standings(NotebookView):
         return pl.DataFrame(rows)
 
     def differences(self, reference: str | None = None) -> pl.DataFrame:
-        """Compare each strategy with a reference, pair by pair.
+        """Compare each entry with a reference, unit by unit.
 
         Args:
             reference: the label of an entry; by default the first.
-        Returns: name, reference, figure, difference (entry - reference), its 95 % limits, p_value, p_holm (corrected
-        over the entries).
+        Returns: one row per figure of ``COMPARED`` and entry: name, reference, figure, difference (entry - reference)
+            with its 95 % limits, p_value, p_holm (corrected over the entries).
         Raises:
-            InputError: the reference does not take part.
+            InputError: no entry has the label ``reference``.
         """
         names = [entry.label for entry in self.league.entries]
         against = names[0] if reference is None else reference
@@ -221,14 +247,14 @@ class Standings(NotebookView):
         return pl.DataFrame(rows)
 
     def floor_differences(self, reference: str | None = None) -> pl.DataFrame:
-        """Compare each strategy with a reference on each floor, pair by pair.
+        """Compare each entry with a reference on each floor, unit by unit.
 
         Args:
             reference: the label of an entry; by default the first.
-        Returns: name, reference, pattern, fill_ratio, figure, difference (entry - reference), p_value of a paired
-        t-test, p_holm (corrected over the entries and floors).
+        Returns: one row per figure of ``COMPARED``, entry and floor: name, reference, pattern, fill_ratio, figure,
+            difference (entry - reference), p_value of a paired t-test, p_holm (corrected over entries and floors).
         Raises:
-            InputError: the reference does not take part.
+            InputError: no entry has the label ``reference``.
         """
         names = [entry.label for entry in self.league.entries]
         against = names[0] if reference is None else reference
@@ -258,9 +284,10 @@ class Standings(NotebookView):
 
 
 def _p_of_mean(differences: Array) -> float:
-    """Return the two-sided p-value of a paired t-test; nan if it is undefined.
+    """Return the two-sided p-value of a paired t-test, from the differences of the pairs.
 
-    If all differences are equal it is 1 if they are 0, else 0.
+    It is nan for fewer than 2 pairs or with a difference of nan. If all differences are equal, it is 1 if they are 0,
+    and 0 otherwise.
     """
     if differences.size < 2 or np.isnan(differences).any():
         return np.nan
@@ -270,31 +297,33 @@ def _p_of_mean(differences: Array) -> float:
 
 
 def _columns(name: str, interval: Interval) -> dict[str, float | None]:
-    """Return an estimate and its limits; None for what is not finite."""
+    """Return the columns ``name``, ``name_low`` and ``name_high`` of an interval; a value not finite becomes None."""
     values = (interval.estimate, interval.low, interval.high)
     return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), values, strict=True)}
 
 
 def standings_of(league: League, study: StudyResult) -> Standings:
-    """Read the figures of all runs of a league.
+    """Compute the standings of a league from the result of its study.
 
+    Args:
+        league: the league. study: the result of ``league.study``.
     Raises:
         InputError: runs are missing, for example because some failed.
     """
     sizes, runs = len(league.robots), league.runs
     shape = (len(league.entries), len(league.floors), sizes * runs)
     values = {name: np.full(shape, np.nan) for name in FIGURES}
-    cells, of_entry = study.study.cells, len(league.floors) * sizes
+    cells, cells_per_entry = study.study.cells, len(league.floors) * sizes
     for k, entry in enumerate(league.entries):
-        mine = cells[k * of_entry : (k + 1) * of_entry]
-        rows = study.rows(*(cell.number for cell in mine)).select(NEEDED).collect()
+        entry_cells = cells[k * cells_per_entry : (k + 1) * cells_per_entry]  # by floor, then size
+        rows = study.rows(*(cell.number for cell in entry_cells)).select(NEEDED).collect()
         by_cell = rows.partition_by("cell", maintain_order=True, as_dict=True)
-        for place, cell in enumerate(mine):
-            floor, size = divmod(place, sizes)
-            robots = by_cell.get((cell.number,), rows.clear())
+        for place, cell in enumerate(entry_cells):
+            floor, size = divmod(place, sizes)  # indices of the cell's floor and swarm size
+            robots = by_cell.get((cell.number,), rows.clear())  # no rows if the cell has no runs
             if robots.height != runs * league.robots[size]:
-                there = robots["run"].n_unique()
-                raise InputError(f"has {there} of {runs} runs; run it again", field=cell.name)
+                finished = robots["run"].n_unique()
+                raise InputError(f"has {finished} of {runs} runs; run it again", field=cell.name)
             figures = figures_by_run(robots, runs, cell.scenario.run.t_end_s, entry.bytes_on_air)
             for name, column in figures.items():
                 values[name][k, floor, size * runs : (size + 1) * runs] = column
@@ -302,12 +331,12 @@ def standings_of(league: League, study: StudyResult) -> Standings:
 
 
 def figures_by_run(robots: pl.DataFrame, runs: int, t_end_s: float, bytes_on_air: int) -> dict[str, Array]:
-    """Average the figures over the robots of each run.
+    """Compute the figures of each run as means over its robots.
 
     Args:
-        robots: rows of one cell, sorted by run and robot, with the columns ``NEEDED``. t_end_s: end of a run, s.
-        bytes_on_air: of one message.
-    Returns: ``FIGURES``, (runs,) each; forced error and shares right and wrong are nan if no decision is right.
+        robots: rows of one cell, sorted by run and robot, with the columns ``NEEDED``; every run has the same number
+            of robots. runs: number of runs. t_end_s: end of a run, s. bytes_on_air: bytes of one message.
+    Returns: ``FIGURES``, (runs,) each; forced_error, right and wrong are nan if neither decision is right.
     """
     shape = (runs, -1)
     decision = robots["decision"].to_numpy().reshape(shape)

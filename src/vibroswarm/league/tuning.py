@@ -1,17 +1,17 @@
-"""Find settings for the strategies of a league, each with the same number of runs and by the same criterion.
+"""Find settings for the strategies of a league, with the same number of runs and the same criterion for each.
 
-**Criterion**: of all settings whose forced error is at most the target, those with the smallest decision time; if there
-are none, those with the smallest forced error. The target is the forced error of the base scenario with its own
-strategy, on the same floors and motion.
+**Criterion**: among the settings whose forced error is at most the target, the setting with the smallest decision time.
+If there is none, the setting with the smallest forced error. The target is the forced error of the base scenario with
+its own strategy, on the same floors and motion.
 
-Two rounds, in each of which all strategies have the same number of runs:
+There are two rounds, in each of which all strategies have the same number of runs:
 
-1. ``points`` settings of each strategy, spread evenly over its space (Sobol sequence), with ``runs`` runs each;
-2. the best ``FINALISTS`` of them by the criterion, and the strategy's settings by default, with ``AGAIN`` times as many
-   runs on fresh motion and floors, so that luck in the first round is not rewarded in the second.
+1. ``points`` settings of each strategy, spread evenly over its search space (Sobol sequence), with ``runs`` runs each;
+2. the best ``FINALISTS`` settings by the criterion, and the strategy's default settings, with ``AGAIN`` times as many
+   runs. These have fresh motion and floors, so that luck in the first round does not help in the second.
 
-The settings chosen are still lucky in the second round. Their figures are those of a league on other seeds, never
-those of the tuning.
+The chosen settings are still partly lucky in the second round. So report their figures from a league with another
+seed, never from the tuning.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.factors import points_of
 
 FINALISTS: Final = 7
+"""Settings of the first round that enter the second."""
 DIGITS: Final = 3
+"""Significant digits of settings."""
 AGAIN: Final = 4
 """Runs of the second round, relative to the first."""
 BASE: Final = "base"
@@ -41,28 +43,32 @@ BASE: Final = "base"
 
 @dataclass(frozen=True)
 class Tuned(NotebookView):
-    """Settings found.
-
-    Args:
-        settings: by strategy, then by field. table: all candidates of the second round: name, strategy, forced_error
-            and decision_time_s with limits, is_chosen, settings as text. target: largest forced error wanted.
-    """
+    """Result of a tuning."""
 
     settings: Mapping[str, Mapping[str, Any]]
+    """The chosen settings, by strategy and field."""
     table: pl.DataFrame
+    """All settings of the second round, one row each: name, strategy, forced_error and decision_time_s with limits,
+    is_chosen, settings as text."""
     target: float
+    """Forced error that settings should not exceed."""
 
     def to_toml(self, how: str) -> str:
-        """Write the settings as a file that a league reads, under a comment that says how they were found."""
+        """Return the text of a file of settings for a league.
+
+        Args:
+            how: how the settings were found; it becomes the comment at the top, line by line.
+        """
         comment = "".join(f"# {line}\n" for line in how.splitlines())
         return comment + "\n" + tomli_w.dumps({name: dict(table) for name, table in self.settings.items()})
 
 
 def spaces(own_motion: bool = False) -> dict[str, dict[str, Any]]:
-    """Return the spaces that ship with the package: by strategy, bounds by field as in a study's ``sobol`` block.
+    """Return the search spaces that are part of the package.
 
     Args:
-        own_motion: with the bounds of motion, the same for all strategies.
+        own_motion: whether to add the bounds of the fields of motion, the same for all strategies.
+    Returns: for each strategy a mapping from field to its bounds, as in a study's ``sobol`` block, or to a fixed value.
     """
     known = shipped("spaces.toml")
     motion = shipped("motion_space.toml")["motion"] if own_motion else {}
@@ -83,57 +89,85 @@ def tune(
     folder: Path | None = None,
     **how: Any,
 ) -> Tuned:
-    """Tune each strategy.
+    """Tune each strategy in two rounds.
 
     Args:
-        base: what strategies do not set; its own strategy gives the target. floors, robots: of the tuning.
-        space_of: by strategy, bounds by field, or the value of a field that all settings share; by default
-            ``spaces()``. points, runs: of the first round.
-        seed: of the first round; the second has the next one. progress: called with the share done.
-        folder: where runs are saved, so that the same call continues after an interruption; by default nowhere.
-        how: workers and executor, as of ``League.play``.
+        base: scenario with all fields that strategies do not set; its own strategy gives the target.
+        strategies: names of the strategies to tune. floors, robots: floors and swarm sizes of both rounds.
+        space_of: search space by strategy: for each field its bounds, or a value that all settings share; by default
+            ``spaces()``. points: settings of each strategy in the first round. runs: of each setting, floor and size
+            in the first round.
+        seed: of the first round; the second round has seed + 1. progress: called with the share done, from 0.
+        folder: where runs are saved, so that the same call continues after an interruption; None: they are not saved.
+        how: further arguments of ``study_result.run``, such as workers.
     Raises:
-        InputError: a strategy has no space, or ``folder`` holds runs of another tuning.
+        InputError: a strategy has no space, or ``folder`` contains runs of another tuning.
     """
-    known = spaces() if space_of is None else space_of
-    players = entries_of(strategies, {})
-    for player in players:
-        if player.strategy not in known:
-            raise InputError(f"no space to search for '{player.strategy}'; give one", field="strategy")
-    league = League(base, (Entry(BASE, base.strategy.name, {}),), tuple(floors), tuple(robots), runs, seed)
-    second = replace(league, runs=AGAIN * runs, seed=seed + 1)
+    known_spaces = spaces() if space_of is None else space_of
+    tuned = entries_of(strategies, {})
+    for entry in tuned:
+        if entry.strategy not in known_spaces:
+            raise InputError(f"no space to search for '{entry.strategy}'; give one", field="strategy")
+    # Both rounds are described as leagues, whose only entry (the base scenario's strategy) is replaced by ``play``.
+    first_round = League(
+        base=base,
+        entries=(Entry(label=BASE, strategy=base.strategy.name, settings={}),),
+        floors=tuple(floors),
+        robots=tuple(robots),
+        runs=runs,
+        seed=seed,
+    )
+    second_round = replace(first_round, runs=AGAIN * runs, seed=seed + 1)
     settings, tables = {}, []
 
-    def play(part: str, entries: Sequence[Entry], of: League) -> Standings:
-        return replace(of, entries=tuple(entries)).play(folder and folder / part, **how)
+    def play(part: str, entries: Sequence[Entry], league: League) -> Standings:
+        """Run entries with the floors, runs and seed of a round; runs are saved in the subfolder ``part``."""
+        saved_in = None if folder is None else folder / part
+        return replace(league, entries=tuple(entries)).play(saved_in, **how)
 
-    target = play("target", second.entries, second).interval(0, "forced_error").estimate
-    for done, player in enumerate(players):
-        progress(done / len(players))
-        first, default = _candidates(player, known[player.strategy], points, seed)
-        ranked = by_criterion(play(f"{done}-first", first, league), target)
-        finalists = [*(first[k] for k in ranked[:FINALISTS]), default]
-        found = play(f"{done}-second", finalists, second)
+    # The target is measured on the runs of the second round, since settings are finally chosen on those runs.
+    reference = play("target", second_round.entries, second_round)
+    target = reference.interval(entry=0, figure="forced_error").estimate
+    for done, entry in enumerate(tuned):
+        progress(done / len(tuned))  # share of the strategies that are tuned
+        candidates, default = _candidates(entry, known_spaces[entry.strategy], points, seed)
+        ranked = by_criterion(play(f"{done}-first", candidates, first_round), target)
+        finalists = [*(candidates[k] for k in ranked[:FINALISTS]), default]
+        found = play(f"{done}-second", finalists, second_round)
         best = finalists[by_criterion(found, target)[0]]
-        settings[player.strategy] = dict(best.settings)
+        settings[entry.strategy] = dict(best.settings)
         tables.append(_table(found, finalists, best))
     return Tuned(settings, pl.concat(tables), target)
 
 
-def _candidates(player: Entry, space: Mapping[str, Any], points: int, seed: int) -> tuple[list[Entry], Entry]:
-    """Return the entries of the first round of a strategy, and the one with its default settings."""
+def _candidates(entry: Entry, space: Mapping[str, Any], points: int, seed: int) -> tuple[list[Entry], Entry]:
+    """Draw the settings of a strategy for the first round.
+
+    Args:
+        entry: entry of the strategy, without settings.
+        space: search space. For a field that is searched, its value is a mapping with the bounds; for any other field,
+            it is the value that all settings have.
+        points: number of settings to draw. seed: of the Sobol sequence that they are drawn from.
+    Returns: one entry per drawn setting, its floats rounded to ``DIGITS`` significant digits; and an entry with only
+        the fixed fields, so that the searched fields have their default values.
+    """
     ranges = {field: given for field, given in space.items() if isinstance(given, Mapping)}
     fixed = {field: given for field, given in space.items() if field not in ranges}
+    # A study's ``sobol`` block: number of points, seed, and the bounds of each field.
     drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}})
-    first = [
-        replace(player, label=f"{player.strategy} {k}", settings=fixed | _rounded(point))
+    candidates = [
+        replace(entry, label=f"{entry.strategy} {k}", settings=fixed | _rounded(point))
         for k, point in enumerate(drawn)
     ]
-    return first, replace(player, label=f"{player.strategy} by default", settings=fixed)
+    return candidates, replace(entry, label=f"{entry.strategy} by default", settings=fixed)
 
 
 def _table(found: Standings, finalists: Sequence[Entry], best: Entry) -> pl.DataFrame:
-    """Return the figures of the finalists of a strategy, with their settings in words."""
+    """Return the figures of the finalists of a strategy, with their settings as text: rows of ``Tuned.table``.
+
+    Args:
+        found: standings of the second round. finalists: its entries. best: the chosen entry.
+    """
     words = {one.label: ", ".join(f"{k} = {v}" for k, v in one.settings.items()) for one in finalists}
     return found.table.select(
         "name", "strategy", "forced_error", "forced_error_low", "forced_error_high",
@@ -144,7 +178,10 @@ def _table(found: Standings, finalists: Sequence[Entry], best: Entry) -> pl.Data
 
 
 def _rounded(point: Mapping[str, Any]) -> dict[str, Any]:
-    """Round numbers to ``DIGITS``: a setting is copied by people, and more digits make no difference."""
+    """Round the floats among the values of a setting to ``DIGITS`` significant digits; other values stay as they are.
+
+    Settings are read and copied by people, and further digits make no difference to the results.
+    """
     return {
         field: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
         for field, value in point.items()
@@ -152,15 +189,12 @@ def _rounded(point: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def by_criterion(standings: Standings, target: float) -> list[int]:
-    """Return the numbers of the entries, the best first.
+    """Return the indices of a league's entries, sorted by the criterion of tuning, the best first.
 
-    Entries whose forced error is at most ``target`` come first, by decision time; the others follow, by forced error.
+    Entries whose forced error is at most ``target`` come first, sorted by decision time. The other entries follow,
+    sorted by forced error.
     """
-    figures = [
-        tuple(standings.interval(k, name).estimate for name in ("forced_error", "decision_time_s"))
-        for k in range(len(standings.league.entries))
-    ]
-    return sorted(
-        range(len(figures)),
-        key=lambda k: (0, figures[k][1], k) if figures[k][0] <= target else (1, figures[k][0], k),
-    )
+    entries = range(len(standings.league.entries))
+    errors = [standings.interval(k, "forced_error").estimate for k in entries]
+    times_s = [standings.interval(k, "decision_time_s").estimate for k in entries]
+    return sorted(entries, key=lambda k: (0, times_s[k], k) if errors[k] <= target else (1, errors[k], k))

@@ -1,16 +1,18 @@
-"""Where each robot believed it was at its samples: ``robot.localisation`` run over what it measured of its moves.
+"""Where each robot believes it is when it samples: ``robot.localisation`` applied to what the robot measured of its
+moves.
 
-It depends on motion and odometry alone, so it is computed once for all floors, sensors, strategies and networks. Rows
-are in the order of the samples; a row is what the robot believes when it takes that sample, and never changes.
+The estimates depend on motion and odometry only, so they are computed once for all floors, sensors, strategies and
+networks. A row is what the robot believes when it takes a sample; later moves do not change it. An "agent" is a robot
+in one run; its number is run * robots + robot.
 
 | name | equation |
 |---|---|
 | mean, standard deviation of s_d as assumed | those of the clipped Gamma law, or ``localisation.assumed_speed_*`` |
-| density of meeting robots, 1/m | ``robots_factor`` (n - 1) / area * 2 half-width * 4 / pi: chords of swept rays |
+| density of meeting robots, 1/m | ``robots_factor`` (n - 1) / area * 2 half-width * 4 / pi |
 
-Chord theory gives a robot that drives straight (n - 1) / area * 2 half-width * 4 / pi meetings per m with others that
-move as fast (half-width: of the rays, plus that of the robots as rays see them); the factor 6 is for those that follow,
-as the robots turn away from each other, and makes the filter careful.
+A robot that drives straight among n - 1 robots of the same speed meets (n - 1) / area * 2 half-width * 4 / pi of them
+per m. The half-width is that of the robot's rays at their threshold, plus that of a robot as rays see it. The default
+``robots_factor`` of 6 allows for repeated meetings, as robots turn away from each other, and makes the filter careful.
 """
 
 from __future__ import annotations
@@ -59,15 +61,20 @@ PLACES: Final[dict[str, Any]] = {
     "lagged_spread_x_m": pl.Float64,
     "lagged_spread_y_m": pl.Float64,
 }
-"""Where robots believe they are when they sample, and, smoothed by what they met since, where they took the sample
-``localisation.lag`` before (null for their first samples), with standard deviations."""
+"""Columns of the table of places: where a robot believes it is when it takes a sample, with the standard deviation. The
+columns ``lagged_*`` are the number, place and standard deviations of the sample ``localisation.lag`` ago, corrected by
+what the robot met since; they are null for the robot's first samples, before which there are not so many."""
 
 
 def locate(scenario: Scenario, seed: int, motion: Motion) -> pl.DataFrame:
-    """Return where each robot believes it is at each sample (``PLACES``), in the order of the samples.
+    """Return the table of where each robot believes it is at each sample (``PLACES``).
+
+    Args:
+        seed: seed of the runs. motion: tables of samples, moves and ends; the rows of the result are in the order of
+            its samples.
 
     Raises:
-        InputError: the motion has no moves.
+        InputError: the motion has no table of moves.
     """
     samples = motion.samples
     stop_start_s, time_s = (samples[name].to_numpy() for name in ("stop_start_s", "time_s"))
@@ -76,12 +83,14 @@ def locate(scenario: Scenario, seed: int, motion: Motion) -> pl.DataFrame:
 
 
 def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.DataFrame:
-    """Return estimates as a table (``PLACES``); ``samples`` has their run, robot and sample.
+    """Convert estimates to a table (``PLACES``), with null in the lagged columns of a robot's first samples.
 
-    Lagged columns are null for a robot's first samples, before which there is no sample to look back at.
+    Args:
+        samples: run, robot and sample of each row. estimates: (samples, 9 or more): columns of ``ESTIMATE``; further
+            columns are ignored.
     """
     columns = [samples[name] for name in ("run", "robot", "sample")]
-    late = estimates[:, 4] < 0.0
+    late = estimates[:, 4] < 0.0  # the column ``lagged_sample``: there is no sample ``lag`` ago yet
     for k, name in enumerate(ESTIMATE):
         values = np.where(late, np.nan, estimates[:, k]) if name.startswith("lagged") else estimates[:, k]
         columns.append(pl.Series(name, values, nan_to_null=True).cast(PLACES[name]))
@@ -89,17 +98,20 @@ def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.Dat
 
 
 def is_estimated(scenario: Scenario) -> bool:
-    """Return whether robots estimate their places, rather than know them."""
+    """Return whether robots estimate their places; if not, they know their true places."""
     return scenario.localisation.method != "true"
 
 
 def draws_read(scenario: Scenario) -> int:
-    """Return how many draws of each place the strategy's parameters say that robots read."""
+    """Return how many random paths of places (``robot.place_draws``) the strategy reads: its parameter ``draws``."""
     return int(getattr(scenario.strategy.params, "draws", 0))
 
 
 def estimates_key(scenario: Scenario, seed: int) -> Hashable:
-    """Return a key that is equal for equal estimates over the same motion."""
+    """Return a key under which the estimates for one motion can be cached: equal keys mean equal estimates.
+
+    It leaves out the motion, and all fields that determine the motion.
+    """
     return scenario.odometry, scenario.localisation, draws_read(scenario), seed
 
 
@@ -112,38 +124,46 @@ def estimate(
     moves: pl.DataFrame | None,
     ends: pl.DataFrame,
 ) -> NDArray[np.float64]:
-    """Return the columns of ``ESTIMATE`` as one array, (samples, 9), and of draws if the strategy reads them: (samples,
-    11 + 2 draws); the lagged sample is -1 where there is none.
+    """Return the estimates of all robots at all samples.
 
     Args:
-        samples: run and robot of each. stop_start_s, time_s: when it stopped for it, and when it was taken. moves,
-            ends: tables of the motion.
+        samples: table with run and robot of each sample; each robot's samples are in order of time.
+        stop_start_s, time_s: (samples,): when the robot stopped for the sample, and when it took it. moves, ends:
+            tables of the motion; ``moves`` is sorted by run and start.
+    Returns: (samples, 9): the columns of ``ESTIMATE``; the number of the lagged sample is -1 where there is none. If
+        the strategy reads draws, 2 draws + 2 columns of ``place_draws.draw_places`` follow.
     Raises:
-        InputError: the motion has no moves.
+        InputError: the motion has no table of moves.
     """
     moves, robots = known_moves(moves), scenario.swarm.robots
     odometer = measure_moves(scenario, seed, moves, ends)
     starts = moves.group_by("run", "robot", maintain_order=True).first().sort("run", "robot")
     draws = draws_read(scenario)
     out = np.full((samples.height, len(ESTIMATE) + width_of(draws)), np.nan)
+    # Agent of each sample (``whose``), of each row of the odometer (``moved``), and all agents in order.
     whose = samples["run"].to_numpy().astype(np.int64) * robots + samples["robot"].to_numpy()
-    rows = np.argsort(whose, kind="stable")
+    rows = np.argsort(whose, kind="stable")  # samples by agent and, for each agent, in order of time
     moved = odometer["run"].to_numpy().astype(np.int64) * robots + odometer["robot"].to_numpy()
     agents = starts["run"].to_numpy().astype(np.int64) * robots + starts["robot"].to_numpy()
     method = scenario.localisation.method
     components = scenario.localisation.components if method == "mixture" else 1
-    kind = odometer["kind"].to_physical().to_numpy().astype(np.int64)  # as in KINDS
+    kind = odometer["kind"].to_physical().to_numpy().astype(np.int64)  # indices into walk.KINDS
+    # The last arguments of ``locate_robots``, in its order.
     columns = [kind, *(odometer[name].to_numpy() for name in ("start_s", "duration_s", "gyro_rad", "ray_m"))]
     columns += [rows, stop_start_s, time_s]
     poses = starts.select("x_m", "y_m", "heading_rad").to_numpy(order="c")
     sampled_s = np.zeros(agents.size)
+    # Columns of bounds: first and end of the agent's moves in the odometer, first and end of its samples in ``rows``.
+    # The agents are sorted in both, so each range begins where the agent and ends where agent + 1 would be inserted.
     bounds = np.stack(
         [np.searchsorted(of, agents + after) for of in (moved, whose[rows]) for after in (0, 1)], axis=1
     )
     mixture, program = empty_mixture(components, scenario.localisation.lag, draws > 0), program_of(scenario)
     paths = empty_paths(draws, components)
     forward_m = ray_forward_m(scenario)
-    for each_m in np.unique(forward_m):  # robots with the same rays together
+    # Robots whose rays begin equally far ahead have the same program, so they are one call. of: indices of their agents
+    # in ``agents``.
+    for each_m in np.unique(forward_m):
         of = np.flatnonzero(forward_m[agents % robots] == each_m)
         locate_robots(
             mixture,
@@ -154,8 +174,8 @@ def estimate(
             read_only(agents[of]),
             read_only(poses[of]),
             read_only(bounds[of]),
-            True,
-            sampled_s[: of.size],
+            True,  # from the start of each agent
+            sampled_s[: of.size],  # overwritten from the start of each agent, and not used here
             scenario.tick_s,
             out,
             *(read_only(column) for column in columns),
@@ -164,33 +184,47 @@ def estimate(
 
 
 def ray_forward_m(scenario: Scenario) -> NDArray[np.float64]:
-    """Return how far ahead of its centre each robot's rays begin, m, (robots,)."""
+    """Return how far ahead of its centre each robot's rays begin, m, (robots,).
+
+    A list of the scenario that has fewer entries than there are robots is repeated.
+    """
     return np.resize(np.array(scenario.rays.forward_each_m or scenario.rays.forward_m), scenario.swarm.robots)
 
 
 @lru_cache(maxsize=32)
 def speed_law(robot: Robot) -> tuple[float, float]:
-    """Return mean and standard deviation of the clipped law of speed factors; of the law, if each robot's is given."""
+    """Return the mean and the standard deviation of the clipped Gamma law of speed factors.
+
+    If the scenario lists each robot's factor, the law is used all the same, as robots do not know their own factors.
+    """
     from scipy.special import gammaincinv
 
+    # The moments are computed from 4096 quantiles of the law, at the midpoints of equal shares.
     factor = robot.speed_factor_scale * gammaincinv(robot.speed_factor_shape, (np.arange(4096) + 0.5) / 4096)
     factor = np.clip(factor + robot.speed_factor_location, robot.speed_factor_min, robot.speed_factor_max)
     return float(factor.mean()), float(factor.std())
 
 
 def program_of(scenario: Scenario) -> LocalisationProgram:
-    """Return what robot 0 knows of itself and of the arena."""
+    """Return what the filters of all robots assume about robot and arena.
+
+    Only ``ray_forward_m`` may differ between robots (``ray_forward_m`` of this module); here it is the scenario's
+    common value.
+    """
+    # told: the scenario's settings of what the robots assume
     robot, rays, told = scenario.robot, scenario.rays, scenario.localisation
     errors = GYRO_LEVELS[told.assumed_level] if told.assumed_level else scenario.odometry.errors
     rezero_deg_s = scenario.odometry.rezero_noise_deg_s
+    # A robot that measures its gyro's bias at stops subtracts it, so that only the error of the measurement remains.
     bias_deg_s = errors.bias_deg_s if rezero_deg_s is None else rezero_deg_s
     mean, spread = speed_law(robot)
     threshold_m = min(scenario.walk.avoidance_threshold_mm / 1000.0, rays.range_m)
     angles = np.radians(np.array(rays.angle_deg))
+    # How far to the side of the robot's axis each ray is at the length at which the robot avoids.
     aside = [
         abs(side + threshold_m * math.sin(angle)) for side, angle in zip(rays.side_m, angles, strict=True)
     ]
-    half_width_m = max(*aside, robot.body_radius_m) + rays.disc_radius_m
+    half_width_m = max(*aside, robot.body_radius_m) + rays.disc_radius_m  # see the module's docstring
     density = (scenario.swarm.robots - 1) / (scenario.arena.width_m * scenario.arena.height_m)
     return LocalisationProgram(
         width_m=scenario.arena.width_m,
@@ -216,6 +250,8 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
         start_heading_spread_rad=math.radians(told.start_heading_spread_deg),
         start_unknown=told.start == "unknown",
         ray_noise_m=told.ray_noise_m,
+        # Noise of the bounds "no ray saw a wall" and "inside the arena": 1 mm more than that of a measured ray, about
+        # the way that a robot drives between two readings of its rays.
         seen_noise_m=told.ray_noise_m + 0.001,
         robots_per_m=told.robots_factor * density * 2.0 * half_width_m * 4.0 / math.pi,
         corrects=told.method != "dead_reckoning",
@@ -246,14 +282,21 @@ def locate_robots(
     stop_start_s: NDArray[np.float64],
     time_s: NDArray[np.float64],
 ) -> None:
-    """Run the filter of each robot over its moves.
+    """Run the filter of each agent over its moves, one agent after the other, and write its estimates at samples.
 
     Args:
-        agents: run * robots + robot of each. starts: (agents, 3): true poses at time 0. bounds: (agents, 4): the moves
-            of an agent are the rows from the first to the second, its samples in ``rows`` those from the third to the
-            fourth. from_start: begin at ``starts``, not where ``f`` is, just after a stop. sampled_s: (agents,): time
-            of each one's last sample so far, changed. out: (samples, 9 or more), written. kind to ray_m: (moves,).
-            rows: of the other columns, by agent. stop_start_s, time_s: (samples,).
+        f, paths: memory of one robot's filter and of its draws, reused for each agent, changed. program: what the
+            filters of all these agents assume. seed: seed of the runs. robots: number of robots of the swarm.
+        agents: (agents,): run * robots + robot of each agent. starts: (agents, 3): true poses at time 0: x, y, heading.
+        bounds: (agents, 4): first and end of each agent's moves, and first and end of its samples in ``rows``.
+        from_start: whether the filters begin at ``starts``. If false, there is a single agent; ``f`` and ``paths`` are
+            its memory as an earlier call left it, after a stop, and are continued.
+        sampled_s: (agents,): time of each agent's last sample so far, changed. tick_s: control period.
+        out: (samples, 9 or more), written: estimates and, with draws, places of draws (``estimate``).
+        kind, start_s, duration_s, gyro_rad, ray_m: (moves,): columns of ``odometry.ODOMETER``, in which ``kind`` is an
+            index into ``walk.KINDS`` and ``ray_m`` is nan where no avoidance began.
+        rows: indices of samples, agent by agent, in order of time. stop_start_s, time_s: (samples,): when the robot
+            stopped for the sample, and when it took it.
     """
     for e in range(agents.size):
         run, i = agents[e] // robots, agents[e] % robots
@@ -267,13 +310,16 @@ def locate_robots(
             if kind[m] == DRIVE:
                 at_obstacle = m + 1 < end and kind[m + 1] == AVOID
                 drive(f, program, duration_s[m], gyro_rad[m], sampled_s[e], at_obstacle)
-            elif kind[m] != STOP:
+            elif kind[m] != STOP:  # a turn or an avoidance
                 if not math.isnan(ray_m[m]):
+                    # A drive of a single tick before the avoidance does not count: the robot had turned in place.
                     after_drive = m > first and kind[m - 1] == DRIVE and duration_s[m - 1] > 1.5 * tick_s
                     obstacle(f, program, ray_m[m], after_drive)
                 turn(f, program, duration_s[m], gyro_rad[m])
+            # A stop. It belongs to the next sample if it began at the time that the sample states; robots also stop for
+            # other reasons, and at the end.
             elif k < last and abs(stop_start_s[rows[k]] - start_s[m]) < 0.5 * tick_s:
-                if paths.component.size > 0:
+                if paths.component.size > 0:  # 9: the draws follow the columns of ESTIMATE
                     draw_places(f, program, paths, out[rows[k], 9:])
                 sampled(f, program, out[rows[k]])
                 sampled_s[e] = time_s[rows[k]]
@@ -291,7 +337,10 @@ def begin_robot(
     y_m: float,
     heading_rad: float,
 ) -> None:
-    """Begin a robot's filter at its true start, plus the errors with which the robot is told it."""
+    """Start the filter of robot ``i`` at the pose at which the robot assumes that it starts.
+
+    That pose is its true pose at time 0 (``x_m``, ``y_m``, ``heading_rad``) plus normal errors.
+    """
     x_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_X)
     y_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_Y)
     heading_rad += program.start_heading_spread_rad * normal(
@@ -302,5 +351,10 @@ def begin_robot(
 
 @inner
 def random_word(seed: int, run: int, i: int, peer: int) -> int:
-    """Return a word from which a robot's random numbers begin, from 1 to 2^32 - 1."""
+    """Return the first state of a robot's own random number generator, from 1 to 2^32 - 1.
+
+    Args:
+        run, i: run and robot. peer: last part of the address of the uniform number from which the state is made.
+    """
+    # The generator needs a state other than 0; the limit is for uniform numbers that round to 1.
     return min(1 + int(uniform(seed, run, i, LOCALISATION, FIRST, peer) * 4294967295.0), 4294967295)

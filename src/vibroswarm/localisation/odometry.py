@@ -1,14 +1,15 @@
-"""What each robot measures of its own moves: their kinds and times exactly, turns by its gyro, rays at obstacles.
+"""What each robot measures of its own moves: kinds and times exactly, turns by its gyro, its shortest ray at obstacles.
 
 | name | unit | equation |
 |---|---|---|
 | gyro | rad | turned * (1 + scale) + (bias - zero) * duration + noise |
-| zero | rad/s | 0, or the mean of bias + ``rezero_noise_deg_s`` * normal, measured at the start and at each stop |
-| noise | rad | normal, variance walk^2 duration, and turn^2 for a turn in place |
-| scale, bias | -, rad/s | normal, one a robot and run (``odometry`` fields) |
+| zero | rad/s | measured bias: 0, or the mean of bias + ``rezero_noise_deg_s`` * normal at the start and each stop |
+| noise | rad | normal; its variance is walk^2 duration, plus turn^2 for a turn in place |
+| scale, bias | -, rad/s | normal, drawn once per robot and run (``odometry`` fields) |
 
-A robot does not notice that it is blocked: pieces of one drive or turn are one row. Noise is addressed by the number
-of the row, so it depends on no floor, strategy or message. A robot that stands knows it, and measures no turn.
+A robot does not notice that it is blocked, so the pieces of a drive or turn in which it is blocked are one row. Noise
+is addressed by the number of the row among those of its robot, so it does not depend on floor, strategy or messages. A
+robot knows when it stands, and measures no turn then.
 """
 
 from __future__ import annotations
@@ -36,22 +37,25 @@ ODOMETER: Final[dict[str, Any]] = {
     "gyro_rad": pl.Float64,
     "ray_m": pl.Float64,
 }
-"""One row per drive, turn, avoidance or stop of a robot as it knows them, sorted by run, robot, start. ``gyro_rad``:
-the turn that its gyro measured. ``ray_m``: its shortest ray when an avoidance began, else null."""
+"""One row per drive, turn, avoidance or stop as the robot notices them, sorted by run, robot and start. ``gyro_rad``:
+the turn that the gyro measured. ``ray_m``: length of the shortest ray when an avoidance began, else null."""
 
 
 @inlined
 def normal(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
-    """Return the standard normal number at an address; it uses the peers ``peer`` and ``peer + 1`` (Box, Muller)."""
+    """Return the standard normal number at an address of random numbers.
+
+    It is computed by Box and Muller's formula from the uniform numbers at ``peer`` and ``peer + 1``.
+    """
     radius = math.sqrt(-2.0 * math.log(uniform(seed, run, robot, purpose, index, peer)))
     return radius * math.cos(2.0 * math.pi * uniform(seed, run, robot, purpose, index, peer + 1))
 
 
 def known_moves(moves: pl.DataFrame | None) -> pl.DataFrame:
-    """Return the moves of a motion.
+    """Return ``moves``, the table of moves of a motion, unless it is missing.
 
     Raises:
-        InputError: there are none.
+        InputError: ``moves`` is None, as some motions have no such table.
     """
     if moves is None:
         raise InputError(
@@ -63,22 +67,31 @@ def known_moves(moves: pl.DataFrame | None) -> pl.DataFrame:
 
 
 def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.DataFrame) -> pl.DataFrame:
-    """Return what the robots measured of their moves (``ODOMETER``); tables ``moves`` and ``ends`` of a motion."""
+    """Return what the robots measured of their moves, as a table (``ODOMETER``).
+
+    Args:
+        seed: seed of the runs. moves, ends: tables of the motion. ``moves`` is sorted by run and start; ``ends`` states
+            until when each robot's motion is known.
+    """
     run, robot, start_s = (moves[name].to_numpy() for name in ("run", "robot", "start_s"))
-    kind, ray_m = moves["kind"].to_physical().to_numpy(), moves["ray_m"].to_numpy()  # as in KINDS
+    # kind: indices into KINDS
+    kind, ray_m = moves["kind"].to_physical().to_numpy(), moves["ray_m"].to_numpy()
     whose = run.astype(np.int64) * scenario.swarm.robots + robot
-    order = np.argsort(whose, kind="stable")  # moves are sorted by run and start
+    order = np.argsort(whose, kind="stable")  # by run and robot; each robot's moves stay sorted by start
     whose, kind, ray_m = whose[order], kind[order].astype(np.int64), ray_m[order]
     first, turned = merged_moves(whose, kind, ray_m, moves["turned_rad"].to_numpy()[order])
     start_s, row_run, row_robot = start_s[order][first], run[order][first], robot[order][first]
-    # A row ends where the robot's next begins, or at the end of what is known.
+    # A row ends when the robot's next row begins, and a robot's last row when its known motion ends. The slices to
+    # first.size matter only if there are no rows: they drop the appended element.
     last = np.append(np.diff(whose[first]) != 0, True)[: first.size]
+    # 0.0 is replaced below, as the very last row is the last one of its robot.
     end_s = np.append(start_s[1:], 0.0)[: first.size]
+    # End of the known motion by run and robot.
     known_s = {(r, i): t for r, i, t in ends.select("run", "robot", "end_s").iter_rows()}
     end_s[last] = [
         known_s[r, i] for r, i in zip(row_run[last].tolist(), row_robot[last].tolist(), strict=True)
     ]
-    end_s = np.maximum(end_s, start_s)  # of moves after the end of what is known
+    end_s = np.maximum(end_s, start_s)  # a move may begin after the end of what is known
     gyro_rad = gyro_readings(
         seed,
         row_run.astype(np.int64),
@@ -87,7 +100,7 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
         end_s - start_s,
         turned,
         *gyro_errors(scenario),
-        zeroing=np.zeros(2),
+        zeroing=np.zeros(2),  # all rows of all robots are here, so no earlier call is continued
         number=0,
     )
     return pl.DataFrame(
@@ -110,11 +123,17 @@ def merged_moves(
     ray_m: NDArray[np.float64],
     turned_rad: NDArray[np.float64],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Merge the pieces of drives and turns in which a robot was blocked, which it does not notice.
+    """Merge the pieces into which blocking divided a drive or turn, as the robot does not notice that it was blocked.
+
+    Consecutive moves of one robot that have the same kind are merged. A stop, and an avoidance with a ray, always begin
+    a new row.
 
     Args:
-        whose, kind, ray_m, turned_rad: of moves, robot by robot, in order of time, (moves,).
-    Returns: the first move of each row, and the turn of the row, rad.
+        whose: (moves,): number of each move's robot; moves are sorted by robot and, for each robot, by time.
+        kind: (moves,): indices into ``KINDS``. ray_m: (moves,): length of the ray with which an avoidance began, else
+            nan.
+        turned_rad: (moves,): turn of each move.
+    Returns: (rows,) each: the index of the first move of each merged row, and the turn of the whole row, rad.
     """
     begins = np.ones(whose.size, dtype=np.bool_)
     begins[1:] = (np.diff(whose) != 0) | (np.diff(kind) != 0) | np.isfinite(ray_m[1:]) | (kind[1:] == STOP)
@@ -123,7 +142,11 @@ def merged_moves(
 
 
 def gyro_errors(scenario: Scenario) -> tuple[float, float, float, float, float]:
-    """Return the standard deviations of the gyro's errors, as ``gyro_readings`` takes them."""
+    """Return the standard deviations of the gyro's errors, in the order of the arguments of ``gyro_readings``.
+
+    Returns: of the scale, of the bias (rad/s), of the noise of a turn (rad), of the random walk (rad per root of s),
+        and of the error of a bias that is measured at a stop (rad/s; -1 if robots do not measure the bias).
+    """
     errors, rezero_deg_s = scenario.odometry.errors, scenario.odometry.rezero_noise_deg_s
     return (
         errors.scale,
@@ -150,16 +173,25 @@ def gyro_readings(
     zeroing: NDArray[np.float64],
     number: int,
 ) -> NDArray[np.float64]:
-    """Return the turns as gyros measure them, rad; arrays of (rows,), by run and robot.
+    """Return the turns as the robots' gyros measure them, rad, (rows,).
+
+    The rows may continue those of an earlier call in the middle of a robot's moves. The caller then passes the state of
+    that robot in ``zeroing`` and ``number``, which it saved between the calls. If the first row is its robot's first,
+    ``zeroing`` holds zeros and ``number`` is 0.
 
     Args:
-        rezero_rad_s: noise of the bias measured at stops; below 0: none is measured. zeroing: (2,): mean of the biases
-            measured, and how many; of the first row's robot before it, changed to those of the last row's robot.
-        number: of the first row, among those of its robot.
+        run, robot, kind, duration_s, turned_rad: (rows,): each row is a move; rows are sorted by run, robot and time.
+            ``kind`` is an index into ``KINDS``.
+        scale_spread, bias_spread_rad_s, turn_noise_rad, walk_rad_sqrt_s: standard deviations of the gyro's errors.
+        rezero_rad_s: standard deviation of the error of a measured bias; below 0: the bias is not measured.
+        zeroing: (2,): mean and number of the biases that the robot of the first row has measured before. Overwritten by
+            those of the robot of the last row after that row.
+        number: index of the first row among all rows of its robot.
     """
     out = np.empty(run.size)
     scale, bias, zero, measured = 0.0, 0.0, zeroing[0], zeroing[1]
     for k in range(run.size):
+        # The next robot: draw its scale and bias, and reset its state. The first robot's state was passed in.
         if k == 0 or run[k] != run[k - 1] or robot[k] != robot[k - 1]:
             number = number if k == 0 else 0
             scale = scale_spread * normal(seed, run[k], robot[k], ODOMETRY, FIRST, OF_SCALE)
@@ -167,10 +199,11 @@ def gyro_readings(
             if k > 0:
                 zero, measured = 0.0, 0.0
         stands = kind[k] == STOP
+        # The bias is measured at each stop, and once before the robot's first row, when it has not moved yet.
         if rezero_rad_s >= 0.0 and (stands or measured == 0.0):
             seen = bias + rezero_rad_s * normal(seed, run[k], robot[k], ODOMETRY, number, OF_REZERO)
             measured += 1.0
-            zero += (seen - zero) / measured
+            zero += (seen - zero) / measured  # the mean so far
         if stands:
             out[k] = 0.0
             number += 1

@@ -1,7 +1,14 @@
 """One control period of a swarm in named phases: sense, control, move, contact.
 
-``Swarm`` is the whole state between two ticks. Each phase is a plain function on it; ``fixed_step`` calls
-them in order, and a run with the messages in the loop calls the same ones.
+A robot's move is here its way in one control period, from its pose at a tick to its pose at the next. (In ``moves``, a
+move is a whole drive, turn, avoidance or stop.)
+
+``Swarm`` is the whole state between two ticks. Each phase is a plain function that changes it in place; ``fixed_step``
+calls the phases in order. ``setup`` is the scenario's parameters (``robot_params.Setup``), ``i`` the number of a robot.
+
+Random numbers of a robot's walk are drawn ahead and stored in its row (``dice_...``): the program of the robot uses the
+one that it needs, and then the next one is drawn. They are addressed by the number of legs or of avoidances begun, so a
+robot's walk does not depend on the order in which robots are simulated.
 """
 
 from __future__ import annotations
@@ -52,7 +59,7 @@ ROBOT = np.dtype(
 * ``gyro_deg``, ``nearest_mm``: readings of gyro and rays. ``ray_forward_m``: how far ahead its rays start.
 * ``stop_tick``: when its latest stop began. ``drive_ticks`` to ``stop_ticks``: control periods spent in each mode since
   its latest sample.
-* ``dice_``: its ``Dice``. ``speed_factors``: those of AT_ONCE samples.
+* ``dice_``: its ``Dice``. ``speed_factors``: its speed factors from AT_ONCE consecutive samples on.
 * ``mode`` to ``samples``, ``leg_ms`` to ``next_leg_ms``: the ``WalkState`` of its program. ``sees_from_ms``: driving
   time from which it uses its rays.
 * ``fails_tick``, ``silent_tick``: ticks from which it stands for good, and from which it is silent too (NEVER_FAILS:
@@ -100,33 +107,43 @@ def roll(swarm: Swarm, i: int, seed: int, run: int, legs: int, avoidances: int) 
 
 @inner
 def roll_leg(swarm: Swarm, i: int, seed: int, run: int, legs: int) -> None:
-    """Draw the random numbers of the next leg and of the turn before it, addressed by ``legs``, the number of legs
-    begun."""
+    """Draw the random numbers of robot ``i``'s next leg and of the turn before that leg.
+
+    ``legs`` is the number of legs begun, at least 1. The leg's number has the index 2 legs, the turn's 2 legs - 1; so
+    index 0 remains for the first leg, which ``begin`` draws.
+    """
     swarm[i].dice_leg = uniform(seed, run, i, WALK, 2 * legs, ALONE)
     swarm[i].dice_turn = uniform(seed, run, i, WALK, 2 * legs - 1, ALONE)
 
 
 @inner
 def roll_avoidance(swarm: Swarm, i: int, seed: int, run: int, avoidances: int) -> None:
-    """Draw the random number of the next avoidance."""
+    """Draw the random number of robot ``i``'s next avoidance, addressed by the number of avoidances begun."""
     swarm[i].dice_avoid = uniform(seed, run, i, AVOIDANCE, avoidances, ALONE)
 
 
 @allocating_kernel
 def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int) -> None:
-    """Set the state at tick 0: robots placed and standing, the first leg drawn."""
+    """Set the state at tick 0: the robots are placed, stand, and have drawn their first leg.
+
+    Args:
+        swarm: all zero; written. speeds: ``robot_params.speed_quantiles``.
+    """
     place(swarm, setup, seed, run)
     for i in range(swarm.size):
         swarm[i].heading_rad = math.pi * (2.0 * uniform(seed, run, i, PLACEMENT, FIRST, OF_HEADING) - 1.0)
         swarm[i].misalignment = misalignment(setup, seed, run, i)
         swarm[i].samples = 0
         swarm[i].ray_forward_m = setup.ray_forward_m
+        # ``robot_params.give_each`` sets the ticks of robots that fail.
         swarm[i].fails_tick = swarm[i].silent_tick = NEVER_FAILS
-        refresh(swarm, setup, speeds, seed, run, i, 0)
+        refresh(swarm, setup, speeds, seed, run, i, 0)  # at tick 0
         clear_account(swarm, i)
-        swarm[i].stop_ticks = 1
+        swarm[i].stop_ticks = 1  # the robot stands for the control period of tick 0
         swarm[i].gyro_deg = 0.0
-        swarm[i].stop_tick = 0
+        swarm[i].stop_tick = 0  # the tick at which this stop began
+        # The walk begins with a leg, so only the leg's number is used here; 0.5 stands for those of turn and avoidance.
+        # ``roll`` then draws the numbers of the next leg, turn and avoidance.
         first = Dice(uniform(seed, run, i, WALK, FIRST, ALONE), 0.5, 0.5)
         store(swarm, i, begin_walk(setup, first))
         roll(swarm, i, seed, run, swarm[i].legs, swarm[i].avoidances)
@@ -134,13 +151,18 @@ def begin(swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, ru
 
 @allocating_kernel
 def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
-    """Place the robots uniformly in the start region without overlap; on a lattice if random placement fails."""
+    """Place the robots one after the other at random in the start region, without overlap.
+
+    If one of them finds no free place in 1000 attempts, place all robots on a lattice instead.
+    """
+    # Bounds of the start region: x from left to right, y from low to high.
     left, right, low, high = setup.start[0], setup.start[1], setup.start[2], setup.start[3]
     for i in range(swarm.size):
         placed = False
         for attempt in range(1000):
             swarm[i].x_m = left + (right - left) * uniform(seed, run, i, PLACEMENT, 2 * attempt, ALONE)
             swarm[i].y_m = low + (high - low) * uniform(seed, run, i, PLACEMENT, 2 * attempt + 1, ALONE)
+            # Only the robots 0 to i - 1 have their places yet: compare with these first ``i`` robots.
             if not touches(swarm, setup, i, i, swarm[i].x_m, swarm[i].y_m):
                 placed = True
                 break
@@ -151,12 +173,19 @@ def place(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
 
 @allocating_kernel
 def place_on_lattice(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
-    """Place the robots on distinct random sites of a lattice (Fisher-Yates shuffle)."""
+    """Place the robots on different random sites of a lattice that fills the start region (Fisher-Yates shuffle).
+
+    Scenarios with more robots than sites are refused, so there is a site for each.
+    """
+    # ``setup.start`` holds the bounds of the start region: least x, greatest x, least y, greatest y.
     columns, rows = setup.lattice[0], setup.lattice[1]
     sites = np.arange(columns * rows)
+    # Distances between neighbouring sites. A single column (or row) has the number 0, so its distance does not matter.
     pitch_x = (setup.start[1] - setup.start[0]) / max(columns - 1, 1)
     pitch_y = (setup.start[3] - setup.start[2]) / max(rows - 1, 1)
     for i in range(swarm.size):
+        # Swap ``sites[i]`` with a random one of sites[i], sites[i + 1], ..., which no robot has taken yet. Sites are
+        # numbered row by row.
         other = i + int((sites.size - i) * uniform(seed, run, i, PLACEMENT, FIRST, OF_SITE))
         sites[i], sites[other] = sites[other], sites[i]
         swarm[i].x_m = setup.start[0] + pitch_x * (sites[i] % columns)
@@ -165,18 +194,23 @@ def place_on_lattice(swarm: Swarm, setup: Setup, seed: int, run: int) -> None:
 
 @inner
 def touches(swarm: Swarm, setup: Setup, i: int, count: int, x_m: float, y_m: float) -> bool:
-    """Return whether a body at (x, y) would overlap one of the first ``count`` robots, except robot ``i``."""
-    apart = 4.0 * setup.radius_m * setup.radius_m
+    """Return whether robot ``i``, placed at (x_m, y_m), would overlap another one of the first ``count`` robots."""
+    # Bodies overlap if the squared distance of their centres is below this.
+    least_squared_m2 = 4.0 * setup.radius_m * setup.radius_m
     for j in range(count):
         dx, dy = swarm[j].x_m - x_m, swarm[j].y_m - y_m
-        if j != i and dx * dx + dy * dy < apart:
+        if j != i and dx * dx + dy * dy < least_squared_m2:
             return True
     return False
 
 
 @kernel
 def sense(swarm: Swarm, setup: Setup) -> None:
-    """Read the rays of the robots whose program uses them in this step."""
+    """Set ``nearest_mm``, the length of the shortest ray, of each robot whose program reads it at this tick.
+
+    ``nearest_mm`` is infinite while a robot ignores its rays after a turn (``is_blind``). Where the program does not
+    read it, the old value stays.
+    """
     for i in range(swarm.size):
         if setup.blind_ms > 0.0 and is_blind(swarm, i):
             swarm[i].nearest_mm = math.inf
@@ -186,24 +220,36 @@ def sense(swarm: Swarm, setup: Setup) -> None:
 
 @inner
 def is_blind(swarm: Swarm, i: int) -> bool:
-    """Return whether robot ``i`` ignores its rays: during a turn, and for some driving time after it."""
+    """Return whether robot ``i`` ignores its rays: while it turns or avoids, and for ``blind_ms`` of driving after it.
+
+    ``note_turns_end`` sets ``sees_from_ms``, the driving time at which this ends.
+    """
     row = swarm[i]
-    mode = row.resume if row.mode == STOP else row.mode
+    mode = row.resume if row.mode == STOP else row.mode  # a stop may interrupt a turn
     return bool(mode != DRIVE or row.driven_ms < row.sees_from_ms)
 
 
 @inner
 def note_turns_end(swarm: Swarm, setup: Setup, i: int, before: WalkState, after: WalkState) -> None:
-    """Set the driving time from which robot ``i`` uses its rays again, if a turn has just ended."""
-    was = before.resume if before.mode == STOP else before.mode
-    if was != DRIVE and after.mode == DRIVE:
+    """Set ``sees_from_ms``, the driving time from which robot ``i`` uses its rays again, if a turn has just ended.
+
+    Args:
+        before, after: state of the robot's program before and after its step at this tick.
+    """
+    mode_before = before.resume if before.mode == STOP else before.mode
+    if mode_before != DRIVE and after.mode == DRIVE:
+        # The driving time of the coming period is already counted in ``after``.
         swarm[i].sees_from_ms = after.driven_ms - setup.tick_ms + setup.blind_ms
 
 
 @kernel
 def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
-    """Return the shortest of robot ``i``'s rays, m; infinite if nothing is within ``look_m``, the shorter of range
-    and theta_c. Objects beyond it have no effect on the robot."""
+    """Return the shortest of robot ``i``'s rays to a wall or to another robot, m.
+
+    It is infinite if nothing is within ``look_m``, the shorter of the rays' range and theta_c, as objects beyond have
+    no effect on the robot.
+    """
+    # Only walls and robots that a ray can reach are tried. ``ray_reach_m``: how far rays reach from the robot's centre.
     x, y, reach = swarm[i].x_m, swarm[i].y_m, setup.ray_reach_m
     near_wall = x < reach or y < reach or setup.width_m - x < reach or setup.height_m - y < reach
     shortest_m = math.inf
@@ -225,9 +271,14 @@ def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
 def rays_to_walls(
     setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float
 ) -> float:
-    """Return the shortest ray to a wall, m, for a robot at (x, y) that faces (ahead_x, ahead_y)."""
+    """Return the shortest ray to a wall, m, for a robot at (x_m, y_m) that faces the unit vector (ahead_x, ahead_y).
+
+    Args:
+        forward_m: how far ahead of the robot's centre its rays start.
+    """
     shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
+        # Start and direction of ray k in the arena.
         from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
         from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
         dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
@@ -241,9 +292,13 @@ def rays_to_disc(
     setup: Setup, forward_m: float, x_m: float, y_m: float, ahead_x: float, ahead_y: float,
     disc_x_m: float, disc_y_m: float,
 ) -> float:  # fmt: skip
-    """Return the shortest ray to another robot's disc, m."""
+    """Return the shortest ray to another robot, a disc at (disc_x_m, disc_y_m), m; infinite if every ray misses it.
+
+    The other arguments are those of ``rays_to_walls``.
+    """
     shortest_m = math.inf
     for k in range(setup.ray_side_m.size):
+        # Start and direction of ray k in the arena.
         from_x = x_m + forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
         from_y = y_m + forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
         dx = ahead_x * setup.ray_cos[k] - ahead_y * setup.ray_sin[k]
@@ -256,8 +311,10 @@ def rays_to_disc(
 
 @kernel
 def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
-    """Step each robot's program and convert its commands to speed and turn rate; return the number of robots that
-    sample now."""
+    """Step each robot's program, and set the speed and turn rate that follow from its wheel commands.
+
+    Return the number of robots that sample at this tick.
+    """
     sampling = 0
     for i in range(swarm.size):
         sampling += control_one(swarm, setup, seed, run, tick, i)
@@ -266,9 +323,14 @@ def control(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int) -> int:
 
 @inlined
 def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: int) -> int:
-    """Compute ``control`` for robot ``i``; return 1 if it samples now, else 0 (always 0 once it has failed)."""
+    """Step robot ``i``'s program, and set the speed and turn rate that follow from its wheel commands.
+
+    Return 1 if the robot samples at this tick, else 0.
+    """
     before = load(swarm, i)
     row = swarm[i]
+    # A robot whose failure is due during a stop still completes the stop and takes its sample, and fails then. After it
+    # has failed (``row.failed``), it stays in mode STOP, so ``fail`` is called at every further tick.
     if tick >= row.fails_tick and (before.mode != STOP or before.sampled or row.failed):
         fail(swarm, i, tick)
         return 0
@@ -283,10 +345,10 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
         row.stop_tick = tick
     if setup.blind_ms > 0.0:
         note_turns_end(swarm, setup, i, before, after)
-    left, right = wheel_commands_percent(after, setup)
-    full = 0.01 * setup.full_speed_m_s * row.speed_factor * row.battery
-    left_m_s = left * full * (1.0 - row.misalignment)  # Eq. 19a
-    right_m_s = right * full * (1.0 + row.misalignment)  # Eq. 19b
+    left, right = wheel_commands_percent(after, setup)  # % of full speed
+    m_s_per_percent = 0.01 * setup.full_speed_m_s * row.speed_factor * row.battery
+    left_m_s = left * m_s_per_percent * (1.0 - row.misalignment)  # Eq. 19a
+    right_m_s = right * m_s_per_percent * (1.0 + row.misalignment)  # Eq. 19b
     track_m = setup.drive_track_m if after.mode == DRIVE else setup.turn_track_m
     row.speed_m_s = 0.5 * (left_m_s + right_m_s)
     row.rate_rad_s = (right_m_s - left_m_s) / track_m
@@ -295,10 +357,13 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
 
 @inlined
 def fail(swarm: Swarm, i: int, tick: int) -> None:
-    """Let robot ``i`` stand for good, as if in a stop without a sample.
+    """Make robot ``i`` stand for good from this tick on, as if in a stop that never ends with a sample.
 
-    Stopped robots do not hear, but this one does until it is silent, so ``stop_tick`` is -1 until then. It then holds
-    the tick at which the robot fell silent, or the start of the stop in which it failed if it was silent by then.
+    It is called at every tick from the failure on. ``stop_tick`` is the tick from which a standing robot hears no
+    messages, or -1 while it hears them. A robot that stands to sample hears nothing from the start of its stop. A
+    failed robot hears until its ``silent_tick``: ``stop_tick`` is -1 until then, and afterwards the first tick at which
+    the robot is silent. If the robot failed at a sample and was silent already, ``stop_tick`` stays the start of that
+    stop.
     """
     row = swarm[i]
     if not row.failed:
@@ -312,8 +377,11 @@ def fail(swarm: Swarm, i: int, tick: int) -> None:
 
 @kernel
 def move(swarm: Swarm, setup: Setup) -> None:
-    """Compute each robot's pose at the next tick, ignoring contact, into ``from_x_m``, ``from_y_m``,
-    ``from_heading_rad``."""
+    """Compute the pose that each robot would have at the next tick if nothing were in its way.
+
+    That pose is written into ``from_x_m``, ``from_y_m`` and ``from_heading_rad``, where ``contact`` reads it. Also set
+    ``gyro_deg``, the angle turned in this control period.
+    """
     for i in range(swarm.size):
         row = swarm[i]
         row.gyro_deg = math.degrees(row.rate_rad_s * setup.tick_s)
@@ -327,7 +395,10 @@ def move(swarm: Swarm, setup: Setup) -> None:
 
 @kernel
 def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
-    """Return whether robot ``i``'s move would end in a wall or another body at their current positions."""
+    """Return whether robot ``i``'s move, computed by ``move``, would end in a wall or in another robot.
+
+    The other robots are taken where they are now: those of lower index have moved already.
+    """
     x, y, r = swarm[i].from_x_m, swarm[i].from_y_m, setup.radius_m
     if x < r or y < r or x > setup.width_m - r or y > setup.height_m - r:
         return True
@@ -336,15 +407,18 @@ def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
 
 @kernel
 def contact(swarm: Swarm, setup: Setup) -> None:
-    """Move the robots in index order. A move that would end in an overlap is blocked: the position stays, while heading
-    and clocks continue.
+    """Move the robots, in the order of their indices, to the poses that ``move`` computed.
 
-    Afterwards ``from_x_m`` and ``from_y_m`` hold each robot's previous position, for the segment table."""
+    A move that would end in an overlap is blocked: the position stays, while heading and clocks go on. Afterwards
+    ``from_x_m``, ``from_y_m`` and ``from_heading_rad`` hold each robot's pose before the move, from which rows of
+    segments and moves start.
+    """
     for i in range(swarm.size):
         swarm[i].blocked = 0
         if swarm[i].speed_m_s != 0.0 and blocked(swarm, setup, i):
             swarm[i].speed_m_s, swarm[i].blocked = 0.0, 1
             swarm[i].from_x_m, swarm[i].from_y_m = swarm[i].x_m, swarm[i].y_m
+        # Exchange the two poses: ``from_...`` held the new pose until now, and holds the old one from now on.
         swarm[i].x_m, swarm[i].from_x_m = swarm[i].from_x_m, swarm[i].x_m
         swarm[i].y_m, swarm[i].from_y_m = swarm[i].from_y_m, swarm[i].y_m
         swarm[i].heading_rad, swarm[i].from_heading_rad = swarm[i].from_heading_rad, swarm[i].heading_rad
@@ -354,14 +428,18 @@ def contact(swarm: Swarm, setup: Setup) -> None:
 def refresh(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], seed: int, run: int, i: int, tick: int
 ) -> None:
-    """Update what changes at a sample: the speed factor (drawn several samples at a time), veer and battery."""
-    place = swarm[i].samples % AT_ONCE
-    if place == 0:
+    """Update what changes at a sample of robot ``i``: speed factor, misalignment (veer) and battery.
+
+    Args:
+        speeds: ``robot_params.speed_quantiles``. tick: the present tick, by which the battery has run down.
+    """
+    index = swarm[i].samples % AT_ONCE
+    if index == 0:  # all of the AT_ONCE factors drawn before are used up
         draw_speed_factors(swarm[i].speed_factors, setup, speeds, seed, run, i, swarm[i].samples)
-    swarm[i].speed_factor = swarm[i].speed_factors[place]
+    swarm[i].speed_factor = swarm[i].speed_factors[index]
     if setup.misalignment_wander + setup.misalignment_drift > 0.0 and swarm[i].samples > 0:
-        # The robot's own misalignment is not stored, as rows of the event engine fill whole cache lines; so the
-        # previous shift is subtracted.
+        # The robot's misalignment without the shift is not stored, to keep rows small (those of the event engine fill
+        # whole cache lines). So the previous shift is subtracted and the new one added.
         before = veer_shift(setup, seed, run, i, swarm[i].samples - 1)
         swarm[i].misalignment += veer_shift(setup, seed, run, i, swarm[i].samples) - before
     swarm[i].battery = 1.0 - tick * setup.tick_s / setup.battery_life_s
@@ -384,6 +462,6 @@ def account(swarm: Swarm) -> None:
 
 @inner
 def clear_account(swarm: Swarm, i: int) -> None:
-    """Reset the robot's times in each mode, at a sample."""
+    """Set robot ``i``'s times in each mode to 0, as they are counted since its latest sample."""
     row = swarm[i]
     row.drive_ticks = row.turn_ticks = row.avoid_ticks = row.stop_ticks = 0

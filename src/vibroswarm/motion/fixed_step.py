@@ -1,7 +1,7 @@
-"""The fixed-step engine: every control period of every robot in turn. Simple, and the reference for tests.
+"""The fixed-step engine: every control period of every robot in turn. It is simple, and the reference for tests.
 
-A period is sense, control, move, contact, sample (``control_step``). Times are integer ticks; the robot stands at
-tick 0 and walks from tick 1.
+A control period has the phases sense, control, move and contact (``control_step``), after which samples are recorded.
+Times are integer ticks. All robots stand at tick 0 and walk from tick 1.
 """
 
 from __future__ import annotations
@@ -30,11 +30,17 @@ def step(
     run: int,
     tick: int,
 ) -> None:
-    """Simulate one control period, from ``tick`` to the next."""
+    """Simulate one control period, from ``tick`` to the next, and write what happened at ``tick`` into ``record``.
+
+    Args:
+        swarm, record: changed in place. A table of ``record`` that has no room (size 0) is not recorded.
+        speeds: ``robot_params.speed_quantiles``.
+    """
     sense(swarm, setup)
     sampling = control(swarm, setup, seed, run, tick)
     move(swarm, setup)
     contact(swarm, setup)
+    # True: the robots have moved already, so rows start from the poses before the move.
     if record.segments.size > 0:
         write_segments(record, swarm, run, tick, True)
     if record.moves.size > 0:
@@ -48,7 +54,10 @@ def step(
 def sample(
     swarm: Swarm, setup: Setup, speeds: NDArray[np.float64], record: Record, seed: int, run: int, tick: int
 ) -> None:
-    """Record the samples taken at this tick, and update the speeds of the robots that took them."""
+    """Record the samples taken at this tick, and update speed, veer and battery of the robots that took them.
+
+    A robot stands while it samples, so its pose after the move is its pose at ``tick``.
+    """
     for i in range(swarm.size):
         if swarm[i].sampled:
             write_sample(record, swarm, run, i, tick)
@@ -66,20 +75,23 @@ def steps(
     tick: int,
     until: int,
 ) -> int:
-    """Simulate from ``tick`` to ``until``, or while the buffers surely suffice; return the tick reached."""
+    """Simulate from ``tick`` up to ``until``, or until the buffers of ``record`` might overflow.
+
+    Return the tick reached; it is ``tick`` if the buffers have no room for even one tick.
+    """
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         step(swarm, setup, speeds, record, seed, run, now)
-    return max(tick, until)
+    return max(tick, until)  # nothing has been simulated if ``until`` is not after ``tick``
 
 
 class FixedStepRun(KernelRun):
-    """A run under the fixed-step engine (``MotionState``)."""
+    """A run simulated by the fixed-step engine (``MotionState``)."""
 
     fields = ROBOT
 
     def move_on(self, until: int) -> int:
-        """Simulate up to the tick ``until``, or for as long as the buffers suffice; return the tick reached."""
+        """Simulate up to the tick ``until``, or until the buffers might overflow; return the tick reached."""
         return steps(self.swarm, self.setup, self.speeds, self.record, self.seed, self.run, self.tick, until)
 
     def no_sample_before(self) -> int:

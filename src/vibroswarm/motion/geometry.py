@@ -2,8 +2,11 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| chord | - | m | v dt sinc(w dt / 2), along heading + w dt / 2: the exact arc of a constant v and w |
+| chord | - | m | v dt sinc(w dt / 2), in the direction heading + w dt / 2 |
 | ray | t | m | smallest t >= 0 with origin + t direction on a wall or on a disc |
+
+The chord is the straight line from the start to the end of the exact arc that a robot drives in the time dt at constant
+speed v and turn rate w.
 """
 
 from __future__ import annotations
@@ -14,20 +17,22 @@ from typing import Final
 from vibroswarm.core.jit import inlined, kernel
 
 QUARTER_RAD: Final = math.pi / 2.0
+"""A quarter turn."""
 QUARTER_REST_RAD: Final = 6.123233995736766e-17
-"""Difference between a quarter turn and its floating-point value."""
+"""The exact quarter turn pi / 2 less its floating-point value."""
 SMALL_RAD: Final = 0.8
-"""Limit up to which the series of ``small_sin_cos`` are exact to rounding."""
+"""Largest angle for which the series of ``small_sin_cos`` are exact to rounding."""
 F: Final = tuple(1.0 / math.factorial(n) for n in range(17))
-"""Coefficients of those series; multiplying by them is many times faster than dividing."""
+"""Coefficients 1 / n! of the series of sine and cosine; multiplying by them is many times faster than dividing."""
 
 
 @kernel
 def arc(
     x_m: float, y_m: float, heading_rad: float, speed_m_s: float, rate_rad_s: float, dt_s: float
 ) -> tuple[float, float, float]:
-    """Return the pose after ``dt_s`` of constant speed and turn rate, exactly."""
+    """Return the pose (x, y, heading) after ``dt_s`` of constant speed and turn rate; the heading is not wrapped."""
     half = 0.5 * rate_rad_s * dt_s
+    # For tiny angles, the first two terms of the power series: sin(half) / half would be 0 / 0 at 0.
     sinc = math.sin(half) / half if abs(half) > 1e-6 else 1.0 - half * half / 6.0
     chord = speed_m_s * dt_s * sinc
     along = heading_rad + half
@@ -36,10 +41,12 @@ def arc(
 
 @inlined
 def small_sin_cos(angle_rad: float) -> tuple[float, float]:
-    """Return sin and cos - 1 of an angle of at most SMALL_RAD, from their series, to the last bit or two.
+    """Return (sin, cos - 1) of an angle of at most SMALL_RAD, from their power series, exact to the last bit or two.
 
-    Takes a third of the time of the general functions, and avoids the cancellation in cos - 1.
+    This takes a third of the time of ``math.sin`` and ``math.cos``. The second result is cos - 1, as subtracting 1 from
+    a cosine close to 1 would lose most of its digits. Terms are added in pairs, which processors compute side by side.
     """
+    # With t, the square of the angle: sine = angle times ``odd``, and cosine - 1 = -t times ``even``.
     t = angle_rad * angle_rad
     t2 = t * t
     t4 = t2 * t2
@@ -52,7 +59,12 @@ def small_sin_cos(angle_rad: float) -> tuple[float, float]:
 
 @inlined
 def sin_cos(angle_rad: float) -> tuple[float, float]:
-    """Return sine and cosine of an angle of a few turns, to the last bits, by reduction to a quarter turn."""
+    """Return (sine, cosine) of an angle of at most a few turns, exact to the last bits.
+
+    The angle is the nearest number of quarter turns plus a rest. ``small_sin_cos`` returns sine and cosine of the rest,
+    which are then swapped and negated according to the quarter turns.
+    """
+    # QUARTER_REST_RAD corrects the rounding error of QUARTER_RAD.
     quarters = math.floor(angle_rad * (2.0 / math.pi) + 0.5)
     sine, cosine_less_1 = small_sin_cos(angle_rad - quarters * QUARTER_RAD - quarters * QUARTER_REST_RAD)
     cosine = 1.0 + cosine_less_1
@@ -65,7 +77,10 @@ def sin_cos(angle_rad: float) -> tuple[float, float]:
 
 @kernel
 def wall_distance(x_m: float, y_m: float, dx: float, dy: float, width_m: float, height_m: float) -> float:
-    """Return the distance along the unit direction (dx, dy) to the arena's walls, from inside; 0 from outside."""
+    """Return the distance from a point to the first wall in the direction of the unit vector (dx, dy).
+
+    The arena reaches from (0, 0) to (width_m, height_m). If the point is outside of it, the distance is 0.
+    """
     if x_m <= 0.0 or y_m <= 0.0 or x_m >= width_m or y_m >= height_m:
         return 0.0
     shortest_m = math.inf
@@ -84,18 +99,18 @@ def wall_distance(x_m: float, y_m: float, dx: float, dy: float, width_m: float, 
 def disc_distance(
     x_m: float, y_m: float, dx: float, dy: float, centre_x_m: float, centre_y_m: float, radius_m: float
 ) -> float:
-    """Return the distance along the unit direction (dx, dy) to a disc; 0 from inside, infinite if it misses."""
+    """Return the distance along the unit vector (dx, dy) to a disc; 0 from inside it, infinite if the ray misses it."""
     to_x, to_y = centre_x_m - x_m, centre_y_m - y_m
-    along = to_x * dx + to_y * dy
+    along = to_x * dx + to_y * dy  # the distance t solves t^2 - 2 along t + beyond = 0
     beyond = to_x * to_x + to_y * to_y - radius_m * radius_m
-    if beyond <= 0.0:
+    if beyond <= 0.0:  # the ray starts inside the disc
         return 0.0
-    if along <= 0.0:
+    if along <= 0.0:  # the disc is behind the ray's start
         return math.inf
-    root = along * along - beyond
-    if root < 0.0:
+    discriminant = along * along - beyond
+    if discriminant < 0.0:  # the ray passes beside the disc
         return math.inf
-    return along - math.sqrt(root)
+    return along - math.sqrt(discriminant)
 
 
 @kernel

@@ -1,7 +1,11 @@
-"""One run of an engine whose state is rows of numbers: advance, copy, steer, write down (``MotionState``).
+"""One run of an engine whose state is rows of numbers: advance it, copy it, steer robots, and record tables.
 
-Other robots look ahead on a standing robot only to the end of its stop; its next plan is made when the stop is over. So
-steering may change what it resumes while it stands, and nothing else needs to know.
+``KernelRun`` implements ``source.MotionState`` and ``SteeredState`` for all our engines. ``tick`` is the next control
+period to simulate: everything before it is done.
+
+A robot can be steered after a sample, while it still stands. In the event engine, other robots then rely on it only up
+to the end of its stop, and its own next plan is made when the stop is over. So steering changes only what the robot
+resumes after the stop; no other state depends on that yet.
 """
 
 from __future__ import annotations
@@ -39,14 +43,22 @@ from vibroswarm.robot.walk import STOP, steered
 from vibroswarm.scenario.scenario import Scenario
 
 MAX_TURN_DEG = 3600.0
+"""Largest angle that a strategy may ask for when it steers, to either side."""
 MAX_DRIVE_MS = 1e9
+"""Longest leg that a strategy may ask for when it steers."""
 ROUNDING_TICKS = 1e-6
+"""Rounding error allowed for in a number of ticks."""
 
 
 @kernel
 def steer_robot(swarm: Swarm, i: int, turn_deg: float, drive_ms: float) -> bool:
-    """Apply ``robot.walk.steered`` to robot ``i``; return False if it has not just sampled."""
+    """Set the next turn and leg of robot ``i``, which has just sampled; return False, changing nothing, if it has not.
+
+    Args:
+        turn_deg, drive_ms: as in ``robot.walk.steered``; NaN leaves the turn or the duration as it would be.
+    """
     row = swarm[i]
+    # At tick 0 ``sampled`` is set, as if after a sample, but no sample has been counted.
     if row.mode != STOP or row.sampled == 0 or row.samples == 0:
         return False
     store(swarm, i, steered(load(swarm, i), turn_deg, drive_ms))
@@ -54,10 +66,12 @@ def steer_robot(swarm: Swarm, i: int, turn_deg: float, drive_ms: float) -> bool:
 
 
 def check_steering(robots: int, robot: int, turn_deg: float, drive_ms: float) -> int:
-    """Return the robot's number, if the arguments are valid.
+    """Check the arguments of ``KernelRun.steer``; return the robot's number as a Python integer.
 
+    Args:
+        robots: number of robots of the swarm.
     Raises:
-        InputError: no such robot, or an angle or a duration that no robot can turn or drive.
+        InputError: ``robot`` is not below ``robots``, or the angle or the duration is out of range.
     """
     robot = whole_number_of(robot, "robot", 0, robots - 1)
     if not (math.isnan(turn_deg) or abs(turn_deg) <= MAX_TURN_DEG):
@@ -74,26 +88,33 @@ def check_steering(robots: int, robot: int, turn_deg: float, drive_ms: float) ->
 
 @inlined
 def no_sample_before(swarm: Swarm, i: int, setup: Setup, latest: int, now: int) -> int:
-    """Return a tick, ``now`` or later, before which robot ``i`` does not sample; NEVER_FAILS if it has failed.
+    """Return a tick before which robot ``i`` surely does not sample; NEVER_FAILS if it has failed.
+
+    This is a lower bound, ``now`` or later: the robot may sample later, as turns and avoidances may stop its timer.
 
     Args:
-        latest: tick of the robot's row. now: tick up to which motion is known.
+        latest: the robot's row holds its state after the step of this tick. now: the next tick to simulate.
     """
     row = swarm[i]
     if row.failed:
         return NEVER_FAILS
     if row.mode == STOP and row.sampled == 0:
         return max(now, latest + ticks_to_sample(setup, row.stopped_ms))
-    # At the earliest, the sample timer runs without a pause, and from 0 if a sample has just been taken.
+    # At the earliest, the sample timer runs without a pause; it starts from 0 if a sample has just been taken. It takes
+    # 1 + int(ticks_left) steps until the timer is above the interval. The step after these finds it so, and the robot
+    # stops. It samples at the end of that stop.
     timer_ms = 0 if row.mode == STOP else row.timer_ms
-    left = (setup.sample_interval_ms - timer_ms) / setup.tick_ms - ROUNDING_TICKS
-    stops = latest + (2 + int(left) if left > 0.0 else 1)
+    ticks_left = (setup.sample_interval_ms - timer_ms) / setup.tick_ms - ROUNDING_TICKS
+    stops = latest + (2 + int(ticks_left) if ticks_left > 0.0 else 1)
     return max(now, stops) + ticks_to_sample(setup, 0)
 
 
 @kernel
 def no_sample_before_steps(swarm: Swarm, setup: Setup, now: int) -> int:
-    """Return a tick before which no robot samples, for robots stepped up to tick ``now``."""
+    """Return a tick, ``now`` or later, before which surely no robot samples, for engines that simulate every tick.
+
+    Each robot's row must hold its state after the step of tick ``now`` - 1.
+    """
     earliest = no_sample_before(swarm, 0, setup, now - 1, now)
     for i in range(1, swarm.size):
         earliest = min(earliest, no_sample_before(swarm, i, setup, now - 1, now))
@@ -102,7 +123,11 @@ def no_sample_before_steps(swarm: Swarm, setup: Setup, now: int) -> int:
 
 @kernel
 def no_sample_before_plans(planners: Planners, setup: Setup, now: int) -> int:
-    """Return the same as ``no_sample_before_steps``, for robots that have plans."""
+    """Return a tick, ``now`` or later, before which surely no robot samples, for the event engine.
+
+    The event engine plans each robot's motion ahead: a robot's row holds its state after the step of ``row.tick``, at
+    which its plan began.
+    """
     earliest = no_sample_before(planners, 0, setup, planners[0].tick, now)
     for i in range(1, planners.size):
         earliest = min(earliest, no_sample_before(planners, i, setup, planners[i].tick, now))
@@ -110,15 +135,22 @@ def no_sample_before_plans(planners: Planners, setup: Setup, now: int) -> int:
 
 
 Take = Callable[[NDArray[np.void]], None]
+"""A function that receives new rows. They are overwritten later, so it must copy what it wants to keep."""
 
 BUFFER_TICKS = 2048
-"""Buffers hold this many ticks, were every robot to write a row at each."""
+"""Number of ticks for which buffers suffice even if every robot writes a row at each tick."""
 
 
 class KernelRun(ABC):
-    """A run whose state is rows of numbers. Each engine defines ``fields`` and the abstract methods at the end."""
+    """A run whose state is rows of numbers. Each engine defines ``fields`` and the abstract methods at the end.
+
+    Args:
+        scenario, seed, run: the run that begins at time 0.
+        segments, moves: whether these tables are recorded.
+    """
 
     fields: ClassVar[np.dtype[np.void]]
+    """Type of a robot's row, with all the fields that the engine needs."""
     failure: Failure | None = None
     """Why the run failed, if it has."""
 
@@ -136,10 +168,10 @@ class KernelRun(ABC):
         self.start(seed, run)
 
     def prepare(self) -> None:  # noqa: B027 - most have nothing to make
-        """Allocate everything that is the same for all runs."""
+        """Allocate what the engine needs and what is the same for all runs; called once, before ``start``."""
 
     def start(self, seed: int, run: int) -> None:
-        """Set time 0 of a run, whatever the state was before."""
+        """Reset this state to time 0 of a run, whatever it was before; buffers are reused."""
         self.seed, self.run, self.tick, self.failure = seed, run, 0, None
         self.swarm.view(np.uint8).fill(0)
         clear(self.record)
@@ -153,39 +185,44 @@ class KernelRun(ABC):
 
     @property
     def time_s(self) -> float:
-        """Time up to which motion is known, s."""
+        """Time up to which motion has been simulated, s."""
         return self.tick * self.tick_ms / 1000.0
 
     def copy(self) -> Self:
         """Return an independent copy of this state."""
-        branch = object.__new__(type(self))
-        branch.__dict__.update(self.__dict__)
+        branch = object.__new__(type(self))  # without __init__, which would start a run
+        branch.__dict__.update(self.__dict__)  # the parameters never change, so they are shared
         branch.swarm = self.swarm.copy()
         branch.record = copy_record(self.record)
         return branch
 
     def advance(self, until_s: float) -> Motion:
-        """Return the new motion up to the first tick at or after ``until_s``."""
+        """Simulate to the first tick at or after ``until_s``; return the new motion as tables (``MotionState``)."""
         return tables([self.rows(until_s)], self.tick_ms)
 
     def rows(self, until_s: float) -> Rows:
-        """Return the result of ``advance`` as rows."""
+        """Simulate as ``advance`` does; return the new motion as rows, not yet as tables."""
         samples: list[NDArray[np.void]] = []
+        # ``joined`` copies the rows: the buffer that they lie in is used again.
         rest = self.hand_over(until_s, lambda rows: samples.append(joined([rows])))
-        return rest._replace(samples=joined(samples or [rest.samples]))
+        return rest._replace(samples=joined(samples or [rest.samples]))  # ``rest.samples`` is empty
 
     def hand_over(self, until_s: float, take: Take, take_moves: Take | None = None) -> Rows:
-        """Return ``rows`` without samples, which are passed to ``take`` in a reused buffer.
+        """Simulate as ``advance`` does, and pass samples on in pieces while they are in the processor's cache.
 
         Args:
-            until_s: as in ``advance``.
-            take: called with the new samples.
-            take_moves: called with the new moves, in order; these are then not in the rows that are returned.
+            take: called with each piece of new samples, in order (``SAMPLE_ROW``).
+            take_moves: called with each piece of moves, in order (``MOVE_ROW``); only for a call that simulates a whole
+                run, as moves of earlier calls may still be in the buffer. Without it, new moves are returned.
+        Returns:
+            The new segments, the ends and the failure; no samples; moves only without ``take_moves``. The robots' moves
+            under way are returned as if they ended now. The next call returns them again, with their later end.
         """
         since = self.tick
         moves: list[NDArray[np.void]] = []
 
         def keep_moves(rows: NDArray[np.void]) -> None:
+            # The buffer may also hold moves that ended, and were returned, before this call: leave them out.
             moves.append(rows[rows["until"] >= since])
 
         take_moves = take_moves or keep_moves
@@ -194,23 +231,26 @@ class KernelRun(ABC):
         if record.moves.size > 0:
             headings = self.headings()
             let_end(record.moves, record.under_way, self.tick, headings)
+            # ``filled`` holds the numbers of rows of samples, segments and moves.
             take_moves(record.moves[: record.filled[2]])
-            let_end(record.moves, record.under_way, -1, headings)
+            let_end(record.moves, record.under_way, -1, headings)  # they are under way again
         return Rows(
-            record.samples[:0],
-            in_order(joined(segments or [record.segments[:0]])) if record.segments.size else None,
-            self.ends(),
-            joined(moves) if moves else None,
-            self.failure,
+            samples=record.samples[:0],
+            segments=in_order(joined(segments or [record.segments[:0]])) if record.segments.size else None,
+            ends=self.ends(),
+            moves=joined(moves) if moves else None,
+            failure=self.failure,
         )
 
     def go_on(self, until_s: float, take: Take, take_moves: Take | None = None) -> list[NDArray[np.void]]:
-        """Advance to the first tick at or after ``until_s``; return the segments, and pass samples on as ``hand_over``
-        does.
+        """Simulate to the first tick at or after ``until_s``; return the new segments, as a list of pieces.
+
+        The list is empty if segments are not recorded.
 
         Args:
-            take_moves: called with the moves that leave the buffer because it is full: all before the oldest that is
-                under way.
+            take: called with each piece of new samples.
+            take_moves: called, whenever the buffer of moves is half full, with the moves that are then removed from it:
+                all those before the oldest one under way. The other moves stay in the buffer.
         """
         return self.go_on_to(self.until_tick(until_s), take, take_moves)
 
@@ -218,17 +258,21 @@ class KernelRun(ABC):
         """Return the first tick at or after ``until_s``.
 
         Raises:
-            InputError: it is not a time.
+            InputError: ``until_s`` is NaN or infinite.
         """
         if not math.isfinite(until_s):
             raise InputError(f"{until_s!r} is not a time", field="until_s")
         return tick_at(until_s, self.tick_ms)
 
     def go_on_to(self, until: int, take: Take, take_moves: Take | None) -> list[NDArray[np.void]]:
-        """Advance to a tick as ``go_on`` does, and empty the buffers whenever they are full."""
+        """Simulate up to the tick ``until`` in pieces that fit into the buffers; return the new segments, in pieces.
+
+        ``take`` and ``take_moves`` are those of ``go_on``.
+        """
         record, segments = self.record, []
         while self.tick < until:
-            if self.tick == 0:
+            if self.tick == 0:  # nothing moves at tick 0: only write the segments and moves that begin there
+                # 0 is the tick; False: the robots have not moved, so rows start from their present poses.
                 if record.segments.size > 0:
                     write_segments(record, self.swarm, self.run, 0, False)
                 if record.moves.size > 0:
@@ -240,9 +284,11 @@ class KernelRun(ABC):
                 self.tick = self.move_on(until)
             if record.filled[0] > 0:
                 take(record.samples[: record.filled[0]])
-            if record.segments.size > 0:
+            if record.segments.size > 0:  # ``joined`` copies the rows, since the buffer is used again
                 segments.append(joined([record.segments[: record.filled[1]]]))
-            record.filled[:2] = 0
+            record.filled[:2] = 0  # the buffers of samples and segments are empty again
+            # Moves stay in their buffer until it is more than half full. Then pass on and remove those before the
+            # oldest move under way; if that does not make enough room, the buffer is enlarged.
             if 2 * record.filled[2] > record.moves.size:
                 if take_moves is not None:
                     take_moves(record.moves[: record.under_way["place"].min()])
@@ -257,31 +303,34 @@ class KernelRun(ABC):
         take_moves: Take | None = None,
         take_segments: Take | None = None,
     ) -> bool:
-        """Advance until just after the next control period in which a robot samples, or to ``until_s`` if none does.
+        """Simulate until just after the next control period in which a robot samples, or to ``until_s`` if none does.
 
         Args:
             until_s: as in ``advance``.
-            take: called with the samples of that period (``SAMPLE_ROW``), one for each robot that samples, by robot;
-                the rows are reused later.
-            take_moves: called with the moves that have ended since (``MOVE_ROW``), by start and robot.
-            take_segments: called with the segments that have begun since.
-        Returns: whether any robot samples in the last control period before ``time_s``.
+            take: called with the samples of that period (``SAMPLE_ROW``), one row for each robot that samples, in the
+                order of robots; the rows are overwritten later.
+            take_moves: called once with the moves that ended in this call (``MOVE_ROW``), sorted by start and robot.
+            take_segments: called with the segments that began in this call (``SEGMENT_ROW``), if any did.
+        Returns: whether any robot sampled. If so, it sampled in the last control period before the new ``time_s``.
         """
         until, since, sampled = self.until_tick(until_s), self.tick, False
         ended: list[NDArray[np.void]] = []
         segments: list[NDArray[np.void]] = []
 
-        def taken(rows: NDArray[np.void]) -> None:
+        def note_samples(rows: NDArray[np.void]) -> None:
             nonlocal sampled
             sampled = True
             take(rows)
 
         def keep_moves(rows: NDArray[np.void]) -> None:
+            # Leave out moves that ended before this call, and moves under way, whose ``until`` is -1.
             ended.append(rows[rows["until"] >= since])
 
+        # Simulate up to the end of the first control period in which a robot may sample; repeat if none has sampled.
         while self.tick < until and not sampled:
-            segments += self.go_on_to(min(self.no_sample_before() + 1, until), taken, keep_moves)
+            segments += self.go_on_to(min(self.no_sample_before() + 1, until), note_samples, keep_moves)
         if take_moves is not None and self.record.moves.size > 0:
+            # Some moves that ended are still in the buffer.
             keep_moves(self.record.moves[: self.record.filled[2]])
             take_moves(joined(ended))
         if take_segments is not None and segments:
@@ -289,20 +338,23 @@ class KernelRun(ABC):
         return sampled
 
     def moves_under_way(self) -> NDArray[np.void]:
-        """Return the robots' current moves (``MOVE_ROW``, (robots,)) up to now, by robot."""
+        """Return a copy of the robots' current moves as if they ended now (``MOVE_ROW``), in the order of robots.
+
+        Shape (robots,); empty if moves are not recorded or none has begun.
+        """
         place = self.record.under_way["place"]
-        rows = self.record.moves[place[place >= 0]]
+        rows = self.record.moves[place[place >= 0]]  # indexing by an array copies the rows
         rows["turned_rad"] = self.headings()[rows["robot"]] - rows["heading_rad"]
         rows["until"] = self.tick
         return rows
 
     def steer(self, robot: int, turn_deg: float = math.nan, drive_ms: float = math.nan) -> None:
-        """Set the next turn and leg of a robot that has just sampled, see ``robot.walk.steered``.
+        """Set the next turn and leg of a robot that has just sampled (``robot.walk.steered``).
 
         Args:
-            robot: one of those that sampled in the last control period before ``time_s``.
+            robot: a robot that sampled in the last control period before ``time_s``.
             turn_deg: angle to turn first, anticlockwise positive; nan: go on with what the stop interrupted.
-            drive_ms: duration of the leg after that; nan: as drawn.
+            drive_ms: duration of the leg after that; nan: the duration drawn at random.
         Raises:
             InputError: the robot does not stand after a sample, or an angle or a duration is out of range.
         """
@@ -314,11 +366,11 @@ class KernelRun(ABC):
 
     @abstractmethod
     def no_sample_before(self) -> int:
-        """Return a tick, ``tick`` or later, before which no robot samples."""
+        """Return a tick, ``tick`` or later, before which surely no robot samples."""
 
     @abstractmethod
     def move_on(self, until: int) -> int:
-        """Advance to the tick ``until``, or while the buffers suffice; return the tick reached."""
+        """Simulate up to the tick ``until``, or until the buffers might overflow; return the tick reached."""
 
     @abstractmethod
     def ends(self) -> NDArray[np.void]:
@@ -330,7 +382,7 @@ class KernelRun(ABC):
 
 
 def in_order(segments: NDArray[np.void]) -> NDArray[np.void]:
-    """Sort segment rows by time, then robot: an engine may write a turn only after it has ended."""
+    """Return segment rows sorted by time, then robot: the event engine writes a turn's rows only after it has ended."""
     return segments[np.lexsort((segments["robot"], segments["tick"]))]
 
 
@@ -342,11 +394,19 @@ def batch_of(
     segments: bool = False,
     moves: bool = False,
 ) -> Motion:
-    """Simulate whole runs one after the other and return them as one ``Motion``."""
+    """Simulate whole runs of an engine one after the other; return them as one ``Motion``, in the order of ``runs``.
+
+    All runs use the same state and buffers (``start`` resets them), and rows are converted to columns while they are in
+    the processor's cache.
+
+    Args:
+        segments, moves: whether these tables are recorded.
+    """
     end_s = scenario.run.t_end_s
     state = engine(scenario, seed, runs[0], segments, moves)
     samples = likely_samples(scenario) * len(runs)
     columns = SampleColumns(state.tick_ms, samples)
+    # Robots make some three moves per sample; more memory is allocated when needed.
     move_columns = MoveColumns(state.tick_ms, 3 * samples if moves else 0)
     pieces = []
     for run in runs:
@@ -357,6 +417,6 @@ def batch_of(
 
 
 def likely_samples(scenario: Scenario) -> int:
-    """Return the number of samples of a run if no robot is ever delayed, which is close to the actual number."""
+    """Estimate the number of samples of a run, from above, as if turns and avoidances never delayed a sample."""
     each_ms = scenario.sample.sample_interval_ms + scenario.sample.stop_ms
     return int(scenario.swarm.robots * scenario.run.t_end_s * 1000.0 / max(each_ms, 1.0)) + 1

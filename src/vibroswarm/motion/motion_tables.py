@@ -1,4 +1,8 @@
-"""Tables of motion, their columns, and checks of tables from sources that are not ours; ``source`` describes them."""
+"""Tables of motion, and checks of the tables that motion sources of users return.
+
+The tables and their columns are described in ``source``. Our own engines are checked by tests; a source that a user
+wrote is wrapped (``checked``, ``checked_batch``), so that errors in its tables are reported when they occur.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +35,7 @@ MOTION: Final[dict[str, Any]] = {
     "avoid_s": pl.Float32,
     "stop_s": pl.Float32,
 }
+"""Columns of the table ``samples`` and their types (see ``source``)."""
 SEGMENTS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "robot": pl.UInt16,
@@ -42,7 +47,9 @@ SEGMENTS: Final[dict[str, Any]] = {
     "turn_rate_rad_s": pl.Float64,
     "kind": pl.Enum(["drive", "turn", "avoid", "stop"]),
 }
+"""Columns of the table ``segments`` and their types (see ``source``)."""
 MOVES: Final[dict[str, Any]] = {**SEGMENTS, "turned_rad": pl.Float64, "ray_m": pl.Float64}
+"""Columns of the table ``moves`` and their types (see ``source``)."""
 ENDS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "robot": pl.UInt16,
@@ -52,38 +59,46 @@ ENDS: Final[dict[str, Any]] = {
     "heading_rad": pl.Float64,
     "stop_start_s": pl.Float64,
 }
+"""Columns of the table ``ends`` and their types (see ``source``)."""
 FAILURES: Final[dict[str, Any]] = {"run": pl.UInt32, "time_s": pl.Float64, "reason": pl.String}
 """Runs that failed: since when their robots stand, and why."""
 
 
 @dataclass(frozen=True)
 class Motion(NotebookView):
-    """The tables of a source, see ``source``."""
+    """The tables of one or more runs, or of a piece of a run; see ``source``."""
 
     samples: pl.DataFrame
+    """One row per sample (columns ``MOTION``)."""
     ends: pl.DataFrame
+    """Each robot's pose at the end of its run, or of what is known of the run (columns ``ENDS``)."""
     segments: pl.DataFrame | None = None
+    """Exact arcs (columns ``SEGMENTS``); None if they were not requested."""
     moves: pl.DataFrame | None = None
+    """One row per drive, turn, avoidance or stop (columns ``MOVES``); None if they were not requested."""
     failures: pl.DataFrame | None = None
     """``FAILURES``; None if no run failed."""
 
     def __repr__(self) -> str:
-        more = [name for name in ("segments", "moves") if getattr(self, name) is not None]
+        """Return the numbers of runs, robots, samples and failed runs, and which optional tables exist, on one line."""
+        optional_tables = [name for name in ("segments", "moves") if getattr(self, name) is not None]
         runs, robots = self.ends["run"].n_unique(), self.ends["robot"].n_unique()
         parts = [
             f"{runs} run{'s' * (runs != 1)}",
             f"{robots} robot{'s' * (robots != 1)}",
             f"{self.samples.height:,} samples",
-            *([f"with {' and '.join(more)}"] if more else []),
+            *([f"with {' and '.join(optional_tables)}"] if optional_tables else []),
             *([f"{self.failures.height} failed"] if self.failures is not None else []),
         ]
         return f"Motion({', '.join(parts)})"
 
 
 def join(pieces: Sequence[Motion]) -> Motion:
-    """Join pieces of motion, in the order of runs and of time within a run.
+    """Join pieces of motion, which must be given in the order of runs, and of time within a run.
 
-    The ends of a run, and the data of a move that several pieces contain, are those of the last piece.
+    Each piece contains the robots' ends and their moves under way. If several pieces contain the end of the same robot
+    in the same run, or the same move, the row of the last piece is taken, as it is the latest. A failed run is reported
+    once, by the row of the first piece that contains it.
     """
     check_threads()
     ends = pl.concat([piece.ends for piece in pieces])
@@ -91,15 +106,20 @@ def join(pieces: Sequence[Motion]) -> Motion:
     segments = [piece.segments for piece in pieces if piece.segments is not None]
     failures = [piece.failures for piece in pieces if piece.failures is not None]
     return Motion(
-        pl.concat([piece.samples for piece in pieces]),
-        ends.select(list(ENDS)),
-        pl.concat(segments) if segments else None,
-        _join_moves([piece.moves for piece in pieces if piece.moves is not None]),
-        pl.concat(failures).unique("run", keep="first", maintain_order=True) if failures else None,
+        samples=pl.concat([piece.samples for piece in pieces]),
+        ends=ends.select(list(ENDS)),  # columns in the order of ENDS, whichever order group_by gives
+        segments=pl.concat(segments) if segments else None,
+        moves=_join_moves([piece.moves for piece in pieces if piece.moves is not None]),
+        failures=(pl.concat(failures).unique("run", keep="first", maintain_order=True) if failures else None),
     )
 
 
 def _join_moves(pieces: Sequence[pl.DataFrame]) -> pl.DataFrame | None:
+    """Join tables of moves, sorted by run, start and robot; return None if there is no table.
+
+    A move that was under way at the end of a piece is also in the next piece, with the same start and a later end. The
+    later row is taken.
+    """
     if len(pieces) < 2:
         return pieces[0] if pieces else None
     latest = pl.concat(pieces).unique(["run", "robot", "start_s"], keep="last")
@@ -114,13 +134,14 @@ def checked(
     segments: bool = False,
     moves: bool = False,
 ) -> CheckedState:
-    """Return a run at time 0, see ``source.Init``, that checks its output.
+    """Create a run at time 0 by a user's ``init`` (see ``source.Init``); return a state that checks its tables.
 
     Raises:
-        CodeError: ``init`` raised.
-        InputError: robots stop for good, which only our engines simulate.
+        CodeError: ``init`` raised an error.
+        InputError: the scenario has robots that stop for good, which only our engines simulate.
     """
     _refuse_faults(scenario)
+    # ``init`` is given twice: as the source whose file is reported, and as the function that is called.
     state = _called(init, init, scenario, seed, run, segments=segments, moves=moves)
     return CheckedState(state, init, scenario, run)
 
@@ -133,35 +154,44 @@ def checked_batch(
     segments: bool = False,
     moves: bool = False,
 ) -> Motion:
-    """Return whole runs, see ``source.Batch``, checked.
+    """Simulate whole runs by a user's ``batch`` (see ``source.Batch``), and check the tables of each run.
 
     Raises:
-        CodeError: ``batch`` raised, or its result is not a valid ``Motion``.
-        InputError: robots stop for good, which only our engines simulate.
+        CodeError: ``batch`` raised an error, or its result is not a valid ``Motion``.
+        InputError: the scenario has robots that stop for good, which only our engines simulate.
     """
     _refuse_faults(scenario)
+    # ``batch`` is given twice: as the source whose file is reported, and as the function that is called.
     motion_parts: Any = _called(batch, batch, scenario, seed, runs, segments=segments, moves=moves)
     for run in runs:
         part = motion_parts
+        # Check the rows of this run. If they cannot be selected, because the result is no ``Motion`` or lacks a column
+        # ``run``, pass on the whole result: ``_wrong`` names what is missing.
         if isinstance(motion_parts, Motion) and all(
             "run" in one.columns for one in (motion_parts.samples, motion_parts.ends)
         ):
             of_run = pl.col("run") == run
+            # Of segments and moves only the columns are checked, so they need not be filtered.
             part = Motion(
-                motion_parts.samples.filter(of_run),
-                motion_parts.ends.filter(of_run),
-                motion_parts.segments,
-                motion_parts.moves,
+                samples=motion_parts.samples.filter(of_run),
+                ends=motion_parts.ends.filter(of_run),
+                segments=motion_parts.segments,
+                moves=motion_parts.moves,
             )
         end_s = scenario.ticks * scenario.tick_s
-        for problem in _wrong(part, scenario, run, 0.0, end_s, end_s):
+        # Report the first problem. A batch simulates the whole run: from 0 to ``end_s``.
+        for problem in _wrong(part, scenario, run, before_s=0.0, until_s=end_s, after_s=end_s):
             raise CodeError(f"{_file_of(batch)}: {problem}")
     motion: Motion = motion_parts
     return motion
 
 
 def _refuse_faults(scenario: Scenario) -> None:
-    """Raise an ``InputError`` if robots of a scenario stop for good."""
+    """Refuse a scenario in which robots stop for good (``MOTION_FAULTS``).
+
+    Raises:
+        InputError: there are such robots.
+    """
     for kind in MOTION_FAULTS:
         if getattr(scenario.faults, kind):
             raise InputError(
@@ -171,10 +201,11 @@ def _refuse_faults(scenario: Scenario) -> None:
 
 
 class CheckedState:
-    """A ``MotionState`` that wraps and checks another.
+    """A ``MotionState`` that wraps the state of a user's source, and checks what it returns.
 
-    Raises (through ``advance`` and ``copy``):
-        CodeError: the other raised, or its result is not a valid ``Motion``; the message names table and column.
+    Raises (in ``time_s``, ``advance`` and ``copy``):
+        CodeError: the wrapped state raised an error, or its result is not a valid ``Motion``; the message names table
+            and column.
     """
 
     def __init__(self, state: Any, init: Callable[..., Any], scenario: Scenario, run: int) -> None:
@@ -182,13 +213,14 @@ class CheckedState:
 
     @property
     def time_s(self) -> float:
-        """Time up to which motion is known, s."""
+        """Time up to which motion has been simulated, s."""
         return float(_called(self.init, lambda: self.state.time_s))
 
     def advance(self, until_s: float) -> Motion:
-        """See ``MotionState.advance``."""
+        """Advance the wrapped state (``MotionState.advance``), and check the piece of motion that it returns."""
         before_s = self.time_s
         piece = _called(self.init, self.state.advance, until_s)
+        # Report the first problem, if there is one.
         for problem in _wrong(piece, self.scenario, self.run, before_s, until_s, self.time_s):
             raise CodeError(f"{_file_of(self.init)}: {problem}")
         motion: Motion = piece
@@ -200,14 +232,17 @@ class CheckedState:
 
 
 def _called(init: Callable[..., Any], function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
-    """Call a user's function, and report its errors with file and line.
+    """Call a user's function and return its result; report its errors with file and line.
 
+    Args:
+        init: the function by which the user's source was created; its file is the one whose lines are reported.
+        function, arguments, named: what to call.
     Raises:
-        CodeError: it raised; the file and the line are named.
+        CodeError: the function raised an error; the last line of the user's file that was being run is named.
     """
     try:
         return function(*arguments, **named)
-    except (InputError, RunError):
+    except (InputError, RunError):  # our own errors are clear already
         raise
     except Exception as error:
         file = _file_of(init)
@@ -217,6 +252,7 @@ def _called(init: Callable[..., Any], function: Callable[..., Any], *arguments: 
 
 
 def _file_of(init: Callable[..., Any]) -> str:
+    """Return the name of the file that defines a function or a class; "a source of motion" if it is unknown."""
     code = getattr(init, "__code__", None) or getattr(getattr(init, "__init__", None), "__code__", None)
     return str(getattr(code, "co_filename", "a source of motion"))
 
@@ -224,15 +260,18 @@ def _file_of(init: Callable[..., Any]) -> str:
 def _wrong(
     piece: Any, scenario: Scenario, run: int, before_s: float, until_s: float, after_s: float
 ) -> Iterator[str]:
-    """Yield the errors in a piece of motion, in words; nothing if it is valid.
+    """Yield each error in a piece of motion, in words; nothing if it is valid.
 
     Args:
-        before_s, after_s: the state's ``time_s`` before and after ``advance(until_s)``.
+        piece: what ``advance(until_s)`` returned, or the part of a batch that belongs to ``run``.
+        before_s, after_s: ``time_s`` of the state before and after ``advance(until_s)``.
     """
     if not isinstance(piece, Motion):
         yield f"gives {type(piece).__name__}, not Motion"
         return
     tick_s, end_s = scenario.tick_s, scenario.run.t_end_s
+    # The state must have reached ``until_s``, or the end of the run if that comes first. A quarter of a tick is allowed
+    # for rounding.
     if not math.isfinite(after_s) or after_s < min(until_s, end_s) - tick_s / 4:
         yield f"after advance({until_s:g}) its time_s is {after_s:g}"
     tables = (
@@ -253,7 +292,7 @@ def _wrong(
             if columns.get(column) != kind:
                 yield f"the table {name}: column '{column}' is {columns.get(column, 'missing')}, expected {kind}"
         if list(columns) != list(schema):
-            yield f"the table {name} has the columns {', '.join(columns)}, where {', '.join(schema)} are right"
+            yield f"the table {name} has the columns {', '.join(columns)}; expected: {', '.join(schema)}"
             return
     yield from _wrong_rows(piece, scenario, run, before_s, after_s)
 
@@ -261,16 +300,16 @@ def _wrong(
 def _wrong_rows(
     piece: Motion, scenario: Scenario, run: int, before_s: float, after_s: float
 ) -> Iterator[str]:
-    """Yield the errors in the rows of a piece of motion whose columns are right; arguments as for ``_wrong``."""
-    robots, quarter_s = scenario.swarm.robots, scenario.tick_s / 4
+    """Yield each error in the rows of a piece of motion whose columns are right; arguments as for ``_wrong``."""
+    robots, quarter_s = scenario.swarm.robots, scenario.tick_s / 4  # times may be rounded by a quarter tick
     if piece.ends["robot"].to_list() != list(range(robots)) or (piece.ends["run"] != run).any():
-        yield f"the table ends has not one row for each of {robots} robots of run {run}, in their order"
+        yield f"the table ends must have exactly one row for each of the {robots} robots of run {run}, in their order"
     samples = piece.samples
     if samples.is_empty():
         return
     if (samples["run"] != run).any() or int(samples["robot"].max()) >= robots:  # type: ignore[arg-type]
         yield f"the table samples has rows of other runs than {run}, or of robots beyond {robots - 1}"
-    if samples.drop("stop_start_s").null_count().sum_horizontal().item():
+    if samples.drop("stop_start_s").null_count().sum_horizontal().item():  # only stop_start_s may be null
         yield "the table samples has values that are missing"
         return
     for column in ("time_s", "x_m", "y_m", "heading_rad"):
@@ -278,15 +317,16 @@ def _wrong_rows(
             yield f"the table samples: column '{column}' is not finite"
             return
     time_s = samples["time_s"].to_numpy()
+    # Samples at ``after_s`` itself belong to the next piece.
     if time_s.min() < before_s - quarter_s or time_s.max() > after_s - quarter_s:
         yield (
-            f"the table samples has times of {time_s.min():g} to {time_s.max():g} s, where those from {before_s:g} s "
-            f"to before {after_s:g} s are right"
+            f"the table samples has times of {time_s.min():g} to {time_s.max():g} s; expected: from {before_s:g} s to "
+            f"before {after_s:g} s"
         )
     order = np.lexsort((samples["robot"].to_numpy(), time_s))
-    if (np.diff(order) != 1).any():
+    if (np.diff(order) != 1).any():  # sorting would change the order
         yield "the table samples is not sorted by time and robot"
-    for column, most in (("x_m", scenario.arena.width_m), ("y_m", scenario.arena.height_m)):
-        places = samples[column].to_numpy()
-        if places.min() < 0.0 or places.max() > most:
-            yield f"the table samples: column '{column}' leaves the arena, 0 to {most:g} m"
+    for column, size_m in (("x_m", scenario.arena.width_m), ("y_m", scenario.arena.height_m)):
+        positions = samples[column].to_numpy()
+        if positions.min() < 0.0 or positions.max() > size_m:
+            yield f"the table samples: column '{column}' leaves the arena, 0 to {size_m:g} m"

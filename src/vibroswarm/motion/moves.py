@@ -1,13 +1,17 @@
 """Robots' moves: a drive, turn, avoidance, stop or blocked stretch, as one row each.
 
-Both engines write a row when a move begins, and complete it when the move ends. Segments (``recorder``) hold each
-tick of a turn; moves hold a turn as one row, at a small part of the cost.
+All engines write a row when a move begins, and complete it when the move ends. A robot's current move is called under
+way. Segments (``recorder``) hold each tick of a turn; moves hold a turn as one row, which costs much less.
 
 | name | unit | equation |
 |---|---|---|
-| turned_rad | rad | heading at the end of the move less that at its start, whole turns included |
-| turn rate of a turn | rad/s | turned_rad / duration: its mean, as the controller's changes at each tick |
-| speed of a turn | m/s | m_d turn_track / 2 times the turn rate: the centre goes round a circle of that radius |
+| turned_rad | rad | heading at the end of the move - heading at its start, whole turns included |
+| turn rate of a turn | rad/s | turned_rad / duration: the mean turn rate, as the controller changes it at each tick |
+| speed of a turn | m/s | m_d turn_track / 2 times the turn rate: the robot's centre moves on a circle of that radius |
+
+Three arrays are passed from function to function and changed in place: ``moves``, a buffer of ``MOVE_ROW``;
+``under_way``, rows of ``UNDER_WAY``, shape (robots,); and ``filled``, shape (3,), the numbers of rows of samples,
+segments and moves written so far (``recorder.Record``), of which only the last is used here.
 """
 
 from __future__ import annotations
@@ -31,14 +35,15 @@ MOVE_ROW = np.dtype(
     + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s")]
     + [(name, np.float64) for name in ("turned_rad", "ray_m")]
 )
-"""A move from ``tick`` to ``until``, or -1 while under way. The heading is not wrapped. For a turning robot,
-speed_m_s holds the radius of the circle on which its centre moves, m."""
+"""A move from ``tick`` to ``until`` (-1 while it is under way). The heading is not wrapped. For a turning robot,
+``speed_m_s`` holds the radius of the circle on which its centre moves, m, until the row becomes part of a table."""
 
 UNDER_WAY = np.dtype([(name, np.int64) for name in ("place", "doing", "avoidances")])
-"""A robot's current move: its row in the buffer, or -1; its activity, as one number; its avoidances so far."""
+"""A robot's current move. ``place``: its row in the buffer of moves, -1 if the robot has none. ``doing``: a number that
+identifies what the robot does (``note_move``). ``avoidances``: the robot's number of avoidances when the move began."""
 
 MOVES_AT_ONCE: Final = 2048
-"""Minimum rows of a buffer: few enough to stay in the processor's cache."""
+"""Smallest number of rows of a buffer: few enough to stay in the processor's cache."""
 
 
 @inlined
@@ -55,15 +60,15 @@ def note_move(
     y_m: float,
     heading_rad: float,
 ) -> None:
-    """Begin a row if robot ``i`` does something new from ``tick`` on.
+    """End robot ``i``'s current move and begin another if the robot does something else from ``tick`` on.
 
     Args:
-        moves: buffer of ``MOVE_ROW``. under_way: ``UNDER_WAY``, (robots,).
-        filled: ``Record.filled``, whose last number counts the moves.
-        x_m, y_m, heading_rad: pose at ``tick``.
+        moves, under_way, filled: see the module's text; changed.
+        swarm: the robots' rows after the step at ``tick``. x_m, y_m, heading_rad: the robot's pose at ``tick``.
     """
     row = swarm[i]
-    # ``legs`` and ``avoidances`` distinguish two turns or avoidances that follow each other directly.
+    # One number for the mode (0 to 3), whether the robot is blocked (0 or 1), and the legs and avoidances begun. The
+    # last part tells two turns, or two avoidances, that follow each other directly apart.
     doing = 8 * (row.legs + row.avoidances) + 2 * row.mode + (row.blocked if row.mode != STOP else 0)
     if doing != under_way[i].doing:
         begin_move(moves, under_way, filled, swarm, i, setup, run, tick, x_m, y_m, heading_rad)
@@ -84,9 +89,9 @@ def begin_move(
     y_m: float,
     heading_rad: float,
 ) -> None:
-    """End robot ``i``'s current move, if there is one, and begin another; arguments as for ``note_move``.
+    """End robot ``i``'s current move, if it has one, and begin a new one; arguments as for ``note_move``.
 
-    Rows of one tick are kept in the order of robots.
+    The rows in the buffer stay sorted by tick, then robot.
     """
     row = swarm[i]
     if under_way[i].place >= 0:
@@ -94,8 +99,10 @@ def begin_move(
         last.until, last.turned_rad = tick, heading_rad - last.heading_rad
     place = filled[2]
     filled[2] += 1
+    # At each tick, the event engine processes robots that stop to sample before the others. So rows of this tick may be
+    # there already that belong to robots of higher numbers: move each of them up by one place.
     while place > 0 and moves[place - 1].tick == tick and moves[place - 1].robot > i:
-        moves[place] = moves[place - 1]  # the event engine processes robots that stop to sample first
+        moves[place] = moves[place - 1]
         under_way[moves[place].robot].place = place
         place -= 1
     under_way[i].place = place
@@ -104,7 +111,10 @@ def begin_move(
     move.x_m, move.y_m, move.heading_rad, move.turned_rad = x_m, y_m, heading_rad, 0.0
     move.speed_m_s, move.rate_rad_s = row.speed_m_s, row.rate_rad_s
     if (row.mode == TURN or row.mode == AVOID) and not row.blocked:
+        # Radius of the circle on which the robot's centre moves. ``fill_move_columns`` makes a speed of it: the turn
+        # rate, of which the mean is needed, is known only when the turn has ended.
         move.speed_m_s = 0.5 * row.misalignment * setup.turn_track_m
+    # An avoidance that goes on after a stop is not a new one, and has no ray.
     onset = row.mode == AVOID and row.avoidances != under_way[i].avoidances
     move.ray_m = row.nearest_mm / 1000.0 if onset else np.nan
 
@@ -120,10 +130,12 @@ def note_moves(
     tick: int,
     after_move: bool,
 ) -> None:
-    """Call ``note_move`` for all robots.
+    """End and begin the moves of all robots that do something else from ``tick`` on (``note_move``).
 
     Args:
-        after_move: read the poses at the start of the tick, as saved by ``contact``.
+        moves, under_way, filled: see the module's text; changed.
+        after_move: whether the robots have already moved to their poses of the next tick. Their poses at ``tick`` are
+            then those that ``control_step.contact`` saved in ``from_x_m``, ``from_y_m`` and ``from_heading_rad``.
     """
     for i in range(swarm.size):
         row = swarm[i]
@@ -135,21 +147,28 @@ def note_moves(
 
 
 def drop_ended(moves: NDArray[np.void], under_way: NDArray[np.void], filled: NDArray[np.int64]) -> None:
-    """Remove the rows before the oldest move under way from a buffer. Each robot must have a move under way."""
+    """Remove from a buffer all rows before the oldest move under way; these are moves that have ended.
+
+    The arguments are changed in place (see the module's text). Each robot must have a move under way.
+    """
     first, count = int(under_way["place"].min()), int(filled[2])
-    rest = bytes_of(moves[first:count]).copy()
+    rest = bytes_of(moves[first:count]).copy()  # source and target may overlap
     bytes_of(moves)[: rest.size] = rest
     under_way["place"] -= first
     filled[2] = count - first
 
 
 def bytes_of(rows: NDArray[np.void]) -> NDArray[np.uint8]:
-    """Return a view of the rows as bytes: numpy copies these many times faster than rows with fields."""
+    """Return a view of rows as bytes, which numpy copies many times faster than rows with fields."""
     return rows.view(np.uint8)
 
 
 def with_room(moves: NDArray[np.void], filled: int) -> NDArray[np.void]:
-    """Return the same buffer, or one twice as large if it is more than half full."""
+    """Return ``moves`` itself if this buffer is at most half full, or else a copy that is twice as large.
+
+    Args:
+        filled: number of rows in use.
+    """
     if 2 * filled <= moves.size:
         return moves
     larger = zero_rows(2 * moves.size, MOVE_ROW)
@@ -161,7 +180,14 @@ def with_room(moves: NDArray[np.void], filled: int) -> NDArray[np.void]:
 def let_end(
     moves: NDArray[np.void], under_way: NDArray[np.void], until: int, headings: NDArray[np.float64]
 ) -> None:
-    """Set the end of current moves to tick ``until`` (-1: still under way), given the robots' headings (rad)."""
+    """Set the end of all moves under way to tick ``until``, and the angle that each robot has turned so far.
+
+    The moves stay the robots' current moves. Before simulation goes on, call this again with ``until`` -1, which marks
+    them as under way again.
+
+    Args:
+        headings: the robots' current headings, rad, not wrapped, shape (robots,).
+    """
     for i in range(headings.size):
         if under_way[i].place >= 0:
             move = moves[under_way[i].place]
@@ -169,7 +195,14 @@ def let_end(
 
 
 class MoveColumns:
-    """Columns of a table of moves, filled from rows while those are still in the processor's cache."""
+    """Columns of a table of moves, filled from rows while the rows are still in the processor's cache.
+
+    ``numbers`` has shape (8, room): the columns of floats in the order of ``MOVES``. The other arrays have shape
+    (1, room), so that all four grow by the same function. ``count`` is the number of moves so far.
+
+    Args:
+        room: number of moves for which to allocate memory; more is allocated when needed.
+    """
 
     def __init__(self, tick_ms: int, room: int) -> None:
         self.tick_ms, self.count = tick_ms, 0
@@ -177,7 +210,7 @@ class MoveColumns:
         self.kinds, self.numbers = np.empty((1, room), dtype=np.uint8), np.empty((8, room))
 
     def take(self, rows: NDArray[np.void]) -> None:
-        """Append these rows (``MOVE_ROW``), all of which have ended."""
+        """Append rows (``MOVE_ROW``) of moves that have all ended."""
         if rows.size == 0:
             return
         if self.count + rows.size > self.kinds.size:
@@ -190,13 +223,24 @@ class MoveColumns:
         self.count += rows.size
 
     def _grown(self, array: NDArray[Any], more: int) -> NDArray[Any]:
+        """Return a longer copy of an array, with room for ``more`` further moves.
+
+        The copy has room for at least 1.5 times the present number of moves, so that arrays are seldom copied.
+
+        Args:
+            array: columns of moves, shape (columns, room).
+        """
         room = max(self.count + more, self.count + self.count // 2)
         larger = np.empty((array.shape[0], room), dtype=array.dtype)
         larger[:, : self.count] = array[:, : self.count]
         return larger
 
     def frame(self, in_order: bool = True) -> pl.DataFrame:
-        """Return all rows as a table; sorted by run, start and robot if they were not taken ``in_order``."""
+        """Return all moves as a table, sorted by run, start and robot.
+
+        Args:
+            in_order: whether ``take`` was called with the rows in this order, so that they need no sorting.
+        """
         n = self.count
         start, x, y, heading, speed, rate, turned, ray = self.numbers[:, :n]
         frame = pl.DataFrame(
@@ -228,9 +272,14 @@ def fill_move_columns(
     first: int,
     tick_ms: int,
 ) -> None:
-    """Convert ``MOVE_ROW`` to columns, from index ``first`` on; ``numbers`` holds the floats in the order of ``MOVES``.
+    """Convert rows of moves to columns, which are written from index ``first`` on.
 
-    Ticks become s; for turns, rate and speed become their means over the move.
+    Ticks become times in s. For turns, turn rate and speed become their means over the move.
+
+    Args:
+        rows: ``MOVE_ROW``; all moves have ended.
+        runs, robots, kinds: columns, shape (room,). numbers: the columns of floats in the order of ``MOVES``,
+            shape (8, room).
     """
     for k in range(rows.size):
         row, place = rows[k], first + k
@@ -238,6 +287,7 @@ def fill_move_columns(
         speed_m_s, rate_rad_s = row.speed_m_s, row.rate_rad_s
         if row.kind == TURN or row.kind == AVOID:
             rate_rad_s = row.turned_rad / ((row.until - row.tick) * tick_ms / 1000.0)
+            # The row holds the circle's radius instead of the speed, and 0 if the turn is blocked.
             speed_m_s *= rate_rad_s
         numbers[0, place] = row.tick * tick_ms / 1000.0
         numbers[1, place], numbers[2, place] = row.x_m, row.y_m

@@ -11,31 +11,32 @@ from vibroswarm.errors import InputError, check_kind, shown, whole_number_of
 
 
 def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
-    """Return the position and heading of one robot of one run.
+    """Return the position and heading of one robot of one run at given times.
 
     Args:
         segments: a segment table (see ``source``): exact arcs, each from its ``start_s`` to the next.
-        time_s: times from 0 on, s, any shape. After the last segment's start its arc goes on, so times
-            beyond the end of the run are not meaningful.
+        time_s: times from 0 on, s, any shape. The last arc is continued for ever, so results at times beyond the end
+            of the run are not meaningful.
     Returns: float64 of shape (\\*time_s.shape, 3): x (m), y (m), heading (rad, in [-pi, pi)).
     Raises:
-        InputError: no such run or robot in the table, or a time before its first segment.
+        InputError: the table has no such run or robot, or a time is before the robot's first segment.
     """
     return _along_arcs(segments, run, robot, time_s, "segment")
 
 
 def place_from_moves(moves: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDArray[np.float64]:
-    """Return the position of one robot of one run, from its moves.
+    """Return the position of one robot of one run at given times, from its moves.
 
-    It is exact for a robot that drives or stands, and where a turn begins and ends. Within a turn it lies on the
-    circle of radius m_d turn_track / 2 on which the centre moves, as if the turn rate were constant: off by the
-    circle's diameter at most.
+    The position is exact while the robot drives or stands, and where a turn begins and ends. Within a turn, the robot's
+    centre moves on a circle of radius m_d turn_track / 2; the position is calculated as if the turn rate were constant,
+    so its error is at most the diameter of that circle.
 
     Args:
-        moves: a table of moves (see ``source``). time_s: as for ``pose``.
+        moves: a table of moves (see ``source``).
+        time_s: times, s, as for ``pose``.
     Returns: float64 of shape (\\*time_s.shape, 2): x, y (m).
     Raises:
-        InputError: no such run or robot in the table, or a time before its first move.
+        InputError: the table has no such run or robot, or a time is before the robot's first move.
     """
     return _along_arcs(moves, run, robot, time_s, "move")[..., :2]
 
@@ -43,7 +44,11 @@ def place_from_moves(moves: pl.DataFrame, run: int, robot: int, time_s: ArrayLik
 def _along_arcs(
     arcs: pl.DataFrame, run: int, robot: int, time_s: ArrayLike, what: str
 ) -> NDArray[np.float64]:
-    """Return poses on the arcs of the rows of a table of segments or of moves."""
+    """Return the poses of one robot at given times, on the arcs in a table of segments or of moves; see ``pose``.
+
+    Args:
+        arcs: the table. what: what one of its rows is, for errors: "segment" or "move".
+    """
     check_threads()
     check_kind(arcs, pl.DataFrame, f"{what}s", "a table; simulate with segments=True or moves=True")
     run, robot = whole_number_of(run, "run", 0, 2**32 - 1), whole_number_of(robot, "robot", 0, 2**16 - 1)
@@ -55,13 +60,15 @@ def _along_arcs(
     except (TypeError, ValueError, OverflowError):
         raise InputError(f"{shown(time_s)} is not a time; give numbers in s", field="time_s") from None
     start = own["start_s"].to_numpy()
-    if times.size and not float(times.min()) >= start[0]:
+    if times.size and not float(times.min()) >= start[0]:  # ``not ... >=`` is true for NaN too
         raise InputError(f"{times.min():g} s is before the first {what}, at {start[0]:g} s", field="time_s")
-    k = np.searchsorted(start, times, side="right") - 1
-    column = {name: own[name].to_numpy()[k] for name in ("x_m", "y_m", "heading_rad")}
-    elapsed = times - start[k]
-    half = 0.5 * own["turn_rate_rad_s"].to_numpy()[k] * elapsed
-    chord = own["speed_m_s"].to_numpy()[k] * elapsed * np.sinc(half / np.pi)
+    row = np.searchsorted(start, times, side="right") - 1  # the latest arc that begins at or before each time
+    column = {name: own[name].to_numpy()[row] for name in ("x_m", "y_m", "heading_rad")}
+    elapsed = times - start[row]
+    # An arc's end lies at the distance ``chord`` from its start, in the direction midway between its first and last
+    # heading. NumPy's sinc(x) is sin(pi x) / (pi x), hence the division by pi.
+    half = 0.5 * own["turn_rate_rad_s"].to_numpy()[row] * elapsed
+    chord = own["speed_m_s"].to_numpy()[row] * elapsed * np.sinc(half / np.pi)
     along = column["heading_rad"] + half
     heading = column["heading_rad"] + 2.0 * half
     return np.stack(

@@ -1,7 +1,8 @@
-"""What the engines write down: buffers of samples, segments and moves, and their tables.
+"""What the engines record: buffers of samples, segments and moves, and their tables.
 
-Kernels fill arrays of plain rows; ``sample_frame``, ``segment_frame`` and ``end_frame`` turn them into the
-tables of the contract.
+Kernels fill buffers of plain rows (``Record``), in which times are ticks. ``sample_frame``, ``segment_frame``,
+``end_frame`` and ``move_frame`` turn rows into the tables that ``source`` describes. A segment or a move is open, or
+under way, until the robot's next one begins.
 """
 
 from __future__ import annotations
@@ -26,89 +27,122 @@ SAMPLE_ROW = np.dtype(
     + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad")]
     + [(name, np.int64) for name in ("drive", "turn", "avoid", "stop")]
 )  # fmt: skip
+"""A sample at ``tick``, the end of the stop that began at ``stop_tick``; ``drive`` to ``stop`` are ticks in each mode
+since the robot's previous sample."""
 SEGMENT_ROW = np.dtype(
     [("run", np.uint32), ("robot", np.uint16), ("tick", np.int64)]
     + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad", "speed_m_s", "rate_rad_s")]
     + [("kind", np.int64)]
 )  # fmt: skip
+"""An arc of constant speed and turn rate from ``tick`` to the robot's next row; ``kind`` is the robot's mode."""
 
 END_ROW = np.dtype(
     [("run", np.uint32), ("robot", np.uint16), ("tick", np.int64), ("stop_tick", np.int64)]
     + [(name, np.float64) for name in ("x_m", "y_m", "heading_rad")]
 )  # fmt: skip
-
+"""A robot's pose at ``tick``, and the tick from which it stands and hears nothing (-1: it moves or hears)."""
 
 DTYPES = {pl.UInt16: np.uint16, pl.UInt32: np.uint32, pl.Float32: np.float32, pl.Float64: np.float64}
+"""NumPy's types of numbers, by those of polars."""
 
 
 class Failure(NamedTuple):
     """Why a run failed, and at which tick."""
 
     run: int
+    """The run's number."""
     tick: int
+    """Tick from which the robots stand."""
     reason: str
+    """Why the run failed, in words."""
 
 
 class Rows(NamedTuple):
-    """What one run has written: ``SAMPLE_ROW``, ``SEGMENT_ROW`` (or None), ``END_ROW``, ``MOVE_ROW`` (or None)."""
+    """The rows of a run, or of a piece of it: ``SAMPLE_ROW``, ``SEGMENT_ROW``, ``END_ROW``, ``MOVE_ROW``.
+
+    ``segments`` and ``moves`` are None if they are not recorded, ``failure`` is None if the run has not failed.
+    """
 
     samples: NDArray[np.void]
+    """Rows of samples (``SAMPLE_ROW``)."""
     segments: NDArray[np.void] | None
+    """Rows of segments (``SEGMENT_ROW``); None if segments are not recorded."""
     ends: NDArray[np.void]
+    """One row per robot with its latest pose (``END_ROW``)."""
     moves: NDArray[np.void] | None = None
+    """Rows of moves (``MOVE_ROW``); None if moves are not recorded."""
     failure: Failure | None = None
+    """Why the run failed; None if it has not."""
 
 
 class Record(NamedTuple):
-    """Rows written so far; ``filled`` holds how many of each."""
+    """The buffers of a run. A buffer of size 0 stands for a table that is not recorded."""
 
     samples: NDArray[np.void]
+    """Rows of samples (``SAMPLE_ROW``)."""
     segments: NDArray[np.void]
+    """Rows of segments (``SEGMENT_ROW``); size 0 if segments are not recorded."""
     moves: NDArray[np.void]
+    """Rows of moves (``MOVE_ROW``); size 0 if moves are not recorded."""
     filled: NDArray[np.int64]
-    """(3,): samples, segments, moves."""
+    """Number of rows in use in each buffer, shape (3,): samples, segments, moves."""
     latest: NDArray[np.float64]
-    """(robots, 3): speed, turn rate and kind of each robot's open segment; kind -1: none yet."""
+    """Speed, turn rate and kind of each robot's open segment, shape (robots, 3); kind -1: none yet."""
     under_way: NDArray[np.void]
-    """``UNDER_WAY``, (robots,): each robot's move under way."""
+    """Each robot's move under way: ``UNDER_WAY``, shape (robots,)."""
 
 
 def empty_record(robots: int, samples: int, segments: int, moves: bool = False) -> Record:
-    """Return buffers for these numbers of samples and segments (0: not recorded), and for moves if ``moves``."""
+    """Return empty buffers for a swarm.
+
+    Args:
+        samples, segments: numbers of rows for which there is to be room; 0 segments: segments are not recorded.
+        moves: whether moves are recorded. Their buffer grows when needed.
+    """
+    # The buffer of moves always holds each robot's move under way. With room for 64 moves per robot, these rows take
+    # only a small part of it.
+    move_rows = max(MOVES_AT_ONCE, 64 * robots) if moves else 0
     record = Record(
-        zero_rows(samples, SAMPLE_ROW),
-        zero_rows(segments, SEGMENT_ROW),
-        zero_rows(max(MOVES_AT_ONCE, 64 * robots) if moves else 0, MOVE_ROW),
-        np.zeros(3, dtype=np.int64),
-        np.zeros((robots, 3)),
-        zero_rows(robots, UNDER_WAY),
+        samples=zero_rows(samples, SAMPLE_ROW),
+        segments=zero_rows(segments, SEGMENT_ROW),
+        moves=zero_rows(move_rows, MOVE_ROW),
+        filled=np.zeros(3, dtype=np.int64),
+        latest=np.zeros((robots, 3)),
+        under_way=zero_rows(robots, UNDER_WAY),
     )
-    clear(record)
+    clear(record)  # -1, not 0, marks a robot without a segment or a move
     return record
 
 
 def clear(record: Record) -> None:
-    """Clear the buffers."""
+    """Empty the buffers, and forget each robot's open segment and its move under way."""
     record.filled[:], record.latest[:] = 0, -1.0
     record.under_way["place"], record.under_way["doing"], record.under_way["avoidances"] = -1, -1, 0
 
 
 def copy_record(record: Record) -> Record:
-    """Return independent copies of the buffers."""
-    # Zeroed pages take memory only when they are written.
+    """Return an independent copy of the buffers."""
+    # Only the rows in use are copied: the rest, allocated as zeros, takes no memory until it is written.
     buffers = (record.samples, record.segments, record.moves)
     samples, segments, moves = (zero_rows(rows.size, rows.dtype) for rows in buffers)
     for copy, original, count in zip((samples, segments, moves), buffers, record.filled, strict=True):
         copy[:count] = original[:count]
     return Record(
-        samples, segments, moves, record.filled.copy(), record.latest.copy(), record.under_way.copy()
+        samples=samples,
+        segments=segments,
+        moves=moves,
+        filled=record.filled.copy(),
+        latest=record.latest.copy(),
+        under_way=record.under_way.copy(),
     )
 
 
 @inner
 def room(record: Record, robots: int) -> int:
-    """Return the number of ticks for which the buffers suffice even if every robot writes one row of each table per
-    tick."""
+    """Return for how many ticks the buffers surely have room.
+
+    In a tick, each robot writes at most one row of each table that is recorded.
+    """
     ticks = (record.samples.size - record.filled[0]) // robots
     if record.segments.size > 0:
         ticks = min(ticks, (record.segments.size - record.filled[1]) // robots)
@@ -119,11 +153,13 @@ def room(record: Record, robots: int) -> int:
 
 @inner
 def room_for(record: Record, rows: int, moves: int) -> tuple[int, int, int]:
-    """Return the largest fill levels of samples, segments and moves at which the wanted rows still fit; 0 for tables
-    that are not recorded.
+    """Return how many rows of each buffer (samples, segments, moves) may be in use if some rows are to remain free.
+
+    The engine compares ``Record.filled`` with these numbers. The number for a table that is not recorded is 0.
 
     Args:
-        rows: wanted rows of samples, and as many of segments. moves: wanted rows of moves.
+        rows: number of rows that must remain free in the buffer of samples, and also in that of segments.
+        moves: number of rows that must remain free in the buffer of moves.
     """
     segments = record.segments.size - rows if record.segments.size > 0 else 0
     return record.samples.size - rows, segments, record.moves.size - moves if record.moves.size > 0 else 0
@@ -131,7 +167,10 @@ def room_for(record: Record, rows: int, moves: int) -> tuple[int, int, int]:
 
 @inner
 def write_sample(record: Record, swarm: Swarm, run: int, i: int, tick: int) -> None:
-    """Write a row for the sample that robot ``i`` takes at this tick, and reset its times in each mode."""
+    """Write a row for the sample that robot ``i`` takes at this tick, and set its times in each mode to 0.
+
+    The robot's program has counted the sample already, so the row's number is one less.
+    """
     row = record.samples[record.filled[0]]
     record.filled[0] += 1
     row.run, row.robot, row.sample = run, i, swarm[i].samples - 1
@@ -144,11 +183,11 @@ def write_sample(record: Record, swarm: Swarm, run: int, i: int, tick: int) -> N
 
 @kernel
 def write_segments(record: Record, swarm: Swarm, run: int, tick: int, after_move: bool) -> None:
-    """Write a segment for each robot whose speed, turn rate or kind differs from its open segment.
+    """Begin a segment at ``tick`` for each robot whose speed, turn rate or kind differs from its open segment.
 
     Args:
-        after_move: whether the robots have moved already: their poses at this tick are then in ``from_x_m``,
-            ``from_y_m`` and ``from_heading_rad``.
+        after_move: whether the robots have already moved to their poses of the next tick; their poses at ``tick`` are
+            then in ``from_x_m``, ``from_y_m`` and ``from_heading_rad``.
     """
     for i in range(swarm.size):
         row = swarm[i]
@@ -171,7 +210,11 @@ def write_segment(
     rate_rad_s: float,
     kind: int,
 ) -> None:
-    """Write a segment if robot ``i``'s speed, turn rate or kind differs from its open segment."""
+    """Begin a segment at ``tick`` if robot ``i``'s speed, turn rate or kind differs from its open segment.
+
+    Args:
+        pose: the robot's position and heading (m, m, rad) at ``tick``. kind: the robot's mode, DRIVE to STOP.
+    """
     latest = record.latest[i]
     if latest[0] == speed_m_s and latest[1] == rate_rad_s and latest[2] == kind:
         return
@@ -189,46 +232,58 @@ def seconds(ticks: NDArray[np.int64], tick_ms: int) -> NDArray[np.float64]:
 
 
 def joined(pieces: Sequence[NDArray[np.void]]) -> NDArray[np.void]:
-    """Return the rows of several pieces as one copy; copies bytes, since numpy copies field by field."""
+    """Return the rows of one or more pieces, which have the same type, as one new array.
+
+    The rows are copied as bytes: NumPy copies structured rows field by field, which is many times slower.
+    """
     if len(pieces) == 1:
         return pieces[0].view(np.uint8).copy().view(pieces[0].dtype)
     return np.concatenate([piece.view(np.uint8) for piece in pieces]).view(pieces[0].dtype)
 
 
 class SampleColumns:
-    """The columns of a motion table, filled from rows as they come, while those are still in the cache.
+    """The columns of a table of samples, filled from rows while the rows are still in the processor's cache.
 
-    Numbers of a kind are the rows of one array, shape (columns, room): arrays that grow are few.
+    Columns of the same type of number are the rows of one array, in the order of ``MOTION``, so that there are few
+    arrays to be enlarged. ``count`` is the number of samples so far.
+
+    Args:
+        room: number of samples for which to allocate memory; more is allocated when needed.
     """
 
     def __init__(self, tick_ms: int, room: int) -> None:
         self.tick_ms, self.count = tick_ms, 0
         kinds = [DTYPES[kind] for kind in MOTION.values()]
+        # Type of number to array, shape (columns of that type, room).
         self.arrays = {kind: np.empty((kinds.count(kind), room), dtype=kind) for kind in dict.fromkeys(kinds)}
 
     def take(self, rows: NDArray[np.void]) -> None:
         """Append these rows (``SAMPLE_ROW``)."""
         if rows.size == 0:
             return
-        room = self.arrays[np.float64].shape[1]
-        if self.count + rows.size > room:
+        room_for_rows = self.arrays[np.float64].shape[1]  # the same for all arrays
+        if self.count + rows.size > room_for_rows:
             self.arrays = {kind: grown(array, self.count, rows.size) for kind, array in self.arrays.items()}
-        wide, narrow = self.arrays[np.float64], self.arrays[np.float32]
+        wide, narrow = self.arrays[np.float64], self.arrays[np.float32]  # 8 and 4 bytes a number
         fill_columns(
             rows, self.arrays[np.uint32], self.arrays[np.uint16], wide, narrow, self.count, self.tick_ms
         )
         self.count += rows.size
 
     def frame(self) -> pl.DataFrame:
-        """Return all rows as a table."""
+        """Return all samples as a table, in the order in which they were taken; its columns are views of the arrays."""
         columns = {kind: iter(array) for kind, array in self.arrays.items()}
+        # Each column of MOTION takes the next row of the array of its type.
         named = {name: next(columns[DTYPES[kind]])[: self.count] for name, kind in MOTION.items()}
         return pl.DataFrame(named, schema=MOTION)
 
 
 def grown(array: NDArray[Any], count: int, more: int) -> NDArray[Any]:
-    """Return a copy of the first ``count`` columns with room for at least ``more`` further ones, and for half as many
-    again as there are."""
+    """Return a longer copy of an array of columns, shape (columns, room).
+
+    The first ``count`` entries of each column are copied. The copy has room for ``more`` further entries, and for at
+    least 1.5 times ``count`` in all, so that arrays are seldom copied.
+    """
     larger = np.empty((array.shape[0], max(count + more, count + count // 2)), dtype=array.dtype)
     larger[:, :count] = array[:, :count]
     return larger
@@ -244,7 +299,14 @@ def fill_columns(
     first: int,
     tick_ms: int,
 ) -> None:
-    """Convert ``SAMPLE_ROW`` to columns in the order of ``MOTION``, one array per kind of number; ticks become s."""
+    """Convert rows of samples to columns, which are written from index ``first`` on; ticks become times in s.
+
+    Args:
+        rows: ``SAMPLE_ROW``.
+        numbers, robots, wide, narrow: one array for the columns of each type of number, in the order of ``MOTION``,
+            shape (columns, room). ``numbers`` holds run and sample; ``robots`` the robot; ``wide`` the start of the
+            stop, the time and the pose; ``narrow`` the times in each mode.
+    """
     for k in range(rows.size):
         row, place = rows[k], first + k
         numbers[0, place], robots[0, place], numbers[1, place] = row.run, row.robot, row.sample
@@ -255,7 +317,7 @@ def fill_columns(
 
 
 def sample_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:
-    """Return the motion table of pieces that are in the order of run, time, robot."""
+    """Return pieces of sample rows as one table; they must be in the order of run, time, robot."""
     columns = SampleColumns(tick_ms, sum(piece.size for piece in pieces))
     for piece in pieces:
         columns.take(piece)
@@ -263,8 +325,9 @@ def sample_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFra
 
 
 def segment_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
-    """Return the segment table, in the order of run, time, robot."""
+    """Return segment rows as a table; they must be in the order of run, time, robot."""
     kinds = np.array(KINDS)
+    # ``copy`` takes each field out of the rows as a contiguous column of its own.
     return pl.DataFrame(
         {
             "run": rows["run"].copy(),
@@ -282,7 +345,11 @@ def segment_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
 
 
 def end_rows(swarm: Swarm, run: int, tick: int) -> NDArray[np.void]:
-    """Return the robots' poses at ``tick``, and the start of a stop under way (-1: none)."""
+    """Return rows (``END_ROW``) with the robots' poses at ``tick``, shape (robots,).
+
+    ``stop_tick`` is the tick from which the robot stands and hears no messages. It is -1 if the robot moves, or has
+    failed and stands for good but still hears.
+    """
     ends = zero_rows(swarm.size, END_ROW)
     ends["run"], ends["robot"], ends["tick"] = run, np.arange(swarm.size), tick
     ends["x_m"], ends["y_m"] = swarm["x_m"], swarm["y_m"]
@@ -292,9 +359,15 @@ def end_rows(swarm: Swarm, run: int, tick: int) -> NDArray[np.void]:
 
 
 def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
-    """Return the table of ends; ``stop_start_s`` is null for robots that walk."""
-    stopping = rows["stop_tick"] >= 0
-    stop_start_s = np.where(stopping, seconds(rows["stop_tick"], tick_ms), np.nan)
+    """Return the table ``ends``: where each robot was when its run (or a piece of the run) ended.
+
+    Args:
+        rows: one row (``END_ROW``) per run and robot. Where ``stop_tick`` is -1, because the robot then heard messages,
+            ``stop_start_s`` is null.
+    """
+    is_deaf = rows["stop_tick"] >= 0  # the robot stands and hears nothing
+    stop_start_s = np.where(is_deaf, seconds(rows["stop_tick"], tick_ms), np.nan)
+    # ``copy`` takes each field out of the rows as a contiguous column of its own.
     return pl.DataFrame(
         {
             "run": rows["run"].copy(),
@@ -310,12 +383,17 @@ def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
 
 
 def tables(pieces: Sequence[Rows], tick_ms: int) -> Motion:
-    """Return the rows of several runs as one Motion."""
+    """Return the rows of several runs as one Motion, in the order of ``pieces``."""
     return with_samples(sample_frame([piece.samples for piece in pieces], tick_ms), pieces, tick_ms)
 
 
 def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) -> Motion:
-    """Return a table of samples, and the ends, segments and moves of the same runs, as one Motion."""
+    """Return one ``Motion`` of several runs, from their table of samples and their rows of all other tables.
+
+    Args:
+        samples: the samples of all runs. The samples in ``pieces`` are not used.
+        pieces: the rows of ends, segments, moves and failures; one piece per run, in the order of runs.
+    """
     segments = [piece.segments for piece in pieces if piece.segments is not None]
     moves = [piece.moves for piece in pieces if piece.moves is not None]
     return Motion(
@@ -328,7 +406,7 @@ def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) ->
 
 
 def failure_frame(failures: Sequence[Failure], tick_ms: int) -> pl.DataFrame | None:
-    """Return the table of failed runs, or None if there is none."""
+    """Return failures of runs as a table, or None if no run failed."""
     if not failures:
         return None
     rows = [(failure.run, failure.tick * tick_ms / 1000.0, failure.reason) for failure in failures]
@@ -336,7 +414,7 @@ def failure_frame(failures: Sequence[Failure], tick_ms: int) -> pl.DataFrame | N
 
 
 def move_frame(pieces: Sequence[NDArray[np.void]], tick_ms: int) -> pl.DataFrame:
-    """Return the table of moves of pieces that are in the order of run, start, robot."""
+    """Return pieces of move rows as one table; they must be in the order of run, start, robot."""
     columns = MoveColumns(tick_ms, sum(piece.size for piece in pieces))
     for piece in pieces:
         columns.take(piece)

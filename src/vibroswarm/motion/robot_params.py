@@ -1,26 +1,30 @@
-"""Robot parameters as the kernels read them, and what differs from robot to robot.
+"""Robot parameters as the kernels read them, and the parameters that differ from robot to robot.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| misalignment | m_d | - | U(min, max), one a robot |
-| its variation | a + b + c | - | added to m_d; a: one a sample, b: linear between values, c: one a run |
-| speed factor | s_d | - | Gamma(shape, scale) + location, clipped; one a sample or one a robot |
+| misalignment | m_d | - | U(min, max), drawn once per robot |
+| veer | a + b + c | - | variation of m_d, added to it: wander a, drift b and spread c |
+| speed factor | s_d | - | Gamma(shape, scale) + location, clipped; drawn per sample or per robot |
 | battery | b_d | - | 1 - t / battery_life |
 | wheels | v_l, v_r | m/s | command v (1 -+ m_d) s_d b_d (Eq. 19) |
 | track | - | m | turn rate = (v_r - v_l) / track |
 
-Turns in place are stable if the closed loop of the turn controller is:
+Of the veer, the wander is drawn at each sample, the drift is linear between values drawn every
+``misalignment_drift_samples`` samples, and the spread is drawn once per run. The factors of all three are standard
+deviations.
+
+A turn in place is stable if the closed loop of the turn controller is stable:
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | turn gain | G | deg per tick and % | degrees turned in a control period by a command of 1 %, of the fastest robot |
 | gains | Kp, Ki | %/deg, %/(deg s) | `walk.turn_gain_percent_per_deg`, `walk.turn_integral_gain_percent_per_deg_s` |
 | loop | e, I | deg, deg s | e' = e - G (Kp e + Ki I), I' = I + dt e' below full command, as in `robot.walk` |
-| bound | - | - | its eigenvalues lie within the unit circle just when G (2 Kp + dt Ki) < 4 (Jury's criterion) |
+| bound | - | - | all eigenvalues are within the unit circle if and only if G (2 Kp + dt Ki) < 4 (Jury's criterion) |
 
-Where they are not, each step makes the last bits of a turn larger: after some tens of steps two computations of one run
-differ, though both are right. So the engines agree in every event only where turns are stable. A turn that cannot pass
-its tolerance within one step ends at its first pass, and nothing grows.
+If turns are not stable, each step enlarges rounding errors: after some tens of steps, two correct computations of the
+same run differ visibly. So the engines agree in every event only if turns are stable, or if no robot can cross the
+whole tolerance in one step: then each turn ends as soon as the angle left is within the tolerance, and no error grows.
 """
 
 from __future__ import annotations
@@ -47,14 +51,14 @@ from vibroswarm.core.rng import (
     uniform,
 )
 from vibroswarm.core.ticks import tick_at
-from vibroswarm.faults import onset_s
 from vibroswarm.robot.walk import TIMERS, WalkProgram
+from vibroswarm.scenario.fault_draws import onset_s
 from vibroswarm.scenario.fields import Robot
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import lattice_sites, longest_step_m, start_region
 
 SPEED_NODES: Final = 2**14
-"""Intervals of the speed factor's quantile table; linear between nodes."""
+"""Number of intervals of the table of speed-factor quantiles, which is linear between its nodes."""
 
 DRIFT_SAMPLES: Final = 30
 """Default of ``robot.misalignment_drift_samples``."""
@@ -66,48 +70,61 @@ Setup = Any
 """A scenario's parameters of bodies and walk, as one row of numbers (``setup_of``), which compiled code passes on at
 no cost. Its fields are those of ``WalkProgram`` and:
 
-tick_s; width_m, height_m of the arena; radius_m of a body; full_speed_m_s, drive_track_m, turn_track_m;
-misalignment_min, misalignment_max; misalignment_wander, misalignment_drift (0: none), misalignment_drift_samples;
-speed_redrawn (0, 1); speed_each (0, 1: ``robot.speed_factors``); speed_wander
-(0: none), speed_factor_min, speed_factor_max; battery_life_s; ray_forward_m and, one entry a ray, ray_side_m, ray_cos,
-ray_sin; outside_m: how far from the centre rays start, where that may be beyond a wall, else 0; look_m: rays matter up
-to the shorter of their range and theta_c; ray_reach_m: no ray sees a thing further than this from the robot's centre;
-disc_radius_m of other robots to rays; longest_step_m: no robot moves further between two ticks; zone_m: bodies further
-apart than this, centre to centre, cannot touch at the next tick; sight_m: no ray sees a robot further away;
-fan_ahead_m, fan_behind_m, fan_beside_m: nor one further ahead of the rays' start, behind it, or aside of the robot's
-axis; blind_ms: so long after a turn no ray is heeded (0: none); start: x from, x to, y from, y to of the centres at the
-start; lattice: columns and rows of robots that fit side by side into it."""
+* ``tick_s``; ``width_m``, ``height_m`` of the arena; ``radius_m`` of a body.
+* ``full_speed_m_s``, ``drive_track_m``, ``turn_track_m``; ``battery_life_s``.
+* ``misalignment_min``, ``misalignment_max``, ``misalignment_wander`` (0: none), ``misalignment_drift`` (0: none),
+  ``misalignment_drift_samples``.
+* ``speed_redrawn``: 1 if the speed factor is drawn at each sample, 0 if once per robot. ``speed_each``: 1 if the
+  scenario lists each robot's speed factor. ``speed_wander`` (0: none), ``speed_factor_min``, ``speed_factor_max``.
+* ``ray_forward_m``: how far ahead of the robot's centre rays start. ``ray_side_m``, ``ray_cos``, ``ray_sin``: start of
+  each ray, to the left of the robot's axis, and its direction; shape (rays,).
+* ``outside_m``: distance from the centre at which rays start, if that may be beyond a wall, else 0.
+* ``look_m``: length up to which rays matter: the shorter of their range and theta_c. ``ray_reach_m``: no ray sees
+  anything further than this from the robot's centre.
+* ``disc_radius_m``: radius of other robots as the rays see them. ``sight_m``: no ray sees a robot whose centre is
+  further away than this.
+* ``fan_ahead_m``, ``fan_behind_m``, ``fan_beside_m``: no ray sees a robot whose centre is further ahead of the rays'
+  start, further behind it (a negative number), or further to a side of the robot's axis.
+* ``longest_step_m``: no robot moves further between two ticks. ``zone_m``: bodies whose centres are further apart than
+  this cannot touch at the next tick.
+* ``blind_ms``: driving time after a turn during which a robot ignores its rays (0: none).
+* ``start``: range of the robots' centres at the start: x from, x to, y from, y to, m. ``lattice``: numbers of columns
+  and rows of robots that fit side by side into that range.
+"""
 
 
 @lru_cache(maxsize=16)
 def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
-    """Return the clipped speed factor at equally spaced probabilities, shape (SPEED_NODES + 1,).
+    """Return the quantiles of the clipped speed factor at equally spaced probabilities, shape (SPEED_NODES + 1,).
 
-    If ``robot.speed_factors`` is given, return these instead, shape (robots named,).
+    If the scenario lists ``robot.speed_factors``, return that list instead, shape (entries,).
     """
     if robot.speed_factors is not None:
         return np.array(robot.speed_factors, dtype=np.float64)
     from scipy.special import gammaincinv
 
     probability = np.linspace(0.0, 1.0, SPEED_NODES + 1)
-    probability[-1] = 1.0 - 2.0**-53
+    probability[-1] = 1.0 - 2.0**-53  # the greatest float below 1, as the quantile of 1 is infinite
     factor = robot.speed_factor_scale * gammaincinv(robot.speed_factor_shape, probability)
     table = np.clip(factor + robot.speed_factor_location, robot.speed_factor_min, robot.speed_factor_max)
     return np.ascontiguousarray(table, dtype=np.float64)
 
 
 def setup_of(scenario: Scenario) -> Setup:
-    """Return a scenario's parameters as the kernels read them."""
+    """Return a scenario's parameters as the kernels read them; see ``Setup`` for the fields."""
     robot, rays = scenario.robot, scenario.rays
     look_m = min(rays.range_m, scenario.walk.avoidance_threshold_mm / 1000.0)
     forward_m = rays.forward_each_m or (rays.forward_m,)
     aside_m = max(abs(side) for side in rays.side_m)
-    start_m = math.hypot(max(forward_m), aside_m)
+    start_m = math.hypot(max(forward_m), aside_m)  # no ray starts further from the robot's centre
     ray_reach_m = start_m + look_m
     angles = [math.radians(angle) for angle in rays.angle_deg]
+    # End of each ray of length ``look_m``: how far it is ahead of the rays' start, and to the left of the robot's axis.
     ahead_m = [look_m * math.cos(angle) for angle in angles]
     beside_m = [side + look_m * math.sin(angle) for side, angle in zip(rays.side_m, angles, strict=True)]
-    zone_m = 2.0 * (robot.body_radius_m + longest_step_m(scenario))
+    zone_m = 2.0 * (robot.body_radius_m + longest_step_m(scenario))  # two bodies, each moving one step
+    # Settings that are None (``or 0.0``) are not used by the scenario. A ray that starts within the body cannot start
+    # beyond a wall (``outside_m``). The fan of the rays includes their start: hence the 0.0 in two of ``fan_...``.
     values: dict[str, Any] = {
         "tick_s": scenario.tick_s,
         "width_m": scenario.arena.width_m,
@@ -150,7 +167,10 @@ def setup_of(scenario: Scenario) -> Setup:
 
 
 def _row(values: Mapping[str, Any]) -> Setup:
-    """Return numbers and lists of numbers, by name, as one row; integers and booleans as int64."""
+    """Return numbers and lists of numbers as one structured row with a field for each name.
+
+    Integers and booleans become int64, other numbers float64; a list becomes a field of its length.
+    """
     fields: list[tuple[Any, ...]] = []
     for name, value in values.items():
         array = np.asarray(value)
@@ -185,37 +205,51 @@ def walk_program(scenario: Scenario) -> WalkProgram:
 
 @inner
 def misalignment(setup: Setup, seed: int, run: int, robot: int) -> float:
-    """Draw m_d of a robot."""
+    """Return a robot's misalignment m_d, drawn uniformly; its veer is not included."""
     u = uniform(seed, run, robot, HARDWARE, FIRST, ALONE)
     return setup.misalignment_min + (setup.misalignment_max - setup.misalignment_min) * u
 
 
 @inner
 def triangular(seed: int, run: int, robot: int, index: int, peer: int) -> float:
-    """Return a random number of a robot's veer with mean 0 and variance 1: a scaled sum of two uniform numbers."""
+    """Return a random number of a robot's veer, of mean 0 and variance 1: the sum of two uniform numbers, scaled.
+
+    The two uniform numbers have the addresses (VEER, index, peer) and (VEER, index, peer + 1). Their sum has mean 1 and
+    variance 1/6.
+    """
     both = uniform(seed, run, robot, VEER, index, peer) + uniform(seed, run, robot, VEER, index, peer + 1)
     return math.sqrt(6.0) * (both - 1.0)
 
 
 @inner
 def veer_shift(setup: Setup, seed: int, run: int, robot: int, sample: int) -> float:
-    """Return the number to be added to a robot's own misalignment after ``sample`` samples; 0 if it does not vary."""
+    """Return by how much wander and drift change a robot's misalignment after its first ``sample`` samples.
+
+    The result is 0 if the scenario has neither wander nor drift.
+    """
     shift = 0.0
     if setup.misalignment_wander > 0.0:
         shift += setup.misalignment_wander * triangular(seed, run, robot, sample, ALONE)
     if setup.misalignment_drift > 0.0:
+        # The drift is drawn at every ``misalignment_drift_samples``-th sample (a node) and is linear in between. The
+        # sample is at the fraction ``part`` of the way from one node to the next.
         node = sample // setup.misalignment_drift_samples
         part = sample / setup.misalignment_drift_samples - node
         low = triangular(seed, run, robot, node, OF_DRIFT)
         high = triangular(seed, run, robot, node + 1, OF_DRIFT)
-        # Between nodes the variance is (1 - part)^2 + part^2, on average 2/3; sqrt(1.5) makes up for that.
+        # Between two nodes of variance 1, the variance is (1 - part)^2 + part^2, on average 2/3. The factor sqrt(1.5)
+        # raises this average to 1.
         shift += setup.misalignment_drift * math.sqrt(1.5) * (low + (high - low) * part)
     return shift
 
 
 @kernel
 def begin_veer(swarm: NDArray[np.void], setup: Setup, run_spread: float, seed: int, run: int) -> None:
-    """Add to each robot's own misalignment its variation in this run and until its first sample."""
+    """Add to each robot's misalignment its spread in this run, and its wander and drift until the first sample.
+
+    Args:
+        swarm: (robots,), changed. run_spread: standard deviation of the spread; 0: none.
+    """
     for i in range(swarm.size):
         row = swarm[i]
         if run_spread > 0.0:
@@ -233,23 +267,23 @@ def draw_speed_factors(
     robot: int,
     first: int,
 ) -> None:
-    """Draw a robot's speed factors s_d after ``first`` samples and after each of the next AT_ONCE - 1.
-
-    The loops are separate so that compilers vectorise them.
+    """Draw a robot's speed factors s_d after ``first``, first + 1, ..., first + AT_ONCE - 1 samples.
 
     Args:
         factors: (AT_ONCE,), written. speeds: ``speed_quantiles``.
     """
     if setup.speed_each:
-        factors[:] = speeds[robot % speeds.size]
+        factors[:] = speeds[robot % speeds.size]  # the list repeats if there are more robots than entries
     else:
+        # Uniform numbers in the first loop, their quantiles in the second: compilers vectorise separate loops.
         for k in range(AT_ONCE):
             factors[k] = uniform(seed, run, robot, SPEED, first + k if setup.speed_redrawn else FIRST, ALONE)
         for k in range(AT_ONCE):
-            place = factors[k] * (speeds.size - 1)
-            node = int(place)
+            # Interpolate linearly in the table of quantiles. The uniform number is below 1, so node + 1 exists.
+            position = factors[k] * (speeds.size - 1)
+            node = int(position)
             low = speeds[node]
-            factors[k] = low + (speeds[node + 1] - low) * (place - node)
+            factors[k] = low + (speeds[node + 1] - low) * (position - node)
     if setup.speed_wander > 0.0:
         for k in range(AT_ONCE):
             factors[k] = wandered(setup, factors[k], seed, run, robot, first + k)
@@ -257,8 +291,8 @@ def draw_speed_factors(
 
 @inner
 def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sample: int) -> float:
-    """Return a speed factor multiplied by its variation at a sample."""
-    # The sum of two uniform numbers is triangular, of variance 1/6.
+    """Return a speed factor multiplied by its random variation (``speed_wander``) at a sample, and clipped."""
+    # The sum of two uniform numbers has a triangular distribution of mean 1 and variance 1/6.
     both = uniform(seed, run, robot, SPEED, sample, OF_WANDER)
     both += uniform(seed, run, robot, SPEED, sample, OF_WANDER_TOO)
     factor *= 1.0 + setup.speed_wander * math.sqrt(6.0) * (both - 1.0)
@@ -266,30 +300,33 @@ def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sampl
 
 
 def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: int, run: int) -> None:
-    """Set body parameters that the scenario lists per robot, and when robots stop for good.
+    """Set the ticks at which robots stop for good, parameters that the scenario lists per robot, and the veer.
 
-    Lists repeat beyond their ends.
+    A list that is shorter than the swarm is repeated.
 
     Args:
-        swarm: (robots,), rows after ``begin``. setup: ``setup_of``.
+        swarm: (robots,), as ``control_step.begin`` left it; changed. setup: ``setup_of(scenario)``.
     """
     if scenario.motion_faults.any_of_motion:
         tick_ms = scenario.run.control_period_ms
+        # Time from which each robot of this run stands for good, or has an empty battery, s; infinite: never.
         stopped, empty = (
             onset_s(scenario, seed, [run], kind)[0].tolist() for kind in ("stopped", "battery_empty")
         )
         for i, (stops_s, empty_s) in enumerate(zip(stopped, empty, strict=True)):
             earlier_s = min(stops_s, empty_s)
+            # A fault from time 0 on takes effect at tick 1, the first tick whose step is simulated.
             if math.isfinite(earlier_s):
                 swarm[i]["fails_tick"] = max(tick_at(earlier_s, tick_ms), 1)
             if math.isfinite(empty_s):
                 swarm[i]["silent_tick"] = max(tick_at(empty_s, tick_ms), 1)
-    named = (
+    listed = (
         ("misalignment", scenario.robot.misalignments),
         ("ray_forward_m", scenario.rays.forward_each_m),
     )
-    for name, values in named:
+    for name, values in listed:
         if values is not None:
+            # np.resize repeats a list that is too short.
             swarm[name] = np.resize(np.array(values, dtype=np.float64), swarm.size)
     if veers_vary(scenario.robot):
         begin_veer(swarm, setup, scenario.robot.misalignment_run_spread or 0.0, seed, run)
@@ -301,16 +338,21 @@ def veers_vary(robot: Robot) -> bool:
 
 
 def turn_gain_deg(scenario: Scenario) -> float:
-    """Return G, the angle that the fastest robot turns in a control period at a command of 1 %, deg."""
+    """Return the turn gain G: the angle that the fastest robot turns in a control period at a command of 1 %, deg.
+
+    The wheels run in opposite directions, so their speeds differ by twice 1 % of full speed.
+    """
     robot = scenario.robot
     fastest = robot.full_speed_m_s * robot.speed_factor_max
     return math.degrees(2.0 * 0.01 * fastest / robot.turn_track_m * scenario.tick_s)
 
 
 def spectral_radius(scenario: Scenario) -> float:
-    """Return the largest absolute eigenvalue of a step of the turn controller below full command; stable below 1.
+    """Return the largest absolute eigenvalue of the turn controller's loop below full command.
 
-    Without an integral gain it is that of the error alone, as the integral then has no effect.
+    Turns are stable if it is below 1. By the equations in the module's text, the loop maps (e, I) to the next (e, I) by
+    a matrix of trace 2 - p - q and determinant 1 - p, where p = G Kp and q = G Ki dt. Without an integral gain the
+    integral I has no effect, so that the only eigenvalue that counts is the error's, 1 - p.
     """
     gain = turn_gain_deg(scenario)
     p = gain * scenario.walk.turn_gain_percent_per_deg
@@ -318,14 +360,18 @@ def spectral_radius(scenario: Scenario) -> float:
     if q == 0.0:
         return abs(1.0 - p)
     trace, determinant = 2.0 - p - q, 1.0 - p
-    beyond = 0.25 * trace * trace - determinant
-    if beyond <= 0.0:
+    discriminant = 0.25 * trace * trace - determinant
+    if discriminant <= 0.0:  # two complex eigenvalues, whose product is the determinant
         return math.sqrt(determinant)
-    return 0.5 * abs(trace) + math.sqrt(beyond)
+    # The eigenvalues are trace / 2 +- sqrt(discriminant): this is the larger absolute value of the two.
+    return 0.5 * abs(trace) + math.sqrt(discriminant)
 
 
 def is_stable(scenario: Scenario) -> bool:
-    """Return whether ``spectral_radius`` is below 1, by the bound, which is insensitive to rounding near 1."""
+    """Return whether turns are stable, by the bound G (2 Kp + dt Ki) < 4 of the module's text.
+
+    This is the same condition as ``spectral_radius(scenario) < 1``, but less sensitive to rounding.
+    """
     walk = scenario.walk
     gains = 2.0 * walk.turn_gain_percent_per_deg
     gains += scenario.tick_s * walk.turn_integral_gain_percent_per_deg_s
@@ -333,12 +379,17 @@ def is_stable(scenario: Scenario) -> bool:
 
 
 def passes_tolerance(scenario: Scenario) -> bool:
-    """Return whether the fastest robot at full command may cross the whole tolerance in one step."""
+    """Return whether the fastest robot at full command (100 %) can cross the whole tolerance, +- turn_tolerance_deg, in
+    one step."""
     return 100.0 * turn_gain_deg(scenario) > 2.0 * scenario.walk.turn_tolerance_deg
 
 
 def scenario_warnings(scenario: Scenario) -> list[str]:
-    """Return warnings about a valid but probably unintended scenario, one sentence each."""
+    """Return warnings about a valid scenario whose turns are unstable and so enlarge rounding errors, as sentences.
+
+    There is no warning if no robot can cross the whole tolerance of a turn in one step, as then no error grows (see the
+    module's text).
+    """
     if is_stable(scenario) or not passes_tolerance(scenario):
         return []
     walk = scenario.walk

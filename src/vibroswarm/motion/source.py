@@ -1,44 +1,45 @@
 """The protocol of motion sources: where and when robots sampled, whatever moved them.
 
-A source of Motion (an engine, a recording, a camera track) gives these tables:
+A source of motion (an engine, a recording, a camera track) gives these tables:
 
-* ``samples``: one row per sample, sorted by run, time, robot. ``time_s`` is the end of the stop, when the
-  sample is taken; ``stop_start_s`` when the robot stood still for it; ``drive_s``, ``turn_s``, ``avoid_s``,
-  ``stop_s`` account for all the time since the robot's last sample (or the start).
-* ``ends``: one row per run and robot: until when motion is known, where the robot is then, and when the stop
-  under way began (null when it walks): a stop in which it hears nothing.
+* ``samples``: one row per sample, sorted by run, time, robot. ``time_s`` is the end of the stop, when the sample is
+  taken; ``stop_start_s`` is the start of that stop. ``drive_s``, ``turn_s``, ``avoid_s`` and ``stop_s`` add up to the
+  time since the robot's previous sample (or since the start of the run).
+* ``ends``: one row per run and robot: the time up to which motion is known, the robot's pose at that time, and the
+  start of the stop that it then makes, in which it hears nothing (null if it is not in such a stop).
 * ``segments`` (on request): arcs of constant speed and turn rate, from ``start_s`` to the robot's next row;
-  sorted by run, time, robot. ``pose`` answers from it where anyone was at any time.
+  sorted by run, time, robot. ``pose`` returns any robot's pose at any time from this table.
 * ``moves`` (on request): one row per drive, turn, avoidance or stop, from ``start_s`` to the robot's next row; sorted
   by run, time, robot. A move that a stop interrupts continues as another move after it; a stretch in which the robot is
   blocked, its wheels slipping, is a separate move with speed 0.
 
-  - ``x_m``, ``y_m``, ``heading_rad``: the pose at the start. ``turned_rad``: the heading at the end of the move, or at
-    the end of what is known, less that at its start; whole turns included.
-  - ``speed_m_s``, ``turn_rate_rad_s``: of a drive and a stop what they are all the time; of a turn and an avoidance
-    their means, as a controller changes them at each control period. The arc of speed and turn rate leads from each
-    row's pose to that of the next exactly; ``place_from_moves`` gives its accuracy in between.
-  - ``ray_m``: the shortest ray when an avoidance begins; null for all other moves, and where an avoidance goes on.
+  - ``x_m``, ``y_m``, ``heading_rad``: the pose at the start. ``turned_rad``: the heading at the end of the move (or at
+    the end of what is known) minus the heading at its start; whole turns included.
+  - ``speed_m_s``, ``turn_rate_rad_s``: constant in a drive and in a stop; for a turn and an avoidance their means, as a
+    controller changes them at each control period. The arc of that speed and turn rate leads exactly from a row's pose
+    to the pose of the robot's next row. ``place_from_moves`` says how exact it is in between.
+  - ``ray_m``: the shortest ray when an avoidance begins; null for all other moves, and for the rest of an avoidance
+    that a stop interrupted.
 
-* ``failures``, of a source whose runs may fail: since when the robots of a failed run stand, and why. What is known
-  of that run ends there; its robots sample no more, and count as undecided.
+* ``failures``, of a source whose runs may fail: the time from which the robots of a failed run stand still, and why.
+  Nothing is known of that run after that time; its robots sample no more, and count as undecided.
 
-Bodies never overlap and never leave the arena at the ticks of the control period, except as far as the source's
-``tolerance`` says: a simulator of soft contact states how exact its tables are. Motion never depends on
-the floor, the sensor, the messages or the decisions, unless a strategy steers.
+At the ticks, bodies never overlap and never leave the arena. A simulator of soft contact states in its ``tolerance``
+how far they may. Motion never depends on the floor, the sensor, the messages or the decisions, unless a strategy
+steers.
 
 ## Your own source
 
-A source is a name and a function ``init(scenario, seed, run, segments=False, moves=False)`` that gives a
+A source is a name and a function ``init(scenario, seed, run, segments=False, moves=False)`` that returns a
 ``MotionState``: one run at time 0. ``register(Source("name", init))`` makes it known, and
-``simulate(..., motion="name")`` uses it. A source that cannot give segments or moves leaves them out. What it need
-not have: ``batch``, if it can move whole runs faster than one after the other, and ``to_sample`` and ``steer``
-(``SteeredState``), without which no strategy can steer it.
+``simulate(..., motion="name")`` uses it. A source that cannot give segments or moves returns None for them. Optional
+are ``batch``, for a source that can simulate many runs faster than one after the other, and ``to_sample`` and ``steer``
+(``SteeredState``), without which no strategy can steer the robots.
 
-A state hands each row over once, in the order of the tables: ``advance(until_s)`` gives the samples whose ``time_s``
-lies before the new ``time_s`` and not before the old one. The control period that begins at ``time_s`` is yet to
-come. Only moves are given twice: one that is under way at ``time_s`` is given as far as it has come, and again by the
-next ``advance``; ``join`` keeps the latest.
+``advance(until_s)`` returns the samples whose ``time_s`` is at least the old ``time_s`` of the state and below its new
+``time_s``; the control period that begins at ``time_s`` is not yet simulated. So each row is returned once, in the
+order of the tables. Only a move that is under way at ``time_s`` is returned twice: as it is so far, and again by the
+next ``advance``; ``join`` takes the later one.
 """
 
 from __future__ import annotations
@@ -73,12 +74,13 @@ class MotionState(Protocol):
 
     @property
     def time_s(self) -> float:
-        """Time up to which motion is known, s: 0 at first, then a whole number of control periods."""
+        """Time up to which motion has been simulated, s: a whole number of control periods; 0 at first."""
 
     def advance(self, until_s: float) -> Motion:
-        """Advance to the first control period at or after ``until_s``, s; do nothing if it is past.
+        """Simulate to the first control period at or after ``until_s``, s; do nothing if the run is already there.
 
-        Returns: the samples and segments that began since, the moves that were under way since, and the ends now.
+        Returns: the samples taken and the segments begun in this call, the moves that ended in it or are under way,
+            and the ends at the new ``time_s``.
         """
 
     def copy(self) -> MotionState:
@@ -95,18 +97,17 @@ class SteeredState(MotionState, Protocol):
         take_moves: Callable[[NDArray[np.void]], None] | None = None,
         take_segments: Callable[[NDArray[np.void]], None] | None = None,
     ) -> bool:
-        """Advance until just after the next control period at which a robot samples, or to ``until_s`` if none
-        does.
+        """Simulate until just after the next control period in which a robot samples, or to ``until_s`` if none does.
 
         Args:
-            take: given all samples of that period at once, rows of ``recorder.SAMPLE_ROW`` by robot.
-            take_moves: given the moves that ended since, ``moves.MOVE_ROW``. take_segments: given the segments that
-                began since, ``recorder.SEGMENT_ROW``.
-        Returns: whether anyone samples at the last control period before ``time_s``.
+            take: called with all samples of that period, rows of ``recorder.SAMPLE_ROW`` in the order of robots.
+            take_moves: called with the moves that ended in this call, rows of ``moves.MOVE_ROW``.
+            take_segments: called with the segments that began in this call, rows of ``recorder.SEGMENT_ROW``.
+        Returns: whether any robot sampled. If so, it sampled in the last control period before the new ``time_s``.
         """
 
     def steer(self, robot: int, turn_deg: float, drive_ms: float) -> None:
-        """Steer a robot that sampled in the last control period, see ``robot.walk.steered``."""
+        """Set the next turn and leg of a robot that sampled in the last control period; see ``robot.walk.steered``."""
 
 
 class Init(Protocol):
@@ -118,65 +119,76 @@ class Init(Protocol):
         """Return a run at time 0. The same arguments give the same run, bit by bit.
 
         Args:
-            scenario: fields of ``[floor]``, ``[sensor]``, ``[strategy]``, ``[decision]`` and ``[network]`` do not
-                matter. seed: in [0, 2^63). run: its number, below 2^32. segments, moves: the tables wanted.
+            scenario: its sections ``[floor]``, ``[sensor]``, ``[strategy]``, ``[decision]`` and ``[network]`` must not
+                affect the motion.
+            seed: in [0, 2^63).
+            run: the run's number, below 2^32.
+            segments, moves: whether these tables are wanted.
         """
 
 
 class Batch(Protocol):
-    """Moves whole runs."""
+    """Simulates whole runs."""
 
     def __call__(
         self, scenario: Scenario, seed: int, runs: Sequence[int], segments: bool = False, moves: bool = False
     ) -> Motion:
-        """Return the runs to the scenario's end, as ``init`` and ``advance`` would give them, in the order of
-        ``runs``."""
+        """Simulate whole runs, each to the end of the scenario; return their tables, in the order of ``runs``.
+
+        The tables are those that ``init`` and one call of ``advance`` would give for each run.
+        """
 
 
 ROBOT_S: Final = 1.5e-4
-"""Rough processor time of a robot's 1200 s in the event-driven engine, s."""
+"""Rough processor time that the event engine takes to simulate one robot for 1200 s, s."""
 
 
 class Tolerance(NamedTuple):
-    """How far a source may miss what it promises, at the ticks of the control period; 0: exact but for rounding."""
+    """How far a source's tables may deviate from the protocol at the ticks; 0: not at all, except for rounding."""
 
     overlap_m: float = 0.0
-    """How deep bodies may be in each other or in a wall, m."""
+    """How far bodies may overlap each other or a wall, m."""
     arc: float = 0.0
-    """How far a segment or a move may end from where the next begins, in m and in rad."""
+    """Distance that may be between the end of a segment or a move and the start of the next, in m and in rad."""
     stop_m: float = 0.0
     stop_rad: float = 0.0
-    """How far a robot may be pushed, or roll, and turn, between the start of a stop and its sample."""
+    """How far a robot may move (be pushed, or roll), and turn, between the start of a stop and its sample."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A registered motion source.
-
-    Args:
-        init: makes one run at time 0. batch: moves whole runs; without, one after the other by ``init``.
-        about: what it is, in a few words.
-    """
+    """A registered motion source."""
 
     name: str
+    """Name by which scenarios and commands select the source."""
     init: Init
+    """Creates one run at time 0."""
     batch: Batch = None  # type: ignore[assignment]  # set in __post_init__
+    """Simulates whole runs; by default they are simulated one after the other by ``init``."""
     about: str = field(default="", compare=False)
+    """What the source is, in a few words."""
     tolerance: Tolerance = field(default=Tolerance(), compare=False)
-    """What ``vibroswarm.testing`` allows it."""
+    """Deviations that the checks of ``vibroswarm.testing`` accept."""
     robot_s: float = field(default=ROBOT_S, compare=False)
-    """Rough processor time of a robot's 1200 s, s: a study keeps what it has done after every batch, of some 10 s."""
+    """Rough processor time to simulate one robot for 1200 s, s. By it a study plans batches of some 10 s, after each of
+    which it saves its results."""
     is_ours: bool = field(default=False, compare=False)
-    """An engine of this package: its tables are checked by tests, not while it runs."""
+    """Whether it is an engine of this package, whose tables are checked by tests and not while it runs."""
     source: str = field(default="", compare=False)
-    """Text of its file, if that is not part of this package."""
+    """Text of the file that defines the source, if the file is not part of this package."""
     code: str = field(default="", compare=False)
-    """Name of that file, name of the source in it, and hash."""
+    """Name of that file, name of the source in it, and the file's hash."""
 
     def __post_init__(self) -> None:
+        """Refuse a source without a name or ``init``; set ``batch`` if it is None.
+
+        Raises:
+            InputError: the name is not a text, or ``init`` is not a function.
+        """
         if not isinstance(self.name, str) or not callable(self.init):
             raise InputError(f"{shown(self.name)} has no name or no function init", field="source")
         if self.batch is None:
+            # The dataclass is frozen, so its field cannot be set by an assignment.
             object.__setattr__(self, "batch", partial(one_after_the_other, self.init))
 
 
@@ -188,7 +200,7 @@ def one_after_the_other(
     segments: bool = False,
     moves: bool = False,
 ) -> Motion:
-    """Return whole runs, each created by ``init``."""
+    """Simulate whole runs one after the other, each created by ``init``; return them as one ``Motion``."""
     end_s = scenario.run.t_end_s
     return join([init(scenario, seed, run, segments=segments, moves=moves).advance(end_s) for run in runs])
 
@@ -198,10 +210,10 @@ forget, names, known = _registry.forget, _registry.names, _registry.known
 
 
 def register(source: Source) -> Source:
-    """Register a source by its name; return it. Layers below need no import of it.
+    """Register a source under its name, by which scenarios and commands then select it; return the source.
 
     Raises:
-        InputError: it is not a ``Source``, or the name is taken.
+        InputError: ``source`` is not a ``Source``, or a different source has the name.
     """
     if not isinstance(source, Source):
         raise InputError(f"{shown(source)} is not a Source", field="source")
@@ -209,20 +221,26 @@ def register(source: Source) -> Source:
 
 
 def robot_s_of(name: str) -> float:
-    """Return ``Source.robot_s`` of a source; ``ROBOT_S`` if its code is not loaded, as where a study is only shown."""
+    """Return the rough processor time (``Source.robot_s``) that the source with this name needs to simulate one robot.
+
+    If the source's code is not loaded, for instance when the results of a study are only shown, return ``ROBOT_S``, the
+    time of the event engine.
+    """
     found = _registry.known().get(plugins.name_in(name) if plugins.is_code(name) else name)
     return ROBOT_S if found is None else found.robot_s
 
 
 def source(name: str) -> Source:
-    """Return the source of that name, or of a loaded file (``FILE.py:NAME`` with its hash).
+    """Return the source of that name, or of a file that is already loaded (``FILE.py:NAME`` with the file's hash).
 
-    Output of a source that is not ours is checked, and its errors are reported with file and line.
+    If the source is not ours, its tables are checked whenever it returns any, and errors in its code are reported with
+    file and line.
 
     Raises:
-        InputError: there is none; the message suggests the nearest name.
+        InputError: there is no such source, or its file is not loaded; the message suggests a similar name.
     """
     if not plugins.is_code(name):
+        # If the name is not known yet, register the sources of installed packages.
         plugins.known_for("motion", name)
         return _ready(_registry.get(name))
     known = _registry.known().get(plugins.name_in(name))
@@ -236,10 +254,12 @@ def source(name: str) -> Source:
 
 
 def _ready(found: Source) -> Source:
-    """Return a source whose output is checked, unless it is part of this package."""
+    """Return ``found`` itself if it is an engine of this package, else a copy of it that checks its own tables."""
     if found.is_ours:
         return found
     init, batch = partial(checked, found.init), found.batch
+    # If the source has no batch function of its own, its runs are created one after the other by the new ``init``,
+    # which checks them.
     if isinstance(batch, partial) and batch.func is one_after_the_other:
         return replace(found, init=init, batch=partial(one_after_the_other, init))
     return replace(found, init=init, batch=partial(checked_batch, batch))

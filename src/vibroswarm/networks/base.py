@@ -6,15 +6,22 @@ A network is one file, as a strategy is: it declares its parameters and has one 
     def send(n, a, sender, tick, number, bytes_on_air, x_m, y_m, arrival_tick, d, p, w): ...
     def check(params, robots): ...                # optional, plain Python: raises an InputError
 
-``lost`` is for networks that lose messages independently: it is called for each message and receiver, in any order.
-``send`` is called for each message in the order of tick and sender, and may keep a memory: ``n``, a row of the
-network's State, and ``a``, its Arrays, declared by size as those of strategies; both are zero when a run begins. It
-fills ``arrival_tick``, one entry per robot: the tick from which the message can be read (later than ``tick``; never:
--1, which all are before the call). ``x_m`` and ``y_m``, one entry per robot, are the positions at ``tick``, if the
-function reads them: exact, except that a turning robot is reported where its turn began, some millimetres away at most.
-``p`` is the Params, ``w`` a ``World`` whose ``robot`` is the receiver or the sender; ``u(d, k)`` is the k-th uniform
-number. A parameter may be a list, declared as ``tuple[int, ...]`` or ``tuple[float, ...]``: it is an array of ``a``,
-which ``send`` must not change. ``check`` is called when a scenario is read.
+``lost`` is for networks that lose messages independently. It is called for each message and receiver, in any order.
+
+``send`` is called for each message, in the order of tick and sender, so it may have a memory: ``n`` is a row of the
+network's State, and ``a`` holds its Arrays, declared by size as those of strategies. Both are zero when a run begins.
+``send`` writes to ``arrival_tick``, which has one entry per robot: the tick from which that robot can read the message.
+It must be later than ``tick``, the control period in which the message is sent. All entries are -1 (never) before the
+call. The sender's own entry is ignored. ``number`` counts the sender's messages from 0; ``bytes_on_air`` is the length
+of the message.
+
+``x_m`` and ``y_m``, one entry per robot, are the positions at ``tick``. They are computed only if the function reads
+them. They are exact, except that a turning robot is reported where its turn began, at most some millimetres away.
+
+``p`` holds the parameters. ``w`` is a ``World`` whose ``robot`` is the receiver (``lost``) or the sender (``send``).
+``u(d, k)`` is the k-th uniform number of the call. A parameter may be a list, declared as ``tuple[int, ...]`` or
+``tuple[float, ...]``; it is then an array of ``a``, which ``send`` must not change. ``check`` is called when a scenario
+is read, with the parameters and the number of robots.
 """
 
 from __future__ import annotations
@@ -39,7 +46,7 @@ Hook = Callable[..., Any]
 
 
 class NoState:
-    """State of a network that has none."""
+    """The State of a network without a state: no fields."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +54,9 @@ class Network(Plugin):
     """A network, see the module's docstring.
 
     Args:
-        state: class of annotated fields. arrays: class of ``array(...)``. lost, send: one of the two functions.
-        check: refuses parameters for a number of robots, as ``check(params, robots)``.
+        state: class of annotated fields. arrays: class whose attributes are ``array(...)``.
+        lost, send: at most one of the two functions; a network without either loses nothing.
+        check: ``check(params, robots)`` raises an InputError if the parameters do not suit the number of robots.
     """
 
     state: type = NoState
@@ -58,13 +66,20 @@ class Network(Plugin):
     check: Callable[[Any, int], None] | None = None
 
     def __post_init__(self) -> None:
+        """Check that names are unambiguous, and that ``lost`` or ``send`` uses only existing names and can be compiled.
+
+        Raises:
+            InputError: there are both ``lost`` and ``send``, a name is both a parameter and an array, or the function
+                cannot be used.
+        """
         super().__post_init__()
         if self.lost is not None and self.send is not None:
             raise InputError("has both lost and send; give one of them", field=self.name)
+        # Lists among the parameters are attributes of ``a`` too, so their names must differ from those of arrays.
         both = sorted(set(self.lists) & set(arrays_of(self.arrays)))
         if both:
             raise InputError(f"'{both[0]}' is a parameter and an array; rename one", field=self.name)
-        rows = {
+        names_of = {  # for each argument of the functions, the names of its fields or arrays; None if it has none
             "n": self.state_type.names,
             "a": (*self.lists, *arrays_of(self.arrays)),
             "p": self.params_type.names,
@@ -73,29 +88,34 @@ class Network(Plugin):
         for hook in ("lost", "send"):
             if getattr(self, hook) is not None:
                 check_function(
-                    hook, getattr(self, hook), {name: row_fields or () for name, row_fields in rows.items()}
+                    hook, getattr(self, hook), {argument: names or () for argument, names in names_of.items()}
                 )
 
     @cached_property
     def reads_positions(self) -> bool:
-        """Whether ``send`` reads the robots' positions."""
+        """Whether the bytecode of ``send`` reads the arguments ``x_m`` or ``y_m``, the robots' positions.
+
+        Authors may give these arguments other names, so they are found by their place in the signature.
+        """
         if self.send is None:
             return False
         parameters = list(inspect.signature(self.send).parameters)
-        places = {parameters[PARAMETERS["send"].index(name)] for name in ("x_m", "y_m")}
+        # positions: the names that the author of ``send`` has given to ``x_m`` and ``y_m``
+        positions = {parameters[PARAMETERS["send"].index(name)] for name in ("x_m", "y_m")}
+        # LOAD_FAST and its variants are the instructions that read an argument.
         return any(
-            instruction.opname.startswith("LOAD_FAST") and instruction.argval in places
+            instruction.opname.startswith("LOAD_FAST") and instruction.argval in positions
             for instruction in dis.get_instructions(self.send)
         )
 
     @property
     def state_type(self) -> np.dtype[np.void]:
-        """Row type of its state."""
+        """Row type of the network's state."""
         return row_type(self.state, "state")
 
     @cached_property
     def lists(self) -> dict[str, type]:
-        """Parameters that are lists: the type of their numbers, by name."""
+        """Names of the parameters that are lists (declared as ``tuple[TYPE, ...]``), each with its type of elements."""
         kinds = self._param_kinds.items()
         return {name: get_args(kind)[0] for name, kind in kinds if get_origin(kind) is tuple}
 
@@ -107,17 +127,18 @@ class Network(Plugin):
 
     @cached_property
     def params_type(self) -> np.dtype[np.void]:
-        """Row type of the parameters that are not lists."""
+        """NumPy row type of the parameters that are not lists; if there are none, it has one field that is not used."""
         if not self.lists:
             return super().params_type
         scalars = [(name, KINDS[kind]) for name, kind in self._param_kinds.items() if name not in self.lists]
         return np.dtype(scalars or [("unused", np.int64)])
 
     def arrays_of(self, params: object, sizes: Mapping[str, int]) -> dict[str, NDArray[Any]]:
-        """Return the arrays of ``a``: the lists among the parameters, and zeroed arrays.
+        """Return new arrays, by name: copies of the parameters that are lists, and the declared arrays, zeroed.
 
         Args:
-            params: the parameters. sizes: robots, rows, columns and tiles.
+            params: values of the parameters. sizes: "robots", "rows", "columns" and "tiles" of the scenario; the
+                declared sizes of arrays are formulas of these.
         """
         lists = {name: np.array(getattr(params, name), KINDS[kind]) for name, kind in self.lists.items()}
         declared = arrays_of(self.arrays)

@@ -1,20 +1,20 @@
-"""A network in which a receiver now and then misses nearly everything for a while: Gilbert-Elliott, by receiver.
+"""A network in which each receiver sometimes misses nearly all messages for a while: a Gilbert-Elliott model.
 
-Each receiver is in a good or a bad state, and loses messages independently with the probability of that state.
-States change as a Markov chain in time, so that a burst lasts as long in a large swarm as in a small one.
+Each receiver is in a good or a bad state, and loses messages independently with the probability of that state. States
+change as a Markov chain in time, not per message, so that a burst lasts as long in a large swarm as in a small one.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | bad_share | b | - | share of time in the bad state |
 | bad_s | T | s | mean time in the bad state |
 | correlation time | tau | s | T (1 - b) |
-| state drawn anew after t seconds | - | - | with probability 1 - exp(-t / tau), and then bad with b |
+| state drawn anew after t seconds | - | - | with probability 1 - exp(-t / tau); it is then bad with probability b |
 | lost_in_bad, lost_in_good | - | - | probability that a message is lost in that state |
 
-With T = 0 every message finds a state of its own, and losses are independent, with probability
-b lost_in_bad + (1 - b) lost_in_good. Gilbert (1960) and Elliott (1963) have the chain step at each bit sent; in the
-recordings bursts end by time. The defaults are fitted to the recordings of the study's robots
-(``calibrate.message_loss``, docs/networks.md).
+With T = 0 the state is drawn anew for each message, so losses are independent, with probability
+b lost_in_bad + (1 - b) lost_in_good. In the models of Gilbert (1960) and Elliott (1963) the chain steps at each bit
+that is sent; in the recordings the length of bursts is a matter of time. The defaults are fitted to the recordings of
+the study's robots (``calibrate.message_loss``, docs/networks.md).
 """
 
 from __future__ import annotations
@@ -46,17 +46,26 @@ class Arrays:
     """The state of each receiver."""
 
     is_bad = array("uint8", "robots")
+    """1 if the receiver is in the bad state, else 0."""
     next_tick = array("int64", "robots")
-    """One tick after the message to which the state belongs; 0: none yet."""
+    """Tick of the last message + 1, which is the time of the state; 0: no message yet (all arrays begin at 0)."""
 
 
 def send(
     n: Any, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Any, w: World,
 ) -> None:  # fmt: skip
-    """Advance the state of each receiver to this message; those that do not lose it can read it at the next tick."""
+    """Advance each receiver's state to ``tick``; receivers that do not lose the message can read it at the next tick.
+
+    Args:
+        a: states of the receivers, changed. tick: when the message is sent. arrival_tick: (robots,): -1 (never) before
+            the call; written for those that receive the message. d: source of uniform numbers, three per receiver.
+        p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
+    """
     tau_s = p.bad_s * (1.0 - p.bad_share)
     for j in range(arrival_tick.size):
+        # The receiver's state is drawn anew at its first message, and later with a probability that grows with the time
+        # since the last message.
         since_s = (tick + 1 - a.next_tick[j]) * w.tick_s
         anew = a.next_tick[j] == 0 or tau_s <= 0.0 or u(d, 3 * j) < -math.expm1(-since_s / tau_s)
         if anew:

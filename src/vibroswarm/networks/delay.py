@@ -1,13 +1,13 @@
-"""A network in which messages are late: by a fixed time, and a random one drawn for each message and receiver.
+"""A network that delays messages by a fixed time plus a random time drawn for each message and receiver.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| fixed_s | D | s | |
+| fixed_s | D | s | fixed part |
 | random_s | R | s | mean of the exponential part |
 | delay of a message to a receiver | - | s | D - R ln u |
 
-Messages may overtake each other. One is read at the first control period after its delay, and never in the one in which
-it was sent.
+Messages may overtake each other. A message is read at the first control period after its delay, and never in the period
+in which it was sent.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from vibroswarm.networks.base import Network, register
 from vibroswarm.strategies.world import Draws, World, u
 
 MOST_TICKS = 1e15
-"""Longer delays are the same as never."""
+"""Limit on the delay, in ticks, so that it fits into an integer; no run is that long."""
 
 
 class Params:
@@ -42,11 +42,17 @@ def send(
     n: Any, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Any, w: World,
 ) -> None:  # fmt: skip
-    """Let each robot read the message when its delay is over."""
+    """Write, for each robot, the first tick at which the message's delay is over.
+
+    Args:
+        tick: when the message is sent. arrival_tick: (robots,): overwritten. d: source of uniform numbers, one per
+            receiver. p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
+    """
     for j in range(arrival_tick.size):
         delay_s = p.fixed_s
         if p.random_s > 0.0:
             delay_s -= p.random_s * math.log(u(d, j))
+        # Without the 1e-9, rounding could make n + 1 ticks of a delay of n whole ticks.
         ticks = math.ceil(min(delay_s / w.tick_s, MOST_TICKS) - 1e-9)
         arrival_tick[j] = tick + max(1, ticks)
 

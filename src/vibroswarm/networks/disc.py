@@ -1,11 +1,11 @@
-"""A network with a range: robots within a distance of the sender, when it sends, hear the message.
+"""A network with a range: robots hear a message if they are near enough to its sender when it is sent.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | range_m | r | m | heard if (x - x_s)^2 + (y - y_s)^2 <= r^2 |
 
-A disc is the usual model of swarm studies, such as Ebert et al. (2020) for Kilobots. Real radios reach further in some
-directions than in others and fade, which it leaves out.
+A disc is the usual model in swarm studies, for example of Ebert et al. (2020) for Kilobots. It ignores that real radios
+reach further in some directions than in others, and that signals fade.
 """
 
 from __future__ import annotations
@@ -31,7 +31,14 @@ def send(
     n: Any, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Any, w: World,
 ) -> None:  # fmt: skip
-    """Let the robots within range read the message at the next tick."""
+    """Let the robots within range read the message at the next tick.
+
+    Args:
+        sender: index of the sending robot. tick: when the message is sent. x_m, y_m: (robots,): positions then, m.
+        arrival_tick: (robots,): -1 (never) before the call; written for the robots within range. The sender is always
+            in range, but its own entry is ignored.
+        p: parameters. The other arguments of the protocol (``networks.base``) are not used.
+    """
     x_s, y_s, r2 = x_m[sender], y_m[sender], p.range_m * p.range_m
     for j in range(arrival_tick.size):
         if (x_m[j] - x_s) ** 2 + (y_m[j] - y_s) ** 2 <= r2:

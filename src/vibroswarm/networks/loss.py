@@ -24,7 +24,13 @@ class Params:
 
 
 def lost(sender: int, receiver: int, d: Draws, p: Any, w: World) -> bool:
-    """Return whether this message is lost on its way to this receiver."""
+    """Return whether a message is lost on its way to one receiver.
+
+    Args:
+        d: source of uniform numbers. p: parameters. The other arguments of the protocol (``networks.base``) are not
+            used.
+    """
+    # The first test saves drawing a number if nothing can be lost.
     return bool(p.share > 0.0 and u(d, 0) < p.share)
 
 

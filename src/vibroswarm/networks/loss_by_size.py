@@ -8,11 +8,11 @@
 | size without loss | n_0 | robots | 4.81 |
 | scale | m | robots | 1.75 |
 
-The study plots the share of packets lost at six sizes (``experiments.packet_loss_percent`` in
-``paper/published.json``); of the messages addressed to a robot it is n / (n - 1) times that: 0.9 to 9.0 %. Of seven
-forms, fitted by least squares and compared by leaving out one size at a time, this one was chosen (root mean square
-error of the size left out 0.5 points; a straight line 1.7). Its residuals are up to 0.4 points. A test repeats the
-fit. Outside of 5 to 10 robots nothing was measured, and other sizes are refused.
+The study plots the share of packets lost at six swarm sizes (``experiments.packet_loss_percent`` in
+``paper/published.json``). The share of the messages addressed to a robot is n / (n - 1) times that: 0.9 to 9.0 %. Seven
+formulas were fitted by least squares and compared by leaving out one size at a time. This one was chosen: the root mean
+square error at the size left out is 0.5 percentage points (a straight line: 1.7), and its residuals are at most 0.4
+points. A test repeats the fit. Nothing was measured outside of 5 to 10 robots, so other sizes are refused.
 """
 
 from __future__ import annotations
@@ -25,10 +25,15 @@ from vibroswarm.networks.base import Network, register
 from vibroswarm.strategies.world import Draws, World, u
 
 LARGE: Final = 0.0921
+"""L: share lost by large swarms."""
 NO_LOSS: Final = 4.81
+"""n_0: number of robots at which nothing is lost."""
 SCALE: Final = 1.75
+"""m: scale of the growth of losses with the number of robots."""
 FEWEST: Final = 5
+"""Smallest swarm of the experiments."""
 MOST: Final = 10
+"""Largest swarm of the experiments."""
 
 
 def share_lost(robots: int) -> float:
@@ -37,15 +42,20 @@ def share_lost(robots: int) -> float:
 
 
 def lost(sender: int, receiver: int, d: Draws, p: Any, w: World) -> bool:
-    """Return whether this message is lost on its way to this receiver."""
+    """Return whether a message is lost on its way to one receiver.
+
+    Args:
+        d: source of uniform numbers. w: the world, of which the number of robots is used. The other arguments of the
+            protocol (``networks.base``) are not used.
+    """
     return u(d, 0) < share_lost(w.robots)
 
 
 def check(params: Any, robots: int) -> None:
-    """Refuse swarms of a size at which no loss was measured.
+    """Refuse swarms of a size at which no loss was measured; the network has no parameters to check.
 
     Raises:
-        InputError: fewer than 5 or more than 10 robots.
+        InputError: there are fewer than 5 or more than 10 robots.
     """
     if not FEWEST <= robots <= MOST:
         raise InputError(

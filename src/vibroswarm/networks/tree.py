@@ -1,27 +1,28 @@
-"""The study's radio: robots and a base in a tree, in which a message passes from node to node and busy nodes lose it.
+"""The study's radio: robots and a base station form a tree; messages pass from node to node, and busy nodes lose them.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| message_bytes | B | bytes | of each message, 144 in the study |
+| message_bytes | B | bytes | length of each message, 144 in the study |
 | frames of a message | k | - | ceil(B / 24) |
 | frame_ms | t | ms | one frame over one hop, with its acknowledgement |
 | time of a hop | s | ms | k t |
-| retry_ms | T | ms | a hop that cannot begin within T is lost |
+| retry_ms | T | ms | a message is lost if a hop cannot begin within T |
 
 The study (section Experimental Results) names the radio (nRF24L01+), its library (RF24Network), messages of up to 144
 bytes, a hierarchy in which nodes are busy with relaying, and the extraction of data by radio. The library's
-documentation and code add: a node has one parent and up to five children; a message for another node goes up to the
-common ancestor and down again; 144 bytes are the most a message may have, in frames of 24; a node tries to hand over a
-frame for 25 ms.
+documentation and code add: a node has one parent and up to five children; a message to another node goes up to the
+common ancestor and down again; a message has at most 144 bytes, in frames of 24; a node tries for 25 ms to hand over a
+frame.
 
-Assumed, for want of a source: robots fill the tree level by level, the children of a level spread evenly, below a base
-that is no robot; a robot sends its message to each other robot in turn, waiting until it is there or lost, and then
-its log to the base; a node does one thing at a time, and a hop occupies both of its nodes; what is lost on the way is
-not sent again. A message reserves the nodes of its way when it is sent, so that two that are under way together do not
-interleave. A robot hears the radio also while it samples.
+No source states the following, which is assumed. The root of the tree is a base station, not a robot. Robots fill the
+tree level by level, and the robots of a level are spread evenly over the nodes above. A robot sends its message to each
+other robot in turn; it waits until the message has arrived or is lost. It then sends its log to the base. A node does
+one thing at a time, and a hop occupies both of its nodes. A lost message is not sent again. A message reserves the
+nodes of its path when it is sent, so that the hops of two messages do not interleave. Robots also hear the radio while
+they sample.
 
-By the radio's data sheet a frame of 32 bytes at 1 Mbit/s with its acknowledgement takes 0.7 ms on air, the least that
-``frame_ms`` can be. The default is fitted to the published shares of lost packets (``benchmarks/radio_networks.py``).
+By the radio's data sheet, a frame of 32 bytes at 1 Mbit/s with its acknowledgement takes 0.7 ms on air, so ``frame_ms``
+cannot be less. The default is fitted to the published shares of lost packets (``benchmarks/radio_networks.py``).
 """
 
 from __future__ import annotations
@@ -36,11 +37,13 @@ from vibroswarm.strategies.base import array
 from vibroswarm.strategies.world import Draws, World, u
 
 BASE: Final = -1
+"""Number of the base station, the root of the tree, among the nodes; robots have the numbers from 0."""
 CHILDREN: Final = 5
-"""Most children of a node: the radio listens to six others, one of them its parent."""
+"""Largest number of children of a node: the radio listens to six others, one of which is the parent."""
 FRAME_BYTES: Final = 24
+"""Length of a frame; a longer message is divided into frames."""
 MOST: Final = 780
-"""Robots in four levels, the most that addresses have."""
+"""Number of robots in four levels, 5 + 25 + 125 + 625: the radio's addresses have no more levels."""
 
 
 class Params:
@@ -71,23 +74,33 @@ class Params:
 
 
 class State:
-    """The tree is laid out at the first message."""
+    """Whether ``Arrays.parent`` is filled in, which happens at the first message."""
 
     is_ready: bool
+    """False (0) until the first message is sent."""
 
 
 class Arrays:
-    """Nodes: the robots, and last the base."""
+    """The tree, and the times until which its nodes are busy.
+
+    The parameter ``parents`` is an array of the same object.
+    """
 
     parent = array("int64", "robots")
+    """Parent of each robot: ``parents`` or, if that is empty, the tree that is filled level by level."""
     free_ms = array("float64", "robots")
-    """Time from which a robot has nothing to do."""
+    """Time until which each robot's radio is busy."""
     base_free_ms = array("float64", "1")
+    """Time until which the base's radio is busy."""
 
 
 def parent_of(robot: int) -> int:
-    """Return the parent of a robot, BASE for the first five, if the tree is filled level by level and the robots of a
-    level are spread evenly over the nodes above."""
+    """Return the parent of a robot in a tree that is filled level by level; BASE for the first five robots.
+
+    Consecutive robots of a level get different parents, so that they are spread evenly over the nodes above.
+    """
+    # first, size: first robot and number of robots of a level. above: first robot of the level above it, which has
+    # size // CHILDREN nodes.
     first, size, above = 0, CHILDREN, 0
     while robot >= first + size:
         above = first
@@ -97,20 +110,24 @@ def parent_of(robot: int) -> int:
 
 
 def next_node(a: Any, node: int, goal: int) -> int:
-    """Return the node after ``node`` on the way to ``goal``: the child above the goal, else the parent."""
-    below = goal
+    """Return the node after ``node`` on the path from ``node`` to ``goal``.
+
+    If the goal is below ``node`` in the tree, this is the child of ``node`` that leads to it, or the goal itself. If
+    not, it is the parent of ``node``.
+    """
+    below = goal  # go up from the goal until a child of ``node`` or the base is reached
     while below != BASE and a.parent[below] != node:
         below = a.parent[below]
     return int(below if below != BASE else a.parent[node])
 
 
 def free_at(a: Any, node: int) -> float:
-    """Return the time from which a node has nothing to do, ms."""
+    """Return the time until which a node (a robot or BASE) is busy, ms."""
     return float(a.base_free_ms[0] if node == BASE else a.free_ms[node])
 
 
 def occupy(a: Any, node: int, until_ms: float) -> None:
-    """Keep a node busy until this time."""
+    """Set the time until which a node (a robot or BASE) is busy, ms."""
     if node == BASE:
         a.base_free_ms[0] = until_ms
     else:
@@ -118,16 +135,21 @@ def occupy(a: Any, node: int, until_ms: float) -> None:
 
 
 def pass_on(a: Any, sender: int, goal: int, begin_ms: float, hop_ms: float, retry_ms: float) -> float:
-    """Send a message from node to node; return when it arrives at the goal, ms, or minus the time at which a busy node
-    loses it.
+    """Send a message along its path, and set the times until which the nodes of the path are busy with it.
 
-    The sign is unambiguous: times are above 0, as nothing is sent in the first control period.
+    Args:
+        a: the network's arrays, changed. sender, goal: numbers of the first and of the last node. begin_ms: time at
+            which the message is ready to be sent. hop_ms: time that a hop takes. retry_ms: longest time that a message
+            waits for a busy node before a hop.
+    Returns: the time at which the message arrives, ms. If the message is lost at a busy node, the result is the time at
+        which it is lost, with a negative sign. The sign tells the cases apart because all times are above 0: nothing
+        is sent in the first control period.
     """
     time_ms, node = begin_ms, sender
     while node != goal:
         following = next_node(a, node, goal)
         start_ms = max(time_ms, free_at(a, node), free_at(a, following))
-        if start_ms - time_ms > retry_ms:
+        if start_ms - time_ms > retry_ms:  # lost; ``node`` was busy with trying
             occupy(a, node, max(free_at(a, node), time_ms + retry_ms))
             return -(time_ms + retry_ms)
         time_ms = start_ms + hop_ms
@@ -141,34 +163,44 @@ def send(
     n: Any, a: Any, sender: int, tick: int, number: int, bytes_on_air: int, x_m: Any, y_m: Any,
     arrival_tick: Any, d: Draws, p: Any, w: World,
 ) -> None:  # fmt: skip
-    """Send the message to each robot in turn, and the log to the base."""
-    if not n.is_ready:
+    """Send the message to one robot after another, then the robot's log to the base.
+
+    Args:
+        n, a: state and arrays, changed. sender: index of the sending robot. tick: when the message is sent.
+        bytes_on_air: length of the strategy's messages. arrival_tick: (robots,): -1 (never) before the call; written
+            for the robots that receive the message. d: source of uniform numbers. p: parameters. w: the world.
+            The other arguments of the protocol (``networks.base``) are not used.
+    """
+    if not n.is_ready:  # the first message of the run: build the tree
         n.is_ready = True
         for i in range(w.robots):
             a.parent[i] = a.parents[i] if a.parents.size > 0 else parent_of(i)
     size = p.message_bytes if p.message_bytes > 0 else bytes_on_air
-    hop_ms = p.frame_ms * ((size + FRAME_BYTES - 1) // FRAME_BYTES)
+    hop_ms = p.frame_ms * ((size + FRAME_BYTES - 1) // FRAME_BYTES)  # frames are rounded up
     log_ms = p.frame_ms * ((p.log_bytes + FRAME_BYTES - 1) // FRAME_BYTES)
     # Real robots do not share a clock: the message begins anywhere in its control period.
     begin_ms = (tick + u(d, 0)) * w.tick_ms
     for j in range(arrival_tick.size):
-        if hop_ms <= 0.0:
+        if hop_ms <= 0.0:  # the radio takes no time, so nothing is lost
             arrival_tick[j] = tick + 1
         elif j != sender:
+            # A sender that is still busy, with relaying or an earlier message, begins later.
             end_ms = pass_on(a, sender, j, max(begin_ms, a.free_ms[sender]), hop_ms, p.retry_ms)
             if end_ms > 0.0:
                 arrival_tick[j] = int(end_ms // w.tick_ms) + 1
-            begin_ms = abs(end_ms)
+            begin_ms = abs(end_ms)  # The message has arrived or is lost; now it is sent to the next robot.
     if log_ms > 0.0:
         pass_on(a, sender, BASE, max(begin_ms, a.free_ms[sender]), log_ms, p.retry_ms)
 
 
 def check(params: Any, robots: int) -> None:
-    """Refuse a list of parents that is not a tree of these robots; an empty list if there are too many robots.
+    """Refuse a list of parents that is not a tree of these robots; without a list, refuse more than MOST robots.
 
+    Args:
+        params: the network's parameters. robots: number of robots of the swarm.
     Raises:
-        InputError: the list is of another length, or has an unknown parent, a circle or too many children; or there is
-            no list for more than MOST robots.
+        InputError: the list has another length, an unknown parent, a circle, or a node with too many children; or the
+            list is empty and there are more than MOST robots.
     """
     parents, field = params.parents, "network.tree.parents"
     if not parents:
@@ -188,7 +220,7 @@ def check(params: Any, robots: int) -> None:
                 f"{parent} (of robot {i}) is not a node; give a robot from 0 to {robots - 1}, or -1 for the base",
                 field=field,
             )
-    for i in range(robots):
+    for i in range(robots):  # follow the parents up to the base
         way = [i]
         while parents[way[-1]] != BASE:
             way.append(parents[way[-1]])
@@ -199,7 +231,7 @@ def check(params: Any, robots: int) -> None:
                     field=field,
                 )
             if len(way) > robots:
-                break  # it leads into a circle that another robot is part of
+                break  # this path leads into a circle without robot i; it is reported for a robot of the circle
     for node in (BASE, *range(robots)):
         children = parents.count(node)
         if children > CHILDREN:

@@ -1,7 +1,7 @@
-"""What a notebook shows of searches, leagues, calibrations and reproductions.
+"""Notebook views (HTML) of the results of searches, leagues, calibrations and reproductions.
 
-Their packages take long to import, so views are found by the names of classes, and nothing of one package is imported
-for an object of another.
+Their packages take long to import. So a view is registered under the name of a class, and imports the package only
+when it is called with an object of that class.
 """
 
 from __future__ import annotations
@@ -24,15 +24,21 @@ if TYPE_CHECKING:
     from vibroswarm.paper.reproduce import Reproduction
 
 View = Callable[[Any], str]
+"""A function that takes an object and returns its view as HTML."""
 
 VIEWS: Final[dict[str, View]] = {}
-"""By the class's module and name."""
+"""Views by the module and name of the class, such as ``vibroswarm.optimize.loop.Found``."""
 
 
 def shows(name: str) -> Callable[[View], View]:
-    """Register the view of a class, such as ``optimize.loop.Found``."""
+    """Return a decorator that registers a function as the view of a class.
+
+    Args:
+        name: module and name of the class without "vibroswarm.", such as ``optimize.loop.Found``.
+    """
 
     def register(view: View) -> View:
+        """Register a function, which takes an object of the class and returns HTML, and return it unchanged."""
         VIEWS[f"vibroswarm.{name}"] = view
         return view
 
@@ -40,14 +46,14 @@ def shows(name: str) -> Callable[[View], View]:
 
 
 def lazy_view_of(value: object) -> View | None:
-    """Return the view of an object's class, or of the nearest class above it; None if there is none."""
+    """Return the view of an object's class, or else of its nearest base class with a view; None if there is none."""
     names = (f"{kind.__module__}.{kind.__qualname__}" for kind in type(value).__mro__)
     return next((VIEWS[name] for name in names if name in VIEWS), None)
 
 
 @shows("optimize.loop.Found")
 def _found(value: Found) -> str:
-    """Show the winner's values with their bounds, warnings, and how the scores fell."""
+    """Show a search: the winner's values with their bounds, warnings, and the scores over the candidates."""
     from vibroswarm.optimize.search_page import warnings_of
     from vibroswarm.optimize.search_report import pictures
     from vibroswarm.optimize.search_tables import value_said
@@ -59,19 +65,25 @@ def _found(value: Found) -> str:
         f"{value.believed:.4g} {objective.unit}".rstrip()
     )
     values = value.values
-    body = [[d.name, value_said(values[d.name]), f"{d.low:g}", f"{d.high:g}"] for d in value.search.space]
+    body = [
+        [dimension.name, value_said(values[dimension.name]), f"{dimension.low:g}", f"{dimension.high:g}"]
+        for dimension in value.search.space
+    ]
     parts = [paragraph(head), table(["field", "winner", "lowest", "highest"], body)]
     if len(value.front) > 1:
         parts.append(paragraph(f"{len(value.front)} candidates are on the front; next: front_of(found)."))
-    parts += [paragraph(text) for text in warnings_of(value, None, None, []) if "fresh runs" in text]
+    # Of all warnings only one is shown: that the winner has no score on fresh runs yet. The other arguments of
+    # ``warnings_of`` are results of steps after the search, which a search does not have.
+    warnings = warnings_of(value, truth=None, front=None, made_by=[])
+    parts += [paragraph(text) for text in warnings if "fresh runs" in text]
     if value.history:
-        parts.append(picture_image(pictures(value, None)["scores"], 420))
+        parts.append(picture_image(pictures(value, truth=None)["scores"], width_px=420))
     return card("Search", *parts, paragraph("Next: truth_of(found), write_report(found, folder)"))
 
 
 @shows("optimize.validation.Truth")
 def _truth(value: Truth) -> str:
-    """Show the believed and the true score, and the differences from the starts."""
+    """Show the score that a search believed, the score on fresh runs, and the differences from other candidates."""
     from vibroswarm.optimize.search_tables import interval_said
 
     score = value.winner.score
@@ -100,7 +112,7 @@ def _front(value: Front) -> str:
 
 @shows("optimize.scenario_comparison.Checked")
 def _checked(value: Checked) -> str:
-    """Show which of two scenarios is better, and both blocks of seeds."""
+    """Show the scores of two scenarios, and the difference of the scores on each of two blocks of seeds."""
     from vibroswarm.optimize.search_tables import interval_said
 
     numbers = {
@@ -117,13 +129,13 @@ HEADS = ("entry", "forced error, %", "right, %", "wrong, %", "undecided, %", "de
 
 @shows("league.standings.Standings")
 def _standings(value: Standings) -> str:
-    """Show one row per entry with intervals, those with the smallest forced error first."""
+    """Show the standings of a league: one row per entry with 95 % intervals, by rising forced error."""
     body = [
         [
             row["name"],
-            _interval(row, "forced_error", 100.0, 1),
+            _interval(row, "forced_error", scale=100.0, digits=1),
             *(f"{100 * row[name]:.1f}" for name in ("right", "wrong", "undecided")),
-            _interval(row, "decision_time_s", 1.0, 0),
+            _interval(row, "decision_time_s", scale=1.0, digits=0),
             f"{row['sent']:.0f}",
         ]
         for row in value.table.iter_rows(named=True)
@@ -143,6 +155,7 @@ def _league(value: League) -> str:
 
 
 def _words(league: League) -> str:
+    """Write one sentence with the numbers of entries, floors, robots and runs of a league, and its seed."""
     sizes = " and ".join(map(str, league.robots))
     return (
         f"{len(league.entries)} entries, {len(league.floors)} floors, {sizes} robots, {league.runs:,} runs of each; "
@@ -151,6 +164,11 @@ def _words(league: League) -> str:
 
 
 def _interval(row: dict[str, Any], name: str, scale: float, digits: int) -> str:
+    """Write a figure of a row times ``scale``, with its limits in brackets if it has any; a dash if it is None.
+
+    Args:
+        row: columns by name. name: of the figure, whose limits end in ``_low`` and ``_high``. digits: decimals.
+    """
     if row[name] is None:
         return "-"
     text = f"{scale * row[name]:.{digits}f}"
@@ -162,7 +180,7 @@ def _interval(row: dict[str, Any], name: str, scale: float, digits: int) -> str:
 
 @shows("calibrate.fit.Fit")
 def _fit(value: Fit) -> str:
-    """Show the fitted fields, the estimates, the predictive check, and what the model lacks."""
+    """Show the fitted fields, the estimates, the predictive check, and what the model is known to lack."""
     from vibroswarm.calibrate.fit import LACKS
 
     estimates = [
@@ -185,21 +203,28 @@ def _fit(value: Fit) -> str:
 
 @shows("calibrate.real_vs_simulated.Comparison")
 def _comparison(value: Comparison) -> str:
-    """Show how alike each feature is, and how well stretches are recognised as real or simulated."""
+    """Show how similar recordings and simulation are.
+
+    For each feature the view has the similarity and the energy distance of the two sources. A sentence says how well a
+    classifier recognises whether samples are recorded or simulated.
+    """
     from vibroswarm.calibrate.features import WORDS
 
-    alike = [
+    # Null and ceiling are computed from equal numbers of values of both sources; so the similarity is, too.
+    body = [
         [
-            WORDS[one.feature],
-            *(f"{part:.3f}" for part in (one.null, one.at_equal_counts, one.ceiling)),
-            f"{apart.effect.estimate:.3f} [{apart.effect.low:.3f}, {apart.effect.high:.3f}]",
+            WORDS[similarity.feature],
+            *(f"{part:.3f}" for part in (similarity.null, similarity.at_equal_counts, similarity.ceiling)),
+            f"{distance.effect.estimate:.3f} [{distance.effect.low:.3f}, {distance.effect.high:.3f}]",
         ]
-        for one, apart in zip(value.similarities, value.distances, strict=True)
+        for similarity, distance in zip(value.similarities, value.distances, strict=True)
     ]
+    # Balanced accuracy with which the classifier tells recordings from simulation; a stretch is a number of
+    # consecutive samples of one robot (``classifier.STRETCH``).
     share = value.classifier.simulated
     return card(
         "Recordings and simulation",
-        table(["feature", "null", "similarity", "ceiling", "energy distance"], alike),
+        table(["feature", "null", "similarity", "ceiling", "energy distance"], body),
         paragraph(
             "Similarity lies between null and ceiling; an energy distance of 0 means the same distribution. A "
             f"classifier recognises {share.estimate:.3f} [{share.low:.3f}, {share.high:.3f}] of the stretches as real "
@@ -211,11 +236,12 @@ def _comparison(value: Comparison) -> str:
 
 @shows("paper.reproduce.Reproduction")
 def _reproduction(value: Reproduction) -> str:
-    """Show the verdict on each claim, and what was skipped."""
+    """Show the verdict on each claim of the paper, and the items that were skipped."""
     from vibroswarm.paper.reproduction_report import claims_table
 
     decided = value.decided
     counts = Counter(one.verdict for one in decided)
+    # A column is a set of parameters of the paper; only columns with a verdict on some claim are shown.
     columns = [name for name in value.settings.columns if any(one.column == name for one in decided)]
     body = [
         [row["item"], row["says"], *(row[name] or "-" for name in columns)]
@@ -226,7 +252,7 @@ def _reproduction(value: Reproduction) -> str:
         "Reproduction",
         paragraph(f"{value.settings.runs:,} runs of each cell, seed {value.settings.seed}"),
         paragraph(", ".join(f"{count} {verdict}" for verdict, count in counts.most_common())),
-        table(["item", "claim", *columns], body, texts=2 + len(columns)),
+        table(["item", "claim", *columns], body, texts=2 + len(columns)),  # all columns are text
         paragraph(f"Skipped: {'; '.join(skipped)}") if skipped else "",
     )
 

@@ -1,4 +1,4 @@
-"""What a notebook shows of each public object: a title, its most important values, and pictures and pages in place."""
+"""Notebook views of public objects: HTML with a title, the most important values, pictures and whole pages."""
 
 from __future__ import annotations
 
@@ -39,19 +39,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PLAYER_PX: Final = 760
+"""Height of the frame with a run's page."""
 REPORT_PX: Final = 900
+"""Height of the frame with a report."""
 MOST_ROWS: Final = 20
-"""Robots, runs, cells and other rows that are listed."""
+"""Largest number of robots, runs, cells or other rows that are listed."""
 MOST_COLUMNS: Final = 12
+"""Largest number of columns that are listed."""
 MOST_LETTERS: Final = 80
-"""Of a text in a table."""
+"""Longest text in a table."""
 
 LAZY: Final = ("optimize", "league", "calibrate", "paper")
 """Packages that take long to import; their views are in ``lazy_views``."""
 
 
 def html_of(value: object) -> str:
-    """Return the view of an object as HTML; by default its values."""
+    """Return the view of an object of this package as HTML: that of its class, or else a table of its values."""
+    # The module of the class is "vibroswarm.PACKAGE...".
     if type(value).__module__.split(".")[1] in LAZY:
         from vibroswarm.notebook.lazy_views import lazy_view_of
 
@@ -62,13 +66,13 @@ def html_of(value: object) -> str:
 
 @singledispatch
 def view_of(value: object) -> str:
-    """Return the view of an object; one function for each class, registered below."""
+    """Return the view of an object; the functions below are registered for one class each."""
     return record(value)
 
 
 @view_of.register
 def _scenario(value: Scenario) -> str:
-    """Show what is simulated, and all fields of the sections that matter most."""
+    """Show the most important fields of a scenario, and all fields as TOML behind a click."""
     return card(
         "Scenario",
         rows(
@@ -95,16 +99,17 @@ def _floor(value: Floor) -> str:
 
 
 def _floor_image(floor: Floor) -> str:
+    """Return a picture of a floor as an image element."""
     with MATPLOTLIB_LOCK:
         return image(_png(floor_figure(floor.tiles)), "png", f"{floor!r}", 280)
 
 
 @view_of.register
 def _floor_design(value: FloorDesign) -> str:
-    """Show the floor and its measures."""
+    """Show a designed floor as a picture, with the measures of its difficulty."""
     measures = value.difficulty
     with MATPLOTLIB_LOCK:
-        picture = image(_png(floor_figure(value.tiles)), "png", value.words, 280)
+        picture = image(_png(floor_figure(value.tiles)), kind="png", words=value.words, width_px=280)
     numbers = {
         "fill ratio": f"{measures.fill_ratio:.3f} ({measures.ones} of {value.tiles.size} tiles)",
         "Moran index": f"{measures.moran_index:.3f}",
@@ -115,6 +120,7 @@ def _floor_design(value: FloorDesign) -> str:
 
 
 def _png(figure: Figure) -> bytes:
+    """Return a Matplotlib figure as PNG."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110)
     return stream.getvalue()
@@ -131,15 +137,17 @@ def _verdict(value: Verdict) -> str:
 
 
 def _verdict_parts(found: Verdict, posterior: str) -> list[str]:
-    """Return the headline and the table of robots.
+    """Return the headline, the confidence and the table of robots of a run as HTML elements.
 
     Args:
-        posterior: what the posterior's mean is: without the scenario it is not known whether it is an opinion.
+        found: outcome of the run.
+        posterior: heading of the column with the posterior mean: whether it is an estimate or an opinion depends on
+            the scenario, which a verdict does not contain.
     """
     heads = ("robot", "decision", "at, s", "confidence, %", f"{posterior} (95 %)", "own", "heard")
     parts = [paragraph(headline(found)), paragraph(confidence(found))]
     body = [robot_row(robot, found.answers) for robot in found.robots[:MOST_ROWS]]
-    parts.append(table(heads, body, texts=2))
+    parts.append(table(heads, body, texts=2))  # robot and decision are text
     if len(found.robots) > MOST_ROWS:
         parts.append(paragraph(f"The first {MOST_ROWS} of {len(found.robots)} robots."))
     return parts
@@ -147,7 +155,7 @@ def _verdict_parts(found: Verdict, posterior: str) -> list[str]:
 
 @view_of.register
 def _result(value: Result) -> str:
-    """Show verdict, picture and player of the first run, and the outcomes of all."""
+    """Show the outcomes of all runs, and verdict, picture and player of the first run."""
     if value.runs.is_empty():
         return card(type(value).__name__, paragraph(repr(value)))
     run = int(value.runs["run"][0])
@@ -159,15 +167,18 @@ def _result(value: Result) -> str:
     parts += [paragraph(OPINION_NOTE)] if opinions else []
     with MATPLOTLIB_LOCK:
         picture = _png(run_figure(value, run))
-    parts.append(image(picture, "png", f"Floor, paths and samples of run {run}", 520))
+    parts.append(image(picture, kind="png", words=f"Floor, paths and samples of run {run}", width_px=520))
     if value.segments is None:
         parts.append(paragraph("No player: simulate with segments=True to keep the paths."))
     else:
-        parts.append(page(page_html(record_of(value, run)), f"Replay of run {run}", PLAYER_PX))
+        parts.append(
+            page(page_html(record_of(value, run)), title=f"Replay of run {run}", height_px=PLAYER_PX)
+        )
     return card(type(value).__name__, *parts)
 
 
 def _runs_table(result: Result) -> str:
+    """Return a table with the outcomes of the first ``MOST_ROWS`` runs, and a note with the number of further runs."""
     names = ("run", "consensus", "consensus_time_s", "right", "wrong", "undecided")
     heads = ("run", "consensus", "at, s", "right", "wrong", "undecided")
     body = [
@@ -175,11 +186,12 @@ def _runs_table(result: Result) -> str:
         for row in result.runs.select(names).head(MOST_ROWS).iter_rows()
     ]
     left = result.runs.height - len(body)
+    # Run and consensus are text.
     return table(heads, body, texts=2) + (paragraph(f"... and {left:,} more runs") if left else "")
 
 
 def picture_image(value: Picture, width_px: int) -> str:
-    """Return a picture as an image element."""
+    """Return a picture as an image element of at most this width."""
     return image(picture_bytes(value.figure, "svg"), "svg+xml", value.caption, width_px)
 
 
@@ -190,7 +202,8 @@ def _picture(value: Picture) -> str:
 
 @view_of.register
 def _study(value: Study) -> str:
-    names = value.varied or ["strategy.name"]
+    """Show the first cells of a study, with their values of the fields that are varied."""
+    names = value.varied or ["strategy.name"]  # a study that varies nothing has one column, its cell's name
     body = [
         [cell.number, *(cell.words.get(name, cell.name) for name in names)]
         for cell in value.cells[:MOST_ROWS]
@@ -199,20 +212,21 @@ def _study(value: Study) -> str:
     return card(
         f"Study {shown(value.name)}" if value.name else "Study",
         paragraph(repr(value)),
-        table(["cell", *names], body, texts=1 + len(names)),
+        table(["cell", *names], body, texts=1 + len(names)),  # all columns are text
         paragraph(f"... and {left:,} more cells") if left else "",
     )
 
 
 @view_of.register
 def _study_result(value: StudyResult) -> str:
+    """Show the first cells of a study, with the number of runs that are wanted and saved."""
     cells = value.cells.select("cell", "name", "wanted", "there")
     body = cells.head(MOST_ROWS).rows()
     left = cells.height - len(body)
     return card(
         "Study result",
         paragraph(repr(value)),
-        table(["cell", "name", "runs wanted", "runs saved"], body, texts=2),
+        table(["cell", "name", "runs wanted", "runs saved"], body, texts=2),  # cell and name are text
         paragraph(f"... and {left:,} more cells") if left else "",
         paragraph("Next: .summary(), .compare(), .plot(), .report()"),
     )
@@ -235,26 +249,32 @@ def _field_names(value: FieldNames) -> str:
 
 
 def record(value: object) -> str:
-    """Show an object: the first line of its class's docstring, its values, and its tables and lists of objects."""
+    """Return the view of an object whose class has no view of its own.
+
+    It shows the first paragraph of the class's docstring, and the values of the public fields. A value that is a data
+    frame, or a list of objects of one class, is shown as a table below.
+    """
     values = public_values(value)
     tables = {name: content for name, content in values.items() if _is_table(content)}
     plain = {name: short_value(content) for name, content in values.items() if name not in tables}
-    parts = [paragraph(_first_line(value)), rows(plain) if plain else ""]
+    parts = [paragraph(_first_paragraph(value)), rows(plain) if plain else ""]
     for name, content in tables.items():
         parts += [paragraph(f"{name}:"), frame(_frame_of(content))]
     return card(type(value).__name__, *parts) if values else card(short_text(value), *parts)
 
 
-def _first_line(value: object) -> str:
-    """Return what the class says of itself; a dataclass without a docstring has its signature there."""
+def _first_paragraph(value: object) -> str:
+    """Return the first paragraph of the docstring of an object's class; empty if it has none."""
     text = (type(value).__doc__ or "").strip()
+    # Python gives a dataclass without a docstring its signature as one.
     if text.startswith(f"{type(value).__name__}("):
         return ""
+    # A reference to the module's docstring would be of no use in a notebook.
     return text.split("\n\n")[0].replace("``", "").replace(", see the head of this module", "")
 
 
 def _is_table(content: object) -> bool:
-    """Return whether values are shown as a table: a frame, or objects of one class."""
+    """Return whether a value is shown as a table: a data frame, or dataclass objects or named tuples of one class."""
     if isinstance(content, pl.DataFrame):
         return True
     if not isinstance(content, Sequence) or isinstance(content, str) or not content:
@@ -264,7 +284,10 @@ def _is_table(content: object) -> bool:
 
 
 def _frame_of(content: Any) -> pl.DataFrame:
-    """Tabulate objects of one class, their values as short texts."""
+    """Return a value as a data frame: a data frame as it is; a list as the first ``MOST_ROWS`` objects, one per row.
+
+    The columns of a list are the public fields of its objects, written as short texts.
+    """
     if isinstance(content, pl.DataFrame):
         return content
     listed = content[:MOST_ROWS]
@@ -275,27 +298,30 @@ def _frame_of(content: Any) -> pl.DataFrame:
 
 
 def frame(content: pl.DataFrame, names: Mapping[str, str] | None = None) -> str:
-    """Return the first rows of a frame as a table.
+    """Return the first ``MOST_ROWS`` rows of a data frame as an HTML table, and how many rows and columns it omits.
 
     Args:
-        names: columns to show with their headings; by default the first ones under their own names.
+        names: headings of the columns to show, by column; by default the first ``MOST_COLUMNS`` with their own names.
     """
-    shown = names or {name: name for name in content.columns[:MOST_COLUMNS]}
-    chosen = content.select(list(shown))
+    headings = names or {name: name for name in content.columns[:MOST_COLUMNS]}
+    chosen = content.select(list(headings))
+    # Columns before the first numeric one are aligned as text.
     texts = next(
         (place for place, kind in enumerate(chosen.dtypes) if kind.is_numeric()), len(chosen.columns)
     )
     body = [[_cell(value) for value in row] for row in chosen.head(MOST_ROWS).iter_rows()]
-    left = [f"{content.height - MOST_ROWS:,} more rows"] if content.height > MOST_ROWS else []
-    left += (
-        [f"{content.width - MOST_COLUMNS} more columns"] if not names and content.width > MOST_COLUMNS else []
-    )
-    return table(list(shown.values()), body, texts=texts) + (
+    left = []
+    if content.height > MOST_ROWS:
+        left.append(f"{content.height - MOST_ROWS:,} more rows")
+    if not names and content.width > MOST_COLUMNS:
+        left.append(f"{content.width - MOST_COLUMNS} more columns")
+    return table(list(headings.values()), body, texts=texts) + (
         paragraph(f"... and {', '.join(left)}") if left else ""
     )
 
 
 def _cell(value: Any) -> str:
+    """Write a value for a cell of a table: short, and a dash for None."""
     if value is None:
         return "-"
     return value[:MOST_LETTERS] if isinstance(value, str) else short_value(value)

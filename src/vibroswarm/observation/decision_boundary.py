@@ -2,18 +2,20 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| decision boundary | x | - | the question: does more than this share of the tiles vibrate? |
-| false positive, false negative | a, b | - | of the sensor, away from edges |
+| decision boundary | x | - | the robots' question is: does more than this share of the tiles vibrate? |
+| false positive, false negative | a, b | - | error rates of the sensor, away from edges |
 | share sensed | h(x) | - | probability that a sample at a uniformly random place in the arena senses vibration |
-| boundary of readings | q(x) | - | h (1 - b) + (1 - h) a; for a plain sensor on a tiled arena x (1 - b) + (1 - x) a |
-| assumed rates | a', b' | - | q = v (1 - b') + (1 - v) a', v = x times the tiled share of the arena |
+| boundary of readings | q(x) | - | h (1 - b) + (1 - h) a; x (1 - b) + (1 - x) a without edges, on a tiled arena |
+| assumed rates | a', b' | - | q = v (1 - b') + (1 - v) a', with v = x times the tiled share of the arena |
 
-With ``decision.boundary_of = "readings"`` (the study) robots test the share of ones against x itself, which asks the
-question of the tiles only where the errors balance at x. With "tiles" they test it against q(x).
+With ``decision.boundary_of = "readings"`` (the study) robots compare the share of ones among their readings with x
+itself. This answers the question only if the sensor's errors balance at x, so that q(x) = x. With "tiles" they compare
+the share of ones with q(x).
 
-h is a mean over random floors: floors of this grid, every choice of x N vibrating tiles among the N alike (between
-whole numbers of tiles the same formula is used). A place near edges senses the tile below it or the nearest tile of the
-other kind (``edge_response``), so that only the order of the tiles near it, by distance, matters.
+h is a mean over random floors with x N vibrating tiles among the N tiles of this grid; all choices of these tiles are
+equally probable. If x N is not a whole number, the same formula is used. Near an edge a sample senses the tile below it
+or the nearest tile of the other kind (``edge_response``). So the mean depends only on the order of the tiles near a
+place, sorted by distance. "Lanes" are the columns of tiles along x, and the rows of tiles, counted from below, along y.
 """
 
 from __future__ import annotations
@@ -34,30 +36,36 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import is_neutral_at_half_only
 
 GRID = 40
-"""Points along a tile's side at which sensing is averaged, or along each part of it that lies near an edge."""
+"""Number of points along a tile's side at which sensing is averaged. On a tile so large that its middle is out of reach
+of edges, it is the number along each of the two parts near an edge."""
 MAX_NEIGHBOURS = 400
-"""Limit on the tiles near one place in the mean over random floors."""
+"""Limit on the number of tiles near one place in the mean over random floors."""
 
 Geometry = tuple[int, int, float, float, float, float]
-"""``Floor.geometry``."""
+"""Rows, columns, tile width and height, left and bottom of a floor (m), as ``Floor.geometry``."""
 Size = tuple[float, float]
 """Width and height of the arena, m."""
 
 
 class SensedShares(NamedTuple):
-    """Shares of the arena's area: vibrating; vibrating and sensed as such; still but sensed as vibrating."""
+    """Shares of the arena's area."""
 
     vibrating: float
+    """Share on vibrating tiles."""
     detected: float
+    """Share on vibrating tiles that is sensed as vibrating."""
     spillover: float
+    """Share on still tiles or no tile that is sensed as vibrating."""
 
 
 def readings_boundary(scenario: Scenario) -> float:
-    """Return the share of ones that a robot's belief is about, in (0, 1).
+    """Return the share of ones that robots test their readings against, in (0, 1).
+
+    It is x if ``decision.boundary_of`` is "readings", and q(x) if it is "tiles".
 
     Raises:
-        InputError: ``boundary_of = "tiles"`` and error rates that sum to 1 or more; or soft feedback with a boundary
-            other than 1/2.
+        InputError: ``boundary_of`` is "tiles", and the assumed error rates sum to 1 or more, edges reach over too many
+            tiles, or the strategy's feedback needs a boundary of 1/2 and q(x) is not 1/2.
     """
     decision = scenario.decision
     x = decision.decision_boundary
@@ -76,32 +84,44 @@ def readings_boundary(scenario: Scenario) -> float:
 
 
 def expected_ones(scenario: Scenario, fill_ratio: float) -> float:
-    """Return q: the share of ones expected of random floors of this fill ratio, by the sensor's own rates.
+    """Return q: the share of ones expected on random floors of this fill ratio, by the sensor's true error rates.
 
+    Args:
+        scenario: its sensor, its grid of tiles and its arena are used.
     Raises:
-        InputError: edges that reach over too many tiles.
+        InputError: edges reach over too many tiles.
     """
     return _expected(scenario.sensor, geometry_of(scenario), _size(scenario), fill_ratio)
 
 
 def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
-    """Return the expected share of ones among samples at uniformly random places in an arena of this size (m)."""
-    false_alarm, miss = error_rates(sensor)
+    """Return the expected share of ones among samples at uniformly random places of an arena with this floor.
+
+    Args:
+        size: width and height of the arena, m.
+    """
+    # The bit is 1 if the place is sensed as vibrating and the bit is no false negative, or if the place is sensed as
+    # still and the bit is a false positive.
+    false_positive, false_negative = error_rates(sensor)
     sensed = sensed_shares_on(sensor, floor, size)
-    felt = sensed.detected + sensed.spillover
-    return felt * (1.0 - miss) + (1.0 - felt) * false_alarm
+    share = sensed.detected + sensed.spillover  # h of this floor
+    return share * (1.0 - false_negative) + (1.0 - share) * false_positive
 
 
 def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID) -> SensedShares:
-    """Return the sensed shares of an arena of this size (m) with one floor; ``grid``: points per tile side near
-    edges."""
+    """Return the shares of an arena's area that vibrate and that are sensed as vibrating, for one floor.
+
+    Args:
+        size: width and height of the arena, m. grid: number of points along a tile's side, as ``GRID``.
+    """
     rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
     tiled = tiled_share(floor.geometry, size)
     fill = floor.fill_ratio_within(*size)
     if not _edges(sensor):
-        return SensedShares(tiled * fill, tiled * fill, 0.0)
+        return SensedShares(vibrating=tiled * fill, detected=tiled * fill, spillover=0.0)
     reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
     within_m = abs(reach_m) + FAR * blur_m
+    # One floor has no symmetry, so all lanes need points of their own.
     x = _points(columns, width_m, left_m, size[0], within_m, grid, every=True)
     y = _points(rows, height_m, bottom_m, size[1], within_m, grid, every=True)
     detected, spillover = _sensed_areas(*x, *y, place_of(floor), floor.tiles.ravel(), reach_m, blur_m)
@@ -111,17 +131,22 @@ def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID)
 def mean_sensed_shares(
     sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float, grid: int = GRID
 ) -> SensedShares:
-    """Return the mean of ``sensed_shares_on`` over random floors of this grid and fill ratio.
+    """Return the mean shares of an arena's area that vibrate and are sensed so, over random floors of a fill ratio.
 
+    Args:
+        geometry: grid of the floors, as ``Floor.geometry``. size: width and height of the arena, m.
+        grid: number of points along a tile's side, as ``GRID``.
     Raises:
-        InputError: edges that reach over too many tiles.
+        InputError: edges reach over too many tiles.
     """
     rows, columns, width_m, height_m, left_m, bottom_m = geometry
     vibrating = tiled_share(geometry, size) * fill_ratio
     if not _edges(sensor):
-        return SensedShares(vibrating, vibrating, 0.0)
+        return SensedShares(vibrating, detected=vibrating, spillover=0.0)
     reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
     within_m = abs(reach_m) + FAR * blur_m
+    # Upper limit on the number of tiles that a square of side 2 within_m touches. The tiles within ``within_m`` of the
+    # square's middle are among them.
     neighbours = (2 * within_m / width_m + 2) * (2 * within_m / height_m + 2)
     if min(neighbours, rows * columns) > MAX_NEIGHBOURS:
         raise InputError(
@@ -139,42 +164,58 @@ def mean_sensed_shares(
 
 
 def tiled_share(geometry: Geometry, size: Size) -> float:
-    """Return the share of the arena's area (width and height in m, from 0, 0) that lies on tiles."""
+    """Return the share of the arena's area that lies on tiles.
+
+    Args:
+        geometry: as ``Floor.geometry``. size: width and height of the arena, m, whose lower left corner is (0, 0).
+    """
     rows, columns, tile_width, tile_height, left, bottom = geometry
     across = min(left + columns * tile_width, size[0]) - max(left, 0.0)
     up = min(bottom + rows * tile_height, size[1]) - max(bottom, 0.0)
+    # The limit is for rounding, which could give slightly more than 1.
     return min(max(across, 0.0) * max(up, 0.0) / (size[0] * size[1]), 1.0)
 
 
 def _expected_at(scenario: Scenario, x: float, given: tuple[float | None, float | None]) -> float:
-    """Return q(x) by the rates that robots assume.
+    """Return q(x), the boundary of readings, by the error rates that robots assume.
 
-    A rate that is not given is the sensor's, averaged over uniformly random places on floors at the boundary.
+    Args:
+        x: the decision boundary. given: assumed rates of false positives and of false negatives. None stands for the
+            sensor's own rate: the mean over uniformly random places on random floors of fill ratio x, which includes
+            the effect of edges.
+    Raises:
+        InputError: the rates sum to 1 or more, or edges reach over too many tiles.
     """
     sensor, size = scenario.sensor, _size(scenario)
     sensed = _mean_sensed_shares_cached(sensor, geometry_of(scenario), size, x)
     v = sensed.vibrating
-    a, b = error_rates(sensor)
+    a, b = error_rates(sensor)  # of false positives and of false negatives, away from edges
+    # Shares of the still and of the vibrating area that are sensed as vibrating. A kind without any area gets the share
+    # that it would have without edges.
     of_still = sensed.spillover / (1.0 - v) if v < 1.0 else 0.0
     of_vibrating = sensed.detected / v if v > 0.0 else 1.0
     positive, negative = given
+    # A place has the bit 1 if it is sensed as vibrating and is no false negative, or if it is sensed as still and is a
+    # false positive.
     if positive is None:
         positive = of_still * (1.0 - b) + (1.0 - of_still) * a
     if negative is None:
         negative = of_vibrating * b + (1.0 - of_vibrating) * (1.0 - a)
     if positive + negative >= 1.0:
         raise InputError(
-            f'"tiles" needs readings that tell: the rates of false positives ({positive:.3g}) and of false negatives '
-            f"({negative:.3g}) have to sum to less than 1; change sensor.rms_threshold, or the assumed rates",
+            '"tiles" needs readings that tell still from vibrating tiles: the rates of false positives '
+            f"({positive:.3g}) and of false negatives ({negative:.3g}) have to sum to less than 1; "
+            "change sensor.rms_threshold, or the assumed rates",
             field="decision.boundary_of",
         )
     return v * (1.0 - negative) + (1.0 - v) * positive
 
 
 def _expected(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float) -> float:
+    """Return q, the share of ones expected on random floors of this fill ratio, by the sensor's true error rates."""
     a, b = error_rates(sensor)
     sensed = _mean_sensed_shares_cached(sensor, geometry, size, fill_ratio)
-    share = sensed.detected + sensed.spillover
+    share = sensed.detected + sensed.spillover  # h
     return share * (1.0 - b) + (1.0 - share) * a
 
 
@@ -182,60 +223,76 @@ def _expected(sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float)
 def _mean_sensed_shares_cached(
     sensor: Sensor, geometry: Geometry, size: Size, fill_ratio: float
 ) -> SensedShares:
+    """Return ``mean_sensed_shares`` with the usual number of points, cached as its computation takes long."""
     return mean_sensed_shares(sensor, geometry, size, fill_ratio)
 
 
 def geometry_of(scenario: Scenario) -> Geometry:
-    """Return the rows, columns, tile size and position of a scenario's grid of tiles, m."""
+    """Return a scenario's grid of tiles: rows, columns, and tile width, tile height, left and bottom in m."""
     return _geometry(scenario.floor, scenario.arena)
 
 
 @lru_cache(maxsize=64)
 def _geometry(floor: FloorField, arena: Arena) -> Geometry:
+    """Return the geometry of the floor of seed 0 and run 0, which that of all runs equals."""
     return floor.placed_in(arena, 0, 0).geometry
 
 
 def _size(scenario: Scenario) -> Size:
+    """Return width and height of the arena, m."""
     return scenario.arena.width_m, scenario.arena.height_m
 
 
 def _edges(sensor: Sensor) -> bool:
+    """Return whether samples near edges may sense another tile than the one below."""
     return sensor.edge_reach_m is not None or sensor.edge_blur_m is not None
 
 
 Points = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]
-"""Coordinates along one side of the arena, m; the length that each represents, m; its lane of tiles, -1: none."""
+"""Points along one side of the arena, in three arrays: coordinate, m; the length that the point represents, m; the lane
+of tiles in which it lies, -1 beside the floor."""
 
 
 def _points(
     count: int, size_m: float, first_m: float, arena_m: float, within_m: float, grid: int, every: bool = False
 ) -> Points:
-    """Return midpoints along one side; lanes with equal surroundings are represented by one unless ``every``.
+    """Return the points along one side of the arena at which sensing is computed.
 
-    Lanes are counted from the lower end. Beyond ``within_m`` off the floor nothing is sensed, and there are no
-    points.
+    The points are midpoints of small intervals. Farther than ``within_m`` from the floor nothing is sensed, so no
+    points lie there.
+
+    Args:
+        count: number of lanes (columns along x, rows along y), which are counted from the lower end. size_m: width of a
+            lane. first_m: coordinate at which the first lane begins. arena_m: length of the arena's side. within_m:
+            distance up to which an edge is sensed. grid: number of points along a tile's side, as ``GRID``.
+        every: whether all lanes have points. If false, the inner lanes, from which the floor's outer edge is out of
+            reach, are represented by the first of them: in the mean over random floors they are all equal. The lengths
+            of its points are multiplied by the number of inner lanes.
     """
     reach_tiles = int(np.ceil(within_m / size_m))
     at: list[NDArray[np.float64]] = []
     length: list[NDArray[np.float64]] = []
     lane: list[NDArray[np.int64]] = []
-    alike: int | None = None
-    repeated = 1
+    inner: int | None = None  # position, in the three lists, of the lane that represents all inner lanes
+    inner_lanes = 1
     for number in range(count):
         low, high = first_m + number * size_m, first_m + (number + 1) * size_m
+        # fits: the lane lies inside the arena, up to rounding. A lane that does not has fewer points, and can neither
+        # represent other lanes nor be represented by one.
         fits = low >= -1e-12 * arena_m and high <= arena_m * (1 + 1e-12)
         if fits and not every and reach_tiles <= number < count - reach_tiles:
-            if alike is not None:
-                repeated += 1
+            if inner is not None:
+                inner_lanes += 1
                 continue
-            alike, repeated = len(at), 1
+            inner, inner_lanes = len(at), 1
         points = _within_lane(low, high, max(low, 0.0), min(high, arena_m), within_m, grid)
         at.append(points[0])
         length.append(points[1])
         lane.append(np.full(points[0].size, number))
-    if alike is not None:
-        length[alike] *= repeated
+    if inner is not None:
+        length[inner] *= inner_lanes
     end_m = first_m + count * size_m
+    # The borders of the arena beside the floor.
     for low, high in ((max(first_m - within_m, 0.0), first_m), (end_m, min(end_m + within_m, arena_m))):
         if high > low:
             at.append(_midpoints(low, high, grid))
@@ -247,17 +304,21 @@ def _points(
 def _within_lane(
     low: float, high: float, first: float, last: float, within_m: float, grid: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return midpoints of a lane from ``low`` to ``high``, clipped to ``first`` and ``last``, and their lengths.
+    """Return the points of a lane, and the length that each point represents, m; both empty if no part is in the arena.
 
-    Farther than ``within_m`` from both sides their edges are not sensed: one point represents all places there,
-    so that points are dense only where it matters, however large the tile.
+    Farther than ``within_m`` from both sides of the lane no edge is sensed, so one point represents all places there.
+
+    Args:
+        low, high: coordinates between which the lane lies, m. first, last: the same of the part of the lane that lies
+            in the arena, which alone has points. grid: number of points in a lane or, if its middle is out of reach of
+            edges, in each part near an edge.
     """
     if high - low > 2 * within_m:
         ends = (low, low + within_m, high - within_m, high)
         parts = [(ends[0], ends[1], grid), (ends[1], ends[2], 1), (ends[2], ends[3], grid)]
     else:
         parts = [(low, high, grid)]
-    at, length = [np.empty(0)], [np.empty(0)]
+    at, length = [np.empty(0)], [np.empty(0)]  # one empty part, so that there is something to concatenate
     for start, end, points in parts:
         start, end = max(start, first), min(end, last)
         if end > start:
@@ -267,6 +328,7 @@ def _within_lane(
 
 
 def _midpoints(low: float, high: float, grid: int) -> NDArray[np.float64]:
+    """Return the midpoints of ``grid`` equal parts of the interval from ``low`` to ``high``."""
     return low + (np.arange(grid) + 0.5) * (high - low) / grid
 
 
@@ -283,9 +345,12 @@ def _sensed_areas(
     reach_m: float,
     blur_m: float,
 ) -> tuple[float, float]:
-    """Return two areas, m2, that are sensed as vibrating: that which vibrates, and that which does not.
+    """Return two areas of one floor, m2: the vibrating area that is sensed as vibrating, and the other area sensed so.
 
-    ``lane`` counts rows from below.
+    Args:
+        x_m, x_length_m, column: the three arrays of ``Points`` along x; ``column`` holds the lanes.
+        y_m, y_length_m, lane: the same along y; ``lane`` counts rows from below, while ``tiles`` has the top row first.
+        place: grid and position of the floor. tiles: (tiles,) of 0 and 1. reach_m, blur_m: reach and blur of edges.
     """
     detected = spillover = 0.0
     for j in range(y_m.size):
@@ -316,28 +381,37 @@ def _mean_sensed_areas(
     blur_m: float,
     within_m: float,
 ) -> tuple[float, float]:
-    """Return the mean of ``_sensed_areas`` over all placements of ``vibrating`` tiles on the grid."""
+    """Return the mean of ``_sensed_areas`` over all placements of ``vibrating`` vibrating tiles on the grid.
+
+    Args:
+        x_m, x_length_m, column: the three arrays of ``Points`` along x; ``column`` holds the lanes.
+        y_m, y_length_m, lane: the same along y; ``lane`` counts rows from below. place: grid and position of the floor.
+        vibrating: number of vibrating tiles, which need not be whole. reach_m, blur_m: reach and blur of edges.
+        within_m: distance up to which an edge is sensed.
+    """
     tiles = float(place.rows * place.columns)
     detected = spillover = 0.0
     distance = np.empty(MAX_NEIGHBOURS)
     for j in range(y_m.size):
         for i in range(x_m.size):
             row = place.rows - 1 - lane[j] if lane[j] >= 0 else -1
-            on = column[i] >= 0 and row >= 0
-            distances = _distances(
+            on = column[i] >= 0 and row >= 0  # whether a tile is below
+            near = _distances(
                 x_m[i], y_m[j], row if on else -1, column[i] if on else -1, within_m, place, distance
             )
             area = x_length_m[i] * y_length_m[j]
-            # The tile below, if any, is not among the others.
+            # Number of tiles without the one below; the nearest of them that is of the other kind matters.
             other_tiles = tiles - 1.0 if on else tiles
             if on:
-                share = vibrating / tiles
-                inside = _nearest(
-                    distance, distances, other_tiles - (vibrating - 1.0), other_tiles, reach_m, blur_m, 1.0
-                )
+                share = vibrating / tiles  # probability that the tile below vibrates
+                # Number of still tiles among the other tiles, if the tile below vibrates.
+                still = other_tiles - (vibrating - 1.0)
+                inside = _mean_probability(distance, near, still, other_tiles, reach_m, blur_m, 1.0)
                 detected += area * share * inside
-                area *= 1.0 - share
-            spillover += area * _nearest(distance, distances, vibrating, other_tiles, reach_m, blur_m, -1.0)
+                area *= 1.0 - share  # the rest of the area counts for a still tile below
+            spillover += area * _mean_probability(
+                distance, near, vibrating, other_tiles, reach_m, blur_m, -1.0
+            )
     return detected, spillover
 
 
@@ -345,13 +419,20 @@ def _mean_sensed_areas(
 def _distances(
     x_m: float, y_m: float, row: int, column: int, within_m: float, place: Place, out: NDArray[np.float64]
 ) -> int:
-    """Fill in increasing distances to the tiles within ``within_m`` except (row, column); return their number."""
+    """Write the distances from a place to the tiles within ``within_m``, in increasing order; return their number.
+
+    Args:
+        row, column: of the tile below the place, which is left out; -1: no tile is below. place: grid and position of
+            the floor. out: (MAX_NEIGHBOURS,): overwritten from its beginning; ``mean_sensed_shares`` has checked that
+            it is long enough.
+    """
     count = 0
     first_column = max(int(np.floor((x_m - within_m - place.left_m) / place.width_m)), 0)
     last_column = min(int(np.floor((x_m + within_m - place.left_m) / place.width_m)), place.columns - 1)
     first_row = max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0)
     last_row = min(int(np.floor((place.top_m - y_m + within_m) / place.height_m)), place.rows - 1)
     for r in range(first_row, last_row + 1):
+        # up, across: distances to the tile along y and x, 0 where the point lies within the tile's row or column.
         above = y_m - (place.top_m - r * place.height_m)
         up = max(above, -place.height_m - above, 0.0)
         for c in range(first_column, last_column + 1):
@@ -360,7 +441,7 @@ def _distances(
             before = place.left_m + c * place.width_m - x_m
             across = max(before, -place.width_m - before, 0.0)
             d = np.sqrt(across * across + up * up)
-            if d <= within_m and count < out.size:
+            if d <= within_m and count < out.size:  # insert d so that ``out`` stays sorted
                 k = count
                 while k > 0 and out[k - 1] > d:
                     out[k] = out[k - 1]
@@ -371,27 +452,34 @@ def _distances(
 
 
 @inner
-def _nearest(
+def _mean_probability(
     distance: NDArray[np.float64],
     near: int,
-    of_kind: float,
+    other_kind: float,
     tiles: float,
     reach_m: float,
     blur_m: float,
     sign: float,
 ) -> float:
-    """Return the probability of sensing vibration at a place, averaged over the placements of tiles.
+    """Return the probability that a sample at a place senses vibration, averaged over the placements of tiles.
 
-    It depends on the nearest tile of the other kind than the place. If none of the ``near`` tiles is of that kind, it
-    is 1 on a vibrating tile and 0 elsewhere.
+    It depends on the distance of the nearest tile of the other kind, that is, of another kind than the tile below the
+    place (a place on no tile counts as still). If no tile near the place is of the other kind, the probability is 1 on
+    a vibrating tile, else 0.
 
     Args:
-        distance: increasing distances to tiles, m, of which the first ``near`` count.
-        of_kind: how many of ``tiles`` tiles are of the other kind. sign: 1 on a vibrating tile, -1 elsewhere.
+        distance: increasing distances from the place to the tiles near it, m; only the first ``near`` entries are used.
+        near: number of tiles near the place. other_kind: number of tiles of the other kind among ``tiles`` tiles, which
+            are all tiles except the one below. reach_m, blur_m: reach and blur of edges. sign: 1 if a vibrating tile is
+            below the place, else -1.
     """
-    total, none_before = 0.0, 1.0
+    total, none_before = 0.0, 1.0  # none_before: probability that no nearer tile is of the other kind
     for k in range(near):
-        is_of_kind = min(max(of_kind / (tiles - k), 0.0), 1.0) if tiles > k else 0.0
-        total += none_before * is_of_kind * share_past(reach_m + sign * distance[k], blur_m)
-        none_before *= 1.0 - is_of_kind
+        # is_other: probability that this tile is of the other kind if the k nearer tiles are not: all ``other_kind``
+        # tiles are then among the other ``tiles - k`` tiles. ``other_kind`` need not be whole and may exceed that
+        # number, so the quotient is limited to 1; the limit 0 is for rounding.
+        is_other = min(max(other_kind / (tiles - k), 0.0), 1.0) if tiles > k else 0.0
+        total += none_before * is_other * share_past(reach_m + sign * distance[k], blur_m)
+        none_before *= 1.0 - is_other
+    # none_before: now the probability that no tile near the place is of the other kind
     return total + (none_before if sign > 0.0 else 0.0)

@@ -2,16 +2,18 @@
 
 | name | symbol | unit | shape | equation |
 |---|---|---|---|---|
-| distance to the edge | d | m | scalar | to the nearest vibrating tile; on one: minus that to the nearest still tile |
-| sensed as vibrating | - | 0, 1 | scalar | v < Phi((reach - d) / blur), v a uniform number of the sample's own |
-| factor | c | - | (rows,) | exp(s z - s^2 / 2) of the tile sensed, times that of the robot |
+| distance to the edge | d | m | scalar | to the nearest vibrating tile; on one: minus that to the nearest still one |
+| sensed as vibrating | - | 0, 1 | scalar | v < Phi((reach - d) / blur), with v a uniform number of this sample |
+| factor | c | - | (rows,) | exp(s z - s^2 / 2) of the tile sensed, times that of the robot; z standard normal |
 
-A sample near an edge senses the tile below or the nearest one of the other kind, never a mixture of both. What the
-recordings show: on still tiles within 10 mm of a vibrating one energies are those of either kind, not in between.
-The floor's outer edge is none: seen from within, there is nothing beyond it.
+A sample near an edge senses the tile below or the nearest tile of the other kind, never a mixture of both: in the
+recordings, energies on still tiles within 10 mm of a vibrating tile are those of one kind or the other, not in between.
+Only edges between tiles count, not the floor's outer edge. A place on no tile counts as still; its tile has index -1.
+In the functions a sample's place is (``x_m``, ``y_m``), ``place`` is the position of the floor and of its grid, and
+``tiles`` holds the kinds of its tiles (1 vibrating, 0 still), row by row from the top.
 
-The edges of preset `calibrated` were fitted to tiles of one size; on smaller ones they are an extrapolation, of which
-``edge_warnings`` warns.
+The edges of preset `calibrated` were fitted to tiles of one size. On smaller tiles they are an extrapolation, and
+``edge_warnings`` says so.
 """
 
 from __future__ import annotations
@@ -32,51 +34,65 @@ from vibroswarm.scenario.fields import FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario, preset
 
 FAR = 6.0
-"""Number of blurs beyond the reach from which an edge is not sensed at all (one sample in 10^9)."""
+"""An edge is taken not to be sensed from farther than its reach plus FAR blurs: one sample in 10^9 would sense it."""
 CLEAR: Final = 2.4
+"""Distance from an edge, in blurs, beyond which most samples sense the nearer side."""
 CLEAR_SHARE: Final = 0.0083
-"""This many blurs from its middle, all but this share of samples sense the same side: Phi(-2.4) = 0.0082."""
+"""At more than CLEAR blurs from the place where half of the samples sense vibration, at most CLEAR_SHARE of the samples
+sense the farther side: Phi(-2.4) = 0.0082."""
 
 
 class Place(NamedTuple):
-    """Position of a floor; lengths in m."""
+    """Grid and position of a floor."""
 
     rows: int
+    """Number of rows of tiles."""
     columns: int
+    """Number of columns of tiles."""
     width_m: float
+    """Width of a tile."""
     height_m: float
+    """Height of a tile."""
     left_m: float
+    """Left end of the floor."""
     top_m: float
+    """Upper end of the floor."""
 
 
 def place_of(floor: Floor) -> Place:
-    """Return the position of a floor."""
+    """Return the grid and the position of a floor in the form that kernels use."""
     rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
     return Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
 
 
 class Response(NamedTuple):
-    """Sensor response, as the kernels read it.
-
-    Args:
-        edges: whether edges matter; reach_m and blur_m how. first: (runs,), where each run's rows begin in factors
-            (rows,) and shares_below (rows, 2), F(theta_E) of still and of vibrating tiles. Rows of a run: robots (or
-            one for all) by no tile and each tile (or one for all).
-    """
+    """Response of the sensors to edges, and the factors of their energies, as the kernels read it."""
 
     edges: bool
+    """Whether edges matter."""
     reach_m: float
+    """Distance outside a vibrating tile at which half of the samples sense vibration, m (negative: inside the tile)."""
     blur_m: float
+    """Standard deviation of the transition at an edge, m."""
     robots_differ: bool
+    """Whether each robot has rows of its own in ``factors`` and ``shares_below``; if not, all use the same rows."""
     first: NDArray[np.int64]
+    """(runs,): index of each run's first row in ``factors``."""
     per_robot: NDArray[np.int64]
+    """(runs,): number of rows of each robot: one for places on no tile and then one for each tile; a single row if
+    tiles do not differ."""
     factors: NDArray[np.float64]
+    """(rows,): factors of the energy."""
     shares_below: NDArray[np.float64]
+    """(rows, 2): F(theta_E) on still and on vibrating tiles, with energies multiplied by the row's factor."""
 
 
 @kernel
 def tile_below(x_m: float, y_m: float, place: Place) -> int:
-    """Return the index of the tile under a point; -1 if there is none (as ``Floor.tile_at``, with the top edge)."""
+    """Return the index of the tile under a point; -1 if no tile is there.
+
+    A point on the edge between two tiles belongs to the tile on the right, or to the lower one.
+    """
     column = np.floor((x_m - place.left_m) / place.width_m)
     row = np.floor((place.top_m - y_m) / place.height_m)
     if column >= 0 and row >= 0 and column < place.columns and row < place.rows:
@@ -89,13 +105,20 @@ def tile_below(x_m: float, y_m: float, place: Place) -> int:
 def nearest_of_kind(
     x_m: float, y_m: float, kind: int, within_m: float, place: Place, tiles: NDArray[np.uint8]
 ) -> tuple[int, float]:
-    """Return the nearest tile of this kind and its distance, m; (-1, inf) if none is ``within_m``."""
+    """Return the index of the tile of a kind that is nearest to a point, and its distance from the point, m.
+
+    Args:
+        kind: 1 vibrating, 0 still. within_m: distance up to which tiles are searched. tiles: (tiles,) of 0 and 1.
+    Returns: (-1, inf) if there is no tile of this kind within ``within_m``.
+    """
     best, tile = np.inf, -1
+    # Columns and rows that a square around the point touches, limited to the floor.
     first_column = max(int(np.floor((x_m - within_m - place.left_m) / place.width_m)), 0)
     last_column = min(int(np.floor((x_m + within_m - place.left_m) / place.width_m)), place.columns - 1)
     first_row = max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0)
     last_row = min(int(np.floor((place.top_m - y_m + within_m) / place.height_m)), place.rows - 1)
     for row in range(first_row, last_row + 1):
+        # up, across: distances to the tile along y and x, 0 where the point lies within the tile's row or column.
         above = y_m - (place.top_m - row * place.height_m)
         up = max(above, -place.height_m - above, 0.0)
         for column in range(first_column, last_column + 1):
@@ -113,8 +136,14 @@ def nearest_of_kind(
 def vibration_probability(
     x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], reach_m: float, blur_m: float
 ) -> tuple[float, int]:
-    """Return the probability that a sample here senses vibration, and the nearest tile of the other kind (-1: none
-    near)."""
+    """Return the probability that a sample at a point senses vibration, and the tile beyond the nearest edge.
+
+    Args:
+        at: index of the tile below, -1: none. place, tiles: position and tiles of the floor. reach_m, blur_m: reach and
+            blur of edges (``Response``).
+    Returns: the probability; the index of the nearest tile of the other kind than the tile below, or -1 if no such tile
+        is near enough to be sensed.
+    """
     past_m, edge_tile = past_edge(x_m, y_m, at, place, tiles, reach_m, blur_m)
     if edge_tile < 0:
         return (1.0 if at >= 0 and tiles[at] == 1 else 0.0), edge_tile
@@ -125,9 +154,16 @@ def vibration_probability(
 def past_edge(
     x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], reach_m: float, blur_m: float
 ) -> tuple[float, int]:
-    """Return how far a sample lies within the vibrating region as sensed, m, and the nearest tile of the other kind.
+    """Return how far a point lies inside the region that is mostly sensed as vibrating, and the tile beyond the edge.
 
-    The distance is negative outside that region. If no tile of the other kind is near, it is infinite and the tile -1.
+    This region consists of the vibrating tiles, grown by ``reach_m`` on all sides (shrunk if it is negative).
+
+    Args:
+        at: index of the tile below, -1: none. place, tiles: position and tiles of the floor. reach_m, blur_m: reach and
+            blur of edges (``Response``).
+    Returns: the distance from the region's border, m, negative outside the region; the index of the nearest tile of the
+        other kind than the tile below. If no such tile is near enough to be sensed, the results are inf on a vibrating
+        tile or -inf elsewhere, and -1.
     """
     on_vibrating = at >= 0 and tiles[at] == 1
     within_m = abs(reach_m) + FAR * blur_m
@@ -137,7 +173,12 @@ def past_edge(
 
 @kernel
 def share_past(past_m: float, blur_m: float) -> float:
-    """Return the probability that a sample this far past the middle of an edge senses vibration."""
+    """Return the probability that a sample senses vibration: Phi(past_m / blur_m).
+
+    Args:
+        past_m: how far the sample lies inside the region that is mostly sensed as vibrating, m; negative outside.
+        blur_m: blur of edges, m; 0: the transition is sharp.
+    """
     if blur_m > 0.0:
         return 0.5 * math.erfc(-past_m / blur_m * math.sqrt(0.5))
     return 1.0 if past_m > 0.0 else 0.0
@@ -148,51 +189,69 @@ def sensed_tile(
     x_m: float, y_m: float, at: int, place: Place, tiles: NDArray[np.uint8], response: Response,
     seed: int, run: int, robot: int, sample: int,
 ) -> int:  # fmt: skip
-    """Return the tile that a sample senses: the one below (``at``) or, near an edge, the nearest of the other
-    kind."""
+    """Return the index of the tile that a sample senses: the one below or, near an edge, the nearest of the other kind.
+
+    Args:
+        at: index of the tile below, -1: none. place, tiles: position and tiles of the floor. response: of the sensors.
+        seed, run, robot, sample: address of the sample's random numbers.
+    """
     if not response.edges:
         return at
     past_m, edge_tile = past_edge(x_m, y_m, at, place, tiles, response.reach_m, response.blur_m)
     if edge_tile < 0:
         return at
     u = uniform(seed, run, robot, SENSING, sample, OF_EDGE)
-    # Far from the edge nearly all draws can do without the error function.
+    # For speed: this far inside the region that is mostly sensed as vibrating, the probability is above
+    # 1 - CLEAR_SHARE; this far outside it is below CLEAR_SHARE. If u lies between these two, u is below the probability
+    # exactly if the sample is inside, so the probability need not be computed.
     if abs(past_m) > CLEAR * response.blur_m and CLEAR_SHARE < u < 1.0 - CLEAR_SHARE:
         vibrates = past_m > 0.0
     else:
         vibrates = u < share_past(past_m, response.blur_m)
+    # ``edge_tile`` is of the other kind than the tile below.
     return at if vibrates == (at >= 0 and tiles[at] == 1) else edge_tile
 
 
 @kernel
 def factor_row(response: Response, r: int, robot: int, sensed: int) -> int:
-    """Return the row of factors and shares of a robot on a tile in the r-th run."""
+    """Return the index of the row of ``response.factors`` and ``shares_below`` that a sample uses.
+
+    Args:
+        r: index of the run in ``response.first``. robot: number of the robot. sensed: index of the tile that is sensed,
+            -1: none.
+    """
     row: int = response.first[r]
-    if response.robots_differ:
+    if response.robots_differ:  # each robot has a block of rows
         row += robot * response.per_robot[r]
-    if response.per_robot[r] > 1:
+    if response.per_robot[r] > 1:  # tiles differ; the first row of a block is that of no tile, -1
         row += sensed + 1
     return row
 
 
 def factors_differ(sensor: Sensor) -> bool:
-    """Return whether tiles or robots have factors of their own."""
+    """Return whether tiles or robots have factors of their own; if not, all factors are 1."""
     return sensor.tile_spread is not None or sensor.robot_spread is not None
 
 
 def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: Sequence[int]) -> Response:
-    """Return the sensor response in these runs; ``tiles``: number of tiles of each run's floor."""
+    """Return the response of the sensors in some runs.
+
+    Args:
+        runs: (runs,): the run numbers. tiles: number of tiles of each run's floor, in the order of ``runs``.
+    """
     sensor = scenario.sensor
     count = len(tiles)
-    if not factors_differ(sensor):
+    if not factors_differ(sensor):  # one row, with factor 1, for all runs, robots and tiles
         first, per_robot, factors = np.zeros(count, np.int64), np.ones(count, np.int64), np.ones(1)
         shares = np.array([[share_below(sensor, False), share_below(sensor, True)]])
     else:
-        rows = []
-        for run, size in zip(runs.tolist(), tiles, strict=True):
-            rows.append(_factors(scenario, seed, run, size))
-        factors = np.concatenate(rows) if rows else np.ones(1)
-        first = np.cumsum([0, *(len(row) for row in rows)])[:count]
+        factors_of_runs = [
+            _factors(scenario, seed, run, size) for run, size in zip(runs.tolist(), tiles, strict=True)
+        ]
+        factors = np.concatenate(factors_of_runs) if factors_of_runs else np.ones(1)
+        # Index of each run's first row: the number of rows of all runs before it.
+        first = np.cumsum([0, *(len(of_run) for of_run in factors_of_runs)])[:count]
+        # If tiles differ, a robot has one row for places on no tile and one for each tile.
         per_robot = np.array([size + 1 if sensor.tile_spread else 1 for size in tiles], dtype=np.int64)
         shares = np.column_stack([shares_below(sensor, kind, factors) for kind in (False, True)])
     return Response(
@@ -208,11 +267,20 @@ def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: S
 
 
 def _factors(scenario: Scenario, seed: int, run: int, tiles: int) -> NDArray[np.float64]:
-    """Return the factors of a run: robots (or one) x no tile and tiles (or one), flattened."""
+    """Return the factors of a run, flattened, in the order of ``Response.factors``.
+
+    There is a block for each robot, or a single block if robots do not differ. A block has the factor of places on no
+    tile, which is the robot's own, and then a factor for each tile; if tiles do not differ, it has the first one only.
+
+    Args:
+        tiles: number of tiles of the run's floor.
+    """
     sensor = scenario.sensor
     of_tile, of_robot = np.ones(1), np.ones(1)
     if sensor.tile_spread is not None:
+        # If all runs have the same floor, its tiles have the same factors in all runs: those of run 0.
         number = run if scenario.floor.redraw == "run" else 0
+        # 1.0 is the factor of places on no tile.
         of_tile = np.append(1.0, _log_normal(factor_numbers(seed, number, tiles, False), sensor.tile_spread))
     if sensor.robot_spread is not None:
         of_robot = _log_normal(factor_numbers(seed, run, scenario.swarm.robots, True), sensor.robot_spread)
@@ -220,13 +288,18 @@ def _factors(scenario: Scenario, seed: int, run: int, tiles: int) -> NDArray[np.
 
 
 def _log_normal(u: NDArray[np.float64], spread: float) -> NDArray[np.float64]:
+    """Return the quantiles ``u`` of a log-normal distribution of mean 1.
+
+    Args:
+        u: in (0, 1). spread: standard deviation of the logarithm.
+    """
     from scipy.special import ndtri
 
     return np.asarray(np.exp(spread * ndtri(u) - 0.5 * spread**2))
 
 
 def factor_numbers(seed: int, run: int, count: int, robots: bool) -> NDArray[np.float64]:
-    """Return the uniform numbers of the factors of ``count`` robots or tiles."""
+    """Return the uniform numbers from which factors of robots (``robots`` true) or tiles are drawn, (count,)."""
     out = np.empty(count)
     _fill_factor_numbers(seed, run, robots, out)
     return out
@@ -234,6 +307,7 @@ def factor_numbers(seed: int, run: int, count: int, robots: bool) -> NDArray[np.
 
 @kernel
 def _fill_factor_numbers(seed: int, run: int, robots: bool, out: NDArray[np.float64]) -> None:
+    """Write the numbers of ``factor_numbers`` to ``out``; k is the robot's or the tile's number in their addresses."""
     for k in range(out.size):
         robot, tile = (k, 0) if robots else (0, k)
         out[k] = uniform(seed, run, robot, HARDWARE, tile, OF_SENSOR if robots else OF_TILE)
@@ -244,10 +318,11 @@ FITTED_ON_M: Final = 0.2
 
 
 def edge_warnings(scenario: Scenario) -> list[str]:
-    """Return a warning if the scenario has the fitted edges on tiles smaller than ``FITTED_ON_M``."""
+    """Return a list with a warning if edges as fitted to the recordings are used on smaller tiles; else no warning."""
     if not _has_fitted_edges(scenario.sensor):
         return []
     side_m = shorter_side_m(scenario.floor, scenario.arena.width_m, scenario.arena.height_m)
+    # 1e-9: a side that is computed from the arena's size may be rounded down.
     if side_m >= FITTED_ON_M * (1.0 - 1e-9):
         return []
     reach_mm = 1000.0 * (scenario.sensor.edge_reach_m or 0.0)
@@ -258,13 +333,18 @@ def edge_warnings(scenario: Scenario) -> list[str]:
 
 
 def shorter_side_m(floor: FloorField, width_m: float, height_m: float) -> float:
-    """Return the shorter side of a tile, m, in an arena of this size."""
-    tiles, _ = floor.tiles_for(0, 0)
+    """Return the shorter side of a tile, m.
+
+    Args:
+        width_m, height_m: size of the arena, which the tiles fill in a direction in which their size is not given.
+    """
+    tiles, _ = floor.tiles_for(0, 0)  # seed 0, run 0: random floors of all runs have the same size
     rows, columns = tiles.shape
     return min(floor.tile_width_m or width_m / columns, floor.tile_height_m or height_m / rows)
 
 
 @cache
 def _has_fitted_edges(sensor: Sensor) -> bool:
+    """Return whether edges have the reach and the blur of preset `calibrated`, which were fitted to recordings."""
     fitted = preset("calibrated").sensor
     return (sensor.edge_reach_m, sensor.edge_blur_m) == (fitted.edge_reach_m, fitted.edge_blur_m)

@@ -1,16 +1,17 @@
-"""Distributions of energies on still and on vibrating tiles: quantiles, error rates, and what an energy says of a tile.
+"""Distributions of energies on still and on vibrating tiles: quantiles, error rates, log likelihood ratios.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| share below | F(theta_E) | - | of the kind's distribution |
+| share below | F(theta_E) | - | probability of an energy of at most theta_E on a tile of one kind |
 | false positive, false negative | - | - | 1 - F_still(theta_E), F_vibrating(theta_E) |
-| factor | c | - | E = c G; E > theta_E if G > theta_E / c; log-normal of mean 1 |
-| density | f(E) | - | of the kind's Gamma law; a mean over factors of tiles and robots if these differ |
-| log ratio | L | - | ln f_vibrating(E) - ln f_still(E), cut off at +- ``MOST`` |
-| of measured energies | L | - | ln of shares of both kinds in a bin of E, half an energy added to each bin and kind |
+| factor | c | - | E = c G, with G of the kind's distribution; so E > theta_E if G > theta_E / c; log-normal of mean 1 |
+| density | f(E) | - | density of the kind's Gamma law; a mean over factors of tiles and robots if these differ |
+| log ratio | L | - | ln f_vibrating(E) - ln f_still(E), limited to +- ``MOST`` |
+| log ratio, measured energies | L | - | ln of the ratio of the kinds' shares in a bin of E, 0.5 added to each count |
 
-Near edges a sample senses the law of one kind or the other, never a mixture, so that L is the same there. What a failed
-sensor reads is a bit alone: where the bit is not that of the energy, L is what the bit says by the error rates.
+A sensor either has Gamma laws or draws from measured energies (``sensor.model = "energies"``). Near edges a sample has
+an energy of one kind or the other, never a mixture, so L is the same there. A faulty sensor changes only the bit. If
+a fault has changed the bit, so that it contradicts the energy, L is the log ratio of the bit, by the error rates.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from vibroswarm.scenario.fields import Sensor
 
 
 def share_below(sensor: Sensor, vibrating: bool) -> float:
-    """Return F(theta_E): the probability that a tile of this kind reads as still."""
+    """Return F(theta_E), the probability of the bit 0, on a vibrating tile (``vibrating`` true) or on a still tile."""
     if sensor.model == "energies":
         energies = np.sort(measured_of(sensor, vibrating))
         return float(np.searchsorted(energies, sensor.rms_threshold, side="right")) / energies.size
@@ -35,16 +36,17 @@ def share_below(sensor: Sensor, vibrating: bool) -> float:
 
 @lru_cache(maxsize=64)
 def _gamma_below(threshold: float, shape: float, scale: float, location: float) -> float:
+    """Return the probability that a shifted Gamma law gives at most ``threshold``."""
     from scipy.special import gammainc
 
     return float(gammainc(shape, max(threshold - location, 0.0) / scale))
 
 
 def error_rates(sensor: Sensor) -> tuple[float, float]:
-    """Return (false positive, false negative): still tiles that read as vibrating, and vice versa.
+    """Return the probabilities that a still tile reads as vibrating, and that a vibrating tile reads as still.
 
-    If tiles or robots differ, these are means over all of them. They hold away from edges, whatever
-    ``sensor.edge_reach_m``: the effect of edges depends on the floor (``decision_boundary.sensed_shares_on``).
+    If tiles or robots differ, the rates are means over the distributions of their factors. They do not include the
+    effect of edges, which depends on the floor (``decision_boundary.sensed_shares_on``).
     """
     if sensor.tile_spread is None and sensor.robot_spread is None:
         return 1.0 - share_below(sensor, False), share_below(sensor, True)
@@ -54,8 +56,13 @@ def error_rates(sensor: Sensor) -> tuple[float, float]:
 
 
 def shares_below(sensor: Sensor, vibrating: bool, factors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return ``share_below`` with energies multiplied by these factors (above 0), shape as ``factors``."""
-    thresholds = sensor.rms_threshold / factors
+    """Return F(theta_E), the probability of the bit 0, for energies that are multiplied by each of these factors.
+
+    Args:
+        vibrating: whether on vibrating tiles, else on still ones. factors: above 0, of any shape; the result has the
+            same shape.
+    """
+    thresholds = sensor.rms_threshold / factors  # c G <= theta_E is G <= theta_E / c
     if sensor.model == "energies":
         energies = np.sort(measured_of(sensor, vibrating))
         return np.asarray(np.searchsorted(energies, thresholds, side="right") / energies.size)
@@ -66,9 +73,10 @@ def shares_below(sensor: Sensor, vibrating: bool, factors: NDArray[np.float64]) 
 
 
 def energy_of(sensor: Sensor, vibrating: bool, u: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the energies at quantiles ``u`` on a tile of this kind, shape as ``u``."""
+    """Return the energies at the quantiles ``u`` (in (0, 1)) on a vibrating or a still tile, in the shape of ``u``."""
     if sensor.model == "energies":
         energies = np.sort(measured_of(sensor, vibrating))
+        # Of n sorted energies, the quantile u is the one with index floor(u n).
         return energies[(u * energies.size).astype(np.int64)].astype(np.float32)
     from scipy.special import gammaincinv
 
@@ -82,7 +90,12 @@ def energies_of(
     u: NDArray[np.float64],
     factors: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float32]:
-    """Return ``energy_of`` for places of both kinds, multiplied by ``factors`` if given, shape as ``u``."""
+    """Return the energy of each sample, (samples,): the quantile of its uniform number on its kind of tile.
+
+    Args:
+        vibrating: (samples,): whether the sensed tile vibrates. u: (samples,): uniform numbers in (0, 1). factors:
+            (samples,): factors of the energies; None: all 1.
+    """
     energy = np.empty(u.size, dtype=np.float32)
     for kind in (False, True):
         energy[vibrating == kind] = energy_of(sensor, kind, u[vibrating == kind])
@@ -90,61 +103,74 @@ def energies_of(
 
 
 def gamma_of(sensor: Sensor, vibrating: bool) -> tuple[float, float, float]:
-    """Return shape, scale and location of the Gamma law of a kind of tile."""
+    """Return shape, scale and location of the Gamma law of vibrating or of still tiles."""
     if vibrating:
         return sensor.vibrating_shape, sensor.vibrating_scale, sensor.vibrating_location
     return sensor.still_shape, sensor.still_scale, sensor.still_location
 
 
 def measured_of(sensor: Sensor, vibrating: bool) -> NDArray[np.float64]:
-    """Return the measured energies of a kind of tile, if the sensor draws from these."""
+    """Return the measured energies of vibrating or of still tiles, for a sensor that draws from measured energies."""
     values = sensor.vibrating_energies if vibrating else sensor.still_energies
     assert values is not None, "checked by Scenario"
     return np.asarray(values, dtype=np.float64)
 
 
 NODES = 33
+"""Number of nodes of the Gauss-Hermite quadrature over factors."""
 
 
 def typical_factors(sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return factors of tile and robot together, and weights, for means over all of them (Gauss-Hermite)."""
+    """Return factors and weights, (NODES,) each, for means over all tiles and robots (Gauss-Hermite quadrature).
+
+    The mean of a function of the factor is the sum of weight times the function's value at the factor. A factor is the
+    product of a tile's and a robot's own, which have mean 1.
+    """
+    # The logarithms of a tile's and a robot's factor are normal, so their variances add up.
     spread = math.hypot(sensor.tile_spread or 0.0, sensor.robot_spread or 0.0)
     nodes, weights = _nodes()
+    # The term -spread^2 / 2 gives the log-normal distribution mean 1. The weights are scaled to a sum of 1.
     return np.exp(spread * nodes - 0.5 * spread**2), weights / weights.sum()
 
 
 @cache
 def _nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return nodes and weights of Gauss-Hermite, (NODES,) each."""
+    """Return nodes and weights of Gauss-Hermite quadrature for a standard normal weight function, (NODES,) each."""
     return np.polynomial.hermite_e.hermegauss(NODES)
 
 
 MOST: Final = 8.0
-"""No energy says more than this."""
+"""Limit on the absolute value of L, so that no single energy can decide alone."""
 BINS: Final = 16
-"""Bins of measured energies, of equal numbers of both kinds together."""
+"""Number of bins of measured energies. Each bin holds the same number of energies, counting both kinds together."""
 
 
 def log_ratios(
     sensor: Sensor, observation: NDArray[np.uint8], energy: NDArray[np.float32]
 ) -> NDArray[np.float64]:
-    """Return L of each sample, (samples,), from its energy; from its bit if the energy would give the other bit.
+    """Return the log ratio L of each sample, (samples,): L of its energy or, if a fault changed the bit, L of its bit.
 
     Args:
-        observation, energy: (samples,): its bit and its energy.
+        observation, energy: (samples,): bit and energy of each sample. The bit contradicts the energy (it is not 1
+            exactly for energies above the threshold) only if a fault changed it.
     """
-    found = _of_energies(sensor, energy.astype(np.float64))
+    of_energy = _of_energies(sensor, energy.astype(np.float64))
+    # Error rates of exactly 0 or 1 would give infinite ratios.
     positive, negative = (min(max(rate, 1e-6), 1.0 - 1e-6) for rate in error_rates(sensor))
     of_bit = np.where(
         observation == 1, math.log((1.0 - negative) / positive), math.log(negative / (1.0 - positive))
     )
-    read = (energy > np.float32(sensor.rms_threshold)).astype(np.uint8)
-    return np.clip(np.where(read == observation, found, of_bit), -MOST, MOST)
+    # The bit that this energy gives without a fault, compared in the precision of the table.
+    without_fault = (energy > np.float32(sensor.rms_threshold)).astype(np.uint8)
+    return np.clip(np.where(without_fault == observation, of_energy, of_bit), -MOST, MOST)
 
 
 def _of_energies(sensor: Sensor, energy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return L of energies, not cut off."""
-    factors, weights = np.ones(1), np.ones(1)
+    """Return L of each energy; infinite values become +-``MOST``. The caller limits finite values.
+
+    L is 0 for an energy whose density is 0 on both kinds of tile.
+    """
+    factors, weights = np.ones(1), np.ones(1)  # a single factor, 1, if tiles and robots do not differ
     if sensor.tile_spread is not None or sensor.robot_spread is not None:
         factors, weights = typical_factors(sensor)
     if sensor.model == "energies":
@@ -152,7 +178,7 @@ def _of_energies(sensor: Sensor, energy: NDArray[np.float64]) -> NDArray[np.floa
     still, vibrating = (
         _log_density(gamma_of(sensor, kind), energy, factors, weights) for kind in (False, True)
     )
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore"):  # where both densities are 0, -inf - -inf is nan
         return np.nan_to_num(vibrating - still, nan=0.0, posinf=MOST, neginf=-MOST)
 
 
@@ -162,31 +188,48 @@ def _log_density(
     factors: NDArray[np.float64],
     weights: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return ln of the density of a Gamma law, averaged over factors, shape as ``energy``."""
+    """Return ln of the density of energies, in the shape of ``energy``; -inf where the density is 0.
+
+    Args:
+        law: shape, scale and location of the Gamma law. factors, weights: the density is the mean, with these weights,
+            of the densities of energies with each of these factors.
+    """
     shape, scale, location = law
     total = np.zeros(energy.shape)
     for factor, weight in zip(factors.tolist(), weights.tolist(), strict=True):
+        # The energy is factor * G, so its density is that of the shifted Gamma law at energy / factor, over factor.
         above = (energy / factor - location) / scale
+        # So that the logarithm exists; where above <= 0, the density is set to 0.
         inside = np.maximum(above, 1e-300)
         density = np.exp((shape - 1.0) * np.log(inside) - inside - math.lgamma(shape)) / (scale * factor)
         total += weight * np.where(above > 0.0, density, 0.0)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore"):  # ln 0 is -inf
         return np.log(total)
 
 
 def _of_measured(
     sensor: Sensor, energy: NDArray[np.float64], factors: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return L by the shares of measured energies of both kinds in bins."""
+    """Return L of energies from a histogram of the measured energies, in the shape of ``energy``.
+
+    L of a bin is the logarithm of the share of the vibrating tiles' energies in the bin over that of the still tiles'.
+
+    Args:
+        factors, weights: each measured energy is counted once with each factor, multiplied by it, with this weight.
+    """
+    # Measured energies of still and of vibrating tiles, (energies, factors) each.
     kinds = [np.outer(measured_of(sensor, kind), factors) for kind in (False, True)]
-    of_each = [np.broadcast_to(weights, values.shape) for values in kinds]
+    weights_of_kinds = [np.broadcast_to(weights, values.shape) for values in kinds]
     together = np.concatenate([values.ravel() for values in kinds])
+    # If many energies are equal, some edges coincide; each is used once, so there are fewer bins.
     edges = np.unique(np.quantile(together, np.arange(1, BINS) / BINS))
     shares = []
-    for values, weight in zip(kinds, of_each, strict=True):
+    for values, weight in zip(kinds, weights_of_kinds, strict=True):
         counts = np.bincount(
-            np.searchsorted(edges, values.ravel(), side="right"), weight.ravel(), edges.size + 1
+            np.searchsorted(edges, values.ravel(), side="right"),
+            weights=weight.ravel(),
+            minlength=edges.size + 1,
         )
-        shares.append((counts + 0.5) / (counts + 0.5).sum())
-    ratio = np.log(shares[1] / shares[0])
+        shares.append((counts + 0.5) / (counts + 0.5).sum())  # 0.5: an empty bin must not have the share 0
+    ratio = np.log(shares[1] / shares[0])  # L of each bin: vibrating over still
     return np.asarray(ratio[np.searchsorted(edges, energy, side="right")])

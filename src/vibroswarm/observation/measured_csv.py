@@ -11,25 +11,28 @@ from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.errors import InputError, shown
 
 KINDS = {"vibrating": True, "1": True, "still": False, "non-vibrating": False, "0": False}
+"""Words for a kind of tile, and whether it vibrates."""
 LARGEST_BYTES = 64 * 2**20
+"""Size limit of the file."""
 MAX_ENERGIES = 1_000_000
+"""Limit on the number of energies of each kind of tile."""
 
 
 def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Read the energies of vibrating and of still tiles.
+    """Read measured energies; return those of vibrating tiles, then those of still tiles, in the order of the file.
 
     Args:
-        path: a CSV file with a head line that names the columns ``kind`` (vibrating or still, 1 or 0) and
-            ``energy`` (RMS, >= 0); other columns are left alone.
+        path: a CSV file whose first line names the columns ``kind`` (vibrating or still, 1 or 0) and ``energy`` (RMS,
+            >= 0); other columns are ignored.
     Raises:
-        InputError: naming the line and what would be right.
+        InputError: the file cannot be read, or a line is wrong; the message names the line and what would be right.
     """
     name = str(path)
     text = read_text(Path(path), "a CSV file of energies", LARGEST_BYTES).removeprefix("\ufeff")
     energies: dict[bool, list[float]] = {True: [], False: []}
     head: list[str] | None = None
     try:
-        # Row by row, as a list of all rows takes a hundred times the file's size.
+        # Read row by row: a list of all rows would need a hundred times the memory of the file.
         for number, row in enumerate(csv.reader(io.StringIO(text, newline="")), start=1):
             if head is None:
                 head = _head(row, name)
@@ -49,7 +52,13 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
 
 
 def _head(row: list[str], name: str) -> list[str]:
-    """Return the column names, lower case; refuse a header without kind and energy."""
+    """Return the column names in the first line of the file, in lower case.
+
+    Args:
+        row: cells of the line. name: name of the file, for the message.
+    Raises:
+        InputError: kind or energy is not among the columns.
+    """
     head = [cell.strip().lower() for cell in row]
     if "kind" not in head or "energy" not in head:
         raise InputError(
@@ -59,7 +68,13 @@ def _head(row: list[str], name: str) -> list[str]:
 
 
 def _sample(row: list[str], head: list[str], where: str) -> tuple[bool, float]:
-    """Parse a row to (vibrating, energy)."""
+    """Return whether a row's tile vibrates, and the row's energy.
+
+    Args:
+        row: cells of the line. head: names of the columns. where: file and line, for messages.
+    Raises:
+        InputError: the row has another number of columns, an unknown kind, or no energy of 0 or more.
+    """
     if len(row) != len(head):
         raise InputError(f"{len(row)} columns where the first line has {len(head)}", field=where)
     kind, text = row[head.index("kind")].strip().lower(), row[head.index("energy")].strip()

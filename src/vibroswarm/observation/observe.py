@@ -1,19 +1,19 @@
-"""The reading of a sample: energy E and bit O, from the tile below and one uniform number.
+"""The reading of a sample: energy E and bit O, drawn from the tile below and one uniform number u.
 
 | name | symbol | unit | shape | equation |
 |---|---|---|---|---|
 | energy | E | RMS of the filtered acceleration | (samples,) | the tile kind's quantile of u |
 | threshold | theta_E | as E | scalar | |
-| observation | O | 0, 1 | (samples,) | 1 if E > theta_E (Eq. 15): 1 if u > F(theta_E), E not needed |
+| observation | O | 0, 1 | (samples,) | 1 if E > theta_E (Eq. 15), which is u > F(theta_E); so E itself is not needed |
 | false positive, false negative | - | - | scalar | 1 - F_still(theta_E), F_vibrating(theta_E) |
 
-Changing the floor changes no noise: the uniform number belongs to (seed, run, robot, sample). A place
-without a tile does not vibrate and reads as a still tile does; its tile is -1. Near edges, and where tiles or
-robots differ (off in the paper), the tile that is read and a factor come from ``edge_response``; the bits of failed
-sensors come from ``faults``.
+Changing the floor does not change the noise, as the uniform number depends on (seed, run, robot, sample) only. A place
+without a tile reads as a still tile does; its tile has index -1. Edges, and differences between tiles or between robots
+(all off in the paper), are those of ``edge_response``: near an edge another tile may be sensed, and energies have a
+factor. The bits of faulty sensors are those of ``faults``.
 
-``observe`` reads whole tables; ``SensedFloor`` is a run's floor and sensors as the kernels of the closed loop read
-them.
+``observe`` computes whole tables. ``SensedFloor`` is the floor and the sensors of one run, as the kernels of the closed
+loop read them.
 """
 
 from __future__ import annotations
@@ -28,7 +28,6 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
-from vibroswarm.faults import SensorFaults, observation_of, of_run, sensor_faults
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.edge_response import (
     Place,
@@ -42,6 +41,7 @@ from vibroswarm.observation.edge_response import (
 )
 from vibroswarm.observation.energy_model import energies_of
 from vibroswarm.robot.sensing import SenseProgram
+from vibroswarm.scenario.fault_draws import SensorFaults, observation_of, of_run, sensor_faults
 from vibroswarm.scenario.scenario import Scenario
 
 
@@ -49,57 +49,80 @@ class SensedFloor(NamedTuple):
     """The floor of a run, its position, and the sensors' response."""
 
     tiles: NDArray[np.uint8]
-    """(tiles,)"""
+    """(tiles,) of 0 and 1, top row first."""
     place: Place
+    """Grid and position of the floor."""
     response: Response
-    """Of this run alone, as are the faults."""
+    """Response of the sensors of this run alone: its arrays over runs have one entry."""
     faults: SensorFaults
+    """Faults of the sensors of this run alone: its arrays over runs have one entry."""
 
 
 def sensed_floors(
     scenario: Scenario, seed: int, runs: Sequence[int], floors: Mapping[int, Floor]
 ) -> list[SensedFloor]:
-    """Return the floor and sensors of each run, in the order of ``runs``."""
-    own = [floors[run] for run in runs]
+    """Return the floor and the sensors of each run, in the order of ``runs``.
+
+    Args:
+        runs: run numbers. floors: the floor of each run, by run number.
+    """
+    floor_of_each = [floors[run] for run in runs]
     response = response_of(
-        scenario, seed, np.array(runs, dtype=np.int64), [floor.tiles.size for floor in own]
+        scenario, seed, np.array(runs, dtype=np.int64), [floor.tiles.size for floor in floor_of_each]
     )
-    first, per_robot = response.first, response.per_robot
     faults = sensor_faults(scenario, seed, runs)
-    return [
-        SensedFloor(
-            floor.tiles.ravel(),
-            place_of(floor),
-            response._replace(first=first[r : r + 1], per_robot=per_robot[r : r + 1]),
-            of_run(faults, r),
+    result = []
+    for r, floor in enumerate(floor_of_each):
+        # ``first`` and ``per_robot`` have one entry per run, of which a SensedFloor has its own only. The tables of
+        # factors to which they point are shared by all runs.
+        own_response = response._replace(
+            first=response.first[r : r + 1], per_robot=response.per_robot[r : r + 1]
         )
-        for r, floor in enumerate(own)
-    ]
+        result.append(
+            SensedFloor(
+                tiles=floor.tiles.ravel(),
+                place=place_of(floor),
+                response=own_response,
+                faults=of_run(faults, r),
+            )
+        )
+    return result
 
 
 @inner
 def read(
     ground: SensedFloor, x_m: float, y_m: float, time_s: float, seed: int, run: int, robot: int, sample: int
 ) -> tuple[int, int, int, int]:
-    """Return the reading of a sample: the tile below, the bit, the tile sensed, the row of factors."""
+    """Compute the reading of one sample.
+
+    Args:
+        ground: floor and sensors of the run. x_m, y_m, time_s: place and time of the sample.
+        seed, run, robot, sample: address of the sample's random numbers.
+    Returns: index of the tile below (-1: none); the bit; index of the tile sensed (-1: none); row of the sample in
+        ``ground.response.factors``.
+    """
     tile = tile_below(x_m, y_m, ground.place)
     sensed = sensed_tile(
         x_m, y_m, tile, ground.place, ground.tiles, ground.response, seed, run, robot, sample
     )
     vibrates = sensed >= 0 and ground.tiles[sensed] == 1
-    row = factor_row(ground.response, 0, robot, sensed)
+    row = factor_row(ground.response, 0, robot, sensed)  # 0: ``ground`` holds a single run
     u = uniform(seed, run, robot, SENSING, sample, ALONE)
-    below = ground.response.shares_below[row, int(vibrates)]
+    below = ground.response.shares_below[row, int(vibrates)]  # F(theta_E) of this sample
     return tile, observation_of(ground.faults, 0, robot, time_s, vibrates, u, below), sensed, row
 
 
 USUAL_MS = 500.0
+"""Duration of the signal if ``sample.signal_ms`` is not given; if this is more than half of the stop, half of it."""
 
 
 def sense_program(scenario: Scenario) -> SenseProgram:
-    """Return the sensing parameters of a scenario: the robot settles, then reads the signal at the end of the
-    stop."""
+    """Return the sensing parameters of a scenario.
+
+    A stop has two parts: the robot stands until vibrations settle, then reads the signal until the stop ends.
+    """
     stop_ms = scenario.sample.stop_ms
+    # If the time of reading is not given, it is the usual one, but at most half of the stop.
     signal_ms = scenario.sample.signal_ms or min(USUAL_MS, 0.5 * stop_ms)
     return SenseProgram(settle_ms=stop_ms - signal_ms, signal_ms=signal_ms)
 
@@ -112,11 +135,16 @@ OBSERVATIONS: Final[dict[str, Any]] = {
     "energy": pl.Float32,
     "observation": pl.UInt8,
 }
+"""Columns of the table of observations."""
 
 
 def vibrating_at(floor: Floor, tile: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-    """Return whether the tiles of these indices vibrate; False where there is none (-1)."""
-    flat = np.append(floor.tiles.ravel(), 0)  # index -1 is the last
+    """Return whether each of these tiles vibrates, in the shape of ``tile``.
+
+    Args:
+        tile: indices of tiles; False is returned for index -1, no tile.
+    """
+    flat = np.append(floor.tiles.ravel(), 0)  # the entry 0 is added at the end, where index -1 reads it
     return np.asarray(flat[tile] == 1)
 
 
@@ -144,14 +172,20 @@ def read_samples(
     vibrating: NDArray[np.bool_],
     factors: NDArray[np.float64],
 ) -> None:
-    """Compute the readings of samples.
+    """Compute the readings of all samples of some runs; one row is one sample.
 
     Args:
-        bounds: the rows of run r are those from ``bounds[r]`` to ``bounds[r + 1]``. robot to time_s: (rows,).
-        places: (runs, 6): ``Floor.geometry``. first_tiles: (runs,): where in ``tiles`` each run's begin.
-        known: tile and numbers have been written before. tile, numbers: (rows,), written, or read where known.
-        sensed_known, sensed: the same for the sensed tiles; empty if edges do not matter.
-        observation: (rows,), written. vibrating, factors: (rows,), written, or of no rows: of the tile that was sensed.
+        bounds: (runs + 1,): run r has the rows from ``bounds[r]`` to ``bounds[r + 1]``. runs: (runs,), run numbers.
+        robot, sample, x_m, y_m, time_s: (rows,), columns of the motion table.
+        places: (runs, 6): ``Floor.geometry`` of each run's floor. tiles: tiles of all floors, one after another.
+            first_tiles: (runs,): index in ``tiles`` of the first tile of each run's floor.
+        response, faults: response and faults of the sensors in these runs.
+        tile, numbers: (rows,): tile below (-1: none) and uniform number of each sample. They are read if ``known`` is
+            true, else written.
+        sensed: (rows,): tile sensed by each sample. It is read if ``sensed_known`` is true, else written. If edges do
+            not matter, it is empty and not used.
+        observation: (rows,), written. vibrating, factors: (rows,): whether the sensed tile vibrates, and the energy's
+            factor, written; if they are empty, they are not computed.
     """
     with_vibrating = vibrating.size > 0
     for r in range(runs.size):
@@ -163,7 +197,7 @@ def read_samples(
             if not known:
                 tile[k] = tile_below(x_m[k], y_m[k], place)
                 numbers[k] = uniform(seed, runs[r], i, SENSING, number, ALONE)
-            at = signed(tile[k])
+            at = signed(tile[k])  # the tile that is sensed: the tile below, unless an edge is near
             if sensed_known:
                 at = signed(sensed[k])
             elif response.edges:
@@ -171,7 +205,7 @@ def read_samples(
                 sensed[k] = at
             vibrates = at >= 0 and own[at] == 1
             row = factor_row(response, r, i, at)
-            below = response.shares_below[row, int(vibrates)]
+            below = response.shares_below[row, int(vibrates)]  # F(theta_E) of this sample
             observation[k] = observation_of(faults, r, i, time_s[k], vibrates, numbers[k], below)
             if with_vibrating:
                 vibrating[k], factors[k] = vibrates, response.factors[row]
@@ -181,24 +215,33 @@ class Readings(NamedTuple):
     """Readings of samples, (rows,) each."""
 
     tile: NDArray[np.int32]
+    """Index of the tile below; -1: none."""
     numbers: NDArray[np.float64]
     """Uniform numbers, from which the energies are drawn."""
     observation: NDArray[np.uint8]
+    """Bits that the robots read."""
     vibrating: NDArray[np.bool_]
+    """Whether the sensed tile vibrates; empty unless energies were requested."""
     factors: NDArray[np.float64]
-    """Of the sensed tile; empty unless requested, like ``vibrating``."""
+    """Factor of the energy on the sensed tile; empty unless energies were requested."""
 
 
 class Places:
-    """The sample positions of a motion; values shared by several floors and sensors are computed once.
+    """The sample positions of a motion, read on several floors and by several sensors.
+
+    What several readings have in common is computed once: tiles below and uniform numbers (for floors of the same
+    geometry), sensed tiles (for the same floors and edges) and sensor responses.
 
     Args:
-        seed: of the runs. samples: the motion table.
+        seed: seed of the runs. samples: the motion table.
     """
 
     def __init__(self, seed: int, samples: pl.DataFrame) -> None:
+        """Find the runs of the motion table, and the range of rows of each run; all caches are empty."""
         self.seed, self.samples = seed, samples
         run = samples["run"].to_numpy()
+        # Index of the first row of each run: row 0 (if the table is not empty) and each row with another run than the
+        # row before.
         begins = np.flatnonzero(np.append(run.size > 0, run[1:] != run[:-1]))
         self.runs = run[begins].astype(np.int64)
         self.bounds = np.append(begins, run.size)
@@ -206,27 +249,37 @@ class Places:
         self._x_m, self._y_m, self._time_s = (
             read_only(samples[name].to_numpy()) for name in ("x_m", "y_m", "time_s")
         )
-        self._met: dict[bytes, tuple[NDArray[np.int32], NDArray[np.float64]]] = {}
+        # Tiles below and uniform numbers of all samples, by the bytes of the floors' geometries.
+        self._tiles_and_numbers: dict[bytes, tuple[NDArray[np.int32], NDArray[np.float64]]] = {}
+        # Tiles sensed by all samples, by reach and blur of edges and the bytes of the floors.
         self._sensed: dict[tuple[float, float, bytes], NDArray[np.int32]] = {}
         self._responses: dict[Any, Response] = {}
 
     def read(self, scenario: Scenario, floors: Mapping[int, Floor], energies: bool = False) -> Readings:
-        """Return the readings of the samples.
+        """Return the readings of all samples.
 
         Args:
-            floors: the floor of each run. energies: also what their energies depend on.
+            floors: the floor of each run, by run number. energies: whether to fill also ``vibrating`` and ``factors``
+                of the readings, from which energies are computed.
         """
-        count, own = self.samples.height, [floors[run] for run in self.runs.tolist()]
-        places, first_tiles, tiles = _laid_out(own)
-        response = self._response(scenario, [floor.tiles.size for floor in own])
-        met, known = self._met.get(places.tobytes()), True
-        if met is None:
-            met, known = (np.empty(count, dtype=np.int32), np.empty(count)), False
-            self._met[places.tobytes()] = met
+        count = self.samples.height
+        floor_of_each = [floors[run] for run in self.runs.tolist()]
+        places, first_tiles, tiles = _laid_out(floor_of_each)
+        response = self._response(scenario, [floor.tiles.size for floor in floor_of_each])
+        tiles_and_numbers, known = self._tiles_and_numbers.get(places.tobytes()), True
+        if tiles_and_numbers is None:  # ``read_samples`` fills these new arrays
+            tiles_and_numbers, known = (np.empty(count, dtype=np.int32), np.empty(count)), False
+            self._tiles_and_numbers[places.tobytes()] = tiles_and_numbers
         sensed, sensed_known = self._sensed_tiles(response, places, first_tiles, tiles)
-        kept = count if energies else 0
-        observation, vibrating = np.empty(count, dtype=np.uint8), np.empty(kept, dtype=np.bool_)
-        readings = Readings(*met, observation, vibrating, np.empty(kept))
+        tile, numbers = tiles_and_numbers
+        with_energies = count if energies else 0  # empty arrays are not filled
+        readings = Readings(
+            tile=tile,
+            numbers=numbers,
+            observation=np.empty(count, dtype=np.uint8),
+            vibrating=np.empty(with_energies, dtype=np.bool_),
+            factors=np.empty(with_energies),
+        )
         faults = sensor_faults(scenario, self.seed, self.runs.tolist())
         read_samples(
             self.seed, self.bounds, self.runs, self._robot, self._sample, self._x_m, self._y_m, self._time_s, places,
@@ -242,17 +295,26 @@ class Places:
         first_tiles: NDArray[np.int64],
         tiles: NDArray[np.uint8],
     ) -> tuple[NDArray[np.int32], bool]:
-        """Return an array for the sensed tiles, (rows,), and whether it is filled: they depend on edges alone."""
+        """Return the array of the sensed tiles, (rows,), and whether it is filled; if not, the caller fills it.
+
+        The array is cached by floors and edges, on which alone sensed tiles depend. If edges do not matter, the array
+        is empty and the caller does not use it.
+
+        Args:
+            response: the sensor response, whose reach and blur of edges are used. places, first_tiles, tiles: the
+                floors, as ``_laid_out`` returns them.
+        """
         if not response.edges:
             return np.empty(0, dtype=np.int32), False
-        laid = b"".join(part.tobytes() for part in (places, first_tiles, tiles))
-        key = (response.reach_m, response.blur_m, laid)
+        floors = b"".join(part.tobytes() for part in (places, first_tiles, tiles))
+        key = (response.reach_m, response.blur_m, floors)
         if key in self._sensed:
             return self._sensed[key], True
         self._sensed[key] = np.empty(self.samples.height, dtype=np.int32)
         return self._sensed[key], False
 
     def _response(self, scenario: Scenario, tiles: Sequence[int]) -> Response:
+        """Return the cached sensor response of a scenario; ``tiles``: number of tiles of each run's floor."""
         key = (scenario.sensor, scenario.floor.redraw, scenario.swarm.robots, *tiles)
         if key not in self._responses:
             self._responses[key] = response_of(scenario, self.seed, self.runs, tiles)
@@ -270,9 +332,10 @@ def observe(
     """Return the observation table of a motion table.
 
     Args:
-        samples: the motion table; its order is kept.
-        floors: the floor of each run.
-        energies: also compute the energies (else null, unless the strategy reads them); the bits are the same.
+        samples: the motion table; the rows of the result are in the same order.
+        floors: the floor of each run, by run number.
+        energies: whether to compute the energies, which are null otherwise. If the strategy reads energies, they are
+            computed in any case. The bits do not depend on this.
     """
     energies = energies or reads_energies(scenario)
     read = Places(seed, samples).read(scenario, floors, energies)
@@ -294,36 +357,46 @@ def energies_at(
     x_m: NDArray[np.float64],
     y_m: NDArray[np.float64],
 ) -> NDArray[np.float32]:
-    """Return the energies of samples of one run, (samples,): those that ``observe`` gives.
+    """Return the energies of samples of one run, (samples,), equal to those in the table of ``observe``.
 
     Args:
-        robot, sample, x_m, y_m: (samples,).
+        ground: floor and sensors of the run. robot, sample, x_m, y_m: (samples,), columns of the motion table.
     """
-    vibrating, numbers, factors = (
-        np.empty(robot.size, dtype=np.bool_),
-        np.empty(robot.size),
-        np.empty(robot.size),
-    )
+    vibrating = np.empty(robot.size, dtype=np.bool_)
+    numbers, factors = np.empty(robot.size), np.empty(robot.size)
     for k in range(robot.size):
         i, number = int(robot[k]), int(sample[k])
-        _, _, sensed, row = read(ground, x_m[k], y_m[k], 0.0, seed, run, i, number)
+        # The time matters only to the bit of a faulty sensor, which is not used here, so any time will do.
+        any_time_s = 0.0
+        _, _, sensed, row = read(ground, x_m[k], y_m[k], any_time_s, seed, run, i, number)
         vibrating[k] = sensed >= 0 and ground.tiles[sensed] == 1
         numbers[k] = uniform(seed, run, i, SENSING, number, ALONE)
         factors[k] = ground.response.factors[row]
-    differ = factors if factors_differ(scenario.sensor) else None
-    return energies_of(scenario.sensor, vibrating, numbers, differ)
+    # None stands for factors that are all 1.
+    return energies_of(
+        scenario.sensor, vibrating, numbers, factors if factors_differ(scenario.sensor) else None
+    )
 
 
 def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
-    """Return the energies of readings that were requested with energies, (rows,)."""
-    differ = read.factors if factors_differ(scenario.sensor) else None
-    return energies_of(scenario.sensor, read.vibrating, read.numbers, differ)
+    """Return the energies of readings, (rows,).
+
+    Args:
+        read: readings for which energies were requested, so that ``vibrating`` and ``factors`` are filled.
+    """
+    factors = read.factors if factors_differ(scenario.sensor) else None  # None: all are 1
+    return energies_of(scenario.sensor, read.vibrating, read.numbers, factors)
 
 
 def observation_frame(
     scenario: Scenario, samples: pl.DataFrame, read: Readings, energies: bool
 ) -> pl.DataFrame:
-    """Return the table of observations: each sample's tile, bit and energy (null without ``energies``)."""
+    """Return the table of observations (``OBSERVATIONS``), with a row for each row of ``samples``.
+
+    Args:
+        samples: the motion table. read: the readings of its samples. energies: whether to compute the energies, for
+            which they must have been requested when reading; if false, energies are null.
+    """
     if energies:
         energy = pl.Series("energy", energies_read(scenario, read))
     else:
@@ -341,9 +414,15 @@ def observation_frame(
 def _laid_out(
     floors: Sequence[Floor],
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
-    """Return the floors' geometries, (floors, 6); start of each one's tiles; tiles of all floors, concatenated."""
+    """Convert floors to arrays for kernels; the tiles of a floor object that occurs several times are stored once.
+
+    Returns: geometry of each floor, (floors, 6); index of each floor's first tile, (floors,); tiles of all distinct
+        floors, concatenated.
+    """
     places = np.array([floor.geometry for floor in floors], dtype=np.float64).reshape(-1, 6)
     distinct = {id(floor): floor for floor in floors}
+    # Index of the first tile of each distinct floor, by the floor's id: the sum of the sizes of the floors before it.
+    # ``accumulate`` gives the total too, which ``strict=False`` drops.
     first = dict(
         zip(distinct, accumulate((f.tiles.size for f in distinct.values()), initial=0), strict=False)
     )

@@ -1,6 +1,7 @@
 """Store all candidates of a search with the figures of their runs; every method reads them here.
 
-Figures accumulate: a candidate that is requested again gets further runs, never the same ones.
+The figures of a run are the numbers from which the objectives compute a score (see ``costs``). They accumulate: a
+candidate that is requested again gets further runs, never the same ones.
 """
 
 from __future__ import annotations
@@ -26,16 +27,22 @@ class Candidate(NotebookView):
     origin: str
     """The step that proposed it: "start", "pso 3", ..."""
     rows: list[Rows] = field(default_factory=list)
+    """Figures of the runs that did not fail: arrays (runs, cases, columns), to be joined along the runs."""
     failed: int = 0
     """Runs that failed; a candidate with a failed run cannot win, unless the archive ``drops_failed``."""
     why: str = ""
+    """Why the first failed runs failed; empty if no run failed."""
     count: int = 0
     """Runs requested, including failed ones."""
     iteration: int = 0
     """The iteration of a particle swarm that proposed it, from 0."""
 
     def all_rows(self) -> Rows:
-        """Return the figures of all runs, (runs, cases, columns)."""
+        """Return the figures of all runs that did not fail, (runs, cases, columns).
+
+        Without such runs the array is empty, with shape (0, 1, 1).
+        """
+        # The joined array replaces its parts, so that the next call need not join them again.
         if len(self.rows) > 1:
             self.rows = [np.concatenate(self.rows)]
         return self.rows[0] if self.rows else np.empty((0, 1, 1))
@@ -45,18 +52,29 @@ class Archive(NotebookView):
     """Candidates by key (0, 1, ...), and their scores under the objectives."""
 
     def __init__(self, space: Space, objectives: Sequence[Objective], *, drops_failed: bool = False) -> None:
+        """Make an archive without candidates.
+
+        Args:
+            space: the space in whose unit cube the points of the candidates lie. objectives: score the candidates.
+            drops_failed: whether a candidate with failed runs is scored by its other runs, as in the paper's program.
+                By default its score is infinite, so that it cannot win.
+        """
         self.space, self.objectives = space, tuple(objectives)
         self.drops_failed = drops_failed
         """Whether failed runs are left out of a candidate's score, as in the paper's program."""
         self.candidates: list[Candidate] = []
+        """All candidates; the key of a candidate is its index."""
         self.columns: list[slice] = []
-        """The columns of each objective; set when the first rows are added."""
+        """The columns of each objective in the figures. The search sets them after its first runs, because only the
+        figures show how many columns a user's cost has."""
         self.runs = 0
         """Runs requested so far."""
         self.failed = 0
         """Runs that failed."""
         self._scores: dict[tuple[int, int], tuple[int, float]] = {}
+        """Cache of ``score`` by (candidate, objective): the number of runs when it was computed, and the score."""
         self._corrected: dict[int, tuple[int, float, float]] = {}
+        """Cache of ``estimate`` by candidate: the number of runs, the estimate and its standard error."""
 
     def __getitem__(self, key: int) -> Candidate:
         return self.candidates[key]
@@ -65,7 +83,12 @@ class Archive(NotebookView):
         return len(self.candidates)
 
     def new(self, point: Point, origin: str, iteration: int = 0) -> int:
-        """Add a candidate and return its key."""
+        """Add a candidate at ``point``, clipped to the unit cube, and return its key.
+
+        Args:
+            point: in the unit cube of the space. origin: names the step that proposed it, such as "pso 3".
+            iteration: the iteration of a particle swarm that proposed it, from 0; other methods leave it at 0.
+        """
         point = np.clip(np.asarray(point, dtype=np.float64), 0.0, 1.0)
         key = len(self.candidates)
         self.candidates.append(Candidate(key, point, self.space.values(point), origin, iteration=iteration))
@@ -76,62 +99,77 @@ class Archive(NotebookView):
         return sum(rows.shape[0] for rows in self[key].rows)
 
     def add_runs(self, key: int, rows: Rows | str, count: int) -> None:
-        """Add the figures of ``count`` runs to a candidate, or the reason why they failed."""
+        """Add ``count`` runs to the candidate ``key``.
+
+        ``rows`` has the figures of these runs, (runs, cases, columns); or it is a text, the reason why all of them
+        failed.
+        """
         candidate = self[key]
         candidate.count += count
         self.runs += count
         if isinstance(rows, str):
             candidate.failed += count
-            candidate.why = candidate.why or rows
+            candidate.why = candidate.why or rows  # only the first reason is saved
             self.failed += count
             return
         candidate.rows.append(rows)
 
     def score(self, key: int, objective: int = 0) -> float:
-        """Compute the score of a candidate; infinite without runs or if one failed."""
-        candidate = self[key]
-        if self._is_out(candidate):
-            return math.inf
-        count, known = self.count(key), self._scores.get((key, objective))
-        if known is None or known[0] != count:
-            rows = candidate.all_rows()[:, :, self.columns[objective]]
-            known = (count, self.objectives[objective].score(rows))
-            self._scores[key, objective] = known
-        return known[1]
+        """Compute the score of the candidate ``key`` under one objective, given by its index ``objective``.
 
-    def _is_out(self, candidate: Candidate) -> bool:
-        """Tell whether a candidate has no score: it has no runs, or one failed that is not dropped."""
+        The score is infinite if no run has succeeded, or if a run failed and the archive does not drop failed runs. It
+        is computed again only if the candidate got further runs since the last call.
+        """
+        candidate = self[key]
+        if self._has_no_score(candidate):
+            return math.inf
+        count, cached = self.count(key), self._scores.get((key, objective))
+        if cached is None or cached[0] != count:  # not cached, or the candidate got further runs since then
+            rows = candidate.all_rows()[:, :, self.columns[objective]]
+            cached = (count, self.objectives[objective].score(rows))
+            self._scores[key, objective] = cached
+        _, score = cached
+        return score
+
+    def _has_no_score(self, candidate: Candidate) -> bool:
+        """Return whether no run of a candidate has succeeded, or a run failed and failed runs are not dropped."""
         return not candidate.rows or (candidate.failed > 0 and not self.drops_failed)
 
     def scores(self, key: int) -> list[float]:
-        """Compute the score under each objective."""
+        """Compute the scores of a candidate under all objectives, in their order; see ``score``."""
         return [self.score(key, k) for k in range(len(self.objectives))]
 
     def estimate(self, key: int) -> tuple[float, float]:
-        """Estimate the score under the first objective, corrected for its small-sample bias, and its standard error.
+        """Estimate the score of a candidate under the first objective, and the standard error of the estimate.
 
-        Both are infinite without runs, or if a run failed that is not dropped.
+        The estimate is corrected for small-sample bias (see ``Objective.estimate``). Both numbers are infinite if no
+        run has succeeded, or if a run failed and the archive does not drop failed runs; after a single run, only the
+        standard error is infinite. They are computed again only if the candidate got further runs since the last call.
         """
         candidate, count = self[key], self.count(key)
-        if self._is_out(candidate):
+        if self._has_no_score(candidate):
             return math.inf, math.inf
-        known = self._corrected.get(key)
-        if known is None or known[0] != count:
+        cached = self._corrected.get(key)
+        if cached is None or cached[0] != count:  # not cached, or the candidate got further runs since then
             rows = candidate.all_rows()[:, :, self.columns[0]]
-            known = (count, *self.objectives[0].estimate(rows))
-            self._corrected[key] = known
-        return known[1], known[2]
+            cached = (count, *self.objectives[0].estimate(rows))
+            self._corrected[key] = cached
+        _, estimate, error = cached
+        return estimate, error
 
     def cautious(self, key: int, caution: float = 1.0) -> float:
-        """Return an upper bound of the score: the estimate plus ``caution`` standard errors."""
+        """Return an approximate upper bound of the score: the estimate plus ``caution`` standard errors.
+
+        After a single run the standard error is unknown, and the estimate alone is returned.
+        """
         estimate, error = self.estimate(key)
         return estimate + caution * error if math.isfinite(error) else estimate
 
     def in_order(self, keys: Sequence[int] | None = None) -> list[int]:
-        """Sort candidates by that upper bound, the best first."""
+        """Sort candidates (by default all) by the upper bound that ``cautious`` returns, the lowest first."""
         return sorted(range(len(self)) if keys is None else keys, key=lambda k: (self.cautious(k), k))
 
     def best(self, keys: Sequence[int] | None = None) -> int:
-        """Return the candidate with the smallest estimate, or the first of equals."""
+        """Return which of the candidates ``keys`` (by default all) has the lowest estimate, the first of equals."""
         among = range(len(self)) if keys is None else keys
         return min(among, key=lambda k: (self.estimate(k)[0], k))

@@ -6,11 +6,16 @@
 | printed | the same with (1 + abs(f - f*) / N_tiles) | Eq. 23 |
 | authors_code | the same with abs(f - f*) / 0.04; undecided 3 | its program |
 | decision_time | mean over robots of min(t, T_end), s | - |
-| errors | mean over robots of t/T_end right, ``false_alarm`` or ``miss`` wrong, ``undecided`` undecided | - |
-| consensus | min(consensus time, T_end), s; whether it was right | - |
-| at_error | mean over robots of min(t, T_end), s; how many wrong, decided, all | - |
+| errors | mean over robots of t/T_end if right, ``false_alarm`` or ``miss`` if wrong, ``undecided`` if undecided | - |
+| consensus | two figures: min(consensus time, T_end), s; 1 if the consensus is right, else 0 | - |
+| at_error | four figures: mean over robots of min(t, T_end), s; counts of wrong, of decided and of all robots | - |
 
-A false alarm decides "above the boundary" when the fill ratio is below it; a miss is the opposite error.
+f is the robot's estimate of the fill ratio, f* the true fill ratio, N_tiles the number of tiles, t the decision time
+and T_end the end of the run. A false alarm decides "above the boundary" when the fill ratio is below it; a miss is the
+opposite error.
+
+Every cost takes the ``Outcomes`` of some runs and returns an array with one row per run and one column per figure. An
+undecided robot has no decision time: t is then T_end.
 """
 
 from __future__ import annotations
@@ -25,8 +30,11 @@ from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.outcomes import Outcomes
 
 WRONG: Final = 5.0
+"""Decision factor e_d of a wrong robot (Eq. 23b)."""
 UNDECIDED: Final = 1.0
+"""Decision factor e_d of an undecided robot in the paper's text."""
 UNDECIDED_IN_CODE: Final = 3.0
+"""The same in the paper's program."""
 TILE_IN_CODE: Final = 0.04
 """One of 25 tiles; the program uses this number for every floor."""
 
@@ -59,8 +67,14 @@ def decision_time(outcomes: Outcomes) -> Array:
 def errors(
     outcomes: Outcomes, false_alarm: float = WRONG, miss: float = WRONG, undecided: float = UNDECIDED
 ) -> Array:
-    """Compute the mean cost over robots, with different prices of false alarms and misses."""
+    """Compute the mean cost over the robots of each run, (runs, 1). A robot that decided right costs t/T_end.
+
+    Args:
+        outcomes: of some runs. false_alarm, miss: cost of a robot that decided wrong, by its kind of error.
+        undecided: cost of an undecided robot.
+    """
     check_truth(outcomes)
+    # Where the truth is 0 (below the boundary), a wrong robot decided "above": a false alarm. Shape: (runs, 1).
     of_wrong = np.where(outcomes.truth[:, None] == 0.0, false_alarm, miss)
     cost = np.where(outcomes.wrong, of_wrong, outcomes.time_s / outcomes.t_end_s)
     cost = np.where(outcomes.undecided, undecided, cost)
@@ -68,15 +82,23 @@ def errors(
 
 
 def consensus(outcomes: Outcomes) -> Array:
-    """Return the consensus time, s (T_end without one), and 1 if the consensus is right, else 0; (runs, 2)."""
+    """Return two figures of each run, (runs, 2): its consensus time, s, and 1 if the consensus is right, else 0.
+
+    A run has a consensus if all its robots decide the same; the consensus time is then that of the last decision.
+    Without a consensus, the figures are T_end and 0.
+    """
     check_truth(outcomes)
-    time_s, right = outcomes.time_s, outcomes.right.all(axis=1)
-    alike = ~outcomes.undecided.any(axis=1) & (right | outcomes.wrong.all(axis=1))
-    return np.column_stack([np.where(alike, time_s.max(axis=1), outcomes.t_end_s), right])
+    time_s, all_right = outcomes.time_s, outcomes.right.all(axis=1)
+    agreed = ~outcomes.undecided.any(axis=1) & (all_right | outcomes.wrong.all(axis=1))
+    return np.column_stack([np.where(agreed, time_s.max(axis=1), outcomes.t_end_s), all_right])
 
 
 def at_error(outcomes: Outcomes) -> Array:
-    """Return mean decision time, s, and the counts of wrong robots, of those that decided, and of all; (runs, 4)."""
+    """Return four figures of each run, (runs, 4).
+
+    The columns are the mean of min(t, T_end) over all robots, s, where undecided robots count with T_end; the number of
+    robots that decided wrong; the number that decided; and the number of all robots.
+    """
     check_truth(outcomes)
     decided = (~outcomes.undecided).sum(axis=1)
     robots = np.full(decided.size, float(outcomes.robots))
@@ -94,34 +116,39 @@ COSTS: Final[dict[str, Figures]] = {
 
 
 def check_truth(outcomes: Outcomes) -> None:
-    """Refuse runs in which no decision is right.
+    """Refuse runs whose truth is undefined (nan): no decision is right or wrong there, so that a cost has no meaning.
 
     Raises:
-        InputError: the fill ratio of a floor is the boundary itself.
+        InputError: the fill ratio of a floor is the boundary itself, or the task defines no truth on that floor.
     """
     if np.isnan(outcomes.truth).any():
         raise InputError(
-            "no decision is right on a floor: its fill ratio is the decision boundary itself, or its task says so; "
-            "choose another floor or boundary",
+            "no decision is right on a floor: its fill ratio is the decision boundary itself, or the task defines no "
+            "truth on it; choose another floor or boundary",
             field="floor.source",
         )
 
 
 def check_figures(values: Any, runs: int, name: str) -> Array:
-    """Check the figures of a cost and return them as an array (runs, columns).
+    """Check the figures that a cost, possibly a user's function, returned, and convert them to (runs, columns).
 
+    Args:
+        values: what the cost returned: one number per run, or one row of numbers per run.
+        runs: number of runs that the cost was given. name: of the cost, for messages.
     Raises:
-        InputError: they have another shape, are no numbers, or are not finite in some run.
+        InputError: the values are not numbers, their first dimension is not ``runs``, or some are not finite.
     """
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
-        raise InputError(f"gives {type(values).__name__}, not one number a run", field=name) from None
-    array = array[:, None] if array.ndim == 1 else array
+        raise InputError(f"gives {type(values).__name__}, not one number per run", field=name) from None
+    array = array[:, None] if array.ndim == 1 else array  # one number per run is a single column
     if array.ndim != 2 or array.shape[0] != runs or array.shape[1] < 1:
-        raise InputError(f"gives shape {np.shape(values)} for {runs} runs; one number a run", field=name)
+        raise InputError(
+            f"gives shape {np.shape(values)} for {runs} runs; return one number per run", field=name
+        )
     if bad := np.flatnonzero(~np.isfinite(array).all(axis=1)).tolist():
-        row = array[bad[0]].tolist()
+        row = array[bad[0]].tolist()  # the first bad run is shown as an example
         raise InputError(
             f"gives {row[0] if len(row) == 1 else row} for {len(bad)} of {runs} runs; a cost is a finite number",
             field=name,
@@ -130,10 +157,12 @@ def check_figures(values: Any, runs: int, name: str) -> Array:
 
 
 def _error(outcomes: Outcomes, cost: str) -> Array:
-    """Compute the absolute error of each robot's estimate, (runs, robots).
+    """Compute abs(f - f*), the absolute error of each robot's estimate of the fill ratio, (runs, robots).
 
+    Args:
+        outcomes: of some runs. cost: name of the cost that is computed from these errors, for the message.
     Raises:
-        InputError: a robot has no estimate.
+        InputError: the robots of this strategy do not estimate the fill ratio.
     """
     if np.isnan(outcomes.estimate).any():
         strategy = f"strategy '{outcomes.strategy}'" if outcomes.strategy else "the strategy"
@@ -146,7 +175,14 @@ def _error(outcomes: Outcomes, cost: str) -> Array:
 
 
 def _paper(outcomes: Outcomes, of_estimate: Array, undecided: float) -> Array:
-    """Sum over robots the product of the factors of the estimate and of the decision, (runs, 1)."""
+    """Compute a cost of the paper (Eq. 23c), (runs, 1): the sum over robots of estimate factor times decision factor.
+
+    The decision factor e_d is t/T_end of a robot that decided right, and ``WRONG`` of one that decided wrong.
+
+    Args:
+        outcomes: of some runs. of_estimate: the factor for the error of the estimate, (runs, robots).
+        undecided: the decision factor of an undecided robot.
+    """
     check_truth(outcomes)
     of_decision = np.where(outcomes.wrong, WRONG, outcomes.time_s / outcomes.t_end_s)  # Eq. 23b
     of_decision = np.where(outcomes.undecided, undecided, of_decision)

@@ -1,9 +1,14 @@
 """Evaluate candidates on any executor, in small pieces: from values of fields to the figures of each run.
 
-Each run has a number of its own, counted over the search, so that evaluations are independent; with common random
-numbers, evaluation e of every candidate is run e. As the paper's program ran, it is ``pso.shared_run``, and each run is
-a piece, so that crashed ones can be dropped one by one. Results are joined in the order of the requests, so that none
-depends on the workers.
+The runs of a candidate are divided into pieces, the units of work that are sent to workers. The number of a run
+determines its motion and floor. The evaluations (runs) of candidates are numbered in one of three ways:
+
+* ``independent``: every evaluation of the search gets a new number, so that evaluations are independent.
+* ``common`` (common random numbers): evaluation e of every candidate is run e.
+* ``AS_RAN``, as in the paper's program: the number is ``pso.shared_run``. Each run is a piece of its own, so that
+  crashed runs can be dropped one by one.
+
+Results are joined in the order of the requests, so that they do not depend on the number or the speed of the workers.
 """
 
 from __future__ import annotations
@@ -34,37 +39,42 @@ from vibroswarm.study.executors import Workers, do_all
 PIECE: Final = 10
 """Runs in a piece: about 20 ms of work, hundreds of times the cost of submitting it."""
 TRIES: Final = 2
+"""How often a piece is tried before it counts as failed."""
 NUMBERS: Final = ("independent", "common")
 AS_RAN: Final = "as-ran"
-"""Numbers of runs that a search by the paper's program gives, whatever its settings say."""
+"""Numbering of a search as by the paper's program, which does not read the setting ``numbers``."""
 RUN_LIMIT: Final = 2**32
+"""Run numbers are below this."""
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Some runs of one candidate, in plain values for a worker.
-
-    Args:
-        cases: scenarios as TOML. values: fields that the candidate sets in each.
-    """
+    """Successive runs of one candidate, described by plain values that can be sent to a worker process."""
 
     cases: tuple[str, ...]
+    """Scenarios as TOML; each run is simulated in all of them."""
     values: tuple[tuple[str, Any], ...]
+    """Names and values of the fields that the candidate sets in each scenario."""
     seed: int
+    """Seed of all runs."""
     motion: str
+    """Name of the motion source."""
     first: int
+    """Number of the first run."""
     last: int
+    """Number behind that of the last run: the runs are ``first`` to ``last`` - 1."""
     code: tuple[tuple[str, str], ...] = ()
-    """User code and its text."""
+    """Names of user code and its text."""
     crashed: bool = False
-    """Whether the runs are taken to have crashed; they are not simulated."""
+    """Whether the runs count as crashed, as some runs of the paper's program did; they are not simulated."""
 
 
 CRASHED: Final = "taken to crash (pso.crash_share)"
+"""Reason of failure of runs that count as crashed."""
 
 
 def code_of(cases: Sequence[Scenario], motion: str) -> tuple[tuple[str, str], ...]:
-    """Return the user code that cases and motion need, with its text."""
+    """Return (name, text) of each user code that the cases or the motion source need, for ``plugins.install_all``."""
     return plugins.texts_of([motion, *(code for case in cases for code in case.codes)])
 
 
@@ -74,15 +84,18 @@ def derived_seed(seed: int, purpose: str) -> int:
 
 
 def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
-    """Simulate runs and return their figures, (runs, cases, columns of all objectives), or why they failed.
+    """Simulate the runs of a piece and return their figures, or the reason why all of them failed.
+
+    The figures are (runs, cases, columns), where the columns of all objectives stand side by side. The runs fail if the
+    candidate's values give a scenario that is invalid or cannot be simulated.
 
     Raises:
-        InputError: a cost gives no number.
+        InputError: a cost gives no number. This is an error in the objective, not a failed run, and ends the search.
     """
     if piece.crashed:
         return CRASHED
     try:
-        plugins.install_all(piece.code)
+        plugins.install_all(piece.code)  # a worker process may not have loaded the user code yet
         scenarios = [_scenario(text, piece.values) for text in piece.cases]
         outcomes = outcomes_of(scenarios, piece.seed, range(piece.first, piece.last), piece.motion)
     except InputError as error:
@@ -91,7 +104,7 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
 
 
 def rows_of(cases: Sequence[Outcomes], objectives: Sequence[Objective]) -> Rows:
-    """Stack figures of all objectives, (runs, cases, columns)."""
+    """Compute the figures of all objectives from the outcomes of each case, (runs, cases, columns)."""
     return np.stack([np.hstack([o.figures(outcomes) for o in objectives]) for outcomes in cases], axis=1)
 
 
@@ -106,7 +119,7 @@ def _scenario(text: str, values: tuple[tuple[str, Any], ...]) -> Scenario:
 
 
 class Evaluator:
-    """Numbers the runs of candidates and divides them into pieces."""
+    """Assigns numbers to the runs of candidates, and divides the runs into pieces."""
 
     def __init__(
         self,
@@ -118,45 +131,77 @@ class Evaluator:
         numbers: str = "independent",
         crash_share: float = 0.0,
     ) -> None:
-        """Divide runs of the candidates in ``archive``; ``numbers`` is one of ``NUMBERS``, or AS_RAN."""
+        """Prepare to divide the runs of the candidates in ``archive``.
+
+        Args:
+            cases: scenarios in which each run is simulated. seed: of the search. motion: the motion source.
+            numbers: how runs are numbered, one of ``NUMBERS`` or ``AS_RAN``.
+            crash_share: with ``AS_RAN``, the share of runs that count as crashed.
+        """
         self.archive, self.motion, self.numbers = archive, motion, numbers
         self.crash_share, self.search_seed = crash_share, seed
         self.cases, self.code = tuple(scenario.to_toml() for scenario in cases), code_of(cases, motion)
         self.seed = derived_seed(seed, "evaluations")
+        """Seed of all runs; it differs from that of the fresh runs, on which the winner is validated."""
         self.next_run = 0
+        """Next unused number with ``independent`` numbers; otherwise not read."""
 
     def pieces(self, ask: Ask) -> list[Piece]:
-        """Return the pieces of a request.
+        """Number the runs of a request, and divide them into pieces of at most ``PIECE`` runs.
 
-        Their runs have the next numbers of the search or, with common numbers, of the candidate.
+        With ``independent`` numbers, the runs get the next unused numbers of the search, which count as used from now
+        on. With ``common`` numbers, a candidate that has n runs continues with run n. See ``_pieces_as_ran`` for
+        ``AS_RAN``.
 
         Raises:
-            InputError: there are no more numbers.
+            InputError: the numbers would exceed ``RUN_LIMIT``.
         """
         candidate = self.archive[ask.key]
         if self.numbers == AS_RAN:
             return self._pieces_as_ran(ask)
         first = self.next_run if self.numbers == "independent" else candidate.count
-        self.next_run += ask.runs
+        self.next_run += ask.runs  # not read with ``common`` numbers
         if first + ask.runs > RUN_LIMIT:
             raise InputError("needs more than 2^32 runs", field="budget")
         values = tuple(candidate.values.items())
+        end = first + ask.runs
         return [
             Piece(
-                self.cases, values, self.seed, self.motion, low, min(low + PIECE, first + ask.runs), self.code
+                cases=self.cases,
+                values=values,
+                seed=self.seed,
+                motion=self.motion,
+                first=low,
+                last=min(low + PIECE, end),
+                code=self.code,
             )
-            for low in range(first, first + ask.runs, PIECE)
+            for low in range(first, end, PIECE)
         ]
 
     def _pieces_as_ran(self, ask: Ask) -> list[Piece]:
-        """Return a piece for each run, numbered by ``shared_run``; a random share of the runs counts as crashed."""
-        candidate, values = self.archive[ask.key], tuple(self.archive[ask.key].values.items())
+        """Return one piece per run, numbered as in the paper's program (``shared_run``).
+
+        Each run counts as crashed with the probability ``crash_share``.
+        """
+        candidate = self.archive[ask.key]
+        values = tuple(candidate.values.items())
+        # The purpose names the candidate and its runs so far. So each request draws other crashes, and a resumed search
+        # draws the same crashes again.
         chances = generator(self.search_seed, f"optimizer: crashes {ask.key} {candidate.count}")
         crashed = (chances.random(ask.runs) < self.crash_share).tolist()
         runs = [shared_run(candidate.count + e, candidate.iteration) for e in range(ask.runs)]
         return [
-            Piece(self.cases, values, self.seed, self.motion, run, run + 1, self.code, lost)
-            for run, lost in zip(runs, crashed, strict=True)
+            Piece(
+                cases=self.cases,
+                values=values,
+                seed=self.seed,
+                motion=self.motion,
+                first=run,
+                last=run + 1,
+                code=self.code,
+                crashed=is_crashed,
+            )
+            for run, is_crashed in zip(runs, crashed, strict=True)
         ]
 
 
@@ -166,31 +211,40 @@ def do_pieces(
     pool: Workers,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Rows | str]:
-    """Run all pieces and return for each, in order, its figures or the reason why it failed.
+    """Run all pieces and return for each, in order, its figures or the reason why it failed; see ``do_piece``.
 
-    The last pieces, too few for all workers, are divided among them, since a search waits for the slowest.
+    With p pieces and w workers, the last p mod w pieces would occupy only some workers while the search waits for them.
+    Each of these pieces is therefore divided into parts for all workers.
 
+    Args:
+        pieces: the work. objectives: compute the figures. pool: the workers.
+        progress: called with the number of finished runs.
     Raises:
         InputError: a cost gives no number. RunError: the workers are gone.
     """
-    even = len(pieces) - len(pieces) % pool.width
-    parts = [_shared(piece, 1 if k < even else pool.width) for k, piece in enumerate(pieces)]
-    results = iter(_do_each([part for shared in parts for part in shared], objectives, pool, progress))
-    return [_together([next(results) for _ in shared]) for shared in parts]
+    undivided = len(pieces) - len(pieces) % pool.width
+    divided = [_parts_of(piece, 1 if k < undivided else pool.width) for k, piece in enumerate(pieces)]
+    results = iter(_do_each([part for parts in divided for part in parts], objectives, pool, progress))
+    return [_joined([next(results) for _ in parts]) for parts in divided]
 
 
-def _shared(piece: Piece, count: int) -> list[Piece]:
-    """Divide a piece into up to ``count`` parts."""
+def _parts_of(piece: Piece, count: int) -> list[Piece]:
+    """Divide a piece into ``count`` pieces of nearly equal size; into one per run if it has fewer runs than that."""
     runs = piece.last - piece.first
     count = min(count, runs)
     bounds = [piece.first + runs * k // count for k in range(count + 1)]
     return [replace(piece, first=first, last=last) for first, last in pairwise(bounds)]
 
 
-def _together(came: Sequence[Rows | str]) -> Rows | str:
-    """Join the figures of a piece's parts; if any failed, return the first reason instead."""
-    rows = [part for part in came if not isinstance(part, str)]
-    return np.concatenate(rows) if len(rows) == len(came) else next(p for p in came if isinstance(p, str))
+def _joined(results: Sequence[Rows | str]) -> Rows | str:
+    """Join the figures of a piece's parts along the runs; if any part failed, return the first reason instead.
+
+    A piece succeeds or fails as a whole: if one part failed, the figures of the other parts are dropped.
+    """
+    rows = [result for result in results if not isinstance(result, str)]
+    if len(rows) == len(results):
+        return np.concatenate(rows)
+    return next(result for result in results if isinstance(result, str))
 
 
 def _do_each(
@@ -199,15 +253,20 @@ def _do_each(
     pool: Workers,
     progress: Callable[[int], None],
 ) -> list[Rows | str]:
-    """Run each piece; one that fails twice gives its error as text."""
+    """Run each piece and return the results (see ``do_piece``) in the order of the pieces.
+
+    A piece whose worker raises an unexpected exception is tried again; after ``TRIES`` attempts, the text of the
+    exception is its result. ``progress`` is called with the number of finished runs.
+    """
     results: dict[int, Rows | str] = {}
     failures: Counter[int] = Counter()
 
     def take(future: Future[Rows | str], k: int) -> list[int]:
+        """Store the result of the piece with index ``k``; return the indices of pieces to submit again: [k] or []."""
         try:
             results[k] = future.result()
         except (InputError, RunError, BrokenExecutor, CancelledError):
-            raise
+            raise  # a wrong cost, or workers that are gone: another attempt cannot help, so the search ends
         except Exception as error:
             failures[k] += 1
             if failures[k] < TRIES:
@@ -217,9 +276,10 @@ def _do_each(
 
     do_all(
         pool,
-        list(reversed(range(len(pieces)))),
+        list(reversed(range(len(pieces)))),  # do_all takes tasks from the end of the list
         lambda k: pool.executor.submit(do_piece, pieces[k], objectives),
         take,
+        # pieces submitted at a time: several per worker, so that none becomes idle
         ahead=lambda: 4 * pool.width,
         progress=lambda: progress(sum(pieces[k].last - pieces[k].first for k in results)),
     )
@@ -233,9 +293,11 @@ class RunFigures:
     rows: Rows
     """(runs, cases, columns)."""
     runs: NDArray[np.int64]
-    """Numbers of the runs."""
+    """Numbers of the runs that succeeded, in the order of ``rows``."""
     failed: int
+    """Number of runs in failed pieces."""
     why: str = ""
+    """Why the first of the failed pieces failed."""
 
 
 def figures_of(
@@ -249,17 +311,33 @@ def figures_of(
     motion: str = "event",
     progress: Callable[[int], None] = lambda done: None,
 ) -> RunFigures:
-    """Simulate runs 0 to ``runs`` - 1 with one set of values; leave out failed pieces.
+    """Simulate runs 0 to ``runs`` - 1 with one set of values; the runs of pieces that fail are left out.
 
-    Under the same seed, sets of values with which the robots move alike have the same motion in each run.
+    Two sets of values with the same settings of motion, simulated with the same seed, have the same motion in each run,
+    so that their figures can be compared run by run.
 
+    Args:
+        cases: scenarios in which each run is simulated. values: fields to set in all of them, by name.
+        objectives: compute the figures. runs: number of runs. seed: of the runs. workers: that simulate them.
+        motion: the motion source. progress: called with the number of finished runs.
     Raises:
-        RunError: all runs failed.
+        InputError: a cost gives no number. RunError: all runs failed, or the workers are gone.
     """
-    texts, items = tuple(c.to_toml() for c in cases), tuple(values.items())
-    step = 5 * PIECE
+    texts, items = tuple(scenario.to_toml() for scenario in cases), tuple(values.items())
+    step = 5 * PIECE  # larger pieces than in a search, since there are many runs: fewer pieces to submit
     code = code_of(cases, motion)
-    pieces = [Piece(texts, items, seed, motion, k, min(k + step, runs), code) for k in range(0, runs, step)]
+    pieces = [
+        Piece(
+            cases=texts,
+            values=items,
+            seed=seed,
+            motion=motion,
+            first=first,
+            last=min(first + step, runs),
+            code=code,
+        )
+        for first in range(0, runs, step)
+    ]
     results = do_pieces(pieces, objectives, workers, progress)
     good = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if not isinstance(rows, str)]
     bad = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if isinstance(rows, str)]

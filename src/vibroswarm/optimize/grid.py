@@ -1,8 +1,9 @@
 """Score every combination of some values on shared motion, as the paper's second stage does for eta and kappa.
 
-A grid is a study: fields of strategy and decision move no robot, so all cells replay one motion and are compared run by
-run. The cell with the lowest score is marked, and so is every cell that does not differ significantly from it, since
-which of these is lowest is luck. The best cell is scored again on fresh runs.
+A grid is a study with one cell for each combination of the values. Fields of strategy and decision do not change how
+robots move, so all cells replay one motion and are compared run by run. The cell with the lowest score is the best.
+Every cell that does not differ significantly from the best one is marked as equally good, since it is luck which of
+them is lowest. The best cell is scored again on fresh runs, that is runs that played no part in choosing it.
 
 | name | values in the paper |
 |---|---|
@@ -20,7 +21,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import Interval
@@ -33,10 +33,11 @@ from vibroswarm.optimize.outcomes import Outcomes, from_tables
 from vibroswarm.optimize.spec import KEYS
 from vibroswarm.optimize.validation import Scored, Truth, paired_score, scored_of
 from vibroswarm.study.factors import flat
+from vibroswarm.study.run import run as run_study
 from vibroswarm.study.runner import Progress
-from vibroswarm.study.spec import Cell, Study, as_toml
+from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_result import StudyResult
-from vibroswarm.study.study_result import run as run_study
+from vibroswarm.study.study_text import as_toml
 
 PAPER: Final[dict[str, list[Any]]] = {
     "strategy.soft.eta": [750.0, 1000.0, 1250.0, 1500.0, 1750.0, 2000.0, 2250.0, 2500.0],
@@ -58,43 +59,51 @@ class Grid(NotebookView):
 
     @classmethod
     def paper(cls, objective: Objective | None = None, runs: int = RUNS, seed: int = 1) -> Grid:
-        """Make the paper's second stage: soft feedback on random floors of fill ratio 0.48, with P*.
+        """Make the grid of the paper's second stage: soft feedback on random floors of fill ratio 0.48, with P*.
 
         Args:
-            objective: by default the paper's cost. runs: of each cell. seed: of all cells.
+            objective: what is minimised, by default mean + sd of the cost of the paper's program.
+            runs: of each cell. seed: of the runs, the same in all cells.
         """
-        base = {"preset": "paper", "strategy": {"name": "soft"}}
-        return cls(Study(base, {"grid": PAPER}, runs, seed=seed), objective or Objective())
+        base = {"preset": "paper", "strategy": {"name": "soft"}}  # the preset has these floors and P*
+        return cls(Study(base, vary={"grid": PAPER}, runs=runs, seed=seed), objective or Objective())
 
     @classmethod
     def read(cls, path: str | Path) -> Grid:
-        """Read a grid from a search's file ``path``, whose space has lists, or ranges with steps.
+        """Read a grid from the file ``path`` of a search, whose block ``space`` gives the values of each field.
+
+        Each field must have a list of values, or a range with steps. The number of runs per cell is ``RUNS`` if the
+        file does not give it.
 
         Raises:
-            InputError: no space, or one of ranges without steps.
+            InputError: the file has no space, a range without steps, several objectives, or another wrong entry.
         """
         path = Path(path)
         values = parsed_toml(read_text(path, "a search"), str(path))
-        own = {key: values.pop(key) for key in KEYS if key in values}
-        space = own.get("space")
+        # A search file is a study file with some further keys. These are taken out, and the space becomes the study's
+        # block "grid". The keys "search", "pso" and "start" are not read: a grid has no method.
+        search_values = {key: values.pop(key) for key in KEYS if key in values}
+        space = search_values.get("space")
         if not isinstance(space, Mapping) or not space:
             raise InputError(
                 "a grid needs fields with their values: lists, or ranges with steps", field="space"
             )
         if "grid" in values:
-            raise InputError("is the space of this method; put cases into [zip] or [[list]]", field="grid")
+            raise InputError(
+                "the block 'grid' is made of the space here; put cases into [zip] or [[list]]", field="grid"
+            )
         values["grid"] = space
         values.setdefault("runs", RUNS)
-        objectives = objectives_from(own.get("objective", {}))
+        objectives = objectives_from(search_values.get("objective", {}))
         if len(objectives) > 1:
             raise InputError("a grid has one objective", field="objective")
         return cls(Study.from_values(values, name=str(path), folder=path.parent), objectives[0])
 
     def to_toml(self) -> str:
-        """Write the grid as a self-contained search file; ``read`` returns one with the same cells, runs and seed.
+        """Write the grid as a self-contained search file, from which ``read`` makes the same cells, runs and seed.
 
         Raises:
-            InputError: its cost is a function, which a file cannot hold, or the study has no grid.
+            InputError: its cost is a function, which a file cannot hold, or its study varies no fields in a grid.
         """
         if self.objective.function is not None:
             raise InputError("a cost that is a function cannot be written to a file", field="objective")
@@ -102,10 +111,12 @@ class Grid(NotebookView):
         if "grid" not in values:
             raise InputError("a file of a grid needs fields with their values", field="space")
         cells = self.study.cells
+        # Ranges are replaced by their values: the distinct values of the cells, in the order of the cells.
         values["grid"] = {
             name: list(dict.fromkeys(cell.point[name] for cell in cells)) for name in flat(values["grid"])
         }
-        # Written as a study's block: there fields keep their order, which is that of the cells.
+        # The order of the fields determines that of the cells. ``as_toml`` preserves it only in a study's block "grid",
+        # so that the space is written under this heading, which is then renamed.
         text = as_toml(values | {"objective": self.objective.as_values()})
         return re.sub(r"^\[grid\]$", "[space]", text, count=1, flags=re.MULTILINE)
 
@@ -117,15 +128,19 @@ class Node(NotebookView):
     cell: Cell
     scored: Scored
     above_best: Interval
-    """Its score minus that of the best cell, paired by run."""
+    """Score of this cell minus that of the best cell, paired by run."""
     time_s: float
+    """Mean decision time over robots and runs, s; an undecided robot counts with T_end."""
     belief_in_truth: float | None
+    """Mean belief of the robots in the true answer; None if the strategy has no beliefs."""
     wrong: float
+    """Share of wrong robots among all."""
     undecided: float
+    """Share of undecided robots among all."""
 
     @property
     def as_good(self) -> bool:
-        """Whether it does not differ significantly from the best cell."""
+        """Whether the score of this cell is not significantly higher than that of the best cell; true of the best."""
         return not self.above_best.low > 0
 
 
@@ -134,16 +149,21 @@ class Nodes(NotebookView):
     """A grid with the scores of its cells."""
 
     grid: Grid
+    """The study and its objective."""
     nodes: tuple[Node, ...]
+    """The scored cells, in the order of the study's cells."""
 
     @property
     def best(self) -> Node:
-        """The cell with the lowest score."""
+        """The cell with the lowest score, the first of equals."""
         return min(self.nodes, key=lambda node: (node.scored.score.estimate, node.cell.number))
 
     @property
     def table(self) -> pl.DataFrame:
-        """One row per cell: varied values, the score with its limits, times and shares."""
+        """One row per cell: its values, its score and its distance above the best score (with limits), other figures.
+
+        The limits are those of 95 % intervals; ``runs`` is the number of runs behind the score.
+        """
         rows = []
         for node in self.nodes:
             score, above = node.scored.score, node.above_best
@@ -157,7 +177,7 @@ class Nodes(NotebookView):
         return pl.DataFrame(rows, infer_schema_length=None)
 
     def as_dict(self, truth: Truth | None = None) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return plain values for JSON; ``truth`` is the score of the best cell on fresh runs, None if not computed."""
         return {
             "method": "grid",
             "objective": self.grid.objective.as_values(),
@@ -169,16 +189,18 @@ class Nodes(NotebookView):
 
 
 def scores_of(grid: Grid, result: StudyResult) -> Nodes:
-    """Score the cells of a finished study; estimates of the fill ratio are those at the end of the runs.
+    """Score the cells of a finished study. Costs use the robots' estimates of the fill ratio at the end of the runs.
 
     Args:
-        grid: the grid. result: of ``grid.study``.
+        grid: the grid, with the objective. result: the result of ``grid.study``.
+    Returns:
+        The scored cells. Each is also compared, run by run, with the cell of the lowest score.
     """
     scored_cells = []
     for cell in result.study.cells:
         robots, outcomes = _outcomes(result, cell)
         scored = _scored(cell.name, cell, grid.objective, outcomes)
-        belief = robots["belief_in_truth"].mean()
+        belief = robots["belief_in_truth"].mean()  # None if the strategy has no beliefs
         figures = (
             float(outcomes.time_s.mean()),
             None if belief is None else float(belief),  # type: ignore[arg-type]
@@ -186,10 +208,18 @@ def scores_of(grid: Grid, result: StudyResult) -> Nodes:
             float(outcomes.undecided.mean()),
         )
         scored_cells.append((cell, scored, figures))
-    best = scored_cells[int(np.argmin([scored.score.estimate for _, scored, _ in scored_cells]))][1]
+    _, best, _ = min(scored_cells, key=lambda cell_and_score: cell_and_score[1].score.estimate)
     nodes = [
-        Node(cell, scored, paired_score(grid.objective, scored, best), *figures)
-        for cell, scored, figures in scored_cells
+        Node(
+            cell=cell,
+            scored=scored,
+            above_best=paired_score(grid.objective, scored, best),
+            time_s=time_s,
+            belief_in_truth=mean_belief,
+            wrong=wrong,
+            undecided=undecided,
+        )
+        for cell, scored, (time_s, mean_belief, wrong, undecided) in scored_cells
     ]
     return Nodes(grid, tuple(nodes))
 
@@ -205,30 +235,34 @@ def truth_of_grid(
     """Score the best cell on fresh runs, since the lowest of many scores is partly luck.
 
     Args:
-        nodes: from ``scores_of``. runs: number of fresh runs.
-        executor, workers: see ``study.executors``. progress: called as runs come back.
+        nodes: the scored cells. runs: number of fresh runs.
+        executor, workers: see ``study.executors``. progress: called as runs finish.
+    Returns:
+        The score on the runs by which the cell was chosen (believed), and its score on the fresh runs. No other cells
+        are compared with it.
     Raises:
-        InputError: too few runs.
+        InputError: fewer than 2 runs.
     """
     if runs < 2:
         raise InputError(f"{runs} is too few; at least 2", field="fresh")
     study, best = nodes.grid.study, nodes.best
-    again = replace(
-        Study.of(best.cell.scenario, runs, derived_seed(study.seed, "fresh runs")), motion=study.motion
-    )
-    result = run_study(again, executor=executor, workers=workers, progress=progress)
-    _, outcomes = _outcomes(result, again.cells[0])
+    fresh_seed = derived_seed(study.seed, "fresh runs")  # runs that differ from those of the grid
+    fresh_study = replace(Study.of(best.cell.scenario, runs, fresh_seed), motion=study.motion)
+    result = run_study(fresh_study, executor=executor, workers=workers, progress=progress)
+    _, outcomes = _outcomes(result, fresh_study.cells[0])
     scored = _scored("winner", best.cell, nodes.grid.objective, outcomes)
-    return Truth(best.scored.score.estimate, scored, (), ())
+    return Truth(believed=best.scored.score.estimate, winner=scored, others=(), against=())
 
 
 def _outcomes(result: StudyResult, cell: Cell) -> tuple[pl.DataFrame, Outcomes]:
-    """Return the table of robots of a cell, and its outcomes."""
+    """Return the table of robots of a cell (one row per run and robot), and the outcomes of its runs."""
     robots, runs = result.tables(cell.number)
-    tiles = cell.scenario.floor_for(result.study.seed, 0).tiles.size
+    floor_of_run_0 = cell.scenario.floor_for(result.study.seed, 0)
+    tiles = floor_of_run_0.tiles.size  # the floors of all runs have the same number of tiles
     return robots, from_tables(cell.scenario, robots, runs, tiles)
 
 
 def _scored(name: str, cell: Cell, objective: Objective, outcomes: Outcomes) -> Scored:
-    rows = objective.figures(outcomes)[:, None, :]
+    """Score the runs of a cell under the name ``name``."""
+    rows = objective.figures(outcomes)[:, None, :]  # (runs, 1 case, columns)
     return scored_of(name, dict(cell.point), objective, rows, outcomes.run)

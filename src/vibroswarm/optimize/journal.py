@@ -5,9 +5,10 @@
     journal.jsonl   a line for each step: the requests and the figures of every run
     .lock           the process that uses the folder, while it does
 
-A search is resumed by running its method from the beginning with the results in the journal: nothing is unpickled, and
-the same history leads to exactly the same next request. A line that was being written when the process was killed is
-dropped. Only one process at a time may write: see ``Journal.alone``.
+A step is one set of requests of the search's method, with the results of its runs. A search is resumed by running its
+method from the beginning with the results in the journal: nothing is unpickled, and the same history leads to exactly
+the same next request. A line that was being written when the process was killed is dropped. Only one process at a time
+may write: see ``Journal.alone``.
 """
 
 from __future__ import annotations
@@ -34,8 +35,11 @@ from vibroswarm.simulation import versions
 from vibroswarm.study.executors import check_begun_by
 
 SEARCH: Final = "search.toml"
+"""File with the definition of the search."""
 HEAD: Final = "search.json"
+"""File with format, hash and versions; it is written last, so that a folder with it holds a search."""
 JOURNAL: Final = "journal.jsonl"
+"""File with one line per step."""
 MOST_JOURNAL: Final = 2**30
 """Most bytes of a journal, enough for about 20 million runs."""
 
@@ -45,19 +49,28 @@ class Step:
     """One step: the requested runs and their results."""
 
     asks: list[Ask]
+    """The requests."""
     origins: list[str]
+    """For each request the origin of its candidate."""
     found: list[list[Any]]
-    """For each request its pieces: rows, or the reason of a failure with the number of runs."""
+    """For each request the results of its pieces in order: an array of figures, (runs, cases, columns), or for a failed
+    piece (reason, number of runs)."""
 
 
 class Journal:
-    """A search's folder."""
+    """The folder of a search: its files are written here, and its recorded steps are read."""
 
     def __init__(self, folder: str | Path, search: Search, *, mixed: bool = False) -> None:
-        """Open the folder of this search; ``alone`` makes it if it does not exist.
+        """Check that the folder can be used for this search: it does not exist, is empty, or holds this search.
 
+        Nothing is written here; ``alone`` makes the folder.
+
+        Args:
+            folder: of the search. search: its definition.
+            mixed: whether the search may be continued if other versions of the programs began it.
         Raises:
-            InputError: the folder holds something else, another search, or one of other versions.
+            InputError: the folder holds something else or another search, or the search was begun by other versions
+                and ``mixed`` is false.
         """
         self.folder, self.search, self.mixed = Path(folder), search, mixed
         self._text = search.to_toml()
@@ -67,32 +80,42 @@ class Journal:
             )
 
     def _is_there(self) -> bool:
-        """Tell whether the folder holds this search; raise if it holds another."""
+        """Return whether the folder holds this search; false if it holds no search.
+
+        Raises:
+            InputError: it holds another search, or one that cannot be continued.
+        """
         if not (self.folder / HEAD).is_file():
             return False
         self._check(self.search, self.mixed)
         return True
 
     def _is_foreign(self) -> bool:
-        """Tell whether the folder holds anything that is not the beginning of this search."""
+        """Return whether the path is a file, or a folder with an entry that this search does not write at its start."""
         return self.folder.exists() and not (
             self.folder.is_dir() and all(self._is_begun(path) for path in self.folder.iterdir())
         )
 
     def _is_begun(self, path: Path) -> bool:
-        """Return whether a file is one that a search writes before its journal starts."""
+        """Return whether ``path`` is a file that this search writes before its first step.
+
+        If a process is killed before the first step, its folder has only such files, and the search can begin there
+        again.
+        """
         if path.name == SEARCH:
             return path.read_bytes() == self._text.encode()
         if path.name == JOURNAL:
             return path.stat().st_size == 0
-        return path.name == LOCK or path.name.startswith((f".{SEARCH}.", f".{JOURNAL}.", f".{HEAD}."))
+        # Files that were being written have temporary names that begin in this way.
+        temporary = (f".{SEARCH}.", f".{JOURNAL}.", f".{HEAD}.")
+        return path.name == LOCK or path.name.startswith(temporary)
 
     @contextmanager
     def alone(self) -> Iterator[None]:
-        """Lock the folder for this process, and make it if it does not exist.
+        """Make the folder if it does not exist, and lock it for this process until the end of the block.
 
         Raises:
-            InputError: another process uses it. RunError: it cannot be written.
+            InputError: another process uses the folder, or it holds another search. RunError: it cannot be written.
         """
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -105,6 +128,7 @@ class Journal:
             yield
 
     def _make(self) -> None:
+        """Write the files of a new search. The head is written last, since a folder with a head counts as a search."""
         head = {"format": FORMAT, "hash": self.search.hash, "versions": versions()}
         write_code(self.folder, (cell.scenario for cell in self.search.cases), self.search.study.motion)
         write_files(self.folder, {SEARCH: self._text, JOURNAL: "", HEAD: json.dumps(head, indent=1) + "\n"})
@@ -114,7 +138,7 @@ class Journal:
         return steps_in(self.folder)
 
     def cut(self) -> None:
-        """Drop an incomplete last line, whose writer was killed, and warn of it."""
+        """Cut off an incomplete last line of the journal, which a killed process leaves, and log a warning."""
         path = self.folder / JOURNAL
         data = path.read_bytes()
         end = data.rfind(b"\n") + 1
@@ -127,15 +151,21 @@ class Journal:
         """Append a finished step to the journal and flush it to disk.
 
         Args:
-            found: for each request, its pieces: figures as an array, or (cause, number of runs) of a failure.
+            archive: has the candidates of the requests. asks: the requests of the step.
+            found: their results, see ``Step.found``.
+        Raises:
+            RunError: the journal cannot be written.
         """
         step = {
             "asks": [list(ask) for ask in asks],
             "origins": [archive[ask.key].origin for ask in asks],
+            # The values are written for people who read the file; no program reads them.
             "values": [archive[ask.key].values for ask in asks],
             "found": [
                 [
-                    piece.tolist() if isinstance(piece, np.ndarray) else [piece[0], piece[1]]
+                    piece.tolist()
+                    if isinstance(piece, np.ndarray)  # figures
+                    else list(piece)  # (reason, number of runs) of a failed piece
                     for piece in pieces
                 ]
                 for pieces in found
@@ -151,7 +181,12 @@ class Journal:
             raise RunError(f"could not write '{self.folder / JOURNAL}': {error.strerror or error}") from error
 
     def _check(self, search: Search, mixed: bool) -> None:
-        """Refuse a folder of another search, format or version."""
+        """Check that the folder holds the given search, and that this version of the programs may continue it.
+
+        Raises:
+            InputError: the folder holds another search, has another format or a damaged head, or was begun by other
+                versions of the programs and ``mixed`` is false.
+        """
         path = self.folder / HEAD
         head = read_json(path, "the head of a search")
         version, saved_hash = entry(head, "format", int, path), entry(head, "hash", str, path)
@@ -168,7 +203,7 @@ class Journal:
 
 
 def steps_in(folder: Path) -> Iterator[Step]:
-    """Read the steps of a search's folder in order; an incomplete last line is left out.
+    """Yield the steps in the journal of a search's folder in order; an incomplete last line is left out.
 
     Raises:
         InputError: the journal cannot be read, or is damaged before its last line.
@@ -177,9 +212,11 @@ def steps_in(folder: Path) -> Iterator[Step]:
     if not path.exists():
         raise InputError(f"{JOURNAL} is missing", field=str(folder))
     lines = read_bytes(path, MOST_JOURNAL, "the journal of a search").split(b"\n")
+    # What follows the last newline is left out: it is empty, or a line whose writer was killed.
     for k, line in enumerate(lines[:-1]):
         try:
             yield _step(json.loads(line))
+        # what the parsers of JSON and of steps raise for damaged lines of any kind
         except (ValueError, LookupError, TypeError, OverflowError, AttributeError, RecursionError):
             raise InputError(
                 f"line {k + 1} is damaged; restore the file from a copy, or cut it before that line, from where the "
@@ -189,40 +226,53 @@ def steps_in(folder: Path) -> Iterator[Step]:
 
 
 def _step(step: Any) -> Step:
-    """Check a line: the pieces of each request contain its runs, and all have the same cases and columns."""
+    """Make a step from ``step``, the parsed line of a journal, and check it.
+
+    The results of each request must have the requested number of runs, and all arrays of figures must have the same
+    numbers of cases and columns.
+
+    Raises:
+        ValueError, LookupError, TypeError, ...: the line is damaged; the caller writes the message for the user.
+    """
     asks = [Ask(_count(key, 0), _count(runs, 1)) for key, runs in step["asks"]]
     results = [[_piece(piece) for piece in pieces] for pieces in step["found"]]
     origins = [str(origin) for origin in step["origins"]]
     if not len(asks) == len(results) == len(origins):
-        raise ValueError("not as many pieces as asks")
+        raise ValueError("not one result and one origin per request")
     for ask, pieces in zip(asks, results, strict=True):
+        # A piece p is an array of figures, with runs along its first axis, or (reason, number of failed runs).
         if sum(len(p) if isinstance(p, np.ndarray) else p[1] for p in pieces) != ask.runs:
-            raise ValueError("not as many runs as asked for")
+            raise ValueError("not as many runs as requested")
     if len({piece.shape[1:] for pieces in results for piece in pieces if isinstance(piece, np.ndarray)}) > 1:
-        raise ValueError("rows of different width")
+        raise ValueError("figures of different numbers of cases or columns")
     return Step(asks, origins, results)
 
 
 def _count(value: Any, low: int) -> int:
+    """Return ``value`` if it is a whole number from ``low`` to 10^9, else raise ``ValueError``."""
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= 10**9:
         raise ValueError("no count")
     return value
 
 
 def is_search(folder: Path) -> bool:
-    """Tell whether a folder holds a search."""
+    """Return whether a folder holds a search."""
     return (folder / HEAD).is_file() and (folder / SEARCH).is_file()
 
 
 def held(folder: Path) -> dict[str, Any]:
-    """Describe the contents of a search's folder in plain values, without running anything.
+    """Describe what a search's folder holds in plain values, without running anything.
+
+    ``runs_there`` is the number of runs in the journal, ``runs_wanted`` the number of runs of the whole search.
+    ``result`` is None until the search is finished.
 
     Raises:
-        InputError: it is damaged.
+        InputError: a file in the folder is damaged.
     """
     search = Search.read(folder / SEARCH)
     steps = list(steps_in(folder))
     result = held_result(folder / "result.json")
+    # In ``Step.found``, a failed piece is (reason, number of runs).
     failed = [
         piece[1] for step in steps for pieces in step.found for piece in pieces if isinstance(piece, tuple)
     ]
@@ -241,11 +291,16 @@ def held(folder: Path) -> dict[str, Any]:
 
 
 def held_result(path: Path) -> dict[str, Any] | None:
-    """Read the parts of a search's result that are displayed; None if it has not been scored yet.
+    """Read the result of a search from the file ``path``, and check the entries that programs display.
 
+    These are the values of ``best``, the scores and the sentence of ``truth``, and the sentence of ``front``.
+
+    Returns:
+        All entries of the file; None if the file does not exist, since the search is not finished.
     Raises:
         InputError: the file is damaged.
     """
+    # A link whose target is missing does not exist, but must not pass as an unfinished search: reading it is an error.
     if not (path.exists() or path.is_symlink()):
         return None
     result = read_json(path, "the result of a search")
@@ -256,6 +311,7 @@ def held_result(path: Path) -> dict[str, Any] | None:
     if (truth := result.get("truth")) is not None:
         score = entry(entry(truth, "true", dict, path), "score", dict, path)
         for part, name in ((truth, "believed"), (score, "low"), (score, "estimate"), (score, "high")):
+            # Null is allowed: it stands for a number that is not finite. ``number`` refuses a missing entry.
             if part.get(name) is not None or name not in part:
                 number(part, name, path)
         entry(truth, "says", str, path)
@@ -266,10 +322,16 @@ def held_result(path: Path) -> dict[str, Any] | None:
 
 
 def _piece(given: Any) -> Any:
-    """Read a piece: rows as an array, (runs, cases, columns), or a failure as (why, runs)."""
+    """Convert the result of a piece, as parsed from JSON, to an array of figures, (runs, cases, columns).
+
+    The result of a failed piece becomes the tuple (reason, number of runs).
+
+    Raises:
+        ValueError, LookupError, TypeError, ...: it is neither.
+    """
     if isinstance(given[0], str):
         return given[0], _count(given[1], 0)
     rows = np.array(given, dtype=np.float64)
     if rows.ndim != 3 or 0 in rows.shape[1:] or not np.isfinite(rows).all():
-        raise ValueError("no rows")
+        raise ValueError("figures are not finite numbers (runs, cases, columns)")
     return rows

@@ -1,10 +1,12 @@
 """Define the protocol of a search's method, and the methods that propose points in batches.
 
-A method requests runs of candidates, is told when they are finished, and continues. It has little state of its own and
-reads figures from the archive. Its random numbers depend on purpose and iteration only, so that it requests the same
-runs after the same history; this is how a search is resumed.
+A method requests runs of candidates (``ask``). Once the runs are finished and in the archive, ``tell`` is called, so
+that the method can use their scores for its next requests. A method reads all figures from the archive. Its random
+numbers depend only on the seed, their purpose and the iteration, so that it requests the same runs after the same
+history; this is how a search is resumed.
 
-All methods but the particle swarm propose in batches, each from the scores of those before:
+All methods but the particle swarm propose points in batches. The methods of Optuna and cmaes use the scores of the
+batches before; these two do not:
 
 | method | how points are proposed |
 |---|---|
@@ -32,7 +34,9 @@ class Ask(NamedTuple):
     """A request for further runs of a candidate."""
 
     key: int
+    """Key of the candidate in the archive."""
     runs: int
+    """Number of further runs."""
 
 
 @dataclass(frozen=True)
@@ -40,9 +44,12 @@ class Iteration:
     """The state of a method after an iteration; lower scores are better."""
 
     number: int
+    """The iteration, from 1."""
     runs: int
+    """Runs of the search so far."""
     best_key: int
     best: float
+    """Score of the best candidate so far, ``best_key``, as the method believes it."""
     mean: float
     """Mean score of the candidates of this iteration."""
     mean_point: tuple[float, ...]
@@ -59,13 +66,25 @@ def iteration_of(
     points: NDArray[np.float64],
     personal: Iterable[float] = (),
 ) -> Iteration:
-    """Record an iteration in which the candidates ``keys`` were tried at ``points``; ``best`` is key and score."""
+    """Make the record of an iteration.
+
+    Args:
+        archive: has the runs of the iteration. number: of the iteration, from 1.
+        keys: keys of the candidates of the iteration.
+        points: positions of these candidates in the unit cube, (candidates, dimensions).
+        best: key and score of the best candidate so far.
+        personal: of a particle swarm, the scores of the personal bests.
+    Returns:
+        The record. Its mean is over candidates with a finite score, and infinite if there are none.
+    """
+    # plain scores; an infinite score, such as that of a candidate with a failed run, would make the mean infinite
     finite = [score for score in map(archive.score, keys) if math.isfinite(score)]
+    best_key, best_score = best
     return Iteration(
         number=number,
         runs=archive.runs,
-        best_key=best[0],
-        best=best[1],
+        best_key=best_key,
+        best=best_score,
         mean=float(np.mean(finite)) if finite else math.inf,
         mean_point=tuple(float(u) for u in points.mean(axis=0)),
         personal=tuple(float(score) for score in personal),
@@ -78,19 +97,21 @@ class Method(Protocol):
     name: str
     archive: Archive
     history: list[Iteration]
+    """The finished iterations."""
     iterations: int
+    """Number of iterations if the budget is used up."""
 
     def ask(self) -> list[Ask]:
         """Request runs; an empty list ends the method."""
 
     def tell(self) -> None:
-        """Continue: the requested runs are in the archive."""
+        """Take the results of the requested runs, which are in the archive by now."""
 
     def best(self) -> int:
-        """Return the candidate with the best estimate."""
+        """Return the key of the candidate that the method takes for the best."""
 
     def finalists(self, count: int) -> list[int]:
-        """Return up to ``count`` candidates that may be the best."""
+        """Return the keys of up to ``count`` candidates that may be the best."""
 
 
 def chance(seed: int, purpose: str) -> np.random.Generator:
@@ -100,16 +121,24 @@ def chance(seed: int, purpose: str) -> np.random.Generator:
 
 @dataclass
 class SearchProgress:
-    """Progress of a search."""
+    """Progress of a search, as it is reported while runs finish."""
 
     method: str
+    """Name of the method, or "race"."""
     iteration: int
+    """Number of finished iterations."""
     iterations: int
+    """Number of iterations if the budget is used up."""
     runs: int
+    """Number of finished runs."""
     wanted: int
+    """Number of runs of the search up to the end of this stage."""
     best: float
+    """The best score so far; infinite before the first iteration ends."""
     failed: int = 0
+    """Number of runs that failed."""
     stage: str = "search"
+    """Either "search" or "race"."""
 
 
 BATCH: Final = 10
@@ -130,23 +159,36 @@ class BatchSampler(ABC):
         starts: Sequence[Point] = (),
         batch: int = BATCH,
     ) -> None:
+        """Prepare a search without candidates.
+
+        Args:
+            archive: gets the candidates. seed: of the search. budget: runs in all. evaluations: runs of each candidate.
+            starts: points to propose first. batch: largest number of points in a batch.
+        """
         self.archive, self.seed, self.evaluations, self.starts = archive, seed, evaluations, list(starts)
         self.points = max(budget // evaluations, 1)
+        """Number of points that are proposed in all: as many as the budget allows, but at least one."""
         self.batch = min(batch, self.points)
         self.iterations, self.iteration = math.ceil(self.points / self.batch), 0
+        """Number of batches in all, and number of finished batches."""
         self.history: list[Iteration] = []
         self.current: list[int] = []
+        """Keys of the candidates in the batch that was requested last."""
         self.keys: list[int] = []
+        """Keys of all candidates so far."""
 
     @abstractmethod
     def propose(self, count: int) -> list[Point]:
-        """Propose the next points."""
+        """Propose the next ``count`` points in the unit cube."""
 
-    def learn(self, keys: Sequence[int]) -> None:  # noqa: B027  (not all do)
+    def learn(self, keys: Sequence[int]) -> None:  # noqa: B027  (some methods do not learn)
         """Update the method with the scores of a batch, which are in the archive."""
 
     def ask(self) -> list[Ask]:
-        """Request the runs of the next batch."""
+        """Propose the next batch, add its points to the archive, and request runs of each.
+
+        The list is empty once all ``points`` have been proposed.
+        """
         left = self.points - len(self.keys)
         if left <= 0:
             return []
@@ -157,7 +199,7 @@ class BatchSampler(ABC):
         return [Ask(key, self.evaluations) for key in self.current]
 
     def tell(self) -> None:
-        """Learn from the finished batch."""
+        """Update the method with the scores of the finished batch, and add the batch to the history."""
         self.learn(self.current)
         self.iteration += 1
         best = self.best()
@@ -168,15 +210,15 @@ class BatchSampler(ABC):
         )
 
     def best(self) -> int:
-        """Return the best candidate by upper bound of the score."""
+        """Return the candidate whose score has the lowest upper bound, see ``Archive.cautious``."""
         return self.archive.in_order(self.keys)[0]
 
     def finalists(self, count: int) -> list[int]:
-        """Return the best candidates in order."""
+        """Return up to ``count`` candidates, sorted by the upper bound of the score, the lowest first."""
         return self.archive.in_order(self.keys)[:count]
 
     def next_starts(self, count: int) -> list[Point]:
-        """Take starts that have not been proposed yet."""
+        """Take up to ``count`` starts out of those that have not been proposed yet."""
         taken, self.starts = self.starts[:count], self.starts[count:]
         return taken
 
@@ -187,10 +229,10 @@ class Random(BatchSampler):
     name = "random"
 
     def propose(self, count: int) -> list[Point]:
-        """Propose the starts, then uniform points."""
-        points = self.next_starts(count)
+        """Return ``count`` points: first the starts that have not been proposed yet, then uniformly random points."""
+        starts = self.next_starts(count)
         random = chance(self.seed, f"random {self.iteration}")
-        return [*points, *random.random((count - len(points), self.archive.space.size))]
+        return [*starts, *random.random((count - len(starts), self.archive.space.size))]
 
 
 class Sobol(BatchSampler):
@@ -199,15 +241,22 @@ class Sobol(BatchSampler):
     name = "sobol"
 
     def propose(self, count: int) -> list[Point]:
-        """Propose the starts, then the points of the sequence."""
+        """Return ``count`` points: first the starts that have not been proposed yet, then points of the sequence.
+
+        The sequence is drawn in the first call, and ``self.sequence`` keeps the points that are left.
+        """
         from scipy.stats import qmc
 
-        points = self.next_starts(count)
+        starts = self.next_starts(count)
         if not hasattr(self, "sequence"):
-            size = 1 << max(self.points - 1, 0).bit_length()  # balanced at powers of two
-            number = int(chance(self.seed, "sobol").integers(2**63))  # scipy wants a generator that can spawn
-            sampler = qmc.Sobol(self.archive.space.size, scramble=True, rng=np.random.default_rng(number))
+            # A Sobol sequence is evenly spread only if its length is a power of two, and SciPy warns of other lengths.
+            # The smallest power of two that is at least ``points`` is drawn; surplus points stay unused.
+            size = 1 << max(self.points - 1, 0).bit_length()
+            # SciPy calls ``spawn`` of the generator that it is given, which that of ``chance`` does not support. So
+            # ``chance`` only gives the seed of a new generator.
+            sobol_seed = int(chance(self.seed, "sobol").integers(2**63))
+            sampler = qmc.Sobol(self.archive.space.size, scramble=True, rng=np.random.default_rng(sobol_seed))
             self.sequence = list(sampler.random(size))
-        more = count - len(points)
-        taken, self.sequence = self.sequence[:more], self.sequence[more:]
-        return [*points, *taken]
+        missing = count - len(starts)
+        taken, self.sequence = self.sequence[:missing], self.sequence[missing:]
+        return [*starts, *taken]

@@ -11,6 +11,9 @@
 | expected_time_to_right | sum of times / runs with a right consensus, s: a failed inspection is repeated |
 | time_at_error | mean time + T_end (excess of errors / max_error + excess of undecided / max_undecided), s |
 
+The errors of ``time_at_error`` are the share of wrong robots among those that decided, the undecided a share of all
+robots; the excess is the part above the limit, at least 0.
+
 Cases are the cells of the study, such as several floors. The score is that of the worst case, or the mean over cases.
 """
 
@@ -26,19 +29,24 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, generator, mean_interval, quantile_interval
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, check_choice, nearest, number_of
+from vibroswarm.errors import InputError, check_choice, nearest, number_of, shown
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize import costs
 from vibroswarm.optimize.outcomes import Outcomes
 
 AIMS: Final = ("expected_time_to_right", "time_at_error")
+"""Composite objectives: their score is computed from several figures per run, without a statistic."""
 NAMES: Final = (*costs.COSTS, *AIMS)
+"""Names of all built-in costs and composite objectives."""
 OVER: Final = ("worst", "mean")
+"""How the scores of several cases become one: the worst of them, or their mean."""
 PARAMETERS: Final[dict[str, tuple[str, ...]]] = {
     "errors": ("false_alarm", "miss", "undecided"),
     "time_at_error": ("max_error", "max_undecided"),
 }
+"""The parameters that each cost takes; the others take none."""
 DRAWS: Final = 1000
+"""Resamples of a bootstrap."""
 
 Rows = NDArray[np.float64]
 """Figures of a candidate: (runs, cases, columns)."""
@@ -48,29 +56,33 @@ Rows = NDArray[np.float64]
 class Objective(NotebookView):
     """A score to be minimised.
 
-    Args:
-        name: one of ``NAMES``; with a function any other.
-        statistic: ``mean+sd``, ``mean`` or ``quantile Q``, for costs of one figure per run.
-        over: the ``worst`` case, or the ``mean`` over cases.
-        parameters: of the cost, see ``costs`` and above.
-        function: a user's cost, from ``Outcomes`` to one number per run. Never read from a file.
     Raises:
         InputError: unknown name, statistic or parameter.
     """
 
     name: str = "authors_code"
+    """Name of the cost: one of ``NAMES``, or any other name if ``function`` is given."""
     statistic: str = "mean+sd"
+    """Statistic over the runs, for costs with one figure per run: ``mean+sd``, ``mean`` or ``quantile Q``."""
     over: str = "worst"
+    """Whether the score is that of the ``worst`` case, or the ``mean`` over cases."""
     parameters: Mapping[str, float] = field(default_factory=dict)
+    """Parameters of the cost by name, see ``PARAMETERS``; those that are left out have their default."""
     function: Callable[[Outcomes], Any] | None = field(default=None, compare=False)
+    """A user's cost, from ``Outcomes`` to one number per run. It is never read from a file."""
 
     def __post_init__(self) -> None:
+        """Check all fields.
+
+        Raises:
+            InputError: naming the field that is wrong.
+        """
         if self.function is not None and self.name in NAMES:
             raise InputError(f"'{self.name}' is a built-in cost; choose another name", field="objective.cost")
         if self.function is None:
             check_choice(self.name, "objective.cost", NAMES)
         check_choice(self.over, "objective.over", OVER)
-        self._quantile()
+        self._quantile()  # raises if the statistic is unknown
         known = PARAMETERS.get(self.name, ())
         for name, value in self.parameters.items():
             if name not in known:
@@ -78,22 +90,26 @@ class Objective(NotebookView):
                                  field=f"objective.{name}")  # fmt: skip
             number_of(value, f"objective.{name}")
             if self.name == "time_at_error" and not 0 < value < 1:
-                raise InputError(f"{value!r} is not a share; give one above 0", field=f"objective.{name}")
+                raise InputError(
+                    f"{value!r} is not a share; give one between 0 and 1", field=f"objective.{name}"
+                )
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Objective:
-        """Make an objective from a table, the ``block``, with the cost's name, statistic and parameters.
+        """Make an objective from the table ``block`` of a search's file.
+
+        Its keys are ``cost``, ``statistic`` and ``over``, all optional; every other key is a parameter of the cost.
 
         Raises:
-            InputError: no such cost, statistic or parameter.
+            InputError: the cost, statistic or parameter does not exist, or has a wrong value.
         """
         values = dict(block)
         named = {"name": values.pop("cost", "authors_code")}
         named |= {key: values.pop(key) for key in ("statistic", "over") if key in values}
         for key, value in named.items():
             if not isinstance(value, str):
-                key = "cost" if key == "name" else key
-                raise InputError(f"{value!r} is not a text", field=f"objective.{key}")
+                key = "cost" if key == "name" else key  # the field ``name`` is the key ``cost`` of the file
+                raise InputError(f"{value!r} is not a text in quotes", field=f"objective.{key}")
         return cls(**named, parameters=values)
 
     def as_values(self) -> dict[str, Any]:
@@ -110,7 +126,8 @@ class Objective(NotebookView):
     def limits(self) -> dict[str, float]:
         """The limits of ``time_at_error``, up to which there is no penalty; empty for other costs.
 
-        ``robot_error`` is the share wrong of the robots that decided, ``robots_undecided`` the share of all.
+        ``robot_error`` limits the share of wrong robots among those that decided, ``robots_undecided`` the share of
+        undecided robots among all.
         """
         if self.name != "time_at_error":
             return {}
@@ -121,14 +138,17 @@ class Objective(NotebookView):
 
     @property
     def unit(self) -> str:
-        """The unit of the score."""
+        """The unit of the score; empty if it has none."""
         return "s" if self.name in (*AIMS, "decision_time") else ""
 
     def figures(self, outcomes: Outcomes) -> Array:
         """Compute the figures of each run of ``outcomes``, (runs, columns).
 
+        Most costs have one column. ``expected_time_to_right`` has the two of ``costs.consensus``; ``time_at_error`` has
+        the four of ``costs.at_error``, and T_end.
+
         Raises:
-            InputError: a user's cost gives no number.
+            InputError: the cost gives no finite number for a run, or is not defined on these outcomes.
         """
         if self.function is not None:
             return costs.check_figures(self.function(outcomes), outcomes.run.size, f"cost '{self.name}'")
@@ -136,27 +156,36 @@ class Objective(NotebookView):
             return costs.consensus(outcomes)
         if self.name == "time_at_error":
             rows = costs.at_error(outcomes)
+            # The penalty is scaled by T_end. As a score is computed from the figures alone, T_end is a fifth column.
             return np.column_stack([rows, np.full(rows.shape[0], outcomes.t_end_s)])
+        # the only built-in cost with parameters, apart from ``time_at_error`` above
         parameters = dict(self.parameters) if self.name == "errors" else {}
         return costs.check_figures(
             costs.COSTS[self.name](outcomes, **parameters), outcomes.run.size, self.name
         )
 
     def score(self, rows: Rows) -> float:
-        """Compute the score from the figures ``rows`` (runs, cases, columns); infinite without runs."""
+        """Compute the score from the figures ``rows``, (runs, cases, columns); without runs it is infinite.
+
+        ``rows`` has only the columns of this objective.
+        """
         if rows.shape[0] == 0:
             return math.inf
         by_case = [self._of_case(rows[:, case]) for case in range(rows.shape[1])]
         return max(by_case) if self.over == "worst" else float(np.mean(by_case))
 
     def interval(self, rows: Rows, level: float = 0.95, seed: int = 0) -> Interval:
-        """Compute the score and limits: Student's for a mean, order statistics for a quantile, else a bootstrap.
+        """Compute the score with its confidence interval.
+
+        With one case and at least two runs, the interval of a mean is Student's, and that of a quantile uses order
+        statistics. Every other interval is a bootstrap over runs.
 
         Args:
             rows: figures of the runs, (runs, cases, columns). level: of confidence. seed: of the bootstrap.
         """
         quantile = self._quantile()
-        if rows.shape[1] == 1 and self.name not in AIMS and rows.shape[0] > 1:
+        runs, cases = rows.shape[:2]
+        if cases == 1 and self.name not in AIMS and runs > 1:
             if quantile is not None:
                 return quantile_interval(rows[:, 0, 0], quantile, level)
             if self.statistic == "mean":
@@ -164,17 +193,23 @@ class Objective(NotebookView):
         return bootstrap(self.score, rows, level, seed)
 
     def estimate(self, rows: Rows) -> tuple[float, float]:
-        """Estimate the score of ``rows`` and its standard error, corrected for small-sample bias if it is mean + sd.
+        """Estimate the score of ``rows``, (runs, cases, columns), and the standard error of the estimate.
 
-        The other scores are not smooth in the data, so that the correction would be unstable.
+        Only the statistic mean + sd, with one case or averaged over cases, is corrected for its small-sample bias. A
+        mean has no bias. The other scores are not smooth in the data (a quantile, the worst case, a penalty above a
+        limit), so that the correction would be unstable.
         """
-        linear = rows.shape[1] == 1 or self.over == "mean"
-        freed, error = corrected(self.score, rows)
-        smooth = linear and self.name not in AIMS and self.statistic == "mean+sd"
-        return (freed if smooth else self.score(rows)), error
+        averaged = rows.shape[1] == 1 or self.over == "mean"
+        bias_free, error = corrected(self.score, rows)
+        needs_correction = averaged and self.name not in AIMS and self.statistic == "mean+sd"
+        return (bias_free if needs_correction else self.score(rows)), error
 
     def _quantile(self) -> float | None:
-        """Return the quantile of the statistic; None for a mean or mean + sd."""
+        """Return q if the statistic is "quantile q", 0 < q < 1; return None if it is "mean" or "mean+sd".
+
+        Raises:
+            InputError: the statistic is none of these.
+        """
         kind, _, share = self.statistic.partition(" ")
         if kind == "quantile":
             try:
@@ -191,50 +226,73 @@ class Objective(NotebookView):
         )
 
     def _of_case(self, rows: Array) -> float:
-        """Compute the score of one case from its figures."""
+        """Compute the score of one case from its figures, (runs, columns)."""
         if self.name == "expected_time_to_right":
-            return float(rows[:, 0].sum() / max(rows[:, 1].sum(), 0.5))
+            time_s, right = rows[:, 0].sum(), rows[:, 1].sum()
+            # With no right run, half a run counts as right: the score stays finite, and is worse than with one.
+            return float(time_s / max(right, 0.5))
         if self.name == "time_at_error":
             return self._time_at_error(rows)
-        costs_of = rows[:, 0]
+        cost = rows[:, 0]
         quantile = self._quantile()
         if quantile is not None:
-            rank = math.ceil(quantile * costs_of.size) - 1
-            return float(np.partition(costs_of, rank)[rank])
-        mean = float(costs_of.mean())
-        return mean if self.statistic == "mean" else mean + float(costs_of.std())  # Eq. 22
+            rank = math.ceil(quantile * cost.size) - 1  # from 0
+            return float(np.partition(cost, rank)[rank])
+        mean = float(cost.mean())
+        return mean if self.statistic == "mean" else mean + float(cost.std())  # Eq. 22
 
     def _time_at_error(self, rows: Array) -> float:
-        """Compute the mean time plus the penalty for exceeding the limits."""
+        """Compute the score of ``time_at_error``: the mean time plus the penalty for exceeding the limits, s.
+
+        The columns of ``rows``, (runs, 5), are the mean time over robots, s; the numbers of wrong, decided and all
+        robots; and T_end, s, which is the same in all runs.
+        """
         time_s, wrong, decided, robots = rows[:, :4].sum(axis=0)
         max_error, max_undecided = self.limits.values()
-        error, undecided = wrong / max(decided, 1.0), 1.0 - decided / robots
+        error = wrong / max(decided, 1.0)  # 0 if no robot decided
+        undecided = 1.0 - decided / robots
         excess = max(error - max_error, 0.0) / max_error + max(undecided - max_undecided, 0.0) / max_undecided
-        return float(time_s / rows.shape[0] + rows[0, 4] * excess)
+        t_end_s = rows[0, 4]
+        return float(time_s / rows.shape[0] + t_end_s * excess)
 
 
 def bootstrap(
     score: Callable[[Rows], float], rows: Rows, level: float = 0.95, seed: int = 0, draws: int = DRAWS
 ) -> Interval:
-    """Compute a statistic of runs with a percentile bootstrap interval over runs, shifted by the bootstrap bias.
+    """Compute ``score`` of ``rows`` with a percentile bootstrap interval over runs, corrected for the bootstrap bias.
 
-    The bootstrap underestimates a standard deviation; without the shift the interval would be too low. With
-    fewer than two runs the limits are infinite.
+    A resample repeats some runs and lacks others, so that its standard deviation is too low on average. The score of
+    resamples, and with it the interval, would then be too low as well. The interval is therefore shifted by the
+    difference between the score and the mean score of the resamples.
+
+    Args:
+        score: computes the score of figures. rows: the figures, with runs along the first axis.
+        level: of confidence. seed: of the resampling. draws: number of resamples.
+    Returns:
+        The interval; its limits are infinite with fewer than two runs.
     """
     runs, estimate = rows.shape[0], score(rows)
     if runs < 2:
         return Interval(estimate, -math.inf, math.inf, level, runs, "bootstrap")
     random = generator(seed, "bootstrap of a score")
     drawn = np.array([score(rows[random.integers(0, runs, runs)]) for _ in range(draws)])
-    low, high = np.quantile(drawn - (drawn.mean() - estimate), [0.5 - level / 2, 0.5 + level / 2])
+    bias = drawn.mean() - estimate
+    low, high = np.quantile(drawn - bias, [0.5 - level / 2, 0.5 + level / 2])
     return Interval(estimate, float(low), float(high), level, runs, "bootstrap")
 
 
 def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> tuple[float, float]:
     """Correct a score for its small-sample bias, and estimate its standard error, by the grouped jackknife.
 
-    mean + sd of 10 runs is too low by about a tenth, so candidates with few runs would look better than others.
-    With fewer than two runs the score is not corrected, and the error is infinite.
+    The jackknife scores the runs several times, each time without one group of runs. The bias matters: mean + sd of 10
+    runs is too low by about a tenth, so that candidates with few runs would look better than others.
+
+    Args:
+        score: computes the score of figures. rows: the figures, with runs along the first axis.
+        groups: number of groups, each of successive runs; with fewer runs, each run is a group.
+    Returns:
+        The corrected score and its standard error. With fewer than two runs, or if the score is not finite, the score
+        is returned as it is, with an infinite error.
     """
     runs = rows.shape[0]
     count = min(groups, runs)
@@ -243,23 +301,31 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
         return estimate, math.inf
     bounds = np.linspace(0, runs, count + 1).astype(np.int64)
     keep = np.ones(runs, dtype=np.bool_)
-    left = np.empty(count)
+    without_group = np.empty(count)
     for g in range(count):
         keep[bounds[g] : bounds[g + 1]] = False
-        left[g] = score(rows[keep])
+        without_group[g] = score(rows[keep])
         keep[bounds[g] : bounds[g + 1]] = True
     if not math.isfinite(estimate):
         return estimate, math.inf
-    mean = float(left.mean())
-    error = math.sqrt((count - 1) / count * float(((left - mean) ** 2).sum()))
+    # Jackknife with g groups, where ``mean`` is that of the g scores without one group: the variance is
+    # ``(g - 1) / g * sum((score_without - mean)**2)``, the corrected score ``g * score_of_all - (g - 1) * mean``.
+    mean = float(without_group.mean())
+    error = math.sqrt((count - 1) / count * float(((without_group - mean) ** 2).sum()))
     return count * estimate - (count - 1) * mean, error
 
 
 def objectives_from(block: Any) -> tuple[Objective, ...]:
-    """Make one objective from a table, or several from a list of tables."""
+    """Make one objective from a table of a search's file, or several from a list of tables; see ``Objective.of``.
+
+    Raises:
+        InputError: ``block`` is neither, or a table is wrong.
+    """
     if isinstance(block, Mapping):
         return (Objective.of(block),)
     many = isinstance(block, Sequence) and not isinstance(block, str)
     if many and block and all(isinstance(entry, Mapping) for entry in block):
         return tuple(Objective.of(entry) for entry in block)
-    raise InputError("is a table with a cost, or a list of such tables", field="objective")
+    raise InputError(
+        f"{shown(block)} is wrong; give a table with a cost, or a list of such tables", field="objective"
+    )

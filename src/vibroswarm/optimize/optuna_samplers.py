@@ -13,8 +13,8 @@ A search can be copied into Optuna's storage, for Optuna's dashboard:
 
     optuna-dashboard out/search/optuna.journal
 
-The copy is a journal of JSON lines, safe on shared file systems. Only the keys of its candidates are read back, so a
-damaged copy is set aside and written again. The lock of a killed process is taken over.
+The copy is a journal of JSON lines, safe on shared file systems. All that the search reads from it is which candidates
+the copy has. A damaged copy can therefore be renamed and written again. The lock of a killed process is taken over.
 """
 
 from __future__ import annotations
@@ -38,7 +38,9 @@ from vibroswarm.optimize.methods import BATCH, BatchSampler, chance
 from vibroswarm.optimize.space import Dimension, Point
 
 FILE: Final = "optuna.journal"
+"""Name of the copy in the folder of the search."""
 DAMAGED: Final = "optuna.journal.damaged"
+"""Name that a damaged copy gets before the copy is written again."""
 LOCK_S: Final = 5.0
 """A lock is held while a line is written; one that is older than this belongs to a killed process."""
 
@@ -53,19 +55,22 @@ class Lock:
         self.path = Path(f"{journal}.lock")
 
     def acquire(self) -> bool:
-        """Wait for the lock and take it."""
-        seen: int | None = None
-        since_s = time.monotonic()
+        """Wait for the lock and take it by creating the lock file; return True, as Optuna expects.
+
+        A lock file that exists unchanged for ``LOCK_S`` is deleted, since the process that created it was killed.
+        """
+        seen_ns: int | None = None  # modification time of the lock file that exists now
+        since_s = time.monotonic()  # when that file was seen first
         while True:
             try:
                 os.close(os.open(self.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
                 return True
             except FileExistsError:
                 pass
-            with suppress(FileNotFoundError):
+            with suppress(FileNotFoundError):  # raised if its owner has deleted the lock file meanwhile
                 modified_ns = self.path.lstat().st_mtime_ns
-                if modified_ns != seen:
-                    seen, since_s = modified_ns, time.monotonic()
+                if modified_ns != seen_ns:  # another lock file than before: wait LOCK_S from now
+                    seen_ns, since_s = modified_ns, time.monotonic()
                 elif time.monotonic() - since_s > LOCK_S:
                     self.path.unlink()
                     continue
@@ -77,17 +82,26 @@ class Lock:
 
 
 class Dashboard:
-    """Optuna's journal in the folder of a search."""
+    """A copy of a search's candidates as Optuna's journal, in the folder of the search."""
 
     def __init__(self, folder: Path, archive: Archive, name: str) -> None:
+        """Open Optuna's journal in ``folder``, or make it. A damaged journal is renamed to ``DAMAGED`` and made again.
+
+        Args:
+            folder: of the search. archive: has the candidates. name: of the search, for the dashboard.
+        Raises:
+            InputError: Optuna is not installed. RunError: the journal cannot be written.
+        """
         self.library, self.archive = optuna(), archive
+        self.shown: set[int]
+        """Keys of the candidates that the copy has."""
         path = folder.absolute() / FILE
         try:
             _cut(path)
             self.study, self.shown = self._open(path, name)
         except OSError as error:
             raise RunError(f"could not write '{path}': {error.strerror or error}") from error
-        except Exception as error:  # a library may raise anything for a damaged file
+        except Exception as error:  # Optuna may raise any exception for a damaged file
             path.replace(folder / DAMAGED)
             warn_once(
                 f"{path} is damaged ({type(error).__name__}); it is renamed to {DAMAGED} and written again"
@@ -96,7 +110,11 @@ class Dashboard:
         self.distributions = {d.name: distribution_of(self.library, d) for d in archive.space}
 
     def _open(self, path: Path, name: str) -> tuple[Any, set[int]]:
-        """Open Optuna's study in this file and list its candidates."""
+        """Open or create Optuna's study ``name`` in the file ``path``.
+
+        Returns:
+            The study, and the keys of the candidates that it has.
+        """
         storages = self.library.storages
         with ignore_warnings():
             backend = storages.journal.JournalFileBackend(str(path), Lock(path))
@@ -109,7 +127,11 @@ class Dashboard:
             return study, {int(t.user_attrs["key"]) for t in study.trials if "key" in t.user_attrs}
 
     def show(self) -> None:
-        """Add the candidates with runs that the copy lacks; those without a finite score are failed trials."""
+        """Add the candidates that have runs and are not in the copy yet.
+
+        A candidate is added once, with its scores at that time. A candidate with a score that is not finite is added as
+        a failed trial.
+        """
         for candidate in self.archive.candidates:
             if candidate.key in self.shown or not candidate.count:
                 continue
@@ -134,13 +156,14 @@ class Dashboard:
 
 
 def _cut(path: Path) -> None:
-    """Drop an incomplete last line, whose writer was killed."""
+    """Cut off an incomplete last line of Optuna's journal at ``path``, which a killed process leaves."""
     if not path.exists():
         return
     lock = Lock(path)
     lock.acquire()
     try:
-        end = (data := path.read_bytes()).rfind(b"\n") + 1
+        data = path.read_bytes()
+        end = data.rfind(b"\n") + 1
         if end < len(data):
             os.truncate(path, end)
     finally:
@@ -148,7 +171,7 @@ def _cut(path: Path) -> None:
 
 
 def distribution_of(library: Any, dimension: Dimension) -> Any:
-    """Convert a field's bounds to an Optuna distribution."""
+    """Return the Optuna distribution that describes a field for the dashboard: its choices, or its range and scale."""
     distributions = library.distributions
     if dimension.choices:
         return distributions.CategoricalDistribution(dimension.choices)
@@ -160,13 +183,17 @@ def distribution_of(library: Any, dimension: Dimension) -> Any:
 
 POPULATION: Final = 24
 """Population of nsga2."""
+STARTUP_TRIALS: Final = 25
+"""Random candidates before tpe and gp use their model."""
 
 
 def optuna(wanted_by: str = "search.method") -> Any:
-    """Import Optuna without its log messages.
+    """Import Optuna and turn off its log messages.
+
+    ``wanted_by`` is the setting that needs Optuna; an error names this setting.
 
     Raises:
-        InputError: it is not installed.
+        InputError: Optuna is not installed.
     """
     try:
         import optuna as library
@@ -185,33 +212,53 @@ def ignore_warnings() -> Iterator[None]:
 
 
 class OptunaSampler(BatchSampler):
-    """A search with one of Optuna's samplers."""
+    """A search with one of Optuna's samplers.
+
+    Optuna only sees fractions of the unit cube: a number from 0 to 1 for a range, an index for a list of choices.
+    """
 
     def __init__(
         self, archive: Archive, seed: int, budget: int, evaluations: int, starts: Sequence[Point], name: str
     ) -> None:
+        """Create the sampler ``name`` ("tpe", "gp" or "nsga2").
+
+        Args:
+            archive: gets the candidates. seed: of the search. budget: runs in all. evaluations: runs of each candidate.
+            starts: points to propose first. name: of the method.
+        Raises:
+            InputError: Optuna is not installed; or the method is "gp" and torch is not installed.
+        """
         self.name = name
-        batch = POPULATION if name == "nsga2" else BATCH
+        batch = POPULATION if name == "nsga2" else BATCH  # a batch of nsga2 is a generation
         super().__init__(archive, seed, budget, evaluations, starts, batch)
         library = optuna()
-        number = int(chance(seed, name).integers(2**31))
+        # Optuna and cmaes give their seed to NumPy's ``RandomState``, which takes at most 32 bits.
+        sampler_seed = int(chance(seed, name).integers(2**31))
         with ignore_warnings():
-            sampler = self._sampler(library, number)
+            sampler = self._sampler(library, sampler_seed)
             self.study = library.create_study(
                 directions=["minimize"] * len(archive.objectives), sampler=sampler
             )
         self.trials: list[Any] = []
+        """Optuna's trials of the batch that was proposed last."""
 
     def propose(self, count: int) -> list[Point]:
-        """Propose the starts, then the sampler's points."""
+        """Return ``count`` points: first the starts that have not been proposed yet, then points of the sampler."""
         with ignore_warnings():
             for start in self.next_starts(count):
                 self.study.enqueue_trial(self._parameters(start))
-            self.trials = [self.study.ask() for _ in range(count)]
-            return [np.array([self._share(trial, d) for d in self.archive.space]) for trial in self.trials]
+            self.trials = [self.study.ask() for _ in range(count)]  # Optuna returns the enqueued starts first
+            return [
+                np.array([self._coordinate(trial, dimension) for dimension in self.archive.space])
+                for trial in self.trials
+            ]
 
     def learn(self, keys: Sequence[int]) -> None:
-        """Pass the scores to the sampler; a candidate with a failed run is a failed trial."""
+        """Pass the scores of the candidates ``keys`` to the sampler.
+
+        These are the candidates of the last batch, in the order in which they were proposed. A candidate with an
+        infinite score, since a run failed, is passed as a failed trial.
+        """
         state = optuna().trial.TrialState
         with ignore_warnings():
             for trial, key in zip(self.trials, keys, strict=True):
@@ -222,34 +269,53 @@ class OptunaSampler(BatchSampler):
                     self.study.tell(trial, state=state.FAIL)
 
     def finalists(self, count: int) -> list[int]:
-        """Return the best candidates; with several objectives those on the Pareto front."""
+        """Return the keys of up to ``count`` candidates: the best ones or, with several objectives, the Pareto front.
+
+        The front is sorted by the score of the first objective.
+        """
         if len(self.archive.objectives) == 1:
             return super().finalists(count)
         return front(self.archive, self.keys)[:count]
 
-    def _sampler(self, library: Any, number: int) -> Any:
-        """Create Optuna's sampler of this name."""
+    def _sampler(self, library: Any, sampler_seed: int) -> Any:
+        """Create Optuna's sampler of the method ``self.name`` ("tpe", "gp" or "nsga2").
+
+        Args:
+            library: the module ``optuna``. sampler_seed: the seed of the sampler.
+        """
         samplers = library.samplers
         if self.name == "tpe":
+            # ``constant_liar`` keeps the points of a batch apart: they are proposed before any of them has a score, and
+            # could otherwise be nearly the same.
             return samplers.TPESampler(
-                seed=number, multivariate=True, constant_liar=True, n_startup_trials=25
+                seed=sampler_seed, multivariate=True, constant_liar=True, n_startup_trials=STARTUP_TRIALS
             )
         if self.name == "nsga2":
-            return samplers.NSGAIISampler(seed=number, population_size=self.batch)
+            return samplers.NSGAIISampler(seed=sampler_seed, population_size=self.batch)
         try:
             import torch  # noqa: F401
         except ImportError:
             raise InputError("gp needs torch: pip install 'vibroswarm[gp]'", field="search.method") from None
-        return samplers.GPSampler(seed=number, deterministic_objective=False, n_startup_trials=25)
+        # scores are noisy, so that the model must not pass through them exactly
+        return samplers.GPSampler(
+            seed=sampler_seed, deterministic_objective=False, n_startup_trials=STARTUP_TRIALS
+        )
 
-    def _share(self, trial: Any, dimension: Any) -> float:
+    def _coordinate(self, trial: Any, dimension: Dimension) -> float:
+        """Return the coordinate in [0, 1] that the sampler suggests for a field.
+
+        With n choices, the interval [0, 1] is divided into n equal parts. The coordinate of a choice is the middle of
+        its part.
+        """
         if dimension.choices:
             count = len(dimension.choices)
-            return (int(trial.suggest_categorical(dimension.name, list(range(count)))) + 0.5) / count
+            index = int(trial.suggest_categorical(dimension.name, list(range(count))))
+            return (index + 0.5) / count
         return float(trial.suggest_float(dimension.name, 0.0, 1.0))
 
     def _parameters(self, point: Point) -> dict[str, Any]:
-        return {
+        """Convert a point to the sampler's parameters by field: the index of a choice, else the coordinate."""
+        return {  # u = 1 belongs to the last choice
             d.name: min(int(u * len(d.choices)), len(d.choices) - 1) if d.choices else float(u)
             for d, u in zip(self.archive.space, point, strict=True)
         }
@@ -263,6 +329,14 @@ class Cmaes(BatchSampler):
     def __init__(
         self, archive: Archive, seed: int, budget: int, evaluations: int, starts: Sequence[Point]
     ) -> None:
+        """Create the optimizer of the library cmaes; each batch is one of its generations.
+
+        Args:
+            archive: gets the candidates. seed: of the search. budget: runs in all. evaluations: runs of each candidate.
+            starts: points to propose first; the first of them is also the mean of the first generation.
+        Raises:
+            InputError: cmaes is not installed, or the space has one field only.
+        """
         try:
             import cmaes
         except ImportError:
@@ -273,32 +347,44 @@ class Cmaes(BatchSampler):
         if size < 2:
             raise InputError("needs at least two fields", field="search.method")
         self.optimizer = cmaes.CMA(
+            # The mean is kept away from the bounds: at a bound, half of the first generation would lie outside.
             mean=np.full(size, 0.5) if not starts else np.clip(starts[0], 0.05, 0.95),
-            sigma=0.3,
+            sigma=0.3,  # wide: the first generation reaches most of the unit cube
             bounds=np.column_stack([np.zeros(size), np.ones(size)]),
-            seed=int(chance(seed, "cmaes").integers(2**31)),
+            seed=int(chance(seed, "cmaes").integers(2**31)),  # NumPy's ``RandomState`` takes at most 32 bits
         )
         super().__init__(archive, seed, budget, evaluations, starts, self.optimizer.population_size)
-        self.asked: list[Point] = []
+        self.proposed: list[Point] = []
+        """Points of the generation that was proposed last."""
 
     def propose(self, count: int) -> list[Point]:
-        """Propose a generation; starts replace its first points."""
+        """Return a generation of ``count`` points: the starts that have not been proposed yet, then the optimizer's."""
+        # The optimizer always proposes ``count`` points, so that its random numbers do not depend on the starts. Points
+        # for which no place is left are dropped.
         points = [self.optimizer.ask() for _ in range(count)]
-        self.asked = [*self.next_starts(count), *points][:count]
-        return self.asked
+        self.proposed = [*self.next_starts(count), *points][:count]
+        return self.proposed
 
     def learn(self, keys: Sequence[int]) -> None:
-        """Learn from complete generations only; failed candidates rank below all others."""
+        """Pass the scores of the generation ``keys`` to the optimizer.
+
+        The last generation may be incomplete, if the budget ends. It is not passed, since the optimizer takes only
+        complete generations.
+        """
         if len(keys) < self.optimizer.population_size:
             return
         scores = [self.archive.score(key) for key in keys]
         worst = max((s for s in scores if math.isfinite(s)), default=1.0)
+        # The optimizer needs finite numbers. An infinite score (a run failed) becomes one that is above all others.
         losses = [s if math.isfinite(s) else worst + abs(worst) + 1.0 for s in scores]
-        self.optimizer.tell(list(zip(self.asked, losses, strict=True)))
+        self.optimizer.tell(list(zip(self.proposed, losses, strict=True)))
 
 
 def front(archive: Archive, keys: Sequence[int]) -> list[int]:
-    """Return the candidates on the Pareto front, in the order of the first objective; empty if none has all scores."""
+    """Return which of the candidates ``keys`` are on the Pareto front, sorted by the score of the first objective.
+
+    Candidates with an infinite score are left out. If no candidate remains, the front is empty.
+    """
     scores = {key: archive.scores(key) for key in keys}
     finite = [key for key in keys if np.isfinite(scores[key]).all()]
     if not finite:

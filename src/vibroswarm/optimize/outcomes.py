@@ -1,7 +1,9 @@
-"""Outcomes of some runs of one scenario as arrays, from which costs are computed: of tables, or simulated without them.
+"""Outcomes of some runs of one scenario as arrays, from which costs are computed.
 
-Simulated so, each run is inferred while it moves, and stops when its outcome is final: an evaluation needs a run only
-until all robots have decided. Scenarios that move alike share their motion.
+``from_tables`` reads the outcomes from the tables of a study. ``outcomes_of`` simulates runs and makes no tables, which
+is faster: the readings, messages and decisions of the robots are computed (by a closed loop) while their motion is
+simulated, and a run stops as soon as its outcome is final, usually when all robots have decided. Scenarios with the
+same settings of motion share one simulated motion.
 """
 
 from __future__ import annotations
@@ -43,17 +45,17 @@ POLL_S: Final = 20.0
 
 @dataclass(frozen=True, eq=False)
 class Outcomes(NotebookView):
-    """Outcomes of some runs of one scenario as arrays; times in s, ``t_end_s`` is the end of the runs.
+    """Outcomes of some runs of one scenario as arrays; all times in s.
 
-    The study's search ended a run when all had decided, which it checked every 20 s, or at T_end, and took the
-    estimate then. A run that goes on to T_end has the same decisions, so ``end_s`` is that moment, regardless of
-    ``run.stop``.
+    The program of the paper checked every 20 s whether all robots had decided. It ended a run at the first such check,
+    or at T_end, and the cost used the estimates at that time. ``end_s`` is that time here, regardless of the setting
+    ``run.stop``: also a run that goes on to T_end has the estimates of ``end_s``.
     """
 
     run: NDArray[np.int64]
-    """(runs,): run numbers."""
+    """Run numbers, (runs,)."""
     decision: NDArray[np.int64]
-    """0, 1; -1 undecided, (runs, robots)."""
+    """Decision 0 or 1 of each robot, -1 if undecided, (runs, robots)."""
     decision_time_s: Array
     """Time of the current decision; nan if undecided, (runs, robots)."""
     estimate: Array
@@ -62,9 +64,9 @@ class Outcomes(NotebookView):
     end_s: Array
     """End of the run for the cost, (runs,)."""
     fill_ratio: Array
-    """(runs,)."""
+    """True fill ratio of the floor inside the arena, (runs,)."""
     truth: Array
-    """1 where the fill ratio lies above the boundary, 0 below, nan on it, (runs,)."""
+    """1 where the fill ratio lies above the boundary, 0 below, nan where no decision is right, (runs,)."""
     tiles: int
     """Number of tiles of the floor."""
     t_end_s: float
@@ -79,29 +81,42 @@ class Outcomes(NotebookView):
 
     @property
     def undecided(self) -> NDArray[np.bool_]:
-        """(runs, robots)."""
+        """Which robots are undecided, (runs, robots)."""
         return np.asarray(self.decision == -1)
 
     @property
     def right(self) -> NDArray[np.bool_]:
-        """(runs, robots); none where the truth is nan."""
+        """Which robots decided right, (runs, robots); none in a run whose truth is nan."""
         return right_of(self.decision, self.truth)
 
     @property
     def wrong(self) -> NDArray[np.bool_]:
-        """(runs, robots); none where the truth is nan."""
+        """Which robots decided wrong, (runs, robots); none in a run whose truth is nan."""
         return wrong_of(self.decision, self.truth)
 
     @property
     def time_s(self) -> Array:
-        """min(decision time, T_end): an undecided robot counts with T_end, (runs, robots)."""
+        """min(decision time, T_end) of each robot, (runs, robots); T_end if it is undecided."""
         return capped_time_s(self.decision_time_s, self.t_end_s)
 
 
 def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, tiles: int) -> Outcomes:
-    """Return the outcomes of the tables of robots and runs; the estimates are those at the end of the runs."""
+    """Convert the tables of robots and runs of one scenario to outcomes.
+
+    ``Outcomes.end_s`` is the end of each run as it was simulated, and the estimates are those at that time.
+
+    Args:
+        scenario: of the tables. tiles: number of tiles of its floor.
+        robots: the table of robots, one row per run and robot, sorted by run, then robot.
+        runs: the table of runs, one row per run, in the same order of runs.
+    Raises:
+        InputError: the numbers of rows do not fit together.
+    """
     if robots.height != runs.height * scenario.swarm.robots:
-        raise InputError("the tables of robots and of runs are not of the same runs", field="runs")
+        raise InputError(
+            f"{robots.height} rows of robots do not fit {runs.height} runs of {scenario.swarm.robots} robots",
+            field="runs",
+        )
     shape = (runs.height, scenario.swarm.robots)
     time_s, alpha, beta = (
         numbers(robots[name]).reshape(shape) for name in ("decision_time_s", "alpha", "beta")
@@ -121,57 +136,76 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
 
 
 def end_s(last_decision_s: float, t_end_s: float) -> float:
-    """Return the end of a run for the cost: the next check after its last decision (inf: none), at most T_end, s."""
+    """Return the end of a run for the cost, s: the first multiple of ``POLL_S`` at or after the last decision.
+
+    The paper's program checked every ``POLL_S`` whether all robots had decided, and ended the run at such a check.
+
+    Args:
+        last_decision_s: when the last robot decided; inf if a robot is undecided. t_end_s: the latest end of a run.
+    """
     if math.isinf(last_decision_s):
         return t_end_s
     return min(math.ceil(last_decision_s / POLL_S) * POLL_S, t_end_s)
 
 
 PIECE_S: Final = 100.0
-"""Time between checks whether all have decided, while the typical duration is unknown."""
+"""Simulated time between checks whether all robots have decided, while the typical duration is unknown."""
 MARGIN_S: Final = 30.0
-"""A check costs as much as this time of motion."""
+"""A check takes as long to compute as this simulated time of motion."""
 
 
 def outcomes_of(
     scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str = "event"
 ) -> list[Outcomes]:
-    """Simulate the outcomes of runs of each scenario, whatever its ``run.stop``.
+    """Simulate runs of each scenario and return their outcomes, in the order of the scenarios.
+
+    The setting ``run.stop`` is not read: a run stops when its outcome is final.
 
     Args:
-        scenarios: one or several. seed, runs, motion: as of ``simulate``.
+        scenarios: one or several. seed: of all runs. runs: numbers of the runs. motion: the motion source.
     Raises:
         InputError: a scenario cannot be simulated.
     """
-    alike: dict[tuple[Any, ...], list[int]] = {}
+    groups: dict[tuple[Any, ...], list[int]] = {}  # indices of the scenarios that share motion
     for k, scenario in enumerate(scenarios):
-        moving = (k,) if steers(scenario) else ()  # each by itself
-        alike.setdefault((*moving, *(getattr(scenario, section) for section in OF_MOTION)), []).append(k)
+        # A strategy that steers changes the motion of its robots, so that no other scenario shares it. The index k
+        # makes the key unique.
+        steered = (k,) if steers(scenario) else ()
+        motion_key = (*steered, *(getattr(scenario, section) for section in OF_MOTION))
+        groups.setdefault(motion_key, []).append(k)
     by_scenario: dict[int, Outcomes] = {}
-    for group in alike.values():
-        outcomes = _followed([scenarios[k] for k in group], seed, runs, motion)
+    for group in groups.values():
+        outcomes = _simulated_together([scenarios[k] for k in group], seed, runs, motion)
         by_scenario |= dict(zip(group, outcomes, strict=True))
     return [by_scenario[k] for k in range(len(scenarios))]
 
 
-def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str) -> list[Outcomes]:
-    """Simulate the outcomes of runs of scenarios that move alike."""
+def _simulated_together(
+    scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], motion: str
+) -> list[Outcomes]:
+    """Simulate the motion of each run once, and from it the outcomes of all these scenarios, which share motion.
+
+    The arguments and the result are those of ``outcomes_of``. A scenario that steers is the only one.
+    """
     courses = [_ScenarioRuns(scenario, seed, runs) for scenario in scenarios]
     loops = [course.loop for course in courses]
     state: MotionState | None = None
     for r, run in enumerate(runs):
         if isinstance(state, KernelRun):
-            state.start(seed, run)
+            state.start(seed, run)  # reuses the memory of the run before
         else:
-            state = source(motion).init(
-                scenarios[0], seed, run, False, any(loop.needs_moves for loop in loops)
-            )
+            # The motion source makes further tables only on request: segments of motion are never needed here.
+            needs_segments, needs_moves = False, any(loop.needs_moves for loop in loops)
+            # Any of the scenarios will do, since they have the same settings of motion.
+            state = source(motion).init(scenarios[0], seed, run, needs_segments, needs_moves)
         for course in courses:
             course.loop.begin(run, course.grounds[r])
 
+        # The motion is simulated up to the latest time that a scenario needs. ``finish`` then rewinds the loop of each
+        # other scenario to the end of its run.
         until_s = max(course.until_s(0.0) for course in courses)
         while not reached(state.time_s, until_s, loops[0].tick_ms):
-            if loops[0].steers:
+            if loops[0].steers:  # then it is the only one
                 steer_on(steerable(state, motion), loops[0], until_s)
             else:
                 advance_loops(state, loops, until_s)
@@ -179,41 +213,52 @@ def _followed(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int], mot
         for course in courses:
             course.finish(r)
     for loop in loops:
-        _keep(loop)
+        _put_back(loop)
     return [course.outcomes() for course in courses]
 
 
-_kept = threading.local()
+_cache = threading.local()
+"""``loops`` is this thread's list of closed loops that are not in use, the last used at the end."""
 MANY: Final = 30
 """Number of recent runs from which the duration of the next one is estimated."""
 KEPT: Final = 4
 """Closed loops that a thread caches, since a search simulates each scenario a few runs at a time."""
 
 
-def _loop_of(scenario: Scenario, seed: int) -> ClosedLoop:
-    """Return the closed loop of this scenario, cached for each thread."""
-    loops: list[ClosedLoop] = vars(_kept).setdefault("loops", [])
+def _take_loop(scenario: Scenario, seed: int) -> ClosedLoop:
+    """Take the closed loop of this scenario and seed out of the thread's cache, or make one if there is none.
+
+    The caller puts the loop back with ``_put_back`` after use. A loop in use must not be in the cache: a list of
+    scenarios may hold the same scenario twice, and each entry needs a loop of its own.
+    """
+    loops: list[ClosedLoop] = vars(_cache).setdefault("loops", [])
     cached = next((loop for loop in loops if loop.scenario is scenario and loop.seed == seed), None)
     if cached is None:
         return ClosedLoop(scenario, seed)
-    loops.remove(cached)  # while it is used, since the same scenario may be requested twice at once
+    loops.remove(cached)
     return cached
 
 
-def _keep(loop: ClosedLoop) -> None:
-    """Return a loop to the cache."""
-    loops: list[ClosedLoop] = vars(_kept).setdefault("loops", [])
-    del loops[: len(loops) + 1 - KEPT]
+def _put_back(loop: ClosedLoop) -> None:
+    """Put a closed loop into the thread's cache; drop the loop that was not used for longest if there are too many."""
+    loops: list[ClosedLoop] = vars(_cache).setdefault("loops", [])
     loops.append(loop)
+    del loops[:-KEPT]  # the last KEPT loops remain
 
 
 class _ScenarioRuns:
-    """The runs of one scenario while they are simulated."""
+    """The runs of one scenario while they are simulated, one after the other."""
 
     def __init__(self, scenario: Scenario, seed: int, runs: Sequence[int]) -> None:
+        """Make the floors of the runs and empty arrays of outcomes, and take the scenario's closed loop.
+
+        The caller puts the loop back with ``_put_back`` at the end.
+        """
         floors = floors_of(scenario, seed, runs)
-        self.scenario, self.loop = scenario, _loop_of(scenario, seed)
-        self.runs, self.grounds = runs, sensed_floors(scenario, seed, runs, floors)
+        self.scenario, self.loop = scenario, _take_loop(scenario, seed)
+        self.runs = runs
+        self.grounds = sensed_floors(scenario, seed, runs, floors)
+        """The floor and the sensors of each run, in the order of ``runs``."""
         arena = scenario.arena
         self.fills = np.array(fill_ratios(floors, list(runs), arena.width_m, arena.height_m))
         self.truth = truths(scenario, floors, list(runs), self.fills)
@@ -223,22 +268,32 @@ class _ScenarioRuns:
         self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
         self.end_s = np.empty(len(runs))
         self.ends_s = self.loop.ends_s[-MANY:]
+        """Ends of recent runs of this scenario, s, from which ``next_check_s`` estimates the end of a run."""
 
     def until_s(self, now_s: float) -> float:
-        """Return the time up to which the run must move; not later than now if it may stop."""
+        """Return the time up to which the motion must be simulated before the next check, s.
+
+        ``now_s`` is the time up to which it has been simulated. The result is at most ``now_s`` once the outcome of the
+        run is final: all robots have decided, their decisions cannot change, and the motion has reached the end of the
+        run. At the start (``now_s`` 0) the closed loop may still have the decisions of the run before, so that they are
+        not read then.
+        """
         t_end_s = self.scenario.run.t_end_s
         if now_s > 0.0 and not self.loop.may_change:
             decided_s = self.loop.all_decided_s
             if decided_s is not None:
+                # one tick more, so that the samples taken at the very end are included
                 return min(end_s(decided_s, t_end_s) + self.scenario.tick_s, t_end_s)
-        return min(self.next_look_s(now_s), t_end_s)
+        return min(self.next_check_s(now_s), t_end_s)
 
-    def next_look_s(self, now_s: float) -> float:
-        """Choose the time of the next check; no result depends on it.
+    def next_check_s(self, now_s: float) -> float:
+        """Choose when to check next whether all robots have decided, s; no result depends on the choice.
 
-        It is not before the earliest end of the recent runs that took longer than this one so far; without such runs it
-        is ``PIECE_S`` from now. If the end is equally likely at any time and ``m`` away on average, checking every
-        ``sqrt(2 m MARGIN_S)`` minimises the cost of checks and of unneeded motion.
+        Frequent checks cost time, and rare checks simulate motion after the end of the run. The remaining time m of
+        this run is estimated by the mean of recent runs that ended later than ``now_s``. If the end is equally likely
+        at any time, checking every sqrt(2 m ``MARGIN_S``) minimises the sum of both costs. But the next check is not
+        before the earliest end of these recent runs. If no recent run ended later, the next check is ``PIECE_S`` from
+        now.
         """
         tick_s = self.scenario.tick_s
         after_s = now_s + tick_s
@@ -247,17 +302,18 @@ class _ScenarioRuns:
             return now_s + PIECE_S
         remaining_s = sum(longer) / len(longer) - now_s
         step_s = math.sqrt(2.0 * MARGIN_S * remaining_s)
-        return max(end_s(min(longer), np.inf) + tick_s, now_s + step_s)
+        # ``np.inf``: the caller limits the time to T_end
+        return max(end_s(min(longer), t_end_s=np.inf) + tick_s, now_s + step_s)
 
     def finish(self, r: int) -> None:
-        """Record the outcome of run ``r``."""
+        """Store the outcome of the run that the closed loop has just simulated, at index ``r`` of the arrays."""
         loop, decided_s = self.loop, self.loop.all_decided_s
         self.end_s[r] = end_s(np.inf if decided_s is None else decided_s, self.scenario.run.t_end_s)
         self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
-        loop.rewind_to(float(self.end_s[r]))
+        loop.rewind_to(float(self.end_s[r]))  # the motion may have been simulated beyond the end of the run
         self.estimate[r] = loop.estimate
         self.ends_s.append(float(self.end_s[r]))
-        self.loop.ends_s.append(float(self.end_s[r]))
+        self.loop.ends_s.append(float(self.end_s[r]))  # for later pieces that take this loop out of the cache
 
     def outcomes(self) -> Outcomes:
         """Return the outcomes of all runs, once they are finished."""

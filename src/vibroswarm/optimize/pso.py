@@ -9,17 +9,22 @@
 | random factors | R_1, R_2 | diagonal, uniform in (0, 1), for each particle, dimension and iteration |
 | evaluations | N_e | 10, and 10 more for the best 20 % |
 
-``noise`` determines who gets the extra evaluations, and how personal bests are scored:
+A personal best (p_b) is the best candidate of one particle so far, the global best (g_b) the best of all personal
+bests. In each iteration every particle is a new candidate at its position. After the first evaluations of these
+candidates, some candidates get extra evaluations. The setting ``noise`` determines which candidates get the extra
+evaluations, and how personal bests are scored:
 
-* ``fixed``, the paper: the best 20 % of the particles get them; a personal best keeps the score with which it became
-  one, so that the luckiest wins.
-* ``as-ran``, the paper's program: ``fixed``, and besides velocities are 0 at first, the first move has the full inertia
-  w = 1.0, all particles share the runs of an iteration (``shared_run``), and runs that crash are dropped.
-* ``rescore`` (default): the best 20 % of particles and personal bests together get them, and every score uses all
-  evaluations so far.
-* ``ocba``: they are allocated where they best discriminate between candidates (see ``race``).
+* ``fixed``, as in the paper: the best 20 % of the particles get them. A personal best keeps the score that it had when
+  it became a personal best, so that the luckiest candidate wins.
+* ``as-ran``, as in the paper's program: like ``fixed``, but velocities are 0 at first, the first move has the full
+  inertia w = 1.0, all particles share the runs of an iteration (``shared_run``), and runs that crash are dropped.
+* ``rescore`` (default): the best of the particles and the personal bests together get them, as many candidates as with
+  ``fixed``. Every score uses all evaluations of its candidate so far.
+* ``ocba``: extra evaluations are allocated where they best discriminate between candidates (see ``race``). Every score
+  uses all evaluations of its candidate so far.
 
-In the last two, scores are corrected for small-sample bias and compared with ``caution``.
+With ``rescore`` and ``ocba``, scores are corrected for small-sample bias, and candidates are compared by the score plus
+``caution`` standard errors.
 """
 
 from __future__ import annotations
@@ -38,20 +43,24 @@ from vibroswarm.optimize.race import allocate_runs
 from vibroswarm.optimize.space import Point
 
 NOISE: Final = ("rescore", "ocba", "fixed", "as-ran")
+"""Choices of the setting ``noise``; see the head of this module."""
 KEEPS_SCORES: Final = ("fixed", "as-ran")
 """Kinds of ``noise`` in which a personal best keeps the score with which it became one."""
 FIRST_REEVALUATION: Final = 2
-"""Re-evaluations count from here: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 products."""
+"""The number of a candidate's first evaluation in ``shared_run``. It follows from the 265 distinct run numbers of the
+paper's study: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 distinct products."""
 
 
 def shared_run(evaluation: int, iteration: int) -> int:
-    """Return the number of the run of an evaluation, as the paper's program seeded it: re-evaluation x (iteration + 1).
+    """Return the run number of an evaluation as in the paper's program: (evaluation + 2) (iteration + 1).
 
-    All particles of an iteration share the run, and it is often that of an earlier iteration: the first ten evaluations
-    of 50 iterations are 500, but only 265 of their numbers are distinct.
+    The number does not depend on the particle, so that all particles of an iteration share their runs. Different pairs
+    of evaluation and iteration often have the same number: the ten first evaluations of each of 50 iterations have only
+    265 distinct numbers.
 
     Args:
-        evaluation, iteration: from 0. A candidate's extra evaluations go on counting.
+        evaluation: number of the candidate's evaluation, from 0; extra evaluations continue the count.
+        iteration: from 0.
     """
     return (evaluation + FIRST_REEVALUATION) * (iteration + 1)
 
@@ -60,41 +69,50 @@ def shared_run(evaluation: int, iteration: int) -> int:
 class PsoSettings(NotebookView):
     """The swarm's settings; defaults are the paper's except for ``noise``.
 
-    Args:
-        particles, iterations: how many. evaluations: runs of each particle in each iteration.
-        extra, extra_share: number of extra runs, and the share of the best that get them.
-        inertia_first, inertia_last: omega, falling linearly. weight_personal, weight_global: omega_p, omega_g.
-        first_velocity, caution: see below.
-        noise: ``rescore``, ``ocba``, ``fixed`` (the paper) or ``as-ran`` (its program), see docs/optimizing.md.
-        crash_share: see below.
     Raises:
-        InputError: no particles, no iterations, a weight that is no number.
+        InputError: a setting is not a number or out of range, or ``noise`` is unknown.
     """
 
     particles: int = 25
+    """Number of particles."""
     iterations: int = 50
+    """Number of iterations."""
     evaluations: int = 10
+    """Runs of each particle in each iteration."""
     extra: int = 10
+    """Extra runs of each candidate that gets any."""
     extra_share: float = 0.2
+    """Share of the particles, the best ones, that get extra runs."""
     inertia_first: float = 1.0
+    """Inertia omega in the first iteration; it falls linearly."""
     inertia_last: float = 0.4
+    """Inertia omega in the last iteration."""
     weight_personal: float = 0.75
+    """Weight omega_p of the attraction to the personal best."""
     weight_global: float = 0.75
+    """Weight omega_g of the attraction to the global best."""
     first_velocity: float = 0.1
     """Initial velocities are uniform between minus and plus this fraction of the bounds (``as-ran``: 0)."""
     noise: str = "rescore"
+    """``rescore``, ``ocba``, ``fixed`` (the paper) or ``as-ran`` (its program), see docs/optimizing.md."""
     caution: float = 1.0
     """With ``rescore`` and ``ocba``: candidates are compared by score plus this number of standard errors."""
     crash_share: float = 0.0
-    """With ``as-ran``: share of runs that are taken to crash, at random; a tenth of those of the study did."""
+    """With ``as-ran``: share of runs, chosen at random, that count as crashed; in the paper's study a tenth did."""
 
     def __post_init__(self) -> None:
+        """Check all settings.
+
+        Raises:
+            InputError: naming the setting that is wrong.
+        """
         for name, low in (("particles", 1), ("iterations", 1), ("evaluations", 1), ("extra", 0)):
             whole_number_of(getattr(self, name), f"pso.{name}", low, 10**9)
         for name in (
             "extra_share", "inertia_first", "inertia_last", "weight_personal", "weight_global",
             "first_velocity", "caution",
         ):  # fmt: skip
+            # a share is at most 1; the limit of the others is far above all useful values
             number_of(getattr(self, name), f"pso.{name}", 0, 1 if name == "extra_share" else 1000)
         check_choice(self.noise, "pso.noise", NOISE)
         number_of(self.crash_share, "pso.crash_share", 0, 0.9)
@@ -108,8 +126,9 @@ class PsoSettings(NotebookView):
 
     @property
     def best_of(self) -> int:
-        """Number of particles with extra evaluations."""
-        return math.ceil(self.extra_share * self.particles - 1e-9)
+        """Number of candidates with extra evaluations in one iteration."""
+        rounding_error = 1e-9  # a product such as 0.2 x 25 may come out a little above 5
+        return math.ceil(self.extra_share * self.particles - rounding_error)
 
     @property
     def runs_an_iteration(self) -> int:
@@ -123,15 +142,29 @@ class PsoSettings(NotebookView):
 
 
 class Pso:
-    """The swarm, with positions in the unit cube."""
+    """The swarm, with positions in the unit cube.
+
+    An iteration takes one or two requests: first the evaluations of all particles, then the extra ones if there are
+    any.
+    """
 
     name = "pso"
 
     def __init__(
         self, archive: Archive, seed: int, settings: PsoSettings, starts: list[Point] | None = None
     ) -> None:
+        """Place the particles: the first ones at the ``starts``, the others uniformly at random.
+
+        Args:
+            archive: gets the candidates. seed: of the search. settings: of the swarm.
+            starts: points in the unit cube.
+        Raises:
+            InputError: there are more starts than particles.
+        """
         self.archive, self.seed, self.settings = archive, seed, settings
-        self.iterations, self.iteration, self.extras = settings.iterations, 0, False
+        self.iterations, self.iteration = settings.iterations, 0
+        self.extras = False
+        """Whether the first evaluations of this iteration are done, so that the extra ones are requested next."""
         self.history: list[Iteration] = []
         shape = (settings.particles, archive.space.size)
         random = chance(seed, "pso begins")
@@ -143,12 +176,18 @@ class Pso:
         for k, start in enumerate(starts or []):
             self.position[k] = start
         self.current: list[int] = []
+        """Keys of the candidates of this iteration, one per particle."""
         self.personal: list[int] = []
+        """Keys of the personal bests, one per particle; empty before the end of the first iteration."""
         self.kept = np.full(settings.particles, math.inf)
-        """Scores of the personal bests when they became so, for ``KEEPS_SCORES``."""
+        """Score of each personal best at the time at which it became one; read only if ``settings.keeps_scores``."""
 
     def ask(self) -> list[Ask]:
-        """Request runs of all particles, then the extra evaluations; nothing after the last iteration."""
+        """Request runs; the list is empty after the last iteration.
+
+        The first request of an iteration adds a candidate for each particle, and asks for its evaluations. The second
+        asks for the extra evaluations.
+        """
         if self.iteration == self.iterations:
             return []
         if not self.extras:
@@ -158,71 +197,94 @@ class Pso:
         return self._extra_asks()
 
     def tell(self) -> None:
-        """After the extra evaluations, update the personal bests and move the particles."""
+        """Finish an iteration: update the personal bests, add the iteration to the history, and move the particles.
+
+        If extra evaluations are still due, the iteration is not finished, and the next ``ask`` requests them.
+        """
         if not self.extras and self.settings.extra_runs:
             self.extras = True
-            if self._extra_asks():
+            if self._extra_asks():  # with ``ocba`` there may be none
                 return
         self.extras = False
         self._update_bests()
         self.iteration += 1
-        personal, best = self._personal_scores(), self.best()
-        lowest = (best, float(personal.min()))
+        personal = self._personal_scores()
         self.history.append(
-            iteration_of(self.archive, self.iteration, self.current, lowest, self.position, personal)
+            iteration_of(
+                self.archive,
+                self.iteration,
+                self.current,
+                best=(self.best(), float(personal.min())),
+                points=self.position,
+                personal=personal,
+            )
         )
         if self.iteration < self.iterations:
             self._move()
 
     def best(self) -> int:
-        """Return the global best."""
+        """Return the candidate that is the global best."""
         return self.personal[int(np.argmin(self._personal_scores()))]
 
     def finalists(self, count: int) -> list[int]:
-        """Return the best personal bests, each once."""
+        """Return up to ``count`` distinct personal bests, the best first."""
         order = np.argsort(self._personal_scores(), kind="stable")
         return list(dict.fromkeys(self.personal[k] for k in order))[:count]
 
     def _extra_asks(self) -> list[Ask]:
-        """Request the extra evaluations, according to ``noise``."""
+        """Return the requests of the extra evaluations, according to ``noise``; see the module's description.
+
+        With ``ocba`` the list may be empty: no runs are allocated if no candidate has a finite estimate and error.
+        """
         settings, archive = self.settings, self.archive
-        if settings.keeps_scores:
+        if settings.keeps_scores:  # "fixed" and "as-ran"
             order = sorted(self.current, key=lambda k: (archive.score(k), k))
             return [Ask(key, settings.extra) for key in order[: settings.best_of]]
-        among = list(dict.fromkeys([*self.personal, *self.current]))
+        candidates = list(dict.fromkeys([*self.personal, *self.current]))  # each candidate once
         if settings.noise == "rescore":
-            among.sort(key=lambda k: (archive.estimate(k)[0], k))
-            return [Ask(key, settings.extra) for key in among[: settings.best_of]]
-        return allocate_runs(archive, among, settings.extra_runs)
+            candidates.sort(key=lambda k: (archive.estimate(k)[0], k))
+            return [Ask(key, settings.extra) for key in candidates[: settings.best_of]]
+        return allocate_runs(archive, candidates, settings.extra_runs)
 
     def _update_bests(self) -> None:
-        """Update the personal bests with the current scores."""
-        now = np.array([self._score(key) for key in self.current])
-        if not self.personal:
-            self.personal, self.kept = list(self.current), now
+        """Replace the personal best of each particle whose current candidate has a lower score."""
+        scores = np.array([self._score(key) for key in self.current])
+        if not self.personal:  # the first iteration
+            self.personal, self.kept = list(self.current), scores
             return
-        before = self.kept if self.settings.keeps_scores else self._personal_scores()
-        for k in np.flatnonzero(now < before):
-            self.personal[k], self.kept[k] = self.current[k], now[k]
+        for particle in np.flatnonzero(scores < self._personal_scores()):
+            self.personal[particle], self.kept[particle] = self.current[particle], scores[particle]
 
     def _score(self, key: int) -> float:
+        """Return the score by which candidates are compared.
+
+        With ``fixed`` and ``as-ran`` it is the plain score. Otherwise it is the score corrected for small-sample bias,
+        plus ``caution`` standard errors.
+        """
         if self.settings.keeps_scores:
             return self.archive.score(key)
         return self.archive.cautious(key, self.settings.caution)
 
     def _personal_scores(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+        """Return the scores of the personal bests, (particles,).
+
+        With ``fixed`` and ``as-ran``, each is the score with which the candidate became a personal best. Otherwise it
+        is computed from all runs of the candidate so far.
+        """
         if self.settings.keeps_scores:
             return self.kept
         return np.array([self._score(key) for key in self.personal])
 
     def _move(self) -> None:
-        """Move all particles by the velocity update of the paper."""
+        """Move all particles by the velocity update of the paper, with positions clipped to the unit cube."""
         settings = self.settings
-        moves_before = self.iteration - 1 if settings.noise == "as-ran" else self.iteration
-        share = moves_before / max(self.iterations - 1, 1)
-        inertia = settings.inertia_first + share * (settings.inertia_last - settings.inertia_first)
+        # The inertia falls linearly from iteration to iteration. The first move follows iteration 1: in the paper's
+        # program this move has the full inertia, otherwise the inertia has fallen by one step by then.
+        elapsed = self.iteration - 1 if settings.noise == "as-ran" else self.iteration
+        fraction = elapsed / (self.iterations - 1)  # not 0: a swarm with a single iteration never moves
+        inertia = settings.inertia_first + fraction * (settings.inertia_last - settings.inertia_first)
         random = chance(self.seed, f"pso {self.iteration + 1}")
-        r_1, r_2 = random.random((2, *self.position.shape))
+        r_1, r_2 = random.random((2, *self.position.shape))  # R_1, R_2
         to_personal = np.array([self.archive[key].point for key in self.personal]) - self.position
         to_global = self.archive[self.best()].point - self.position
         self.velocity = (  # Eq. 21a

@@ -10,10 +10,10 @@
 Chen, Lin, Yuecesan and Chick, "Simulation budget allocation for further enhancing the efficiency of ordinal
 optimization", Discrete Event Dynamic Systems 10 (2000).
 
-The last stage of a search is a race: finalists run again on fresh runs, which played no part in choosing them.
-
-A candidate that looked good on the runs by which it was chosen was partly lucky. So each finalist starts without runs
-and gets an equal first share; OCBA allocates further runs. The last share goes to the winner alone.
+The last stage of a search is a race: the finalists, its best candidates, get fresh runs, which played no part in
+choosing them. A candidate that looked good on the runs by which it was chosen was partly lucky, so each finalist starts
+the race without runs. First all finalists get equally many runs, then OCBA allocates further runs in ``ROUNDS`` rounds.
+The last share of the runs goes to the winner alone, so that its score is known precisely.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ from vibroswarm.optimize.methods import Ask, Iteration
 def allocate(
     estimates: Sequence[float], errors: Sequence[float], counts: Sequence[int], more: int
 ) -> NDArray[np.int64]:
-    """Divide ``more`` runs among candidates, shape as the inputs.
+    """Divide ``more`` runs among candidates by OCBA; return the number for each, (candidates,).
 
     Args:
-        estimates, errors: score and its standard error; candidates without finite values get none.
-        counts: runs so far.
+        estimates, errors: score of each candidate, and its standard error. A candidate of which one of them is not
+            finite gets no runs. If this is so for all candidates, no runs are allocated.
+        counts: runs of each candidate so far. more: runs to divide.
     """
     value, n = np.asarray(estimates, dtype=np.float64), np.asarray(counts, dtype=np.float64)
     error = np.asarray(errors, dtype=np.float64)
@@ -44,15 +45,17 @@ def allocate(
     valid = np.flatnonzero(np.isfinite(value) & np.isfinite(error))
     if valid.size == 0 or more <= 0:
         return shares
-    if valid.size == 1:
+    if valid.size == 1:  # the formulas below compare the best candidate with others
         shares[valid[0]] = more
         return shares
     value, n = value[valid], n[valid]
-    noise = np.maximum(error[valid] * np.sqrt(n), 1e-12)
+    noise = np.maximum(error[valid] * np.sqrt(n), 1e-12)  # above 0, since it is a divisor
     best = int(np.argmin(value))
-    # Differences below their own error are not resolved, so near-equal candidates share runs instead of one taking all.
+    # A distance of nearly 0 would give one candidate nearly all runs. Each distance is therefore at least half of the
+    # candidate's standard error (below that it is not resolved anyway), so that nearly equal candidates share the runs.
     distance = np.maximum(value - value[best], 0.5 * noise / np.sqrt(n) + 1e-12)
-    weight = (noise / distance) ** 2  # N_i, Chen et al. 2000
+    # N_i, Chen et al. 2000; that of the best candidate is replaced by N_b below
+    weight = (noise / distance) ** 2
     others = np.arange(value.size) != best
     weight[best] = noise[best] * np.sqrt(float(((weight[others] / noise[others]) ** 2).sum()))  # N_b
     shares[valid] = _share_out(weight, n, more)
@@ -60,21 +63,30 @@ def allocate(
 
 
 def allocate_runs(archive: Archive, keys: Sequence[int], more: int) -> list[Ask]:
-    """Request further runs of candidates as ``allocate`` divides them."""
+    """Divide ``more`` runs among the candidates ``keys`` by ``allocate``; return a request for each that gets runs."""
     scores = [archive.estimate(key) for key in keys]
     shares = allocate(
-        [e[0] for e in scores],
-        [e[1] for e in scores],
-        [archive.count(k) for k in keys],
-        more,
+        estimates=[estimate for estimate, _ in scores],
+        errors=[error for _, error in scores],
+        counts=[archive.count(key) for key in keys],
+        more=more,
     )
     return [Ask(key, int(count)) for key, count in zip(keys, shares, strict=True) if count]
 
 
 def _share_out(weight: NDArray[np.float64], present: NDArray[np.float64], more: int) -> NDArray[np.int64]:
-    """Divide ``more`` runs so that the totals approach the proportions of the weights."""
+    """Divide ``more`` runs so that the totals of the candidates become proportional to their weights, if possible.
+
+    Args:
+        weight: of each candidate, (candidates,). present: runs of each candidate so far, (candidates,).
+        more: runs to divide.
+    Returns:
+        The further runs of each candidate, (candidates,), which sum to ``more``.
+    """
+    # A candidate that has more runs than its share of the total gets none, and the runs are divided among the others.
+    # This lowers the shares of the others, so that a further candidate may have too many: hence the loop.
     active = np.ones(weight.size, dtype=np.bool_)
-    while True:  # those above their share get none; the others share the rest
+    while True:
         total = present[active].sum() + more
         ideal = np.where(active, weight / weight[active].sum() * total - present, 0.0)
         if (ideal[active] >= 0).all():
@@ -82,8 +94,8 @@ def _share_out(weight: NDArray[np.float64], present: NDArray[np.float64], more: 
         active &= ideal >= 0
     counts = np.floor(ideal).astype(np.int64)
     left = more - int(counts.sum())
-    rest = np.argsort(-(ideal - counts), kind="stable")[:left]
-    counts[rest] += 1
+    rounded_up = np.argsort(-(ideal - counts), kind="stable")[:left]  # the largest fractions
+    counts[rounded_up] += 1
     return counts
 
 
@@ -96,45 +108,59 @@ ROUNDS: Final = 5
 
 
 class Race:
-    """The race of the finalists of a search."""
+    """The race of the finalists of a search; a ``methods.Method``."""
 
     name = "race"
 
     def __init__(self, archive: Archive, finalists: list[int], runs: int) -> None:
+        """Prepare a race of ``runs`` runs, in all, among the candidates with the keys ``finalists``.
+
+        For a finalist that already has runs, a new candidate at the same point, without runs, is added to the archive
+        and takes part in its place.
+        """
         self.archive, self.runs = archive, runs
-        self.iterations, self.iteration = ROUNDS + 2, 0
+        self.iterations, self.iteration = ROUNDS + 2, 0  # the first step, the rounds, and the last step
         self.history: list[Iteration] = []
         self.came_from = {
             archive.new(archive[key].point, f"finalist {key}") if archive[key].count else key: key
             for key in finalists
         }
+        """For the key of each candidate of the race, the key of the finalist for which it stands."""
         self.keys = list(self.came_from)
+        """Keys of the candidates of the race."""
         self.winner: int | None = None
+        """Key of the winner; None until the winner's last share is requested."""
 
     def ask(self) -> list[Ask]:
-        """Request equal runs first, then rounds of allocation, then the winner's runs."""
+        """Request the runs of the next step; the list is empty at the end of the race.
+
+        The first step requests equally many runs of each finalist. Then ``ROUNDS`` rounds are allocated by OCBA. The
+        last step requests all remaining runs of the winner. A single finalist gets all runs at once.
+        """
         if self.iteration == self.iterations:
             return []
         alone = len(self.keys) == 1
-        last = self.runs if alone else int(LAST_SHARE * self.runs)
-        first = 0 if alone else max(int(FIRST_SHARE * self.runs) // len(self.keys), 1)
-        between = max(self.runs - first * len(self.keys) - last, 0)
-        if self.iteration == 0 and not alone:
-            return [Ask(key, first) for key in self.keys]
-        if 0 < self.iteration <= ROUNDS and not alone:
-            each = between // ROUNDS
+        if self.iteration <= ROUNDS and not alone:
+            last = int(LAST_SHARE * self.runs)  # reserved for the winner
+            first = max(int(FIRST_SHARE * self.runs) // len(self.keys), 1)  # of each finalist
+            if self.iteration == 0:
+                return [Ask(key, first) for key in self.keys]
+            of_rounds = max(self.runs - first * len(self.keys) - last, 0)  # runs of all rounds together
+            per_round = of_rounds // ROUNDS
+            last_round = of_rounds - per_round * (ROUNDS - 1)  # takes the remainder of the division
             asks = allocate_runs(
-                self.archive, self.keys, each if self.iteration < ROUNDS else between - each * (ROUNDS - 1)
+                self.archive, self.keys, per_round if self.iteration < ROUNDS else last_round
             )
             if asks:
                 return asks
+        # After the last round, or earlier if a round allocates no runs, the winner gets all that are left.
         self.winner = self.archive.best(self.keys) if not alone else self.keys[0]
-        self.iteration = self.iterations - 1
+        self.iteration = self.iterations - 1  # ``tell`` counts this last step, which ends the race
         left = self.runs - sum(self.archive[key].count for key in self.keys)
         return [Ask(self.winner, left)] if left > 0 else []
 
     def tell(self) -> None:
-        """Record a finished round."""
+        """Count a finished step of the race, and add it to the history."""
         self.iteration += 1
         best = self.best()
         scores = [self.archive.estimate(key)[0] for key in self.keys]
@@ -146,14 +172,15 @@ class Race:
                 best_key=best,
                 best=self.archive.estimate(best)[0],
                 mean=sum(finite) / len(finite) if finite else math.inf,
+                # the mean of the finalists would say little; this is the point of the best one
                 mean_point=tuple(float(u) for u in self.archive[best].point),
             )
         )
 
     def best(self) -> int:
-        """Return the winner so far."""
+        """Return the winner, or the best candidate so far."""
         return self.archive.best(self.keys) if self.winner is None else self.winner
 
     def finalists(self, count: int) -> list[int]:
-        """Return the best candidates in order."""
+        """Return up to ``count`` candidates, sorted by estimate, the lowest first."""
         return sorted(self.keys, key=lambda k: (self.archive.estimate(k)[0], k))[:count]

@@ -1,7 +1,8 @@
-"""Compare two scenarios under an objective, paired on fresh runs, and again on other seeds.
+"""Compare two scenarios under an objective, paired on fresh runs, and again on runs of another seed.
 
-Run r of both has the same motion (if they move alike), floor and noise, so that both have the same luck. A second block
-of seeds has to confirm the difference.
+Run r has the same floor and noise in both scenarios, and the same motion if their settings of motion are equal. So
+chance favours neither scenario. The comparison is repeated on a second block of runs with another seed, which has to
+confirm the difference.
 """
 
 from __future__ import annotations
@@ -37,26 +38,30 @@ class Checked(NotebookView):
     """The comparison of two scenarios under one objective."""
 
     objective: Objective
+    """Computes the scores."""
     first: Scored
+    """The first scenario with its score on the first block of runs."""
     second: Scored
+    """The second scenario with its score on the first block of runs."""
     difference: Interval
-    """Score of the first minus that of the second."""
+    """Score of the first scenario minus score of the second, on the first block of runs."""
     replicate: Interval
-    """The same difference on other seeds."""
+    """The same difference on the second block of runs."""
     figures: tuple[Paired, ...] = ()
+    """Comparisons of the ``FIGURES``, on the first block."""
 
     @property
     def confirmed(self) -> bool:
-        """Whether both blocks of seeds show a difference of the same sign."""
+        """Whether both blocks show a significant difference of the same sign."""
         return side(self.difference) != 0 and side(self.difference) == side(self.replicate)
 
     @property
     def says(self) -> str:
-        """The conclusion in words."""
+        """The conclusion in words; lower scores are better."""
         if self.confirmed:
             better = self.first.name if side(self.difference) < 0 else self.second.name
             return f"{better} is better, in both blocks of seeds."
-        if side(self.difference):
+        if side(self.difference):  # significant, but not in the second block, or with the other sign there
             return "The second block of seeds does not confirm the difference."
         return "No significant difference, which does not mean that they are equal."
 
@@ -75,10 +80,10 @@ class Checked(NotebookView):
 
 
 def scenario_named(text: str, field: str) -> Scenario:
-    """Load a scenario by the name of a preset or a file.
+    """Return the preset named ``text``, or read the scenario file of that name if there is no such preset.
 
     Raises:
-        InputError: neither exists.
+        InputError: neither exists; the message names ``field``.
     """
     if text in preset_names():
         return preset(text)
@@ -102,59 +107,69 @@ def compare_scenarios(
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Checked:
-    """Score two scenarios on fresh runs, twice; a search with this seed used other runs.
+    """Score two scenarios on the same runs, in two blocks of runs.
+
+    The runs differ from those of a search with the same seed, so that a scenario that a search found is not favoured.
 
     Args:
-        first, second: the scenarios; names: theirs. objective: by default the paper's cost.
-        runs: of each, in each block. executor, workers: see ``study.executors``. progress: called as runs finish.
-        cases: fields to set in both, once for each case, such as several floors. The objective decides whether the
-            worst case counts; the figures are means over cases.
+        first, second: the scenarios. names: of the scenarios, for the result.
+        objective: by default the cost of the paper's program. runs: of each scenario in each block.
+        seed: from which the seeds of both blocks are derived.
+        cases: fields to set in both scenarios, one table for each case, such as several floors. By default there is
+            one case, in which no field is set. The objective decides whether the worst case counts; the ``FIGURES`` are
+            means over cases.
+        executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
     Raises:
-        InputError: too few runs. RunError: runs failed.
+        InputError: fewer than 2 runs. RunError: all runs of a scenario failed in a block.
     """
     objective = objective or Objective()
     if runs < 2:
         raise InputError(f"{runs} is too few; at least 2", field="runs")
-    both = [
+    named_cases = [
         (name, [scenario.with_values(dict(case)) for case in cases])
         for name, scenario in zip(names, (first, second), strict=True)
     ]
+    # For each block and each scenario, the result of ``_block``.
     blocks: list[list[tuple[Scored, pl.DataFrame]]] = []
     with workers_for(executor, workers) as pool:
         for purpose in ("check", "second check"):
-            at, runs_before = derived_seed(seed, purpose), 2 * len(blocks) * runs
+            block_seed = derived_seed(seed, purpose)
+            runs_before = 2 * len(blocks) * runs  # those of both scenarios in the blocks before
             blocks.append(
                 [
                     _block(
-                        name,
-                        scenarios,
-                        objective,
-                        runs,
-                        at,
-                        pool,
-                        shifted_progress(progress, runs_before + k * runs),
+                        name=name,
+                        scenarios=scenarios,
+                        objective=objective,
+                        runs=runs,
+                        seed=block_seed,
+                        pool=pool,
+                        progress=shifted_progress(progress, runs_before + k * runs),
                     )
-                    for k, (name, scenarios) in enumerate(both)
+                    for k, (name, scenarios) in enumerate(named_cases)
                 ]
             )
-    ((score_one, of_one), (score_two, of_two)), ((one_again, _), (two_again, _)) = blocks
+    first_block, second_block = blocks
+    (scored_first, figures_first), (scored_second, figures_second) = first_block
+    (again_first, _), (again_second, _) = second_block
     return Checked(
-        objective,
-        score_one,
-        score_two,
-        paired_score(objective, score_one, score_two),
-        paired_score(objective, one_again, two_again),
-        compare(of_one, of_two, FIGURES),
+        objective=objective,
+        first=scored_first,
+        second=scored_second,
+        difference=paired_score(objective, scored_first, scored_second),
+        replicate=paired_score(objective, again_first, again_second),
+        figures=compare(figures_first, figures_second, FIGURES),
     )
 
 
 def shares(outcomes: Outcomes) -> Array:
-    """Compute means over robots, in the order of ``FIGURES``."""
+    """Compute the ``FIGURES`` of each run as means over its robots, (runs, 4)."""
     parts = (outcomes.time_s, outcomes.right, outcomes.wrong, outcomes.undecided)
     return np.column_stack([part.mean(axis=1) for part in parts])
 
 
 SHARES: Final = Objective("shares", function=shares)
+"""The ``FIGURES`` as columns of an objective, so that they are computed in the same simulation as the score."""
 
 
 def _block(
@@ -166,10 +181,18 @@ def _block(
     pool: Workers,
     progress: Callable[[int], None],
 ) -> tuple[Scored, pl.DataFrame]:
-    """Simulate a scenario on a block of seeds; return its score and the figures of its runs."""
-    many = figures_of(scenarios, {}, (objective, SHARES), runs, seed, pool, progress=progress)
-    rows = many.rows[:, :, : -len(FIGURES)]
-    figures = {name: many.rows[:, :, k - len(FIGURES)].mean(axis=1) for k, name in enumerate(FIGURES)}
-    return scored_of(name, {}, objective, rows, many.runs, many.failed), pl.DataFrame(
-        {"run": many.runs, **figures}
-    )
+    """Simulate a block of runs of one scenario in its cases.
+
+    Args:
+        name: of the scenario. scenarios: the scenario in each case. objective: computes the score.
+        runs: number of runs. seed: of the runs. pool: the workers. progress: called with the number of finished runs.
+    Returns:
+        The score, and a table with one row per run: the number ``run``, and the ``FIGURES`` averaged over the cases.
+    """
+    no_values: dict[str, Any] = {}  # the scenarios are complete: no fields are set in them
+    simulated = figures_of(scenarios, no_values, (objective, SHARES), runs, seed, pool, progress=progress)
+    # the last columns are those of SHARES
+    rows, share_rows = simulated.rows[:, :, : -len(FIGURES)], simulated.rows[:, :, -len(FIGURES) :]
+    figures = {figure: share_rows[:, :, k].mean(axis=1) for k, figure in enumerate(FIGURES)}
+    scored = scored_of(name, no_values, objective, rows, simulated.runs, simulated.failed)
+    return scored, pl.DataFrame({"run": simulated.runs, **figures})

@@ -39,8 +39,10 @@ from vibroswarm.simulation import versions
 from vibroswarm.study.store import Store
 
 REPORT: Final = "report.html"
-IN_PAGE: Final = ("column", "page")
-"""Styles of a page's pictures: those of a search stand side by side, a front alone."""
+Styles = tuple[str, str]
+"""Styles of ``plots`` in which pictures are drawn: of the pictures of the iterations, and of the front."""
+IN_PAGE: Final[Styles] = ("column", "page")
+"""Styles in the page, where the pictures of the iterations stand side by side, and the front alone."""
 
 
 def best_scenario(found: Found) -> Scenario:
@@ -49,7 +51,12 @@ def best_scenario(found: Found) -> Scenario:
 
 
 def history_table(found: Found) -> pl.DataFrame:
-    """Tabulate the iterations of the search, then of the race."""
+    """Tabulate the iterations of the search, then those of the race, one row each.
+
+    Besides scores and numbers of runs, a row has, for each field, the mean over the candidates of the iteration: as a
+    value, and as a fraction of the field's bounds. In a race it is the value of the best candidate. Scores that are not
+    finite are null.
+    """
     rows = []
     space = found.search.space
     for stage, history in (("search", found.history), ("race", found.race)):
@@ -71,19 +78,28 @@ def history_table(found: Found) -> pl.DataFrame:
 
 
 def candidate_table(found: Found) -> pl.DataFrame:
-    """Tabulate the candidates."""
+    """Tabulate the candidates, one row each: origin, values, runs, failures, and a score for each objective.
+
+    Scores are null if a run failed, unless the search drops failed runs, and if no run succeeded.
+    """
     rows = []
     for c in found.archive.candidates:
         row: dict[str, Any] = {"key": c.key, "origin": c.origin, **c.values}
         row |= {"runs": c.count, "failed": c.failed}
         for k, objective in enumerate(found.search.objectives):
+            # The column of the first objective, often the only one, is just "score".
             row[f"score {objective.words}" if k else "score"] = plain(found.archive.score(c.key, k))
         rows.append(row)
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[str, Picture]:
-    """Draw the scores over the iterations, and the mean of each field as a fraction of its bounds."""
+    """Draw two pictures over the iterations of a search, and return them by name.
+
+    "scores" shows the scores of each iteration, and the true score as a line if ``truth`` is given. "parameters" shows
+    the mean of each field over the candidates of an iteration, as a fraction of the field's bounds. ``style`` is that
+    of both pictures, see ``plots``.
+    """
     objective, space = found.search.objectives[0], found.search.space
     history = found.history
     label = f"cost ({objective.words})" + (f", {objective.unit}" if objective.unit else "")
@@ -95,7 +111,8 @@ def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[s
     rows = [
         (iteration.number, k, plain(s)) for iteration in history for k, s in enumerate(iteration.personal)
     ]
-    own = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
+    # scores of the personal bests; only a particle swarm has them
+    personal = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
     shares = [
         (iteration.number, label_of(name).text, share)
         for iteration in history
@@ -104,13 +121,16 @@ def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[s
     parameters = pl.DataFrame(shares, schema=["iteration", "series", "share"], orient="row")
     true = None if truth is None else truth.winner.score.estimate
     return {
-        "scores": draw_search(scores, own, label=label, true=true, style=style),
+        "scores": draw_search(scores, personal, label=label, true=true, style=style),
         "parameters": draw_parameters(parameters, style=style),
     }
 
 
 def front_picture(front: Front, style: str = "column") -> Picture:
-    """Draw a front of two objectives on fresh runs."""
+    """Draw the scores on fresh runs of a front of two objectives.
+
+    ``draw_front`` calls its axes time and error: the first objective is drawn as the time, the second as the error.
+    """
     rows = [
         {
             "name": ", ".join(setting_words(name, value) for name, value in member.values.items()),
@@ -118,16 +138,23 @@ def front_picture(front: Front, style: str = "column") -> Picture:
             "error": second.estimate, "error_low": second.low, "error_high": second.high, "front": member.stays,
         }
         for member in front.members
-        for first, second in [member.true]
+        for first, second in [member.true]  # names the scores under both objectives
     ]  # fmt: skip
-    first, second = (f"{n} ({u})" if u else n for n, u in zip(front.names, front.units, strict=True))
-    return draw_front(pl.DataFrame(rows), time_label=first, error_label=second, style=style)
+    first_label, second_label = (
+        f"{name} ({unit})" if unit else name for name, unit in zip(front.names, front.units, strict=True)
+    )
+    return draw_front(pl.DataFrame(rows), time_label=first_label, error_label=second_label, style=style)
 
 
 def as_dict(found: Found, truth: Truth | None, front: Front | None = None) -> dict[str, Any]:
-    """Return the results of a search as plain values for JSON."""
+    """Return the results of a search as plain values for JSON.
+
+    Args:
+        found: the result of the search. truth: the winner and the starts on fresh runs, if they were scored.
+        front: the Pareto front on fresh runs, with several objectives.
+    """
     search, archive = found.search, found.archive
-    failures = sorted({c.why for c in archive.candidates if c.why})
+    reasons = sorted({c.why for c in archive.candidates if c.why})
     return {
         "method": search.settings.method,
         "objective": [o.as_values() for o in search.objectives],
@@ -135,7 +162,7 @@ def as_dict(found: Found, truth: Truth | None, front: Front | None = None) -> di
         "runs": {
             "search": found.runs,
             "failed": archive.failed,
-            "failed_because": failures[:5],
+            "failed_because": reasons[:5],  # a few examples
             "candidates": len(archive),
             "fresh": _fresh(truth, front),
         },
@@ -147,6 +174,7 @@ def as_dict(found: Found, truth: Truth | None, front: Front | None = None) -> di
 
 
 def _fresh(truth: Truth | None, front: Front | None) -> int:
+    """Count the fresh runs of the winner, of the others that were scored, and of the candidates of the front."""
     of_winner = 0 if truth is None else truth.winner.rows.shape[0] * (1 + len(truth.others))
     return of_winner + (0 if front is None else front.runs * len(front.members))
 
@@ -158,12 +186,15 @@ def write_report(
     style: str | None = "column",
     front: Front | None = None,
 ) -> None:
-    """Write what was ``found``, its validation ``truth`` and its ``front`` into ``folder``.
+    """Write the files of a search (see the head of this module), its pictures and its page.
 
-    Pictures have a ``style`` of ``plots``; None: no pictures.
-
+    Args:
+        found: the result of the search. truth: the winner and the starts on fresh runs, if they were scored.
+        folder: where to write. style: of the picture files, see ``plots``; with None neither files nor page have
+            pictures.
+        front: the Pareto front on fresh runs, with several objectives.
     Raises:
-        RunError: it cannot be written.
+        RunError: a file cannot be written.
     """
     folder = Path(folder)
     contents: dict[str, str | bytes] = {
@@ -175,17 +206,23 @@ def write_report(
     if front is not None:
         contents["front.csv"] = csv_bytes(front.table)
     write_files(folder, contents)
-    drawn = _write_pictures(folder, style, lambda styles: _all_pictures(found, truth, front, styles))
-    write_page(folder / REPORT, search_page(found, truth, front, drawn, made_by(folder)))
+    drawn_for_page = _write_pictures(folder, style, lambda styles: _all_pictures(found, truth, front, styles))
+    write_page(folder / REPORT, search_page(found, truth, front, drawn_for_page, made_by(folder)))
 
 
 def _write_pictures(
-    folder: Path, style: str | None, draw: Callable[[tuple[str, str]], dict[str, Picture]]
+    folder: Path, style: str | None, draw: Callable[[Styles], dict[str, Picture]]
 ) -> dict[str, Picture]:
-    """Write pictures in a style into a folder; return them as the page shows them. No style: no pictures."""
+    """Write pictures as files into a folder, and return the same pictures, drawn in the styles of the page.
+
+    Args:
+        folder: of the files. style: of all files; if it is None, nothing is drawn, and the result is empty.
+        draw: makes the pictures, by name, in the given styles.
+    """
     if style is None:
         return {}
-    for name, picture in draw((style, style)).items():
+    style_of_all: Styles = (style, style)
+    for name, picture in draw(style_of_all).items():
         picture.write(folder / name)
     return draw(IN_PAGE)
 
@@ -195,17 +232,25 @@ def _json(values: Any) -> str:
 
 
 def _all_pictures(
-    found: Found, truth: Truth | None, front: Front | None, styles: tuple[str, str]
+    found: Found, truth: Truth | None, front: Front | None, styles: Styles
 ) -> dict[str, Picture]:
-    """Draw the pictures that fit: fields if a picture can distinguish them, and the front of two objectives."""
-    drawn = pictures(found, truth, styles[0]) if found.search.space.size <= SERIES_UP_TO else {}
+    """Draw the pictures of a search by name: those of the iterations, and the front of two objectives.
+
+    The pictures of the iterations are left out if the space has more fields than a picture can distinguish. The picture
+    of the front is left out without a front, and with more than two objectives.
+    """
+    style_of_iterations, style_of_front = styles
+    drawn = pictures(found, truth, style_of_iterations) if found.search.space.size <= SERIES_UP_TO else {}
     if front is not None and len(front.names) == 2:
-        drawn["true-front"] = front_picture(front, styles[1])
+        drawn["true-front"] = front_picture(front, style_of_front)
     return drawn
 
 
 def made_by(folder: Path) -> list[dict[str, str]]:
-    """Return the versions that began the search in a folder, and the current ones if they differ."""
+    """Return the versions of the programs that began the search in a folder, and the current ones if they differ.
+
+    If the folder has no readable head of a search, return the current versions only.
+    """
     try:
         began = dict(json.loads((folder / HEAD).read_text(encoding="utf-8"))["versions"])
     except (OSError, ValueError, KeyError, TypeError):
@@ -216,10 +261,14 @@ def made_by(folder: Path) -> list[dict[str, str]]:
 def write_grid(
     nodes: Nodes, folder: str | Path, style: str | None = "column", truth: Truth | None = None
 ) -> None:
-    """Write the cells of a grid as ``grid.csv`` and ``result.json``; with two varied fields also as pictures.
+    """Write the files of a grid (see the head of this module), its pictures if it has two fields, and its page.
 
+    Args:
+        nodes: the scored cells. folder: where to write.
+        style: of the picture files, see ``plots``; with None neither files nor page have pictures.
+        truth: the lowest cell on fresh runs, if it was scored on them.
     Raises:
-        RunError: it cannot be written.
+        RunError: a file cannot be written.
     """
     folder = Path(folder)
     contents: dict[str, str | bytes] = {
@@ -230,12 +279,16 @@ def write_grid(
     if text := file_text(nodes.grid):
         contents["grid.toml"] = text
     write_files(folder, contents)
-    drawn = _write_pictures(folder, style, lambda styles: grid_pictures(nodes, styles[0]))
-    write_page(folder / REPORT, grid_page(nodes, truth, drawn, _grid_made_by(folder)))
+    # a grid has no front: only the first of the two styles is used
+    drawn_for_page = _write_pictures(folder, style, lambda styles: grid_pictures(nodes, styles[0]))
+    write_page(folder / REPORT, grid_page(nodes, truth, drawn_for_page, _grid_made_by(folder)))
 
 
 def _grid_made_by(folder: Path) -> list[dict[str, str]]:
-    """Return the versions of the study's shards in a folder, or the current ones if it holds no study."""
+    """Return the versions of the programs that ran the study of a grid, one entry for each set of versions.
+
+    If the folder holds no study, since the grid was not saved there, these are the current versions.
+    """
     try:
         return Store.open(folder).made_by
     except InputError:
@@ -243,7 +296,10 @@ def _grid_made_by(folder: Path) -> list[dict[str, str]]:
 
 
 def grid_pictures(nodes: Nodes, style: str = "column") -> dict[str, Picture]:
-    """Draw score, time and belief as heat maps; none unless exactly two fields are varied."""
+    """Draw score, decision time and belief over the two varied fields as heat maps, and return them by name.
+
+    The first varied field is x, the second y. If the grid does not vary exactly two fields, the result is empty.
+    """
     varied, table = nodes.grid.study.varied, nodes.table
     if len(varied) != 2:
         return {}
@@ -256,7 +312,7 @@ def grid_pictures(nodes: Nodes, style: str = "column") -> dict[str, Picture]:
     drawn = {}
     for name, label in labels.items():
         frame = table.select(x=varied[0], y=varied[1], value=name, runs="runs")
-        best = "high" if name == "belief_in_truth" else "low"
+        best = "high" if name == "belief_in_truth" else "low"  # which end of the values is better
         drawn[f"grid-{name.replace('_', '-')}"] = draw_heat(
             frame, x_label=x_label, y_label=y_label, label=label, best=best, style=style
         )

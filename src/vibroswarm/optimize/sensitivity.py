@@ -4,17 +4,18 @@
 |---|---|---|
 | first order | S_i | Var(E(Y given u_i)) / Var(Y): the effect of the field alone |
 | total | S_Ti | 1 - Var(E(Y given all but u_i)) / Var(Y): with all its interactions |
-| noise | - | mean over points of s^2 / R: the variance that R replicates leave in a point's mean |
+| noise | - | mean over points of s^2 / R: the variance that remains in the mean of R replicates (runs) of a point |
 | corrected | - | S_i V / (V - noise), (S_Ti V - noise) / (V - noise) |
 
-Saltelli's design has (d + 2) N points with R independent runs each, averaged before the indices are computed. The noise
-of a point's mean is independent of that of all others: it adds to Var(Y), adds nothing to the covariances in S_i, and
-adds to the squared differences in S_Ti. Y is the mean of the cost, since a standard deviation of few runs would be
-noise. With several cases it is the mean over them.
+Saltelli's design has (d + 2) N points with R independent runs each, averaged before the indices are computed. It
+consists of N blocks of d + 2 points: a point A, for each field i the point A with coordinate i of B, and a point B,
+where A and B are independent. The noise of a point's mean is independent of the noise of all other points: it adds to
+Var(Y), adds nothing to the covariances in S_i, and adds to the squared differences in S_Ti. Y is the mean of the cost,
+since a standard deviation of few runs would be noise. With several cases, Y is the mean over the cases as well.
 
 PED-ANOVA needs no further runs. Field by field it compares the distribution of the best candidates of a search with
-that of all (Watanabe, Bansal and Hutter, "PED-ANOVA", IJCAI 2023; through Optuna). It is robust to noise, but describes
-only the region that the search explored; Sobol indices describe the whole space.
+that of all candidates (Watanabe, Bansal and Hutter, "PED-ANOVA", IJCAI 2023; through Optuna). It is robust to noise,
+but describes only the region that the search explored; Sobol indices describe the whole space.
 """
 
 from __future__ import annotations
@@ -42,20 +43,28 @@ from vibroswarm.optimize.spec import Search
 from vibroswarm.study.executors import workers_for
 
 DRAWS: Final = 1000
+"""Resamples of the bootstrap."""
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Field(NotebookView):
-    """The indices of one field, with 95 % limits."""
+    """First-order and total index of one field, with 95 % limits; nan if the noise hides all effects."""
 
     name: str
+    """Full name of the field."""
     first: float
+    """First-order index S_i."""
     first_low: float
+    """Lower limit of the first-order index."""
     first_high: float
+    """Upper limit of the first-order index."""
     total: float
+    """Total index S_Ti."""
     total_low: float
+    """Lower limit of the total index."""
     total_high: float
+    """Upper limit of the total index."""
 
 
 @dataclass(frozen=True)
@@ -64,9 +73,12 @@ class Sensitivity(NotebookView):
 
     fields: tuple[Field, ...]
     points: int
+    """Points of the design."""
     replicates: int
+    """Runs of each point."""
     runs: int
     failed: int
+    """Always 0: the indices need all runs."""
     noise_share: float
     """Share of the variance of the points' means that is noise of the runs."""
 
@@ -87,76 +99,104 @@ def sobol_indices(
     """Estimate Sobol indices of the mean cost over the space of a search.
 
     Args:
-        search: defines space, scenario and first objective. budget: runs. replicates: of each point.
-        executor, workers: see ``study.executors``. progress: called as runs come back.
+        search: defines the space, the scenarios and the cost (the first column of its first objective).
+        budget: runs in all. replicates: runs of each point of the design.
+        executor, workers: see ``study.executors``. progress: called as runs finish.
     Raises:
-        InputError: SALib is not there, or the budget is too small. RunError: a run failed.
+        InputError: SALib is not installed, or the budget is too small. RunError: a run failed.
     """
     design = saltelli(search.space.size, budget // replicates, search.seed)
     cases = tuple(cell.scenario.to_toml() for cell in search.cases)
     seed = derived_seed(search.seed, "sensitivity")
+    # One piece per point. No two runs have the same number, so that the noise of all runs is independent.
     pieces = [
-        Piece(cases, tuple(search.space.values(point).items()), seed, search.study.motion,
-              k * replicates, (k + 1) * replicates)
+        Piece(
+            cases=cases,
+            values=tuple(search.space.values(point).items()),
+            seed=seed,
+            motion=search.study.motion,
+            first=k * replicates,
+            last=(k + 1) * replicates,
+        )
         for k, point in enumerate(design)
-    ]  # fmt: skip
+    ]
     with workers_for(executor, workers) as pool:
         results = do_pieces(pieces, search.objectives[:1], pool, progress)
     bad = [rows for rows in results if isinstance(rows, str)]
     if bad:
         raise RunError(f"{len(bad) * replicates} runs failed, and every point is needed: {bad[0]}")
+    # The figures of a point are (replicates, cases, columns). Their first column, averaged over the cases, gives the
+    # costs: (points, replicates).
     costs = np.array([np.mean(rows, axis=1)[:, 0] for rows in results if not isinstance(rows, str)])
     return indices(search.space.names, costs, search.seed)
 
 
 def saltelli(dimensions: int, points: int, seed: int) -> Array:
-    """Draw Saltelli's design in the unit cube, (N (d + 2), d).
+    """Draw Saltelli's design in the unit cube, (N (d + 2), d), for d = ``dimensions`` fields.
 
-    N is the largest power of two for which the design has at most ``points`` points.
+    N is the largest power of two for which the design has at most ``points`` points: a Sobol sequence is evenly spread
+    only at powers of two.
 
     Raises:
-        InputError: SALib is not there, or too few points.
+        InputError: SALib is not installed, or N would be below 8, which is too few for the indices.
     """
     try:
         from SALib.sample import sobol
     except ImportError:
         raise InputError("needs SALib: pip install 'vibroswarm[optimize]'", field="--sensitivity") from None
+    # N: the bit length of a number, less 1, is the exponent of the largest power of two up to that number. If there are
+    # no points, N is 1, and refused below.
     base = 1 << max((points // (dimensions + 2)).bit_length() - 1, 0)
     if base < 8:
         raise InputError(
             f"{points} points are too few for {dimensions} fields; at least {8 * (dimensions + 2)}",
             field="budget",
         )
-    problem = {
+    problem = {  # description of the space, in the form that SALib requires
         "num_vars": dimensions,
         "names": [str(k) for k in range(dimensions)],
         "bounds": [[0, 1]] * dimensions,
     }
-    number = derived_seed(seed, "sensitivity design") % 2**31
-    return np.asarray(sobol.sample(problem, base, calc_second_order=False, seed=number))
+    design_seed = derived_seed(seed, "sensitivity design") % 2**31  # a seed of 31 bits
+    return np.asarray(sobol.sample(problem, base, calc_second_order=False, seed=design_seed))
 
 
 def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
-    """Compute the indices from the costs of a design's runs, (N (d + 2), replicates)."""
+    """Compute the indices of all fields, with bootstrap limits, from the costs of the runs of a design.
+
+    The bootstrap draws whole blocks of d + 2 points, since the estimators combine the points of a block.
+
+    Args:
+        names: of the fields. costs: cost of each run, (N (d + 2), replicates), points in the order of ``saltelli``.
+        seed: of the bootstrap.
+    """
     dimensions, replicates = len(names), costs.shape[1]
     mean = costs.mean(axis=1)
+    # variance of each mean; with one run per point it is unknown, and no correction is made
     noise = costs.var(axis=1, ddof=1) / replicates if replicates > 1 else np.zeros(mean.size)
-    by_row = mean.reshape(-1, dimensions + 2)
-    noise_by_row = noise.reshape(-1, dimensions + 2)
-    estimate = _shares(by_row, noise_by_row)
-    random, rows = generator(seed, "bootstrap of Sobol indices"), by_row.shape[0]
+    mean_by_block = mean.reshape(-1, dimensions + 2)
+    noise_by_block = noise.reshape(-1, dimensions + 2)
+    estimate = _shares(mean_by_block, noise_by_block)  # (2, d): first-order and total indices
+    random, blocks = generator(seed, "bootstrap of Sobol indices"), mean_by_block.shape[0]
     drawn = []
     for _ in range(DRAWS):
-        chosen = random.integers(0, rows, rows)
-        drawn.append(_shares(by_row[chosen], noise_by_row[chosen]))
+        chosen = random.integers(0, blocks, blocks)
+        drawn.append(_shares(mean_by_block[chosen], noise_by_block[chosen]))
+    # limits of 95 %, each (2, d); a resample is nan if the noise hides all effects in it
     low, high = np.nanquantile(np.array(drawn), [0.025, 0.975], axis=0)
     fields = [
-        Field(name, *(float(v) for v in (
-            estimate[0, k], low[0, k], high[0, k], estimate[1, k], low[1, k], high[1, k]
-        )))
+        Field(
+            name=name,
+            first=float(estimate[0, k]),
+            first_low=float(low[0, k]),
+            first_high=float(high[0, k]),
+            total=float(estimate[1, k]),
+            total_low=float(low[1, k]),
+            total_high=float(high[1, k]),
+        )
         for k, name in enumerate(names)
-    ]  # fmt: skip
-    pooled = np.concatenate([by_row[:, 0], by_row[:, -1]])
+    ]
+    pooled = np.concatenate([mean_by_block[:, 0], mean_by_block[:, -1]])  # of all points A and B
     return Sensitivity(
         fields=tuple(sorted(fields, key=lambda one: -one.total)),
         points=mean.size,
@@ -167,46 +207,51 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
     )
 
 
-def _shares(rows: Array, noise: Array) -> Array:
-    """Compute first-order and total indices, (2, d), from rows A, A with column i of B, B (Saltelli 2010).
+def _shares(mean: Array, noise: Array) -> Array:
+    """Compute first-order and total indices, (2, d), with the estimators of Saltelli (2010).
 
-    The noise of the runs is subtracted from the variance; if nothing is left, all indices are nan.
+    The variance of the noise is subtracted from the variance of the means. If nothing is left, all indices are nan.
+
+    Args:
+        mean: mean cost of each point, (blocks, d + 2): A, A with coordinate i of B for each field i, B.
+        noise: the variance of each of these means, (blocks, d + 2).
     """
-    a, b = rows[:, 0], rows[:, -1]
+    a, b = mean[:, 0], mean[:, -1]
     pooled = np.concatenate([a, b])
     centre, variance = pooled.mean(), pooled.var() - float(noise.mean())
     if variance <= 0:
-        return np.full((2, rows.shape[1] - 2), np.nan)
-    mixed = rows[:, 1:-1]
-    first = ((b - centre)[:, None] * (mixed - a[:, None])).mean(axis=0)
-    off = 0.5 * ((a[:, None] - mixed) ** 2 - noise[:, :1] - noise[:, 1:-1]).mean(axis=0)
-    return np.asarray(np.vstack([first, off]) / variance)
+        return np.full((2, mean.shape[1] - 2), np.nan)
+    a_with_b = mean[:, 1:-1]
+    first = ((b - centre)[:, None] * (a_with_b - a[:, None])).mean(axis=0)
+    # On average, a squared difference of two means is too large by the noise of both.
+    total = 0.5 * ((a[:, None] - a_with_b) ** 2 - noise[:, :1] - noise[:, 1:-1]).mean(axis=0)
+    return np.asarray(np.vstack([first, total]) / variance)
 
 
 def write_sensitivity(found: Sensitivity, folder: str | Path) -> None:
-    """Write the indices as ``sensitivity.csv``.
+    """Write the indices of all fields as ``sensitivity.csv`` into ``folder``, one row per field.
 
     Raises:
-        RunError: it cannot be written.
+        RunError: the file cannot be written.
     """
     table = pl.DataFrame([vars(index) for index in found.fields])
     write_files(Path(folder), {"sensitivity.csv": csv_bytes(table)})
 
 
 MIN_CANDIDATES: Final = 20
-"""Candidates."""
+"""Fewest candidates with a score for PED-ANOVA."""
 
 
 def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
-    """Compute the importance of each field, the largest first; the sum is 1.
+    """Compute the importance of each field by PED-ANOVA, the largest first; the sum is 1.
 
     Args:
-        found: a finished search. best_share: share of the candidates that count as good.
+        found: a finished search. best_share: share of the candidates that count as the best ones.
     Raises:
-        InputError: Optuna is not there, too few candidates, or a share outside (0, 1).
+        InputError: Optuna is not installed, too few candidates have a score, or ``best_share`` is outside (0, 1).
     """
     if not 0 < best_share < 1:
-        raise InputError(f"{best_share!r} is not a share", field="best_share")
+        raise InputError(f"{best_share!r} is not a share; give one between 0 and 1", field="best_share")
     library, archive = optuna(), found.archive
     distributions = {d.name: distribution_of(library, d) for d in archive.space}
     scored = [(c, archive.score(c.key)) for c in archive.candidates]
@@ -214,7 +259,7 @@ def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
     if len(finite) < MIN_CANDIDATES:
         raise InputError(f"{len(finite)} candidates are too few; at least {MIN_CANDIDATES}", field="found")
     with ignore_warnings():
-        study = library.create_study()
+        study = library.create_study()  # in memory: Optuna computes importances from a study only
         for candidate, score in finite:
             study.add_trial(
                 library.trial.create_trial(

@@ -5,7 +5,7 @@
     "decision.min_observations" = { from = 1, to = 500, scale = "log" }
     "strategy.name" = ["none", "soft"]
 
-Methods only use points of the cube. Fields with whole numbers are rounded when a point is turned into values; the
+Methods only use points of the cube. A field with whole numbers is rounded when a point is converted to values. The
 values of a list occupy equal parts of [0, 1].
 
 | name | symbol | bounds in the paper |
@@ -52,17 +52,24 @@ class Dimension:
 
     name: str
     low: float
+    """Lower bound; 0 for choices."""
     high: float
+    """Upper bound; the number of choices for choices."""
     scale: str = "linear"
+    """``linear`` or ``log``."""
     whole: bool = False
+    """Whether values are whole numbers."""
     choices: tuple[Any, ...] = ()
+    """Values of a list; empty for a range."""
 
     @classmethod
     def of(cls, name: str, given: Any) -> Dimension:
-        """Read a dimension from ``{from, to, scale, whole}`` or a list of values.
+        """Make the dimension of the field ``name`` from its entry in a search file.
+
+        ``given`` is a table with the keys from, to, and optionally scale and whole; or it is a list of values.
 
         Raises:
-            InputError: the bounds are reversed, a log scale starts at 0, or the list is empty.
+            InputError: the bounds are reversed, a log scale starts at 0 or below, or a list has fewer than two values.
         """
         field = f"space.{name}"
         if isinstance(given, Sequence) and not isinstance(given, str):
@@ -70,27 +77,30 @@ class Dimension:
                 raise InputError(
                     "is a list of one value or none; give at least two to choose from", field=field
                 )
-            return cls(name, 0.0, float(len(given)), choices=tuple(given))
+            return cls(name, low=0.0, high=float(len(given)), choices=tuple(given))
         if isinstance(given, Mapping) and "steps" in given:
             raise InputError("'steps' is for a grid; leave it out", field=field)
         low, high, scale, is_whole = bounds_of(given, field)
-        return cls(name, float(low), float(high), scale, is_whole)
+        return cls(name, low=float(low), high=float(high), scale=scale, whole=is_whole)
 
     def value(self, u: float) -> Any:
-        """Return the value at the fraction ``u`` in [0, 1]."""
+        """Return the value of the field at the coordinate ``u`` in [0, 1]; ``share`` is the inverse."""
         if self.choices:
+            # u = 1 is the last choice
             return self.choices[min(int(u * len(self.choices)), len(self.choices) - 1)]
-        if u in (0.0, 1.0):
-            return rounded((self.low, self.high)[int(u)], self.whole)
+        if u in (0.0, 1.0):  # exactly the bounds: the formulas below may miss them by a rounding error
+            return rounded(self.low if u == 0.0 else self.high, self.whole)
         if self.scale == "log":
             return rounded(self.low * (self.high / self.low) ** u, self.whole)
         return rounded(self.low + u * (self.high - self.low), self.whole)
 
     def share(self, value: Any) -> float:
-        """Return the fraction of the range at which a value lies.
+        """Return the coordinate of a value in [0, 1].
+
+        The choices of a list occupy equal parts of [0, 1]; the coordinate of a choice is the middle of its part.
 
         Raises:
-            InputError: the value is out of bounds or not among the choices.
+            InputError: the value is not a finite number, is out of bounds, or is not among the choices.
         """
         if self.choices:
             if value not in self.choices:
@@ -110,16 +120,17 @@ class Dimension:
 
 @dataclass(frozen=True)
 class Space(NotebookView):
-    """The fields of a search, in order: its ``dimensions``."""
+    """The fields of a search. A point of the unit cube has one coordinate per field."""
 
     dimensions: tuple[Dimension, ...]
+    """The fields with their bounds or choices, in the order of the coordinates."""
 
     @classmethod
     def of(cls, block: Mapping[str, Any]) -> Space:
-        """Read a space from a table of fields, the ``block``.
+        """Read a space from the table ``block``, which maps fields to ranges or lists of values.
 
         Raises:
-            InputError: a field is unknown or has wrong bounds, or there is none.
+            InputError: a field is unknown or has wrong bounds, or the table is empty.
         """
         fields = fields_in(block, "space")
         if not fields:
@@ -142,7 +153,7 @@ class Space(NotebookView):
         return [d.name for d in self.dimensions]
 
     def to_block(self) -> dict[str, Any]:
-        """Return the table that ``of`` reads."""
+        """Return the table from which ``of`` reads an equal space."""
         block: dict[str, Any] = {}
         for d in self.dimensions:
             ends = {"from": d.low, "to": d.high, "scale": d.scale, "whole": d.whole}
@@ -150,14 +161,16 @@ class Space(NotebookView):
         return block
 
     def values(self, point: Point) -> Values:
-        """Return the values at a point of the cube."""
+        """Return the values of all fields at a point of the cube."""
         return {d.name: d.value(float(u)) for d, u in zip(self.dimensions, point, strict=True)}
 
     def point(self, values: Mapping[str, Any]) -> Point:
-        """Return the point of the cube for values.
+        """Return the point of the unit cube at which the fields have the given values.
+
+        ``values`` must have a value for every field of the space, and no other fields.
 
         Raises:
-            InputError: a field is missing, unknown to the space, or out of bounds.
+            InputError: a field is missing, is not in the space, or has a value that is out of bounds.
         """
         for name in values:
             if name not in self.names:

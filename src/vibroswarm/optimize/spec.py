@@ -13,8 +13,12 @@
     [pso]
     particles = 25
 
-The default space is the paper's, with P0 as the start. Blocks of varied fields, as in a study, are the cases in which
-every candidate is evaluated, such as several floors.
+All other keys are those of a study; its blocks of varied fields are the cases in which every candidate is evaluated,
+such as several floors. The default space is the paper's, with P0 as the start.
+
+A search first runs its method. Then, unless it has several objectives, its best candidates (finalists) compete in a
+race on further runs (see ``race``). Both are paid from the budget. Last, the winner is scored on fresh runs, in
+addition to the budget (see ``validation``).
 """
 
 from __future__ import annotations
@@ -30,7 +34,7 @@ from typing import Any, Final
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice, nearest, whole_number_of
+from vibroswarm.errors import InputError, check_choice, nearest, shown, whole_number_of
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.optimize.evaluate import NUMBERS
 from vibroswarm.optimize.objective import Objective, objectives_from
@@ -41,49 +45,60 @@ from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.study.spec import Cell, Study
 
 FORMAT: Final = 2
+"""Version of the files in a search's folder."""
 METHODS: Final = ("pso", "random", "sobol", "tpe", "gp", "cmaes", "nsga2")
 OF_OPTUNA: Final = ("tpe", "gp", "nsga2")
 KEYS: Final = ("space", "objective", "search", "pso", "start")
+"""Keys that a search adds to those of a study."""
 START: Final = "paper-empirical"
+"""The preset of P0."""
 MOST_CASES: Final = 100
+"""Largest number of cases of a search."""
 FINAL_SHARE: Final = 0.4
-"""Of the budget, run by the finalists: a mean + sd of these costs is known to 1.5 / sqrt(runs), so 10 % take many."""
+"""Share of the budget for the race. It is large since the relative error of a mean + sd of these costs is about
+1.5 / sqrt(runs): to distinguish candidates that differ by 10 % takes hundreds of runs of each."""
 
 
 @dataclass(frozen=True)
 class SearchSettings(NotebookView):
-    """Settings of a search that all methods share.
-
-    Args:
-        method: one of ``METHODS``.
-        evaluations: runs per candidate, for methods other than pso, which has its own.
-        budget: total runs of the search; pso makes as many iterations as fit. Default: 15,000, those of the paper's
-            50 iterations.
-        final: runs of the race of the finalists, part of the budget (0: no race); by default 40 %.
-        finalists: number of finalists.
-        surface: whether minima of a response surface are finalists too.
-        numbers: ``independent`` runs for each evaluation, or ``common`` ones.
-        fresh: runs on which the winner is validated, in addition to the budget.
-        dashboard: write a copy for Optuna's dashboard; by default only for Optuna's methods.
-    """
+    """Settings of a search that all methods share."""
 
     method: str = "pso"
+    """One of ``METHODS``."""
     evaluations: int = 20
+    """Runs per candidate, for methods other than pso, which has its own setting."""
     budget: int | None = None
+    """Total runs of the search; pso makes as many iterations as fit. Default: 15,000, those of the paper's 50
+    iterations."""
     final: int | None = None
+    """Runs of the race of the finalists, part of the budget; with 0 there is no race. Default: 40 % of the budget, but
+    0 with several objectives or with the paper's swarm."""
     finalists: int = 12
+    """Largest number of finalists."""
     surface: bool = True
+    """Whether minima of a response surface are finalists too."""
     numbers: str = "independent"
+    """``independent`` runs for each evaluation, or ``common`` runs for all candidates (see ``evaluate``)."""
     fresh: int = 2000
+    """Runs on which the winner is validated, in addition to the budget."""
     dashboard: bool | None = None
+    """Whether a copy for Optuna's dashboard is written; by default only for Optuna's methods."""
 
     def __post_init__(self) -> None:
+        """Check all settings.
+
+        Raises:
+            InputError: naming the setting that is wrong.
+        """
         check_choice(self.method, "search.method", METHODS)
         check_choice(self.numbers, "search.numbers", NUMBERS)
         for name in ("surface", "dashboard"):
             if not isinstance(getattr(self, name), bool | None):
-                raise InputError(f"{getattr(self, name)!r}: true or false", field=f"search.{name}")
+                raise InputError(
+                    f"{getattr(self, name)!r} is wrong; give true or false", field=f"search.{name}"
+                )
         for name, low in (("evaluations", 1), ("budget", 1), ("final", 0), ("finalists", 1), ("fresh", 2)):
+            # None stands for the default, which ``Search`` computes.
             if (value := getattr(self, name)) is not None:
                 whole_number_of(value, f"search.{name}", low, 10**9)
 
@@ -92,23 +107,30 @@ class SearchSettings(NotebookView):
 class Search(NotebookView):
     """The definition of a search, see the head of this module.
 
-    Args:
-        study: the scenario and the cases (its cells), the seed and the source of motion; its runs are ignored.
-        space: fields with bounds. objectives: one, or several for nsga2.
-        settings: method, budget and others. pso: settings of that method.
-        start: presets by name, or values of the space's fields. Default: the paper's P0 in the paper's space.
     Raises:
         InputError: naming what is wrong, and what would be right.
     """
 
     study: Study = field(default_factory=Study)
+    """The scenario, the cases (its cells), the seed and the source of motion; its number of runs is ignored."""
     space: Space = field(default_factory=lambda: Space.of(PAPER))
+    """The fields that are searched over, with their bounds."""
     objectives: tuple[Objective, ...] = (Objective(),)
+    """What is minimised: one objective, or several with the method nsga2."""
     settings: SearchSettings = field(default_factory=SearchSettings)
+    """Method, budget and other settings that do not depend on the method."""
     pso: PsoSettings = field(default_factory=PsoSettings)
+    """Settings of the particle swarm; other methods do not read them, except for the default budget."""
     start: tuple[str | Mapping[str, Any], ...] | None = None
+    """Given points to begin with: names of presets, or tables with values of the space's fields. Default: the paper's
+    P0 in the paper's space, none in other spaces."""
 
     def __post_init__(self) -> None:
+        """Check that the parts of the search fit together.
+
+        Raises:
+            InputError: naming the field that is wrong.
+        """
         if not self.objectives:
             raise InputError("is empty; name a cost", field="objective")
         if len(self.objectives) > 1 and self.settings.method != "nsga2":
@@ -120,9 +142,10 @@ class Search(NotebookView):
                 raise InputError("is searched over, and varied by the cases too", field=both[0])
         for cell in self.study.cells:
             check_scenario(cell.scenario, "floor.source")
-        _ = self.starts
+        _ = self.starts  # computed only to raise an error if a start is wrong
         if self.settings.method == "pso" and len(self.starts) > self.pso.particles:
             raise InputError(f"{len(self.starts)} starts for {self.pso.particles} particles", field="start")
+        # computed only to raise an error if the budget is too small
         _ = self.pso_settings, self.search_budget
         if self.is_as_ran:
             if self.settings.numbers != "independent":
@@ -144,27 +167,33 @@ class Search(NotebookView):
         """Read a search from TOML text.
 
         Args:
-            text: TOML. name: its name in errors. folder: that of the floor files it names.
-            method: overrides that of the text; the default for several objectives is nsga2.
+            text: TOML. name: of the text, for messages. folder: where floor files that the text names are looked for.
+            method: replaces the method of the text. If neither the text nor this argument gives a method, it is nsga2
+                for several objectives, else pso.
         Raises:
-            InputError: not TOML, or an unknown or invalid entry, which is named.
+            InputError: the text is not TOML, or has an unknown or invalid entry, which the message names.
         """
         values = parsed_toml(text, name)
-        own = {key: values.pop(key) for key in KEYS if key in values}
-        # The other keys are those of a study, which names an unknown one; a misspelt key of a search is named here.
+        search_values = {key: values.pop(key) for key in KEYS if key in values}
+        # The other keys must be those of a study, and ``Study.from_values`` refuses all others. A key that resembles a
+        # key of a search, and none of a study, is refused here: only here the message can suggest the right spelling.
+        # The keys of a study are the names of its fields, and three keys of blocks from which fields are made.
         study_keys = [f.name for f in fields(Study)]
         for key in values:
             if nearest(key, KEYS) and not nearest(key, [*study_keys, "scenario", "grid", "list"]):
                 raise InputError(f"there is no such key{nearest(key, KEYS)}", field=key)
         study = Study.from_values(values, name=name, folder=folder)
-        block = own.get("space")
+        block = search_values.get("space")
         if block is not None and not isinstance(block, Mapping):
-            raise InputError("is a table of fields with bounds", field="space")
-        start = own.get("start")
+            raise InputError(f"{shown(block)} is wrong; give a table of fields with bounds", field="space")
+        start = search_values.get("start")
         if start is not None and not isinstance(start, list):
-            raise InputError("is a list of presets or of tables of values", field="start")
-        objectives, settings = objectives_from(own.get("objective", {})), own.get("search", {})
-        if isinstance(settings, Mapping):
+            raise InputError(
+                f"{shown(start)} is wrong; give a list of presets or of tables of values", field="start"
+            )
+        objectives = objectives_from(search_values.get("objective", {}))
+        settings = search_values.get("search", {})
+        if isinstance(settings, Mapping):  # anything else is refused by ``_settings`` below
             defaults = {"method": "nsga2"} if len(objectives) > 1 else {}
             settings = defaults | dict(settings) | ({} if method is None else {"method": method})
         return cls(
@@ -172,29 +201,36 @@ class Search(NotebookView):
             space=Space.of(PAPER if block is None else block),
             objectives=objectives,
             settings=_settings(SearchSettings, settings, "search"),
-            pso=_settings(PsoSettings, own.get("pso", {}), "pso"),
+            pso=_settings(PsoSettings, search_values.get("pso", {}), "pso"),
             start=None if start is None else tuple(start),
         )
 
     @classmethod
     def read(cls, path: str | Path, *, method: str | None = None) -> Search:
-        """Read a search from the TOML file ``path``, optionally with another ``method``; floor files are beside it.
+        """Read a search from the TOML file ``path``; ``method``, if given, replaces the method of the file.
+
+        Floor files that the search names are looked for in the folder of this file.
 
         Raises:
-            InputError: it cannot be read, or something in it is wrong.
+            InputError: the file cannot be read, or something in it is wrong.
         """
         path = Path(path)
         return cls.from_toml(read_text(path, "a search"), name=str(path), folder=path.parent, method=method)
 
     def to_values(self) -> dict[str, Any]:
-        """Return the self-contained values for TOML."""
+        """Return the search as nested tables for TOML, from which ``from_toml`` reads an equal search.
+
+        The tables are self-contained: they name no floor files.
+        """
         values: dict[str, Any] = tomllib.loads(self.study.to_toml())
         values["start"] = list(self._start)
         values["space"] = self.space.to_block()
         blocks = [objective.as_values() for objective in self.objectives]
         values["objective"] = blocks[0] if len(blocks) == 1 else blocks
-        values["search"] = {k: v for k, v in vars(self.settings).items() if v is not None}
-        swarm = {k: v for k, v in vars(self.pso).items() if k != "crash_share" or v}  # older searches lack it
+        values["search"] = {k: v for k, v in vars(self.settings).items() if v is not None}  # TOML has no null
+        # ``crash_share`` is left out if it is 0: the hash is computed from these values, and searches that were written
+        # before this setting existed must keep their hash.
+        swarm = {k: v for k, v in vars(self.pso).items() if k != "crash_share" or v}
         return values | {"pso": swarm}
 
     def to_toml(self) -> str:
@@ -228,7 +264,8 @@ class Search(NotebookView):
         """The starts as points in the unit cube.
 
         Raises:
-            InputError: a start outside the bounds, an unknown preset.
+            InputError: a start lies outside the bounds, lacks a field, is an unknown preset, or is neither the name of
+                a preset nor a table.
         """
         points = []
         for entry in self._start:
@@ -248,6 +285,7 @@ class Search(NotebookView):
 
     @property
     def _start(self) -> tuple[str | Mapping[str, Any], ...]:
+        """The field ``start`` or, if it is None, the default: P0 in the paper's space, no start in other spaces."""
         if self.start is not None:
             return self.start
         return (START,) if self.space == Space.of(PAPER) else ()
@@ -259,7 +297,7 @@ class Search(NotebookView):
 
     @property
     def final_runs(self) -> int:
-        """Runs of the race of the finalists: none with several objectives, or with the paper's method."""
+        """Runs of the race of the finalists; by default 0 with several objectives, or with the paper's swarm."""
         if self.settings.final is not None:
             return self.settings.final
         if len(self.objectives) > 1 or (self.settings.method == "pso" and self.pso.keeps_scores):
@@ -268,22 +306,23 @@ class Search(NotebookView):
 
     @property
     def search_budget(self) -> int:
-        """Runs before the race.
+        """Runs of the budget that are left for the method, after those of the race are subtracted.
 
         Raises:
-            InputError: none are left.
+            InputError: no run is left for the method.
         """
         left = self.budget - self.final_runs
         if left < 1:
             raise InputError(
-                f"{self.budget} runs are not more than the {self.final_runs} of the race",
+                f"{self.budget} runs are not more than the {self.final_runs} of the race; "
+                "raise the budget, or lower search.final",
                 field="search.budget",
             )
         return left
 
     @property
     def is_as_ran(self) -> bool:
-        """Whether it runs as the paper's program did."""
+        """Whether the search runs as the paper's program did."""
         return self.settings.method == "pso" and self.pso.noise == "as-ran"
 
     @property
@@ -294,10 +333,12 @@ class Search(NotebookView):
 
     @property
     def pso_settings(self) -> PsoSettings:
-        """Settings of the swarm, with as many iterations as fit into the budget.
+        """Settings of the swarm, with the number of iterations that fits into the budget.
+
+        If the method is not pso, the settings are returned as given.
 
         Raises:
-            InputError: the budget is too small for one.
+            InputError: the budget is too small for one iteration.
         """
         if self.settings.method != "pso":
             return self.pso
@@ -311,22 +352,26 @@ class Search(NotebookView):
 
     @property
     def search_runs(self) -> int:
-        """Runs of the method, without the race."""
+        """Runs that the method makes, without the race: its whole budget, or for pso the whole iterations that fit."""
         if self.settings.method == "pso":
             return self.pso_settings.runs_an_iteration * self.pso_settings.iterations
         return self.search_budget
 
     @cached_property
     def hash(self) -> str:
-        """16 hexadecimal digits that identify the search."""
+        """16 hexadecimal digits that identify the search, computed from its values and its study."""
         values = self.to_values()
-        values.pop("runs", None)
-        text = json.dumps(values, sort_keys=True, default=str)
+        values.pop("runs", None)  # the study's number of runs, which a search ignores
+        text = json.dumps(values, sort_keys=True, default=str)  # ``str``: of types that JSON lacks
         return hashlib.sha256(f"{text} {self.study.hash}".encode()).hexdigest()[:16]
 
 
 def differences(there: Search, given: Search) -> list[str]:
-    """Say in which fields two searches differ."""
+    """Describe each field in which two searches differ, such as "seed is 1 there and 2 here".
+
+    Args:
+        there: the search that a folder holds. given: the search that was to be run there.
+    """
     old, new = dict(_flat(there.to_values())), dict(_flat(given.to_values()))
     return [
         f"{name} is {old.get(name, 'not set')!r} there and {new.get(name, 'not set')!r} here"
@@ -336,7 +381,7 @@ def differences(there: Search, given: Search) -> list[str]:
 
 
 def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
-    """Flatten nested tables to (dotted name, value) pairs."""
+    """Flatten nested tables to pairs (dotted name, value); ``before`` is put before each name."""
     items: list[tuple[str, Any]] = []
     for key, value in values.items():
         name = f"{before}{key}"
@@ -345,9 +390,15 @@ def _flat(values: Mapping[str, Any], before: str = "") -> list[tuple[str, Any]]:
 
 
 def _settings(kind: Any, block: Any, name: str) -> Any:
-    """Read a table of settings into a dataclass; refuse unknown names."""
+    """Make settings of the dataclass ``kind`` from the table ``block``.
+
+    ``name`` is the name of the table in the file, for messages.
+
+    Raises:
+        InputError: ``block`` is not a table, has an unknown setting, or a setting is invalid.
+    """
     if not isinstance(block, Mapping):
-        raise InputError("is a table", field=name)
+        raise InputError(f"{shown(block)} is wrong; give a table of settings", field=name)
     known = [f.name for f in fields(kind)]
     for key in block:
         if key not in known:
@@ -356,13 +407,18 @@ def _settings(kind: Any, block: Any, name: str) -> Any:
 
 
 def check_scenario(scenario: Scenario, where: str) -> None:
-    """Refuse a scenario in which no decision is right, since no cost is defined there.
+    """Refuse a scenario in which no decision is right in any run, since no cost is defined there.
 
-    If the answer may differ between runs, as for other tasks than the fill ratio on random floors, nothing is refused.
+    Only the floor of run 0 is checked. It stands for all runs if all runs have the same floor, or if the task asks for
+    the fill ratio, which is the same on all random floors of a scenario. For other tasks on random floors, the right
+    decision may differ between runs, and nothing is refused here.
+
+    Raises:
+        InputError: no decision is right; the message names the field ``where``.
     """
-    floor = scenario.floor_for(0, 0)
-    alike = not scenario.floor.drawn_by_run or scenario.task.name == "fill_ratio"  # the answer, for all runs
-    if alike and truth_on(scenario, floor) is None:
+    floor = scenario.floor_for(0, 0)  # seed 0, run 0
+    same_answer = not scenario.floor.drawn_by_run or scenario.task.name == "fill_ratio"
+    if same_answer and truth_on(scenario, floor) is None:
         reason = (
             "the fill ratio is the decision boundary itself, where "
             if scenario.task.name == "fill_ratio"

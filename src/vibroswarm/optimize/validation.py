@@ -1,10 +1,12 @@
 """Validate the winner or the Pareto front of a search on fresh runs.
 
-The candidate that looks best of many was partly lucky (the winner's curse), so a search underestimates its cost. Fresh
-runs played no part in any choice. The starts are scored on the same runs, so that they are compared in pairs.
+The candidate that looks best of many was partly lucky (the winner's curse), so a search underestimates its cost. That
+estimate is the believed score. The true score comes from fresh runs, which played no part in any choice. The starts,
+the given points that the search began with, are scored on the same runs, so that the winner is compared with them in
+pairs.
 
-Candidates of a front were also selected on few runs: fresh runs show their scores under every objective, and whether
-they are still on the front.
+Candidates of a Pareto front were also selected on few runs: fresh runs show their scores under every objective, and
+whether they are still on the front.
 """
 
 from __future__ import annotations
@@ -31,34 +33,42 @@ from vibroswarm.optimize.spec import Search
 from vibroswarm.study.executors import workers_for
 
 TELLING: Final = 0.1
-"""Relative difference above which an interval that contains it is too wide to judge luck."""
+"""Share of the true score. A believed score that differs from the true score by more than this share differs much.
+
+Single objective: if the scores differ much, but not significantly, the interval of the true score is too wide to judge
+luck. Pareto front: if the median difference over the candidates is larger, the page of the search shows a warning."""
 LEAST_ITERATIONS: Final = 2
-"""With fewer, particles have never moved."""
+"""With fewer iterations, particles have never moved."""
 LUCK: Final = ("not significant", "lucky", "unlucky", "inconclusive", "not defined", "too short")
 """Explanations of the difference between believed and true score."""
 
 
 @dataclass(frozen=True)
 class Scored(NotebookView):
-    """One set of values, scored on fresh runs."""
+    """One set of values with its score and the figures of its runs."""
 
     name: str
+    """Such as "winner" or "start"."""
     values: Values
+    """The values by field."""
     score: Interval
+    """The score over all cases, with its confidence interval."""
     rows: Rows
+    """Figures of the runs, (runs, cases, columns)."""
     runs: NDArray[np.int64]
-    """Run numbers of the rows."""
+    """Run numbers of the rows, (runs,)."""
     failed: int
+    """Number of failed runs, which have no rows."""
     cases: tuple[Interval, ...] = ()
     """The score in each case, if there are several."""
     parts: Mapping[str, Interval] | None = None
-    """Parts of the score of ``time_at_error``: time, errors and undecided, each in its worst case."""
+    """Parts of the score of ``time_at_error``: time, errors and undecided, each in the case where it is worst."""
     limits: Mapping[str, float] = field(default_factory=dict)
-    """Limits of these parts."""
+    """Limits of the parts of ``time_at_error``, by name; the time has none. Empty for other costs."""
 
     @property
     def near(self) -> dict[str, str]:
-        """Compare the parts with their limits, in words."""
+        """Each part that has a limit, compared with it in words: within, beyond, or not significantly different."""
         return {name: _beyond((self.parts or {})[name], limit) for name, limit in self.limits.items()}
 
     def as_dict(self) -> dict[str, Any]:
@@ -79,13 +89,15 @@ class Truth(NotebookView):
     """The score of a search's ``winner`` as the search ``believed`` it, and on fresh runs."""
 
     believed: float
+    """The winner's score as the search estimated it."""
     winner: Scored
+    """The winner with its true score, that on fresh runs."""
     others: tuple[Scored, ...]
     """The starts and other requested values, on the same runs."""
     against: tuple[Interval, ...]
-    """Score of the winner minus that of each other, paired by run."""
+    """Score of the winner minus the score of each of ``others``, paired by run."""
     too_short: bool = False
-    """Whether the search had fewer than ``LEAST_ITERATIONS``, so that its winner says nothing about searches."""
+    """Whether the search was a swarm with fewer than ``LEAST_ITERATIONS``: its winner is the best of random points."""
 
     def __repr__(self) -> str:
         score = self.winner.score
@@ -96,9 +108,9 @@ class Truth(NotebookView):
 
     @property
     def difference(self) -> float:
-        """(true - believed) / abs(true); above 0 the search underestimated the cost.
+        """The relative difference (true - believed) / abs(true); above 0 the search underestimated the cost.
 
-        If the true score is 0 it is 0 if the believed one is too, else nan.
+        If the true score is 0, the difference is 0 if the believed score is 0 as well, else nan.
         """
         true = self.winner.score.estimate
         if true == 0:
@@ -107,19 +119,25 @@ class Truth(NotebookView):
 
     @property
     def luck(self) -> str:
-        """The explanation of the difference, one of ``LUCK``."""
-        share, score = self.difference, self.winner.score
+        """How the difference between the believed and the true score is explained, one of ``LUCK``.
+
+        "too short": see the field ``too_short``. "not defined": the relative difference is not finite. "lucky" or
+        "unlucky": the true score is significantly higher (worse) or lower than the believed score, which then lies
+        outside the interval of the true score. "inconclusive": not significant, but larger than ``TELLING``. "not
+        significant": neither significant nor large.
+        """
+        relative, score = self.difference, self.winner.score
         if self.too_short:
             return "too short"
-        if not math.isfinite(share):
+        if not math.isfinite(relative):
             return "not defined"
         if score.low <= self.believed <= score.high:
-            return "inconclusive" if abs(share) > TELLING else "not significant"
-        return "lucky" if share > 0 else "unlucky"
+            return "inconclusive" if abs(relative) > TELLING else "not significant"
+        return "lucky" if relative > 0 else "unlucky"
 
     @property
     def words(self) -> str:
-        """The explanation in words."""
+        """The explanation of the difference between the believed and the true score, as a sentence."""
         share = self.difference
         return {
             "too short": (
@@ -166,26 +184,41 @@ def truth_of(
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Truth:
-    """Score the winner, the starts of the search and ``others`` on fresh runs.
+    """Score the winner, the starts of the search and ``others`` on the same fresh runs, under the first objective.
+
+    A search with several objectives is validated by ``front_of`` instead.
 
     Args:
-        found: the search. runs: fresh runs of each; by default those of the search's settings.
-        others: further values of the space's fields, by name.
-        executor, workers: see ``study.executors``. progress: called as runs finish.
+        found: the result of the search. runs: number of fresh runs; by default that of the search's settings.
+        others: further sets of values of the space's fields, each with its name.
+        executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
+    Raises:
+        InputError: fewer than 2 runs. RunError: all runs of a set of values failed.
     """
     search = found.search
     count = search.settings.fresh if runs is None else runs
     starts = [(f"start {k + 1}" if len(search.starts) > 1 else "start", search.space.values(point))
               for k, point in enumerate(search.starts)]  # fmt: skip
     named = [("winner", found.values), *starts, *((name, dict(values)) for name, values in others)]
-    scored = score_fresh(search, named, count, executor=executor, workers=workers, progress=progress)
+    winner, *scored_others = score_fresh(
+        search, named, count, executor=executor, workers=workers, progress=progress
+    )
     objective = search.objectives[0]
-    against = tuple(paired_score(objective, scored[0], other) for other in scored[1:])
-    return Truth(found.believed, scored[0], tuple(scored[1:]), against, is_too_short(found))
+    return Truth(
+        believed=found.believed,
+        winner=winner,
+        others=tuple(scored_others),
+        against=tuple(paired_score(objective, winner, other) for other in scored_others),
+        too_short=is_too_short(found),
+    )
 
 
 def is_too_short(found: Found) -> bool:
-    """Return whether a swarm had fewer than ``LEAST_ITERATIONS`` iterations; other methods are never too short."""
+    """Return whether the search was a swarm whose particles never moved.
+
+    A swarm with fewer than ``LEAST_ITERATIONS`` iterations only scores its first points, which are random or given.
+    Searches with other methods are never too short.
+    """
     return found.search.settings.method == "pso" and len(found.history) < LEAST_ITERATIONS
 
 
@@ -199,8 +232,13 @@ def score_fresh(
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> list[Scored]:
-    """Score sets of values on the same fresh runs.
+    """Score sets of values on the same fresh runs, under the first objective; return them in the order of ``named``.
 
+    Args:
+        search: defines scenarios, objective and seed. named: sets of values of the space's fields, each with its name.
+        runs: number of runs of each set.
+        purpose: the seed of the runs is derived from it and the search's seed; another purpose gives other runs.
+        executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
     Raises:
         InputError: fewer than 2 runs. RunError: all runs of a set failed.
     """
@@ -211,7 +249,7 @@ def score_fresh(
     with workers_for(executor, workers) as pool:
         for name, values in named:
             shifted = shifted_progress(progress, len(scored) * runs)
-            many = figures_of(
+            simulated = figures_of(
                 cases,
                 values,
                 search.objectives[:1],
@@ -222,31 +260,56 @@ def score_fresh(
                 progress=shifted,
             )
             scored.append(
-                scored_of(name, dict(values), search.objectives[0], many.rows, many.runs, many.failed)
+                scored_of(
+                    name=name,
+                    values=dict(values),
+                    objective=search.objectives[0],
+                    rows=simulated.rows,
+                    runs=simulated.runs,
+                    failed=simulated.failed,
+                )
             )
     return scored
 
 
 def shifted_progress(progress: Callable[[int], None], before: int) -> Callable[[int], None]:
-    """Offset the runs that are reported to ``progress`` by those done before."""
+    """Return a function that adds ``before``, the runs done before, to its argument and passes it to ``progress``."""
     return lambda done: progress(before + done)
 
 
 def scored_of(
     name: str, values: Values, objective: Objective, rows: Rows, runs: NDArray[np.int64], failed: int = 0
 ) -> Scored:
-    """Score the rows of one set of values."""
+    """Compute the score of one set of values, over all cases and in each case, from the figures of its runs.
+
+    Args:
+        name: of the set. values: by field. objective: computes the score.
+        rows: figures, (runs, cases, columns). runs: run numbers of the rows. failed: number of runs without rows.
+    """
     cases = tuple(objective.interval(rows[:, k : k + 1]) for k in range(rows.shape[1]))
-    score = cases[0] if len(cases) == 1 else objective.interval(rows)
-    parts = _parts(rows) if objective.name == "time_at_error" else None
-    several = cases if len(cases) > 1 else ()
-    return Scored(name, values, score, rows, runs, failed, several, parts, objective.limits)
+    return Scored(
+        name=name,
+        values=values,
+        score=cases[0] if len(cases) == 1 else objective.interval(rows),
+        rows=rows,
+        runs=runs,
+        failed=failed,
+        cases=cases if len(cases) > 1 else (),
+        parts=_parts(rows) if objective.name == "time_at_error" else None,
+        limits=objective.limits,
+    )
 
 
 def paired_score(objective: Objective, first: Scored, second: Scored) -> Interval:
-    """Estimate the difference of two scores, first - second, with a bootstrap over the runs that both have."""
+    """Estimate the difference of two scores, first - second, with a bootstrap over the runs that both have.
+
+    Runs with the same number are paired. Each resample takes the same runs for both scores, so that noise that is
+    common to both cancels.
+    """
     width = first.rows.shape[2]
+    # the indices, in each score's rows, of the runs that both have
     _, of_first, of_second = np.intersect1d(first.runs, second.runs, return_indices=True)
+    # ``bootstrap`` resamples one array along the runs: so the columns of both are put side by side
     both = np.concatenate([first.rows[of_first], second.rows[of_second]], axis=2)
 
     def difference(rows: NDArray[np.float64]) -> float:
@@ -256,7 +319,7 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
 
 
 def _beyond(share: Interval, limit: float) -> str:
-    """Write whether a share is within its limit."""
+    """Write whether a share is significantly beyond its limit, within it, or neither."""
     if share.low > limit:
         return f"beyond the limit of {100 * limit:g} % by {100 * (share.estimate - limit):.1f} points"
     if share.high <= limit:
@@ -265,10 +328,15 @@ def _beyond(share: Interval, limit: float) -> str:
 
 
 def _parts(rows: Rows) -> dict[str, Interval]:
-    """Compute time, error of deciding robots, and undecided robots, each in its worst case."""
+    """Compute the parts of ``time_at_error`` from its figures, (runs, cases, columns).
+
+    These are the mean decision time, s, the share of wrong robots among those that decided, and the share of undecided
+    robots. Of several cases, each part is that of the case in which this part is worst. The intervals of the shares
+    treat each run as a cluster of robots, since robots of a run are not independent.
+    """
     worst: dict[str, Interval] = {}
     for case in range(rows.shape[1]):
-        time_s, wrong, decided, robots = (rows[:, case, k] for k in range(4))
+        time_s, wrong, decided, robots = (rows[:, case, k] for k in range(4))  # the fifth column is T_end
         parts = {
             "decision_time_s": mean_interval(time_s),
             "robot_error": cluster_share(wrong, decided),
@@ -291,10 +359,13 @@ class Member(NotebookView):
     key: int
     values: Values
     believed: tuple[float, ...]
+    """Scores in the search."""
     true: tuple[Interval, ...]
+    """Scores on fresh runs."""
     stays: bool
-    """Whether it is also on the front of the fresh runs."""
+    """Whether the candidate is also on the front that the scores on fresh runs make."""
     failed: int
+    """Fresh runs that failed."""
 
 
 @dataclass(frozen=True)
@@ -302,18 +373,21 @@ class Front(NotebookView):
     """A Pareto front, scored on fresh runs."""
 
     names: tuple[str, ...]
-    """The objectives in words."""
+    """The objectives in words, each different."""
     units: tuple[str, ...]
-    """Of the objectives, in the same order."""
+    """Units of the scores, in the order of ``names``."""
     members: tuple[Member, ...]
-    """Its candidates."""
+    """The candidates of the front."""
     runs: int
-    """Fresh runs of each."""
+    """Fresh runs of each candidate."""
 
     @property
     def too_little(self) -> list[float]:
-        """Median over the front of (true - believed) / abs(true), by objective."""
-        shares = [
+        """Median over the candidates of (true - believed) / abs(true), for each objective.
+
+        It is the share by which the believed scores are too low: above 0 the search underestimated the cost.
+        """
+        shares = [  # (candidates, objectives)
             [_too_little(believed, true) for believed, true in zip(m.believed, m.true, strict=True)]
             for m in self.members
         ]
@@ -363,8 +437,12 @@ class Front(NotebookView):
 
 
 def fresh_runs(found: Found) -> int:
-    """Return the number of fresh runs of each candidate of the front: its part of all, at least ``MIN_FRESH_RUNS``."""
-    return max(found.search.settings.fresh // max(len(found.front), 1), MIN_FRESH_RUNS)
+    """Return the number of fresh runs of each candidate of the front.
+
+    The fresh runs of the search's settings are divided among the candidates, but each gets at least ``MIN_FRESH_RUNS``.
+    """
+    members = max(len(found.front), 1)  # a divisor; an empty front has no candidate to run
+    return max(found.search.settings.fresh // members, MIN_FRESH_RUNS)
 
 
 def front_of(
@@ -374,11 +452,11 @@ def front_of(
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Front:
-    """Score the front of a search on fresh runs, the same for all its candidates.
+    """Score all candidates on the Pareto front of a search on the same fresh runs, under every objective.
 
     Args:
-        found: the search. executor, workers: as ``run_search`` takes them.
-        progress: called with the number of finished runs.
+        found: the result of the search. executor, workers: see ``study.executors``.
+        progress: called as runs finish, with the number done so far.
     Raises:
         RunError: all runs of a candidate failed.
     """
@@ -387,22 +465,30 @@ def front_of(
     scored: list[tuple[tuple[Interval, ...], int]] = []
     with workers_for(executor, workers) as pool:
         for key in found.front:
-            many = figures_of(
+            simulated = figures_of(
                 cases, archive[key].values, search.objectives, runs, seed, pool,
                 motion=search.study.motion, progress=shifted_progress(progress, len(scored) * runs),
             )  # fmt: skip
             true = tuple(
-                objective.interval(many.rows[:, :, columns])
+                objective.interval(simulated.rows[:, :, columns])
                 for objective, columns in zip(search.objectives, archive.columns, strict=True)
             )
-            scored.append((true, many.failed))
+            scored.append((true, simulated.failed))
+    # ``pareto_front`` takes one sequence per objective, with the true scores of all candidates
     estimates = zip(*([score.estimate for score in true] for true, _ in scored), strict=True)
     stays = pareto_front(*estimates).tolist() if scored else []
     return Front(
         names=_names([objective.words for objective in search.objectives]),
         units=tuple(objective.unit for objective in search.objectives),
         members=tuple(
-            Member(key, dict(archive[key].values), tuple(archive.scores(key)), true, stay, failed)
+            Member(
+                key=key,
+                values=dict(archive[key].values),
+                believed=tuple(archive.scores(key)),
+                true=true,
+                stays=stay,
+                failed=failed,
+            )
             for key, (true, failed), stay in zip(found.front, scored, stays, strict=True)
         ),
         runs=runs,
@@ -410,9 +496,10 @@ def front_of(
 
 
 def _too_little(believed: float, true: Interval) -> float:
+    """Return by which share of the true score the believed one is too low; nan if the true score is 0."""
     return (true.estimate - believed) / abs(true.estimate) if true.estimate else math.nan
 
 
 def _names(words: Sequence[str]) -> tuple[str, ...]:
-    """Number objectives that have the same name."""
+    """Return the objectives' names; those that occur more than once get their number in parentheses."""
     return tuple(f"{word} ({k + 1})" if words.count(word) > 1 else word for k, word in enumerate(words))

@@ -6,10 +6,11 @@
 | scenarios/HASH.toml | all scenarios |
 | cells.csv | one row per cell: scenario, seed, engine, runs, digest of its table of robots, its figures, its command |
 | robots.csv | the table of robots of the first runs of each cell |
-| measured.csv, claims.csv | the values that decided the claims, and the verdicts |
+| measured.csv | the values that decided the claims |
+| claims.csv, intervals.csv | the verdicts, and the intervals behind them |
 | tables/NAME.csv | the tables of all items |
 
-A zip file of unknown origin is read as data: nothing is unpacked or run; names and sizes are checked.
+A zip file of unknown origin is only read as data: nothing is unpacked to disk or run, and names and sizes are checked.
 """
 
 from __future__ import annotations
@@ -36,9 +37,11 @@ from vibroswarm.paper.reproduction_report import cells_table, claims_table, comm
 from vibroswarm.simulation import versions
 
 MOST_ENTRIES: Final = 20_000
+"""Largest number of entries."""
 MOST_BYTES: Final = 512 * 2**20
 """Total size of all entries, unpacked."""
 _NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*(/[A-Za-z0-9][A-Za-z0-9_.-]*)?(\.[a-z]+)?")
+"""A plain name of an entry: one folder at most, and nothing that leads out of a folder."""
 
 
 class Zipped(NotebookView):
@@ -49,6 +52,7 @@ class Zipped(NotebookView):
     """
 
     def __init__(self, path: Path) -> None:
+        """Open the file, and check its entries; ``names`` are the names of the entries."""
         self.path = path
         if not path.is_file():
             raise InputError("is not a file", field=str(path))
@@ -59,27 +63,36 @@ class Zipped(NotebookView):
         try:
             self.names = self._checked()
         except InputError:
-            self._file.close()
+            self._file.close()  # the caller gets no object that it could close
             raise
 
     def _checked(self) -> list[str]:
-        """Return the names of all entries, checked with their sizes and compression."""
+        """Check the number, sizes, compression and names of all entries, and return the names.
+
+        Raises:
+            InputError: the entries are too many or too large, or an entry has a compression method other than deflate,
+                a name that is not plain, or the name of another entry.
+        """
         entries = self._file.infolist()
         names = [entry.filename for entry in entries]
         if len(entries) > MOST_ENTRIES or sum(entry.file_size for entry in entries) > MOST_BYTES:
             raise InputError(
-                f"is too large: at most {MOST_ENTRIES} files of 512 MiB in all", field=str(self.path)
+                f"is too large: at most {MOST_ENTRIES} files, and 512 MiB in all, are allowed",
+                field=str(self.path),
             )
         if any(entry.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) for entry in entries):
             # Other methods may need gigabytes of memory.
             raise InputError("uses an unsupported compression method; use deflate", field=str(self.path))
-        odd = [name for name in names if not _NAME.fullmatch(name)]
-        if odd or len(set(names)) != len(names):
-            raise InputError(f"has a file with an invalid name, {(odd or names)[0]!r}", field=str(self.path))
+        invalid = next((name for name in names if not _NAME.fullmatch(name)), None)
+        if invalid is not None:
+            raise InputError(f"has a file with an invalid name, {invalid!r}", field=str(self.path))
+        if len(set(names)) != len(names):
+            repeated = next(name for name in names if names.count(name) > 1)
+            raise InputError(f"has two files named {repeated!r}", field=str(self.path))
         return names
 
     def read(self, name: str) -> bytes:
-        """Return the bytes of an entry.
+        """Return the unpacked bytes of an entry.
 
         Raises:
             InputError: the entry is missing, damaged, encrypted, or longer than stated.
@@ -87,7 +100,7 @@ class Zipped(NotebookView):
         try:
             entry = self._file.getinfo(name)
             with self._file.open(entry) as stream:
-                data = stream.read(entry.file_size + 1)
+                data = stream.read(entry.file_size + 1)  # one byte more shows that the stated size is wrong
         except KeyError:
             raise InputError(f"has no '{name}'", field=str(self.path)) from None
         except Exception as error:  # zipfile and zlib raise many kinds
@@ -107,14 +120,17 @@ class Zipped(NotebookView):
 
 
 FORMAT: Final = 4
+"""Number of the archive's format."""
 HEAD: Final = "archive.json"
+"""Entry that describes the archive and has the hashes of the other entries."""
 FIGURES: Final = ("decision_time_s", "belief_in_truth", "robots_right", "robots_wrong", "robots_undecided")
+"""Figures of a cell in ``cells.csv``."""
 _MADE: Final = (1980, 1, 1, 0, 0, 0)
 """Entries have no date, so that the same reproduction gives the same file."""
 
 
 def write_archive(made: Reproduction, path: Path) -> None:
-    """Write the archive, whole or not at all.
+    """Write the archive of a reproduction into the file ``path``, whole or not at all.
 
     Raises:
         InputError: the results of the cells are missing, or the file cannot be written.
@@ -146,7 +162,11 @@ def write_archive(made: Reproduction, path: Path) -> None:
 
 
 def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
-    """Return the contents of all files of the archive but the head, by name."""
+    """Return the contents of all files of the archive but ``archive.json``, by name.
+
+    The tables ``cells``, ``robots`` and ``measured`` are left out if they would have no rows.
+    """
+    # Only cells that were run or read: cells of items with saved tables may have no results.
     cells = {key: cell for key, cell in made.cells.items() if key in results.cells}
     rows = [cell_row(cell, results) for cell in cells.values()]
     robots = [results.cells[key].first.select(pl.lit(key).alias("key"), pl.all()) for key in cells]
@@ -160,12 +180,14 @@ def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
     frames |= {"measured": pl.concat(measured)} if measured else {}
     frames |= {"claims": claims_table(decided), "intervals": cells_table(decided)}
     for entry in made.made:
-        frames |= {f"tables/{entry.item.name}-{n}": t for n, t in entry.tables.items() if n != CLAIMS}
+        for name, table in entry.tables.items():
+            if name != CLAIMS:  # the measured values of all items are in the table ``measured``
+                frames[f"tables/{entry.item.name}-{name}"] = table
     return entries | {f"{name}.csv": csv_bytes(frame) for name, frame in frames.items()}
 
 
 def cell_row(cell: Cell, results: CellResults) -> dict[str, Any]:
-    """Return the row of a cell in the archive."""
+    """Return the row of a cell in ``cells.csv``, by column; ``digest`` is the SHA-256 of the cell's table of robots."""
     result = results[cell]
     return {
         "key": cell.key,

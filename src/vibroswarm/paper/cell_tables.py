@@ -1,4 +1,13 @@
-"""Show and draw tables of cells in two forms: as the paper does, and with intervals over runs."""
+"""Show and draw tables of cells in two forms, the paper's form and the proper form.
+
+In the paper's form, undecided robots count with the time of the end, and error bars are standard deviations over robots
+divided by the square root of the number of runs. In the proper form, a figure has its 95 % interval over runs.
+
+A cell is a scenario that is run many times. A table of cells (``item.Work.rows``) has one row per cell with its
+figures, such as ``decision_time_s``. For each figure NAME the columns NAME_low and NAME_high are its limits. Figures of
+the paper's form also have the column NAME_bar, the paper's error bar. A "column of the reproduction" is a preset; the
+table has it in its column ``column``.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +22,7 @@ from vibroswarm.plots import draw_error_bars
 from vibroswarm.report.html import Column
 
 TIME, BELIEF = "decision time (s)", "belief in the truth"
+"""Labels of axes."""
 
 PAPERS_FORM: Final = {
     "printed_s": Column("printed", "s"),
@@ -21,6 +31,7 @@ PAPERS_FORM: Final = {
     "belief_in_truth": Column("mean belief in the truth (the paper's accuracy)"),
     "belief_in_truth_bar": Column("its bar", digits=2),
 }
+"""Columns of the paper's form, without those that name the cell."""
 PROPER_FORM: Final = {
     "decision_time_s": Column("restricted mean time", "s"),
     "decision_time_s_low": Column("from", "s"),
@@ -35,6 +46,7 @@ PROPER_FORM: Final = {
     "robots_undecided_low": Column("from", percent=True),
     "robots_undecided_high": Column("to", percent=True),
 }
+"""Columns of the proper form, without those that name the cell."""
 WALK_FORM: Final = {
     f"{name}{end}": Column(title if not end else {"_low": "from", "_high": "to"}[end], unit)
     for name, title, unit in (
@@ -43,28 +55,42 @@ WALK_FORM: Final = {
     )
     for end in ("", "_low", "_high")
 }
+"""Columns of how robots walked, with their limits."""
 PAPERS_CAPTION: Final = (
     "As in the paper: undecided robots count with the time of the end, accuracy is the belief in the truth, "
     "and a bar is the standard deviation over robots divided by the root of the number of runs."
 )
+"""Caption of tables in the paper's form."""
 PROPER_CAPTION: Final = (
     "Corrected: the run is the unit, with 95 % intervals over runs and the shares of robots by outcome, "
     "undecided ones included."
 )
+"""Caption of tables in the proper form."""
 
 
 def two_forms(table: str, keys: Sequence[str], walk: bool = False) -> tuple[TableView, ...]:
-    """Return views of a table of cells in the paper's form and in the proper form."""
-    heads = {key: Column(key) for key in keys} | {"runs": Column("runs")}
-    more = WALK_FORM if walk else {}
+    """Return two views of a table of cells: in the paper's form, and in the proper form.
+
+    Args:
+        table: name of the table. keys: its columns that name the cell, shown first.
+        walk: whether the proper form also shows how robots walked.
+    """
+    first_columns = {key: Column(key) for key in keys} | {"runs": Column("runs")}
+    walk_columns = WALK_FORM if walk else {}
     return (
-        TableView(table, PAPERS_CAPTION, heads | PAPERS_FORM),
-        TableView(table, PROPER_CAPTION, heads | PROPER_FORM | more),
+        TableView(table, PAPERS_CAPTION, first_columns | PAPERS_FORM),
+        TableView(table, PROPER_CAPTION, first_columns | PROPER_FORM | walk_columns),
     )
 
 
 def bars(frame: pl.DataFrame, name: str) -> pl.DataFrame:
-    """Add the paper's error bars of a figure as ``estimate``, ``low`` and ``high``."""
+    """Return a table of cells with three more columns: a figure (``estimate``) with the paper's error bars.
+
+    ``low`` and ``high`` are the ends of the error bars.
+
+    Args:
+        frame: table of cells, with the columns NAME and NAME_bar. name: the figure's NAME.
+    """
     return frame.with_columns(
         estimate=pl.col(name),
         low=pl.col(name) - pl.col(f"{name}_bar"),
@@ -73,7 +99,14 @@ def bars(frame: pl.DataFrame, name: str) -> pl.DataFrame:
 
 
 def limits(frame: pl.DataFrame, name: str) -> pl.DataFrame:
-    """Add the interval of a figure as ``estimate``, ``low`` and ``high``."""
+    """Return a table of cells with three more columns: a figure (``estimate``) with its interval.
+
+    ``low`` and ``high`` are the limits of the interval. A limit that is missing, or lies on the wrong side of the
+    estimate, is replaced by the estimate, so that no bar is drawn on this side.
+
+    Args:
+        frame: table of cells, with the columns NAME, NAME_low and NAME_high. name: the figure's NAME.
+    """
     return frame.with_columns(
         estimate=pl.col(name), low=pl.col(f"{name}_low"), high=pl.col(f"{name}_high")
     ).with_columns(low=pl.min_horizontal("low", "estimate"), high=pl.max_horizontal("high", "estimate"))
@@ -87,13 +120,15 @@ FIGURES: Final = (
     ("robots_wrong", "robots wrong", "proper", "robots that decide wrongly"),
     ("robots_undecided", "robots undecided", "proper", "robots that never decide"),
 )
-"""Pictures of both forms: figure, label, form, title."""
+"""Pictures of a table of cells. Of each: column of the table that is drawn, label of its axis, form ("papers" or
+"proper") and title."""
 ALSO: Final = (FIGURES[0][3], FIGURES[1][3], FIGURES[4][3])
 """Titles of the pictures that are drawn for the columns after the first."""
 WALK_FIGURES: Final = (
     ("avoid_per_sample_s", "avoidance per sample (s)", "proper", "avoidance per sample"),
     ("distance_m", "distance between samples (m)", "proper", "distance between samples"),
 )
+"""Pictures of how robots walked, in the same form as ``FIGURES``."""
 
 
 def both_forms(
@@ -106,21 +141,31 @@ def both_forms(
     figures: Sequence[tuple[str, str, str, str]] = FIGURES,
     constant: Sequence[str] = (),
 ) -> Iterator[Picture]:
-    """Yield pictures of figures over ``x`` for each column: as the paper draws them, and with intervals over runs.
+    """Yield pictures of figures over ``x`` for each column of the reproduction, in the forms that ``figures`` name.
+
+    The first column gets all pictures. The later columns get only the pictures whose titles are in ``ALSO``, and the
+    report shows these folded.
 
     Args:
+        name: beginning of the pictures' file names.
+        whole: table of cells of all columns. columns: presets of the reproduction to draw, in order.
+        x, x_label: column of the table on the x axis, and its label.
+        series: column of the table; each of its values gets a line in a picture.
+        figures: figure, label, form ("papers" or "proper") and title of each picture, as ``FIGURES``.
         constant: series that do not depend on x.
     """
     for place, column in enumerate(columns):
         part = whole.filter(pl.col("column") == column)
         if part.is_empty():
             continue
-        for figure, label, form, title in (
-            figures if place == 0 else [entry for entry in figures if entry[3] in ALSO]
-        ):
+        is_first = place == 0
+        for figure, label, form, title in figures:
+            if not is_first and title not in ALSO:
+                continue
+            # The name of the figure in the file's name, without its unit (s or m).
             short = figure.removesuffix("_s").removesuffix("_m").replace("_", "-")
             draw = partial(_draw, part, figure, label, form, x, x_label, series, constant)
-            yield Picture(f"{name}-{column}-{short}-{form}", f"{column}: {title}", draw, place > 0)
+            yield Picture(f"{name}-{column}-{short}-{form}", f"{column}: {title}", draw, folded=not is_first)
 
 
 def _draw(
@@ -133,16 +178,23 @@ def _draw(
     series: str,
     constant: Sequence[str],
 ) -> Drawn:
-    """Draw a figure over ``x`` with a line for each value of ``series``."""
+    """Draw a figure over ``x`` with a line for each value of ``series``, in the order in which the table has them.
+
+    Args:
+        part: table of cells of one column of the reproduction.
+        figure: column of the table to draw. label: its label. form: "papers" or "proper", which decides the error bars.
+        x, x_label, series, constant: as for ``both_forms``.
+    """
     intervals = bars(part, figure) if form == "papers" else limits(part, figure)
     frame = intervals.select(
         "estimate", "low", "high", "runs", x=pl.col(x), series=pl.col(series).cast(pl.String)
-    ).sort("x", maintain_order=True)
+    )
     interval = PAPERS_BAR if form == "papers" else "95 % interval"
+    # The figures robots_right, robots_wrong and robots_undecided are shares.
     percent = figure.startswith("robots")
-    order = {
-        name: place for place, name in enumerate(part[series].cast(pl.String).unique(maintain_order=True))
-    }
+    series_names = part[series].cast(pl.String).unique(maintain_order=True)
+    # ``draw_error_bars`` draws series in the order of their first rows, so rows are sorted by series, then by x.
+    order = {name: place for place, name in enumerate(series_names)}
     frame = frame.sort(pl.col("series").replace_strict(order, return_dtype=pl.Int64), "x")
     return draw_error_bars(
         frame, x_label=x_label, label=label, interval=interval, percent=percent, constant=constant
@@ -150,3 +202,4 @@ def _draw(
 
 
 PAPERS_BAR: Final = "the paper's bar (sd over robots / root of runs)"
+"""Name of the paper's error bars in pictures."""

@@ -1,6 +1,7 @@
-"""Run the cells of the reproduction: each is one scenario run many times; cells with the same motion share it.
+"""Run the cells of the reproduction: a cell is one scenario that is run many times.
 
-The cells of all items run as one study, which saves what is done: a second call continues it.
+Cells of all items that have the same seed, engine and number of runs are one study. A study simulates motion only once
+for cells that share it. It also saves finished work, so that a second call continues it.
 """
 
 from __future__ import annotations
@@ -30,18 +31,24 @@ from vibroswarm.study.batch_table import arrays_of
 from vibroswarm.study.cell_comparison import second_seed
 from vibroswarm.study.executors import processors
 from vibroswarm.study.factors import LABEL
+from vibroswarm.study.run import run
 from vibroswarm.study.runner import StudyProgress
 from vibroswarm.study.spec import Study
-from vibroswarm.study.study_result import StudyResult, run
+from vibroswarm.study.study_result import StudyResult
 
 FIRST_RUNS: Final = 10
 """Runs of each cell whose robots an archive lists one by one."""
 ROWS_AT_A_TIME: Final = 400_000
+"""Rows of a study (one per robot of a run) that are read and summarised at once, to limit memory."""
 Progress = Callable[[float], None]
 Figures = Mapping[str, NDArray[np.float64]]
 
+"""Figures of each run of a cell, by name, (runs,) each."""
+
 WALKED: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
+"""Figures of how robots walked and what they read."""
 OF_RUN: Final = ("truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALKED)
+"""Columns of a study's rows that are the same for all robots of a run."""
 READ: Final = ("cell", *ROBOTS, *OF_RUN)
 """Columns of a study's rows that are summarised."""
 
@@ -51,8 +58,10 @@ class Cell:
     """One scenario and how it is run.
 
     Args:
-        column: preset of the reproduction. block: 0, the seed of the reproduction; 1, its second block of seeds.
-        motion: engine. runs: at most so many runs; None, as many as the other cells.
+        column: preset of the reproduction that the scenario belongs to.
+        block: 0: runs with the seed of the reproduction; 1: with a second seed derived from it, for fresh runs.
+        motion: name of the engine.
+        runs: upper limit of the number of runs; None: the number of the reproduction.
     """
 
     column: str
@@ -63,25 +72,34 @@ class Cell:
 
     @cached_property
     def key(self) -> str:
-        """Identifier that is equal for cells with equal results."""
+        """Identifier that is equal for cells with equal results; the column does not matter."""
         return f"{self.scenario.hash}-{self.block}-{self.motion}-{self.runs or 'all'}"
 
     def seed(self, seed: int) -> int:
-        """Return the seed of its runs."""
+        """Return the seed of the cell's runs, from the seed of the reproduction."""
         return second_seed(seed) if self.block else seed
 
     def command(self, runs: int, seed: int) -> str:
-        """Return the command that runs this cell alone."""
+        """Return the command line that runs this cell alone.
+
+        Args:
+            runs, seed: number of runs and seed of the whole reproduction.
+        """
         options = [f"--runs {min(self.runs or runs, runs)}", f"--seed {self.seed(seed)}"]
         options += [f"--motion {self.motion}"] if self.motion != "event" else []
         return " ".join(["vibroswarm evaluate", *options_of(self.column, self.scenario), *options])
 
 
 def options_of(column: str, scenario: Scenario) -> list[str]:
-    """Return options with which ``evaluate`` makes this scenario from the preset of a column."""
+    """Return the command-line options with which ``evaluate`` makes this scenario from the preset of a column.
+
+    Floor, strategy and number of robots have options of their own; other fields are set by name.
+    """
     values = differences(scenario, preset(column))
     words = [f"--preset {column}"]
     source = values.pop("floor.source", None)
+    # ``--floor`` draws a floor or finds it by its name. A floor with tiles of its own is in the scenario's fields
+    # ``floor.source`` and ``floor.tiles`` instead, so these are set with ``--set``.
     if source is not None and values.get("floor.tiles") is None:
         words.append(f"--floor {shlex.quote(str(source))}")
     elif source is not None:
@@ -94,7 +112,10 @@ def options_of(column: str, scenario: Scenario) -> list[str]:
 
 
 def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
-    """Return the fields in which a scenario differs from a base, by dotted name."""
+    """Return the values of the fields in which a scenario differs from a base, by dotted name.
+
+    Fields that are None in the scenario are left out.
+    """
     changed: dict[str, Any] = {}
     for name in field_names():
         value = value_of(scenario, name)
@@ -108,13 +129,13 @@ class CellResult:
     """Results of one cell."""
 
     row: dict[str, Any]
-    """Summary, see ``row_of``."""
+    """Summary of the cell's figures with their limits, by name, see ``row_of``."""
     figures: Figures
     """Figures of each run, (runs,) each: ``outcomes.run_figures`` and ``WALKED``."""
     digest: str
     """SHA-256 of the table of robots of all runs."""
     first: pl.DataFrame
-    """Table of robots of the first runs."""
+    """Table of robots of the first ``FIRST_RUNS`` runs."""
 
 
 @dataclass(frozen=True)
@@ -122,18 +143,21 @@ class CellResults:
     """Results of all cells."""
 
     seed: int
+    """Seed of the reproduction."""
     runs: int
+    """Number of runs of each cell of the reproduction; a cell may have fewer."""
     cells: dict[str, CellResult]
+    """By ``Cell.key``."""
 
     def __getitem__(self, cell: Cell) -> CellResult:
         return self.cells[cell.key]
 
     def values(self, cell: Cell, name: str) -> NDArray[np.float64]:
-        """Return a figure of each run of a cell, (runs,); nan where a run has none."""
+        """Return the figure ``name`` of each run of a cell, (runs,); NaN where it is undefined in a run."""
         return self[cell].figures[name]
 
     def row(self, cell: Cell) -> dict[str, Any]:
-        """Return the summary of a cell, with the command that runs it alone."""
+        """Return the summary of a cell, with the hash of its scenario and the command that runs it alone."""
         origin = {"command": cell.command(self.runs, self.seed), "scenario": cell.scenario.hash}
         return self[cell].row | origin
 
@@ -141,43 +165,63 @@ class CellResults:
 def run_cells(
     cells: Iterable[Cell], runs: int, seed: int, folder: Path, workers: int | None, progress: Progress
 ) -> CellResults:
-    """Run the cells that are missing in ``folder`` and return the results of all."""
-    groups: dict[tuple[int, str, int], dict[str, Cell]] = {}
+    """Run the cells whose results are missing in ``folder``, and return the results of all cells.
+
+    Cells with the same seed, engine and number of runs are one study, in a folder of its own below ``folder``.
+
+    Args:
+        cells: cells to run; cells with equal keys are run once.
+        runs, seed: number of runs of each cell (fewer if ``Cell.runs`` is smaller), and seed of the reproduction.
+        folder: folder of all studies. workers: number of threads; None: one for each processor.
+        progress: called with the share of the work that is done, 0 to 1.
+    """
+    groups: dict[tuple[int, str, int], dict[str, Cell]] = {}  # cells by key, by (seed, engine, runs)
     for cell in cells:
         group_key = (cell.seed(seed), cell.motion, min(cell.runs or runs, runs))
         groups.setdefault(group_key, {}).setdefault(cell.key, cell)
-    read: list[Future[dict[str, CellResult]]] = []
+    summaries: list[Future[dict[str, CellResult]]] = []
     weights = [_weight(list(group.values()), group_key) for group_key, group in groups.items()]
-    before = 0.0
+    before = 0.0  # sum of the weights of the studies that are done
     with ThreadPoolExecutor(1) as reader:  # cells of a study are summarised while the next study runs
         for (group_key, group), weight in zip(groups.items(), weights, strict=True):
             study = study_of(group, group_key)
 
+            # The default values keep this study's ``before`` and ``weight``.
             def report_progress(now: StudyProgress, before: float = before, weight: float = weight) -> None:
                 progress((before + weight * now.done / max(now.wanted, 1)) / sum(weights))
 
             result = run(study, folder / study.hash, workers=workers, progress=report_progress)
-            read.append(reader.submit(_read, result, list(group.values()), group_key[2], workers))
-            if workers == 1:
-                wait(read)
+            *_, group_runs = group_key
+            summaries.append(reader.submit(_summaries, result, list(group.values()), group_runs, workers))
+            if workers == 1:  # only one thread may compute at a time
+                wait(summaries)
             before += weight
             progress(before / sum(weights))
-        results = {key: cell_result for future in read for key, cell_result in future.result().items()}
+        results = {key: cell_result for future in summaries for key, cell_result in future.result().items()}
     return CellResults(seed, runs, results)
 
 
-def _read(result: StudyResult, cells: list[Cell], runs: int, workers: int | None) -> dict[str, CellResult]:
-    """Summarise all cells of a study in blocks: each read scans the whole study, so cells are not read one by one."""
+def _summaries(
+    result: StudyResult, cells: list[Cell], runs: int, workers: int | None
+) -> dict[str, CellResult]:
+    """Summarise all cells of a study; return the results by the cells' keys.
+
+    Cells are read in blocks, because each read scans the whole study.
+
+    Args:
+        cells: the cells; the index is the cell's number in the study. runs: number of runs of each cell.
+        workers: number of threads; None: one for each processor.
+    """
     by_key: dict[str, CellResult] = {}
     with ThreadPoolExecutor(workers or processors()) as pool:
         for group in result.plan.groups:
             numbers, robots = [cell.number for cell in group.cells], group.first.swarm.robots
-            step = max(ROWS_AT_A_TIME // (runs * robots), 1)
+            step = max(ROWS_AT_A_TIME // (runs * robots), 1)  # cells of a block
             for first in range(0, len(numbers), step):
-                some = numbers[first : first + step]
-                rows = result.unsorted_rows(*some).select(READ).collect()
-                block = [cells[number] for number in some]
-                results = summarise(block, rows, some, runs, robots, pool.map)
+                block_numbers = numbers[first : first + step]
+                rows = result.unsorted_rows(*block_numbers).select(READ).collect()
+                block = [cells[number] for number in block_numbers]
+                results = summarise(block, rows, block_numbers, runs, robots, pool.map)
                 by_key |= {cell.key: cell_result for cell, cell_result in zip(block, results, strict=True)}
     return by_key
 
@@ -190,85 +234,107 @@ def summarise(
     robots: int,
     map_: Callable[..., Iterable[CellResult]] = map,
 ) -> list[CellResult]:
-    """Summarise cells whose swarms have the same size.
+    """Summarise cells whose swarms have the same size; return the results in the order of ``cells``.
 
     Args:
-        rows: of a study, the columns ``READ``. numbers: of the cells there, ascending. runs: of each cell.
-        map_: function that maps over the cells, such as that of a pool.
+        cells: the cells. rows: rows of a study for all runs of these cells, in any order, with the columns ``READ``.
+        numbers: number of each cell in the study, ascending. runs: runs of each cell. robots: robots of each run.
+        map_: function that maps over the cells, such as the ``map`` of a pool of threads.
     """
+    # Columns of robots, (cells, runs, robots), and of runs, (cells, runs).
     of_robots, of_runs = arrays_of(rows.select(READ), numbers, runs, robots)
     t_end_s = np.array([cell.scenario.run.t_end_s for cell in cells])
     figures = run_figures(of_robots, of_runs, t_end_s) | {name: of_runs[name] for name in WALKED}
 
     def cell_result(k: int) -> CellResult:
+        """Return the result of the k-th cell."""
         own_columns = {name: column[k] for name, column in of_robots.items()}
+        # Copies, because the result keeps them: views would keep the arrays of all these cells in memory.
         own_figures = {name: column[k].copy() for name, column in figures.items()}
         first_runs = {name: column[:FIRST_RUNS].ravel() for name, column in own_columns.items()}
         table = pl.DataFrame([as_series(name, first_runs[name], kind) for name, kind in ROBOTS.items()])
         row = row_of(own_columns, own_figures, float(t_end_s[k]))
-        return CellResult(row, own_figures, digest_of(own_columns), table)
+        return CellResult(row=row, figures=own_figures, digest=digest_of(own_columns), first=table)
 
     return list(map_(cell_result, range(len(cells))))
 
 
 def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
-    """Return the summary of one cell in two forms.
+    """Return the summary of one cell: its figures by name, in the paper's form and in the proper form.
 
-    As in the paper: means of time and belief, with the standard deviation over robots divided by the square root
-    of the
-    number of runs as error bar. Correctly: intervals over runs, and the shares of robots and swarms by outcome.
+    The paper's form has the means of time and belief, each with an error bar (NAME_bar): the standard deviation over
+    robots divided by the square root of the number of runs. The proper form has intervals over runs (NAME_low,
+    NAME_high), also for the shares of robots and of swarms by outcome, and for two figures of how robots walked.
 
     Args:
-        robots: table of robots, (runs, robots) each. figures: (runs,) each.
+        robots: columns of the table of robots, (runs, robots) each. figures: figures of each run, (runs,) each.
+        t_end_s: end of a run, which is the decision time of an undecided robot.
     """
     runs, count = robots["decision"].shape
-    figures = {**figures, "robots": np.full(runs, count)}
+    figures = {**figures, "robots": np.full(runs, count)}  # shares of robots need the number of robots
     row: dict[str, Any] = {"runs": runs}
     for name in ("decision_time_s", "belief_in_truth"):
         row |= _with_limits(name, interval(name, figures))
-    row["decision_time_s_bar"] = float(capped_time_s(robots["decision_time_s"], t_end_s).std()) / math.sqrt(
-        runs
-    )
+    time_s = capped_time_s(robots["decision_time_s"], t_end_s)
+    row["decision_time_s_bar"] = float(time_s.std()) / math.sqrt(runs)
     belief = robots["belief_in_truth"].ravel()
     belief = belief[~np.isnan(belief)]
     row["belief_in_truth_bar"] = float(belief.std()) / math.sqrt(runs) if belief.size else None
     for name in ("robots_right", "robots_wrong", "robots_undecided", "swarm_right", "swarm_wrong"):
         row |= _with_limits(name, interval(name, figures))
-    for name in WALKED[:2]:
+    for name in WALKED[:2]:  # avoidance per sample, and distance between samples
         row |= _with_limits(name, mean_interval(figures[name]))
     return row
 
 
 def _with_limits(name: str, found: Interval) -> dict[str, Any]:
+    """Return an interval as NAME (the estimate), NAME_low and NAME_high; None for values that are not finite."""
     return {f"{name}{end}": plain(value) for end, value in zip(("", "_low", "_high"), found[:3], strict=True)}
 
 
 def digest_of(robots: Columns) -> str:
-    """Return the SHA-256 of a table of robots, (runs, robots) each; a missing value counts as a value."""
+    """Return the SHA-256 of a table of robots, columns of (runs, robots) each.
+
+    The hash covers the places of missing values, and the values as little-endian numbers of 8 bytes, so that all
+    machines give the same digest.
+    """
     digest = hashlib.sha256()
     for name, kind in ROBOTS.items():
         values = robots[name]
         missing = np.isnan(values) if values.dtype.kind == "f" else np.zeros(values.shape, dtype=np.bool_)
         digest.update(name.encode() + b"\0" + missing.tobytes())
+        # Missing values become 0: NaN cannot be an integer, and may have several bit patterns.
         filled = np.where(missing, 0, values).astype("<f8" if kind.is_float() else "<i8")
         digest.update(filled.tobytes())
     return digest.hexdigest()
 
 
 def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:
-    """Return the rough cost of a group of cells, relative to other groups.
+    """Return the rough cost of a group of cells, relative to other groups, for the progress bar.
+
+    Motion is shared by many cells, so the cost grows slowly with their number: motion counts as 3, and 30 cells count
+    as 1. The fixed-step engine counts as 5 times as slow.
 
     Args:
-        how: seed, motion engine and number of runs of its cells.
+        cells: the cells of the group. how: seed, motion engine and number of runs of these cells.
     """
-    return (5.0 if how[1] == "fixed-step" else 1.0) * how[2] * (3 + len(cells) / 30)
+    _, motion, runs = how
+    return (5.0 if motion == "fixed-step" else 1.0) * runs * (3 + len(cells) / 30)
 
 
 def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
-    """Return the study with these cells, in order."""
+    """Return the study with these cells, in order.
+
+    A study has a base scenario and a list of points; a point is a cell's label and its fields that differ from the
+    base.
+
+    Args:
+        group: the cells by key. how: seed, motion engine and number of runs of these cells.
+    """
     seed, motion, runs = how
     base = preset(COLUMNS[0])
     points = [{LABEL: key, **differences(cell.scenario, base)} for key, cell in group.items()]
+    # A study holds the tiles of floors by name, apart from its points. Random floors are drawn in each run instead.
     floors = {
         cell.scenario.floor.source: cell.scenario.floor.tiles
         for cell in group.values()

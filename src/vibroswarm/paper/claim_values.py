@@ -8,12 +8,19 @@
 | log ratio of sd | - | log(s1 / s2); error from ((x - mean)^2 / s1^2 - (y - mean)^2 / s2^2) / 2, run by run |
 | difference from a published mean of N runs | - | error sqrt(s^2 / n + S^2 / N), n - 1 degrees of freedom |
 
-**Error of a published mean.** The error bars of the real experiments treat robots as independent, but the robots of a
-run are nearly alike (correlation r = 0.97): the bars are too short by a factor of sqrt(1 + (R - 1) r), 2.2 with R = 5
-robots and 3.1 with 10. Their lengths are not in ``published.json``, so S, the standard deviation between experiments,
-is estimated from our runs. For simulations S = s, that of the same cell (a prediction interval). For real experiments
-S is the largest over the thresholds and gates that they may have had: at theta_E 1.55 times hardly vary, at 1.33 by
-250 s. Real experiments share their robots, a pool of 16; that common error is not counted here.
+Every public function below returns one row of the table ``claims.MEASURED``. Its first arguments name the value:
+``claim`` is the id of the claim, ``column`` the preset of the reproduction, and ``cell`` a label for people. ``cannot``
+is the reason why the column cannot answer the question, or None. ``less`` is a number that is subtracted from the
+estimate, such as a published value.
+
+**Error of a published mean.** The error bars of the real experiments treat robots as independent, but the results of
+the robots in one run are strongly correlated (r = 0.97). The bars are therefore too short by a factor of
+sqrt(1 + (R - 1) r), which is 2.2 with R = 5 robots and 3.1 with 10. The lengths of the bars are not in
+``published.json``, so S, the standard deviation between experiments, is estimated from our runs. For a published
+simulation S = s, the standard deviation of our runs of the same cell (a prediction interval). For a real experiment the
+threshold theta_E and the gate (which observations O_c counts) are unknown, and S is the largest standard deviation over
+all that the experiments may have had: times hardly vary at theta_E = 1.55, but by 250 s at 1.33. Real experiments share
+their robots, a pool of 16; the error from this is not counted here.
 """
 
 from __future__ import annotations
@@ -31,17 +38,17 @@ from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.paper.claims import MEASURED
 
 Row = dict[str, Any]
+"""Row of the table ``claims.MEASURED``, by column."""
 
 REAL_EXPERIMENTS: Final = 15
 """Number of experiments behind each published mean."""
 FEW: Final = 10
-"""If fewer runs than this differ from the most common value, a standard error is meaningless."""
+"""If fewer runs than this differ from the most common value, a standard error is meaningless, and left out."""
 FEW_FAR: Final = 30
-"""If fewer runs than this lie farther than ``FAR`` from the median, a mean of bounded values is too skewed for
-Student's
-limits alone.
-"""
+"""If fewer runs than this lie farther than ``FAR`` from the median, the distribution of bounded values is too skewed
+for Student's limits alone."""
 FAR: Final = 0.5
+"""Distance from the median beyond which a value between -1 and 1 is rare."""
 
 
 def row(
@@ -53,7 +60,14 @@ def row(
     n: int,
     cannot: str | None = None,
 ) -> Row:
-    """Return the row of ``MEASURED``; a standard error of 0 gives no limits."""
+    """Return the row of an estimate with its standard error, over ``n`` runs.
+
+    If the standard error is None, not finite or 0, the value has no limits when the claim is decided.
+
+    Args:
+        claim, column, cell, cannot: see the head of this module.
+        estimate, error: the value and its standard error. n: number of runs.
+    """
     known = None if error is None or not math.isfinite(error) else error
     return {
         "claim": claim,
@@ -62,6 +76,7 @@ def row(
         "estimate": estimate,
         "standard_error": known,
         "n": n,
+        # The functions ``exact``, ``mean`` and ``share`` replace these three values where they apply.
         "exact": False,
         "above": None,
         "below": None,
@@ -71,14 +86,20 @@ def row(
 
 def exact(claim: str, column: str, cell: str, value: float, cannot: str | None = None) -> Row:
     """Return the row of a constant, which has no sampling error."""
-    return row(claim, column, cell, value, None, 1, cannot) | {"exact": True}
+    return row(claim, column, cell, value, error=None, n=1, cannot=cannot) | {"exact": True}
 
 
 def of_interval(claim: str, column: str, cell: str, found: Interval, cannot: str | None = None) -> Row:
-    """Return the row of an estimate given with its 95 % limits."""
+    """Return the row of an estimate that is given as an interval with Student's limits.
+
+    The row holds a standard error instead of limits, because a claim is decided at a level of its own, from which its
+    limits follow. The standard error is half the width of the interval, divided by Student's quantile at the
+    interval's level.
+    """
     half = (found.high - found.low) / 2
+    # With one run, which has no degree of freedom, the interval is infinite whatever the quantile is.
     quantile = float(stdtrit(max(found.n - 1, 1), 0.5 + found.level / 2))
-    return row(claim, column, cell, found.estimate, half / quantile, found.n, cannot)
+    return row(claim, column, cell, found.estimate, error=half / quantile, n=found.n, cannot=cannot)
 
 
 def mean(
@@ -93,27 +114,28 @@ def mean(
     bounded: bool = False,
     cannot: str | None = None,
 ) -> Row:
-    """Return the row of the mean over runs, minus a number.
+    """Return the row of the mean over runs, minus ``less``.
 
     Args:
-        less: a constant, or a published mean over ``published_runs`` with standard deviation ``published_sd``
-            between them
-            (default: that of the values).
-        bounded: values lie between -1 and 1 (beliefs and their differences); where few are far from the median,
-            limits
-            allow for values not seen.
+        values: value of each run, (runs,); runs with NaN do not count.
+        less: a constant, or a published mean.
+        published_runs: number of runs behind a published mean, whose error is then included; None: ``less`` is exact.
+        published_sd: standard deviation between the published runs; None: the one between ``values``.
+        bounded: whether values lie between -1 and 1 (beliefs and their differences). If few of them are far from the
+            median, the row also gets ``above`` and ``below`` (see ``share``), which widen its limits: rare values may
+            not have occurred in these runs.
         cannot: why the column cannot answer the question.
     """
     runs_values = np.asarray(values, dtype=np.float64)
     estimated = of_interval(claim, column, cell, mean_interval(runs_values - less))
     runs_values = runs_values[~np.isnan(runs_values)]
-    if _lumped(runs_values):
-        estimated["standard_error"] = None
+    if _nearly_all_equal(runs_values):
+        estimated["standard_error"] = None  # the few other values say too little about the scatter
     if bounded and published_runs is None and runs_values.size and _few_far(runs_values):
         estimated |= _parts(runs_values)
     if published_runs is not None and estimated["standard_error"] is not None:
         sd = float(runs_values.std(ddof=1)) if published_sd is None else published_sd
-        # sqrt(s^2 / n + S^2 / N)
+        # sqrt(s^2 / n + S^2 / N), with s^2 / n the square of the standard error so far
         estimated["standard_error"] = math.hypot(estimated["standard_error"], sd / math.sqrt(published_runs))
     return estimated | {"cannot": cannot}
 
@@ -121,34 +143,44 @@ def mean(
 def share(
     claim: str, column: str, cell: str, values: ArrayLike, less: float = 0.0, *, cannot: str | None = None
 ) -> Row:
-    """Return the row of the mean over runs of a share or a difference of shares; its limits hold for rare events
-    too."""
+    """Return the row of the mean over runs of a share or of a difference of shares, minus ``less``.
+
+    The row has no standard error. Its limits follow from the mean of max(value, 0), in the column ``above``, and the
+    mean of max(-value, 0), in the column ``below``. Such limits hold for rare events too.
+
+    Args:
+        values: value of each run, between -1 and 1, (runs,); runs with NaN do not count.
+    """
     runs_values = np.asarray(values, dtype=np.float64)
     runs_values = runs_values[~np.isnan(runs_values)]
     if not runs_values.size:
-        return row(claim, column, cell, math.nan, None, 0, cannot)
-    return row(
-        claim, column, cell, float(runs_values.mean()) - less, None, runs_values.size, cannot
-    ) | _parts(runs_values)
+        return row(claim, column, cell, math.nan, error=None, n=0, cannot=cannot)
+    estimate = float(runs_values.mean()) - less
+    return row(claim, column, cell, estimate, error=None, n=runs_values.size, cannot=cannot) | _parts(
+        runs_values
+    )
 
 
-def _lumped(values: NDArray[np.float64]) -> bool:
-    """Return whether all but a few runs have the same value."""
-    most = int(np.unique(values, return_counts=True)[1].max(initial=0))
-    return most > 1 and values.size - most < min(FEW, most)
+def _nearly_all_equal(values: NDArray[np.float64]) -> bool:
+    """Return whether all but a few runs (fewer than ``FEW``) have the same value, and this value is the most common."""
+    most_common = int(np.unique(values, return_counts=True)[1].max(initial=0))
+    return most_common > 1 and values.size - most_common < min(FEW, most_common)
 
 
 def _few_far(values: NDArray[np.float64]) -> bool:
+    """Return whether fewer than ``FEW_FAR`` values lie farther than ``FAR`` from the median."""
     return bool(np.count_nonzero(np.abs(values - np.median(values)) > FAR) < FEW_FAR)
 
 
 def _parts(values: NDArray[np.float64]) -> Row:
-    """Return the means of the positive and of the negative part, as columns ``above`` and ``below``.
+    """Return the means of the positive and negative parts of values, as the columns ``above`` and ``below`` of a row.
+
+    The positive part of x is max(x, 0), the negative part max(-x, 0).
 
     Raises:
         ValueError: a value is not between -1 and 1.
     """
-    if np.abs(values).max(initial=0.0) > 1.0 + 1e-9:
+    if np.abs(values).max(initial=0.0) > 1.0 + 1e-9:  # 1e-9 allows for rounding errors
         raise ValueError("values between -1 and 1 are needed")
     return {
         "above": float(np.maximum(values, 0.0).mean()),
@@ -167,17 +199,23 @@ def share_saved(
     published_runs: int | None = None,
     cannot: str | None = None,
 ) -> Row:
-    """Return the row of the relative saving, 1 - mean(first) / mean(second), minus a number.
+    """Return the row of the relative saving, 1 - mean(first) / mean(second), minus ``less``.
 
     Args:
-        less: a constant, or a published saving over ``published_runs`` runs of each, taken as unpaired.
+        first, second: values of two cells, paired by run, (runs,) each.
+        less: a constant, or a published saving.
+        published_runs: number of runs behind each of the two means of a published saving. The error of the published
+            saving is then included, computed from our standard deviations, as if its runs were not paired. None:
+            ``less`` is exact.
     """
     saved = 1.0 - float(first.mean()) / float(second.mean())
-    spread = mean_interval(saved - (first - (1.0 - saved) * second) / second.mean())
-    estimated = of_interval(claim, column, cell, spread._replace(estimate=saved - less))
+    # First-order (delta) approximation: one value for each run, with the mean ``saved``; their scatter gives the error.
+    linearised = mean_interval(saved - (first - (1.0 - saved) * second) / second.mean())
+    # ``of_interval`` takes only the width from the limits, so ``less`` need not be subtracted from them.
+    estimated = of_interval(claim, column, cell, linearised._replace(estimate=saved - less))
     if published_runs is not None and estimated["standard_error"] is not None:
-        parts = first.var(ddof=1) + (1.0 - saved) ** 2 * second.var(ddof=1)
-        published_error = math.sqrt(parts / published_runs) / float(second.mean())
+        variance = first.var(ddof=1) + (1.0 - saved) ** 2 * second.var(ddof=1)
+        published_error = math.sqrt(variance / published_runs) / float(second.mean())
         estimated["standard_error"] = math.hypot(estimated["standard_error"], published_error)
     return estimated | {"cannot": cannot}
 
@@ -191,17 +229,24 @@ def log_spread(
     *,
     cannot: str | None = None,
 ) -> Row:
-    """Return the row of the log ratio of standard deviations over runs; undefined where one of them is 0."""
-    ends = [float(values.std(ddof=1)) for values in (first, second)]
-    if min(ends) <= 0.0:
-        return row(claim, column, cell, math.nan, None, first.size, cannot)
-    parts = [(values - values.mean()) ** 2 / s**2 for values, s in zip((first, second), ends, strict=True)]
-    spread = mean_interval((parts[0] - parts[1]) / 2)
-    return of_interval(claim, column, cell, spread._replace(estimate=math.log(ends[0] / ends[1]))) | {
+    """Return the row of log(s1 / s2), the standard deviations over runs of two cells; NaN if one of them is 0.
+
+    Args:
+        first, second: values of the two cells, paired by run, (runs,) each.
+    """
+    s1, s2 = float(first.std(ddof=1)), float(second.std(ddof=1))
+    if min(s1, s2) <= 0.0:
+        return row(claim, column, cell, math.nan, error=None, n=first.size, cannot=cannot)
+    # First-order (delta) approximation of the log ratio: one value for each run. The scatter of these values gives the
+    # standard error. Their mean is not the log ratio, so it is replaced by the log ratio below.
+    first_part = (first - first.mean()) ** 2 / s1**2
+    second_part = (second - second.mean()) ** 2 / s2**2
+    linearised = mean_interval((first_part - second_part) / 2)
+    return of_interval(claim, column, cell, linearised._replace(estimate=math.log(s1 / s2))) | {
         "cannot": cannot
     }
 
 
 def frame(rows: Sequence[Row]) -> pl.DataFrame:
-    """Return the table of rows."""
+    """Return the rows as a table with the columns of ``MEASURED``."""
     return pl.DataFrame(list(rows), schema=MEASURED)

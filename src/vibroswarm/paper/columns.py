@@ -1,7 +1,8 @@
-"""The paper's own numbers, printed or read off its figures, and the columns of the reproduction.
+"""Read the paper's own numbers, and make the scenarios of the columns of the reproduction.
 
-``published.json`` holds the only numbers that were typed in. The columns are presets, each with P* or P0, with or
-without a negative control.
+``published.json`` holds the paper's numbers, printed or read off its figures: the only numbers that were typed in. A
+column is a preset; its scenarios have the optimised parameters P* or the empirical parameters P0. A negative control
+changes every scenario in a way that must change the verdicts; if it did not, the claims would test nothing.
 """
 
 from __future__ import annotations
@@ -27,13 +28,16 @@ FIELDS: Final = {
 
 @cache
 def _all() -> dict[str, Any]:
+    """Return the contents of ``published.json``."""
     text = files("vibroswarm.paper").joinpath("published.json").read_text(encoding="utf-8")
     values: dict[str, Any] = json.loads(text)
     return values
 
 
 def published(path: str) -> Any:
-    """Return the number or list under a dotted name in ``published.json``, such as ``simulation.fill_ratios``.
+    """Return the value (a number, list or table) under a dotted name of ``published.json``.
+
+    An example of a name is ``simulation.fill_ratios``.
 
     Raises:
         InputError: there is no such name.
@@ -47,13 +51,15 @@ def published(path: str) -> Any:
 
 
 def parameters(name: str) -> dict[str, Any]:
-    """Return the fields set by ``P0`` or ``P_star``."""
+    """Return the scenario fields, by dotted name, that the parameter set ``P0`` or ``P_star`` sets."""
     values = zip(published("parameters.names"), published(f"parameters.{name}"), strict=True)
     return {FIELDS[key]: value for key, value in values}
 
 
 COLUMNS: Final = ("paper", "text", "calibrated")
+"""Presets of the reproduction: each has a column in its tables."""
 OPTIMISED, EMPIRICAL = "P*", "P0"
+"""The paper's parameter sets: P* of its search, and P0, from which the search started."""
 STRATEGIES: Final = ("none", "positive", "soft")
 
 CONTROLS: Final = {
@@ -68,14 +74,17 @@ CONTROLS: Final = {
 """Negative controls: changes of every scenario that must change the verdicts."""
 
 RECORDED_ROBOTS: Final = 5
-"""In the recordings to which `calibrated` is fitted, its share of lost messages included."""
+"""Robots in the recordings to which `calibrated` is fitted, and with them its share of lost messages."""
 
 FALSE: Final = (0.24, 0.045)
-"""Rates of false positives and false negatives under the control of that name; both are 14 % in the simulations."""
+"""False positive and false negative rate under the control "false-positives"; both are 14 % in the simulations."""
 SLOWER: Final = 0.05
+"""Factor of the robots' speed under the control "standstill"."""
 
 _THRESHOLD: Final = "walk.avoidance_threshold_mm"
+"""Field of the distance at which robots turn away from obstacles."""
 _KINDS: Final = ("shape", "scale", "location")
+"""Parameters of the Gamma distribution of energies, as in the names of the sensor's fields."""
 
 
 def scenario_of(
@@ -87,9 +96,14 @@ def scenario_of(
 ) -> Scenario:
     """Return the scenario of a column.
 
+    In `calibrated`, swarms larger than the recorded one get the network ``loss_by_size``, in which the share of lost
+    messages grows with the size of the swarm, unless ``values`` set the network.
+
     Args:
-        column: one of ``COLUMNS``; `calibrated` with more robots than were recorded loses messages by swarm size.
-        values: fields to set. parameter_set: P* or P0. control: one of ``CONTROLS``.
+        column: one of ``COLUMNS``. values: fields to set, by dotted name. parameter_set: P* or P0.
+        control: negative control, one of ``CONTROLS``; None: no control.
+    Raises:
+        InputError: no such control.
     """
     base = preset(column)
     changes: dict[str, Any] = {}
@@ -98,7 +112,8 @@ def scenario_of(
         changes["network.name"] = "loss_by_size"
     if parameter_set == EMPIRICAL:
         changes |= parameters("P0")
-        # Robots turn at a distance that differs from the commanded one by the same factor for P0 as for P*.
+        # In a fitted preset, robots turn at another distance than the commanded one. The fit was made with P*, and the
+        # same factor between the two distances is used for P0.
         commanded = parameters("P_star")[_THRESHOLD]
         changes[_THRESHOLD] = float(changes[_THRESHOLD]) * base.walk.avoidance_threshold_mm / commanded
     changes |= values or {}
@@ -108,7 +123,11 @@ def scenario_of(
 
 
 def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
-    """Return the fields that a negative control sets."""
+    """Return the fields that a negative control sets in this scenario, by dotted name; see ``CONTROLS``.
+
+    Raises:
+        InputError: no such control.
+    """
     if control not in CONTROLS:
         raise InputError(
             f"there is no control '{control}'{nearest(control, CONTROLS)} ({', '.join(CONTROLS)})",
@@ -118,7 +137,7 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
         case "labels":
             return swapped_labels(scenario)
         case "threshold":
-            return {"sensor.rms_threshold": 1.55}
+            return {"sensor.rms_threshold": 1.55}  # the threshold in the paper's Algorithm 2
         case "false-positives":
             return with_errors(scenario, *FALSE)
         case "standstill":
@@ -131,28 +150,34 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
 
 
 def standing(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of robots that hardly move: the tracks shrink with the speed, so they turn as before."""
+    """Return the fields of robots that hardly move and never avoid.
+
+    The distances between the wheels shrink as the speed does, so robots turn as fast as before. Robots never avoid,
+    because nothing is nearer than the threshold 0.
+    """
     names = ("full_speed_m_s", "drive_track_m", "turn_track_m")
     slowed = {f"robot.{name}": getattr(scenario.robot, name) * SLOWER for name in names}
     return slowed | {_THRESHOLD: 0.0}
 
 
 def with_errors(scenario: Scenario, false_positive: float, false_negative: float) -> dict[str, Any]:
-    """Return the fields that give the sensor these error rates: both energy distributions are shifted, their shapes
-    unchanged."""
-    from scipy.stats import gamma
+    """Return the fields, by dotted name, that give the sensor these error rates.
+
+    The energy distributions of still and of vibrating tiles are shifted; their shapes and scales stay.
+    """
+    from scipy.stats import gamma  # here, because importing it takes long
 
     sensor, changes = scenario.sensor, {}
-    for kind, above in (("still", false_positive), ("vibrating", 1.0 - false_negative)):
-        shape, scale = (float(getattr(sensor, f"{kind}_{name}")) for name in _KINDS[:2])
-        changes[f"sensor.{kind}_location"] = sensor.rms_threshold - float(
-            gamma.isf(above, shape, scale=scale)
-        )
+    for kind, share_above in (("still", false_positive), ("vibrating", 1.0 - false_negative)):
+        shape, scale = (float(getattr(sensor, f"{kind}_{name}")) for name in ("shape", "scale"))
+        # The energy that ``share_above`` of the unshifted energies exceed is moved to the threshold.
+        exceeded = float(gamma.isf(share_above, shape, scale=scale))
+        changes[f"sensor.{kind}_location"] = sensor.rms_threshold - exceeded
     return changes
 
 
 def swapped_labels(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields that swap the energies of vibrating and still tiles."""
+    """Return the fields, by dotted name, that swap the energy distributions of vibrating and still tiles."""
     sensor = scenario.sensor
     swapped = {f"sensor.vibrating_{kind}": getattr(sensor, f"still_{kind}") for kind in _KINDS}
     return swapped | {f"sensor.still_{kind}": getattr(sensor, f"vibrating_{kind}") for kind in _KINDS}

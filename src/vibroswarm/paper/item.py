@@ -3,10 +3,12 @@
 Pictures, claims and the report are made from the tables alone, so an item with saved tables is not computed again.
 Saved tables carry a fingerprint of everything they depend on.
 
-Decisions, and the time until them, answer the paper's question only where the readings lean to the side of the truth
-(``analysis.decidability``). Edges that were fitted on tiles of one size cannot be applied to smaller ones, of which
-they take up a larger share: no recording shows that vibration reaches as far there. Both are judged without a negative
-control: what a control does to a column is its effect, and no reason not to ask.
+A **column** is a preset of the reproduction. A claim cannot be asked of a column for one of two reasons. First,
+decisions and decision times answer the paper's question only if the expected share of ones lies on the same side of the
+boundary as the fill ratio (``analysis.decidability``). Second, a sensor whose edge response was fitted on tiles of one
+size cannot be used on smaller tiles, of which edges take up a larger share: no recording shows that vibration reaches
+as far there. Both reasons are checked on the scenarios without a negative control, because the effect of a control on a
+column is what the control is to show.
 """
 
 from __future__ import annotations
@@ -40,6 +42,7 @@ from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import versions
 
 Tables = dict[str, pl.DataFrame]
+"""Tables of an item, by name."""
 CLAIMS: Final = "measured"
 """The table of measured values that decides the claims."""
 
@@ -49,59 +52,84 @@ class Settings(NotebookView):
     """Options of a reproduction."""
 
     runs: int = 1000
+    """Number of runs of each cell."""
     seed: int = 1
     columns: tuple[str, ...] = COLUMNS
+    """Presets of the reproduction to compute."""
     control: str | None = None
+    """Negative control, one of ``columns.CONTROLS``."""
     recordings: Path | None = None
+    """Folder of the study's recordings; None: items that need them are skipped."""
     workers: int | None = None
+    """Number of threads; None: one for each processor."""
 
     def scenario(
         self, column: str, values: dict[str, Any] | None = None, *, parameter_set: str = "P*"
     ) -> Scenario:
-        """Return the scenario of a column, under the negative control if one is set."""
+        """Return the scenario of a column, under the negative control if one is set.
+
+        Args:
+            column: one of ``COLUMNS``. values: fields to set, by dotted name. parameter_set: "P*" or "P0".
+        """
         return scenario_of(column, values, parameter_set=parameter_set, control=self.control)
 
     def cell(self, column: str, values: dict[str, Any] | None = None, *, parameter_set: str = "P*") -> Cell:
-        """Return the cell of a column, see ``scenario``."""
+        """Return the cell with the scenario of a column (``scenario``), the default engine and all runs."""
         return Cell(column, self.scenario(column, values, parameter_set=parameter_set))
 
 
 Cells = dict[Hashable, Cell]
+"""The cells of an item; keys are mostly tuples, such as (column, strategy, fill ratio)."""
 Drawn = picture.Picture
 
 
 @dataclass(frozen=True)
 class Work:
-    """Everything an item computes with."""
+    """Everything that an item computes its tables with."""
 
     settings: Settings
     cells: Cells
+    """Cells of this item, by key."""
     results: CellResults
+    """Results of the cells of all items."""
     folder: Path
     """Scratch folder for unfinished work."""
     progress: Callable[[float], None] = lambda share: None
+    """Called with the share of the item's work that is done, 0 to 1."""
     plain: Cells | None = None
-    """The cells without the negative control, if one is set."""
+    """The cells without the negative control, by the same keys; None: no control is set."""
 
     def cannot(self, *keys: Hashable) -> str | None:
-        """Return why decisions in these cells cannot answer the question, or None; see ``cannot_ask``."""
+        """Return why decisions in these cells cannot answer the question, or None if they can; see ``cannot_ask``.
 
+        The cells are judged without a negative control. If several cells cannot answer the question, the reason of the
+        first of them is returned. The strategy does not matter, so one key is enough for cells that differ in the
+        strategy only.
+
+        Args:
+            keys: keys of the cells.
+        """
         plain = self.cells if self.plain is None else self.plain
         reasons = (cannot_ask(plain[key].scenario) for key in keys)
         return next((reason for reason in reasons if reason), None)
 
     def rows(self, names: tuple[str, ...], keys: Iterable[tuple[Any, ...]] | None = None) -> pl.DataFrame:
-        """Return the table of cells: the parts of each key under these names, then ``CellResults.row``."""
+        """Return a table of cells, one row per key: the parts of the key, then the columns of ``CellResults.row``.
+
+        Args:
+            names: columns for the parts of a key.
+            keys: keys of the cells, tuples; None: all keys that are tuples.
+        """
         chosen = [key for key in self.cells if isinstance(key, tuple)] if keys is None else keys
         rows = [{**dict(zip(names, key, strict=True)), **self.results.row(self.cells[key])} for key in chosen]
         return pl.DataFrame(rows, infer_schema_length=None)
 
     def values(self, key: Hashable, name: str) -> Any:
-        """Return a figure of each run of a cell, (runs,)."""
+        """Return the figure ``name`` of each run of a cell, (runs,); NaN where it is undefined in a run."""
         return self.results.values(self.cells[key], name)
 
     def difference(self, name: str, first: Hashable, second: Hashable) -> Any:
-        """Return the difference of a figure between two cells (first - second), run by run, (runs,)."""
+        """Return the difference (first - second) of the figure ``name`` between two cells, run by run, (runs,)."""
         return self.values(first, name) - self.values(second, name)
 
     def change(
@@ -115,20 +143,30 @@ class Work:
         *,
         check: bool = True,
     ) -> Row:
-        """Return the row of a claim about a paired difference between two cells (first - second).
+        """Return the row of a claim about the paired difference (first - second) of a figure between two cells.
 
         Args:
-            label: names the value. name: of the figure. check: whether the column must be able to answer the question;
-                how robots walk can be compared on any floor.
+            claim: id of the claim. column: preset of the reproduction. label: names the value for people.
+            name: name of the figure. first, second: keys of the cells.
+            check: whether to check that the column can answer the question; if not, the row states why. Figures of how
+                robots walk (``WALKED``) are never checked, because they can be compared on any floor.
         """
         values = self.difference(name, first, second)
         cannot = self.cannot(first, second) if check and name not in WALKED else None
+        # Wrong decisions may be rare, and the limits of ``share`` hold for rare events too.
         if name == "wrong_share":
             return share(claim, column, label, values, cannot=cannot)
+        # A belief lies between 0 and 1, so a difference of beliefs lies between -1 and 1. ``bounded`` lets ``mean`` use
+        # this bound to widen the limits for rare large differences that did not occur in these runs. Times and
+        # distances have no such bound.
         return mean(claim, column, label, values, bounded=name == "belief_in_truth", cannot=cannot)
 
     def claims(self, measure: Callable[[Work, str], Iterable[Row]]) -> pl.DataFrame:
-        """Return the rows that ``measure`` yields for each column, as a table of ``claims.MEASURED``."""
+        """Return the rows that ``measure`` yields for each column, as a table with the columns of ``claims.MEASURED``.
+
+        Args:
+            measure: called with this object and a column (preset); yields the rows of the measured values.
+        """
         return frame([row for column in self.settings.columns for row in measure(self, column)])
 
 
@@ -138,42 +176,55 @@ class Picture(NamedTuple):
     name: str
     title: str
     draw: Callable[[], Drawn]
+    """Draws the picture when it is called."""
     folded: bool = False
-    """Whether it is shown folded, below the others."""
+    """Whether the report shows it folded, below the others."""
 
 
 class TableView(NamedTuple):
     """How a table is shown: its name, caption and columns."""
 
     table: str
+    """Name of the table."""
     caption: str
     columns: Mapping[str, Column]
+    """Heading and format of the columns to show, by name of the column, in order."""
 
 
 @dataclass(frozen=True)
 class Item(NotebookView):
-    """One item, see the head of this module."""
+    """One figure or table of the paper: how its tables are computed, drawn and shown."""
 
     number: int
+    """Place in the paper's order, from 1."""
     name: str
+    """Name on the command line and in file names."""
     title: str
     about: tuple[str, ...]
     """Paragraphs: what the paper shows and what to look for here."""
     compute: Callable[[Work], Tables]
+    """Compute the tables by name; a table ``CLAIMS`` holds the measured values of claims."""
     cells: Callable[[Settings], Cells] = lambda settings: {}
+    """Return the cells whose results ``compute`` needs."""
     pictures: Callable[[Tables, Settings], Iterator[Picture]] = lambda tables, settings: iter(())
+    """Yield the pictures that are drawn from the tables."""
     shown: tuple[TableView, ...] = ()
+    """Tables of the report."""
     skipped: Callable[[Settings], str | None] = lambda settings: None
-    """Why it cannot be computed, or None."""
+    """Return why it cannot be computed, or None."""
     also: Callable[[Settings], str] = lambda settings: ""
-    """Whatever else its tables depend on."""
+    """Return a text that changes with whatever else the item's tables depend on, such as the hash of a file."""
 
 
 def cells_and_claims(
     keys: tuple[str, ...], measure: Callable[[Work, str], Iterable[Row]]
 ) -> Callable[[Work], Tables]:
-    """Return the ``compute`` of an item with one table of cells and the claims that ``measure`` yields for each
-    column."""
+    """Return an item's ``compute``, which makes a table of all its cells and a table of measured values.
+
+    Args:
+        keys: names of the parts of the cells' keys.
+        measure: called with the item's ``Work`` and a column (preset); yields the rows of the measured values.
+    """
     return lambda work: {"cells": work.rows(keys), CLAIMS: work.claims(measure)}
 
 
@@ -183,17 +234,26 @@ FITTED_ON: Final = "calibrated"
 
 @cache
 def cannot_ask(scenario: Scenario) -> str | None:
-    """Return why decisions in this scenario cannot answer the question, or None."""
+    """Return why decisions in this scenario cannot answer the paper's question, or None if they can.
+
+    The reasons are explained at the head of this module.
+    """
     return _edges(scenario) or _side(scenario)
 
 
 def _side(scenario: Scenario) -> str | None:
-    """Return why the readings do not lean to the side of the truth, or None."""
+    """Return a reason if the expected share of ones is not on the side of the boundary where the fill ratio is.
+
+    Otherwise return None.
+    """
     verdict = decidability(scenario)
     if is_random(scenario.floor.source) and scenario.sensor.edge_reach_m is not None:
-        # Random floors of one fill ratio differ in the length of their edges, so the mean over floors is used.
-        share = expected_ones(scenario, verdict.fill_ratio or 0.0)
-        verdict = decidability_of_share(share, verdict.tested, verdict.truth)
+        # ``decidability`` uses one floor. Random floors of one fill ratio differ in the length of their edges, so the
+        # mean over floors is used here.
+        # ``decidability`` always gives a fill ratio; ``or 0.0`` is for type checkers.
+        fill_ratio = verdict.fill_ratio or 0.0
+        expected_share = expected_ones(scenario, fill_ratio)
+        verdict = decidability_of_share(expected_share, verdict.tested, verdict.truth)
     return (
         None
         if verdict.verdict == "decidable"
@@ -202,12 +262,17 @@ def _side(scenario: Scenario) -> str | None:
 
 
 def _edges(scenario: Scenario) -> str | None:
-    """Return why the tiles are too small for the fitted edges, or None."""
+    """Return a reason if tiles are smaller than those on which the edge response was fitted, and None otherwise.
+
+    Without an edge response, the size of tiles does not matter, and the result is None.
+    """
     reach_m = scenario.sensor.edge_reach_m
     if not reach_m:
         return None
-    side_m, fitted_m = _side_m(scenario.floor_for(0, 0)), _fitted_m()
-    if side_m >= fitted_m * (1.0 - 1e-9):
+    # The floors of all seeds and runs have tiles of the same size, so any seed and run will do.
+    side_m = _side_m(scenario.floor_for(seed=0, run=0))
+    fitted_m = _fitted_m()
+    if side_m >= fitted_m * (1.0 - 1e-9):  # 1e-9 allows for rounding errors
         return None
     return (
         f"edges reach {1000 * reach_m:.0f} mm and were fitted on tiles of {1000 * fitted_m:.0f} mm; these have "
@@ -217,6 +282,7 @@ def _edges(scenario: Scenario) -> str | None:
 
 @cache
 def _fitted_m() -> float:
+    """Return the shorter side of the tiles on which edges were fitted, m."""
     return _side_m(preset(FITTED_ON).with_values(real_floor()).floor_for(0, 0))
 
 
@@ -228,18 +294,25 @@ def _side_m(floor: Floor) -> float:
 
 @cache
 def code_hash() -> str:
-    """Return the hash of the sources and data files that items compute with."""
+    """Return 16 hexadecimal digits that change with the sources and data files that items compute with.
+
+    The sources of the simulation are left out, because ``fingerprint`` covers them by ``versions``.
+    """
     digest = hashlib.sha256()
     top = Path(__file__).parent.parent
-    for room in ("analysis", "calibrate", "recordings", "optimize", "paper", "study"):
-        for path in sorted((top / room).rglob("*")):
+    for package in ("analysis", "calibrate", "recordings", "optimize", "paper", "study"):
+        for path in sorted((top / package).rglob("*")):
             if path.suffix in (".py", ".json", ".toml"):
                 digest.update(path.relative_to(top).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
 
 def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
-    """Return 16 hexadecimal digits that change with everything the item's tables depend on."""
+    """Return 16 hexadecimal digits that change with everything the item's tables depend on.
+
+    Args:
+        item: the item. settings: options of the reproduction. cells: the item's cells.
+    """
     data = {
         "item": item.name,
         "cells": sorted({cell.key for cell in cells.values()}),
@@ -249,17 +322,22 @@ def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
         "control": settings.control,
         "also": item.also(settings),
         "versions": versions(),
-        "room": code_hash(),
+        "code": code_hash(),
     }
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
 MARKER: Final = "item.json"
+"""File that lists the saved tables with their hashes, and the fingerprint."""
 MOST_BYTES: Final = 2**30
+"""Largest file of a table that is read."""
 
 
 def load_tables(folder: Path, fingerprint: str) -> Tables | None:
-    """Return the tables saved in a folder; None if they are missing, damaged, or of another fingerprint."""
+    """Return the tables of an item that are saved in a folder, by name; None if the item has to be computed again.
+
+    The item has to be computed again if the tables are missing, damaged, or saved with another fingerprint.
+    """
     path = folder / MARKER
     if not path.exists():
         return None
@@ -269,6 +347,7 @@ def load_tables(folder: Path, fingerprint: str) -> Tables | None:
             return None
         tables = {}
         for name, digest in texts(entry(head, "sha256", dict, path), "sha256", path).items():
+            # Only the last part of the name: a damaged file must not lead out of the folder.
             data = read_bytes(folder / Path(f"{name}.parquet").name, MOST_BYTES, "a table")
             if hashlib.sha256(data).hexdigest() != digest:
                 return None
@@ -279,10 +358,10 @@ def load_tables(folder: Path, fingerprint: str) -> Tables | None:
 
 
 def save_tables(folder: Path, fingerprint: str, tables: Tables) -> None:
-    """Save the tables, replacing earlier ones.
+    """Save the tables of an item in a folder of their own, whole or not at all; earlier tables there are replaced.
 
     Raises:
-        InputError, RunError: they cannot be written.
+        InputError, RunError: the tables cannot be written.
     """
     with whole_folder(folder, replace=True, marker=MARKER) as part:
         for name, table in tables.items():

@@ -1,6 +1,7 @@
-"""The study's real robots: their floor (``world.txt``), their recordings, and histograms of these and of simulations.
+"""Read the study's recordings of real robots, and draw histograms of recorded and simulated samples.
 
-There are three sessions of five robots, and three logs of the authors' simulator.
+The recordings are three sessions of five robots on one floor (``world.txt``); three logs of the authors' simulator
+belong to them.
 """
 
 from __future__ import annotations
@@ -21,29 +22,39 @@ from vibroswarm.floors.io import read_tiles
 from vibroswarm.plots.layout import new_figure, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import look, style_named
-from vibroswarm.recordings.readers import read_log
-from vibroswarm.recordings.recording import Recording, recording_of
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset
 
 REAL_FLOOR: Final = "real-floor"
+"""Name of the floor of the recordings in scenarios."""
 ROWS: Final = ("01010", "10010", "10101", "01101", "10010")
 """Rows from the top; 12 of the 25 tiles vibrate."""
 
 
 def real_floor() -> dict[str, Any]:
-    """Return the fields that put a scenario on that floor."""
+    """Return the fields, by dotted name, that put a scenario on the floor of the recordings."""
     return {"floor.source": REAL_FLOOR, "floor.tiles": ROWS}
 
 
 REAL: Final = tuple(f"CAL_{session}.csv" for session in (1, 2, 3))
+"""Files of the recordings."""
 AUTHORS: Final = tuple(f"webots_log_{session}.txt" for session in (0, 1, 2))
+"""Logs of the authors' simulator."""
 FLOOR: Final = "world.txt"
+"""File with the tiles of the floor."""
 SIZE: Final = (5, 5)
+"""Rows and columns of tiles in that file."""
 
 
 def missing(folder: Path | None) -> str | None:
-    """Return why the recordings cannot be read, or None."""
+    """Return why the recordings in a folder cannot be read, as a sentence for the report; None if they can be read.
+
+    Args:
+        folder: folder of the recordings; None: the user named none.
+    """
     if folder is None:
         return (
             "It needs the study's recordings, which are not part of this software: name their folder with "
@@ -55,7 +66,7 @@ def missing(folder: Path | None) -> str | None:
 
 
 def hash_of(folder: Path) -> str:
-    """Return the SHA-256 of all files that are read."""
+    """Return the SHA-256 of the contents of all files that are read in a folder: recordings, logs and floor."""
     digest = hashlib.sha256()
     for name in (*REAL, *AUTHORS, FLOOR):
         digest.update((folder / name).read_bytes())
@@ -63,12 +74,14 @@ def hash_of(folder: Path) -> str:
 
 
 def read_recordings(folder: Path, names: tuple[str, ...]) -> Recording:
-    """Read these logs as one recording, a session each."""
+    """Read the logs with these file names as one recording, in which each log is a session (run)."""
     floor = Floor.filling(read_tiles(folder / FLOOR, SIZE), name=FLOOR)
     return recording_of([read_log(folder / name) for name in names], floor, preset("paper"))
 
 
+# Number of bins along each axis, by feature.
 BINS: Final = {"avoidance": 40, "vibrating": 48, "still": 48, "places": 15, "distances": 24, "steps": 39}
+"""Number of bins along each axis of the histograms, by feature."""
 _SCHEMA: Final = {
     "source": pl.String,
     "feature": pl.String,
@@ -76,10 +89,18 @@ _SCHEMA: Final = {
     "y": pl.Float64,
     "share": pl.Float64,
 }
+"""Columns of ``histograms_of``."""
 
 
 def histograms_of(sources: Mapping[str, Result]) -> pl.DataFrame:
-    """Return one row for each source, feature and bin: bin centre (y null in one dimension) and share of the values."""
+    """Return the histograms of all features: one row for each source, feature and bin.
+
+    Columns: source; feature; x and y, the centre of the bin (y is null for a feature with one column); share, the
+    number of values in the bin divided by the number of all values of the source, those beyond the bins included.
+
+    Args:
+        sources: results by name; their sessions are pooled.
+    """
     frames = []
     for source, result in sources.items():
         sessions = sessions_of(result)
@@ -87,15 +108,15 @@ def histograms_of(sources: Mapping[str, Result]) -> pl.DataFrame:
             values = np.concatenate(sessions.values(feature))
             spans, bins = SPANS[feature], BINS[feature]
             counts, edges = np.histogramdd(values, bins=[bins] * len(spans), range=spans)
-            middles = [(edge[:-1] + edge[1:]) / 2 for edge in edges]
-            places = np.meshgrid(*middles, indexing="ij")
+            centres = [(edge[:-1] + edge[1:]) / 2 for edge in edges]
+            grid = np.meshgrid(*centres, indexing="ij")
             frames.append(
                 pl.DataFrame(
                     {
                         "source": [source] * counts.size,
                         "feature": [feature] * counts.size,
-                        "x": places[0].ravel(),
-                        "y": places[1].ravel() if len(places) > 1 else [None] * counts.size,
+                        "x": grid[0].ravel(),
+                        "y": grid[1].ravel() if len(grid) > 1 else [None] * counts.size,
                         "share": counts.ravel() / max(len(values), 1),
                     },
                     schema=_SCHEMA,
@@ -109,8 +130,8 @@ def draw_shares(frame: pl.DataFrame, *, x_label: str = "", title: str = "", styl
     """Draw histograms of one variable, a step line for each series.
 
     Args:
-        frame: one row per bin: ``x`` (its middle), ``share``, ``series``. x_label: of x. title: above the picture.
-        style: "column", "page" or "slide".
+        frame: one row per bin: ``x`` (its centre), ``share``, ``series``. x_label: label of the x axis.
+        title: text above the picture. style: "column", "page" or "slide".
     Returns:
         Picture; its numbers are ``series, x, share``.
     """
@@ -135,8 +156,9 @@ def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str 
     """Draw histograms of two variables side by side, on one grey scale.
 
     Args:
-        frame: one row per bin: ``panel``, ``x``, ``y`` (its middle), ``share``. feature: of ``AXES``.
-        title: above the picture. style: "column", "page" or "slide".
+        frame: one row per bin: ``panel`` (its title), ``x`` and ``y`` (centre of the bin), ``share``.
+        feature: name of a feature with two columns, which gives the labels and ranges of the axes.
+        title: text above the picture. style: "column", "page" or "slide".
     Returns:
         Picture; its numbers are ``panel, x, y, share``.
     """
@@ -144,23 +166,26 @@ def draw_maps(frame: pl.DataFrame, feature: str, *, title: str = "", style: str 
     panels = frame["panel"].unique(maintain_order=True).to_list()
     columns = 2
     rows = math.ceil(len(panels) / columns)
+    # A panel is about half as wide as the figure, so 0.48 of the width as height makes it nearly square.
     figure = new_figure(sizes, height_in=rows * sizes.width_in * 0.48, title=title)
     grid = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
+    # Not the maximum: a single extreme bin must not make all others pale.
     highest = float(np.quantile(frame["share"].to_numpy(), 0.999))
     for place, axes in enumerate(grid.ravel()):
         if place >= len(panels):
             axes.set_visible(False)
             continue
+        # Shares as an image: one row per y, ascending, and one column per x, in the order of the frame.
         part = frame.filter(pl.col("panel") == panels[place])
         shares = part.pivot("x", index="y", values="share").sort("y").drop("y").to_numpy()
-        extent = tuple(end for span in SPANS[feature] for end in span)
+        extent = tuple(end for span in SPANS[feature] for end in span)  # left, right, bottom, top
         axes.imshow(
             shares, origin="lower", extent=extent, aspect="auto", cmap="Greys", vmin=0.0, vmax=highest,
             interpolation="nearest",
         )  # fmt: skip
         axes.set_title(panels[place], fontsize=sizes.small_pt)
         axes.locator_params(nbins=4)
-        axes.xaxis.set_tick_params(labelbottom=place + columns >= len(panels))
+        axes.xaxis.set_tick_params(labelbottom=place + columns >= len(panels))  # if no panel is below
         axes.tick_params(labelsize=sizes.small_pt)
     figure.supxlabel(AXES[feature][0], fontsize=sizes.font_pt)
     figure.supylabel(AXES[feature][1], fontsize=sizes.font_pt)

@@ -1,6 +1,7 @@
 """Reproduce the paper: compute missing items, save all, and decide the claims.
 
-Items that need no cells are computed in a background thread while the cells run; both report to one progress bar.
+An item is a figure or table of the paper; a cell is a scenario that is run many times. Items that need no cells are
+computed in a background thread while the cells run in the main thread. Both threads report to one progress bar.
 """
 
 from __future__ import annotations
@@ -36,13 +37,12 @@ from vibroswarm.paper.items import all_items
 from vibroswarm.study.executors import processors
 
 SWITCH_S: Final = 5e-4
-"""Interval at which Python's lock may pass to a waiting thread. Kernels take some ms without it; with Python's
-default of
-5 ms processors would idle."""
+"""Interval at which Python's global lock may pass to a waiting thread. Kernels run for some ms without this lock, so
+with Python's default of 5 ms processors would idle."""
 INTERRUPTED_S: Final = 1.0
-"""Longest wait for the other thread after Ctrl-C."""
+"""Longest wait for the background thread after Ctrl-C, s."""
 Check = Callable[[], None]
-"""Called now and then on either side; raises to end that side's work."""
+"""A function that each thread calls now and then; it raises an exception if the thread's work has to end."""
 
 
 class Cancelled(Exception):  # noqa: N818  (nothing went wrong here)
@@ -51,12 +51,16 @@ class Cancelled(Exception):  # noqa: N818  (nothing went wrong here)
 
 @contextmanager
 def background(work: Callable[[Check], None] | None) -> Iterator[Check]:
-    """Run ``work`` in a thread while the body runs; leaving the context waits for it.
+    """Run ``work`` in a background thread while the body of the ``with`` statement runs in the main thread.
 
-    An exception on either side ends the other one at its next call of the check it is given.
+    Each thread gets a check, a function that it calls now and then. The check of the work raises ``Cancelled`` after
+    the body has ended by an exception, so that the work ends too. The check of the body raises an exception that the
+    work has raised; so does leaving the ``with`` block, which first waits for the thread.
 
     Args:
-        work: called with a check that raises if it is to stop; None: nothing is run.
+        work: called with its check; None: nothing is run.
+    Yields:
+        The check of the body.
     """
     if work is None:
         yield lambda: None
@@ -79,9 +83,9 @@ def background(work: Callable[[Check], None] | None) -> Iterator[Check]:
         if raised:
             raise raised[0]
 
-    # A daemon thread: Ctrl-C does not wait for one that compiles, which cannot be stopped.
+    # Compilation in a thread cannot be stopped. A daemon thread lets the program end after Ctrl-C all the same.
     thread = threading.Thread(target=run, name="vibroswarm-background", daemon=True)
-    patience_s: float | None = None
+    patience_s: float | None = None  # longest wait for the thread; None: no limit
     before_s = sys.getswitchinterval()
     sys.setswitchinterval(SWITCH_S)
     thread.start()
@@ -99,20 +103,27 @@ def background(work: Callable[[Check], None] | None) -> Iterator[Check]:
 
 
 class Bar:
-    """Share of all work done, reported from several threads.
+    """A progress bar over several tasks, which several threads may update.
 
     Args:
-        progress: called with the current task and the share done. weights: of the tasks, by name.
+        progress: called with the name of a task and the share of all work that is done, 0 to 1.
+        weights: share of each task in all work, by name; only their ratios matter.
     """
 
     def __init__(self, progress: Callable[[str, float], None], weights: Mapping[str, float]) -> None:
         self._progress, self._weights, self._lock = progress, dict(weights), threading.Lock()
-        self._done = dict.fromkeys(weights, 0.0)
+        self._done = dict.fromkeys(weights, 0.0)  # share of each task that is done
         self.shown: str | None = None
-        """What is named; what tells, if None."""
+        """Name of the task that is reported to ``progress``; None: the task that was updated last."""
 
     def update(self, what: str, share: float) -> None:
-        """Set the share done of a task, which never falls, and report that of all tasks."""
+        """Set the share of a task that is done, and report the share of all work.
+
+        A share smaller than before is ignored, so the bar never moves back.
+
+        Args:
+            what: name of the task. share: share of the task that is done, 0 to 1.
+        """
         with self._lock:
             self._done[what] = max(share, self._done[what])
             total_weight = sum(self._weights.values())
@@ -121,8 +132,11 @@ class Bar:
 
 
 ITEMS: Final = "items"
+"""Folder of the saved tables of items."""
 RUNS: Final = "runs"
+"""Folder of the saved runs of cells, and of unfinished work."""
 CELLS: Final = "cells of all items"
+"""Name of the task of the progress bar that runs the cells."""
 CELLS_SHARE: Final = 0.6
 """Share of the bar for the cells; the items have the rest."""
 
@@ -131,11 +145,13 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class ItemResult(NotebookView):
-    """One item with its tables, or why it was skipped."""
+    """One item with its tables."""
 
     item: Item
     tables: Tables
+    """By name; empty if the item was skipped."""
     skipped: str | None = None
+    """Why the item was skipped; None: it was not."""
 
 
 @dataclass(frozen=True)
@@ -144,10 +160,11 @@ class Reproduction(NotebookView):
 
     settings: Settings
     made: tuple[ItemResult, ...]
+    """All items with their tables, in the paper's order."""
     cells: dict[str, Cell]
     """Cells of the items that were not skipped, by key."""
     results: CellResults | None
-    """Results of the cells, if any item had to be computed."""
+    """Results of the cells; None if no item had to be computed, and the results were not requested."""
 
     def __repr__(self) -> str:
         counts = Counter(one.verdict for one in self.decided)
@@ -158,7 +175,7 @@ class Reproduction(NotebookView):
     def decided(self) -> list[Decided]:
         """Verdicts on the claims that were measured."""
         frames = [entry.tables[CLAIMS] for entry in self.made if CLAIMS in entry.tables]
-        return decide(pl.concat([frame([]), *frames]))
+        return decide(pl.concat([frame([]), *frames]))  # an empty table, as nothing may have been measured
 
 
 def reproduce(
@@ -169,15 +186,19 @@ def reproduce(
     *,
     with_cells: bool = False,
 ) -> Reproduction:
-    """Compute the items that are missing in ``folder`` and return all.
+    """Compute the items that are missing in ``folder``, and return the results of all items.
 
-    It may be stopped at any moment: finished work is saved, and the same call continues from there.
+    The computation may be stopped at any moment: finished work is saved in ``folder``, and a call with the same
+    arguments continues from there.
 
     Args:
-        items: default all. progress: called with the current task and the share done.
-        with_cells: return results of the cells even if no item is missing.
+        settings: options of the reproduction. folder: folder of all saved work.
+        items: items to reproduce; None: all items.
+        progress: called with the name of the current task and the share of the work that is done, 0 to 1.
+        with_cells: whether to run (or read) the cells of all items, and to return their results, even if no item is
+            missing.
     Raises:
-        InputError, RunError: see the modules of the items.
+        InputError, RunError: an item's input is invalid, or its work failed; raised by the items.
     """
     check_threads()
     folder = Path(folder)
@@ -203,7 +224,11 @@ def reproduce(
 
 
 class _MissingItems:
-    """Missing items with their cells."""
+    """The items that have to be computed.
+
+    ``cells`` and ``fingerprints`` are those of all items, by the name of the item. ``made`` receives the tables of each
+    computed item, by the name of the item.
+    """
 
     def __init__(
         self,
@@ -216,23 +241,39 @@ class _MissingItems:
     ) -> None:
         self.settings, self.folder = settings, folder
         self.items, self.cells, self.fingerprints = items, cells, fingerprints
-        each = (1 - CELLS_SHARE) / max(len(items), 1)
-        self.bar = Bar(progress, {CELLS: CELLS_SHARE, **{item.name: each for item in items}})
+        item_share = (1 - CELLS_SHARE) / max(len(items), 1)  # of the progress bar, the same for each item
+        self.bar = Bar(progress, {CELLS: CELLS_SHARE, **{item.name: item_share for item in items}})
         self.made: dict[str, Tables] = {}
 
     def compute(self, wanted: Sequence[Cell]) -> CellResults:
-        """Run the cells and compute the items; with several workers, items without cells run in the background."""
-        alone = [item for item in self.items if not self.cells[item.name]]
-        alone.reverse()  # the search first: it leaves Python's lock to the planning of the cells
-        aside = alone if wanted and (self.settings.workers or processors()) > 1 else []
-        with background((lambda check: self._compute_items(aside, None, check)) if aside else None) as check:
+        """Run the cells, compute and save the items, and return the results of the cells.
+
+        With several workers, items without cells are computed in a background thread while the cells run.
+
+        Args:
+            wanted: cells to run.
+        """
+        without_cells = [item for item in self.items if not self.cells[item.name]]
+        # In reverse order the searches for parameters come first. Their kernels run without Python's global lock, which
+        # the main thread needs at the beginning to plan the cells.
+        without_cells.reverse()
+        in_background = without_cells if wanted and (self.settings.workers or processors()) > 1 else []
+        with background(
+            (lambda check: self._compute_items(in_background, results=None, check=check))
+            if in_background
+            else None
+        ) as check:
             results = self._run(wanted, check)
-            self._compute_items([item for item in self.items if item not in aside], results, check)
-            self.bar.shown = None
+            self._compute_items([item for item in self.items if item not in in_background], results, check)
+            self.bar.shown = None  # from now on, show which item the background computes
         return results
 
     def _run(self, wanted: Sequence[Cell], check: Check) -> CellResults:
-        """Run the requested cells, with progress and cancellation."""
+        """Run the requested cells, and return their results; end early if the background thread has failed.
+
+        Args:
+            wanted: cells to run. check: called now and then; raises the exception of the background thread.
+        """
         settings, self.bar.shown = self.settings, CELLS
 
         def report_progress(share: float) -> None:
@@ -244,16 +285,27 @@ class _MissingItems:
         )
 
     def _compute_items(self, items: Sequence[Item], results: CellResults | None, check: Check) -> None:
-        """Compute the tables of several items."""
+        """Compute and save the tables of several items.
+
+        Args:
+            items: items to compute.
+            results: results of the cells; None in the background thread, which computes items without cells.
+            check: called now and then; raises if the work has to end.
+        """
+        no_results = CellResults(self.settings.seed, self.settings.runs, cells={})
         for item in items:
+            # The bar shows one name, so only the main thread, which has results, sets it.
             if results is not None:
                 self.bar.shown = item.name
-            self._compute_item(
-                item, results or CellResults(self.settings.seed, self.settings.runs, {}), check
-            )
+            self._compute_item(item, results or no_results, check)
 
     def _compute_item(self, item: Item, results: CellResults, check: Check) -> None:
-        """Compute and save the tables of one item."""
+        """Compute and save the tables of one item, and add them to ``made``.
+
+        Args:
+            results: results of the cells, none for an item without cells.
+            check: called now and then; raises if the work has to end.
+        """
 
         def report_progress(share: float) -> None:
             check()
@@ -261,15 +313,16 @@ class _MissingItems:
 
         report_progress(0.0)
         place = self.folder / ITEMS / item.name
+        # Whether a claim can be asked is judged without the negative control.
         plain = item.cells(replace(self.settings, control=None)) if self.settings.control else None
         tables = item.compute(
             Work(
-                self.settings,
-                self.cells[item.name],
-                results,
-                self.folder / RUNS / item.name,
-                report_progress,
-                plain,
+                settings=self.settings,
+                cells=self.cells[item.name],
+                results=results,
+                folder=self.folder / RUNS / item.name,
+                progress=report_progress,
+                plain=plain,
             )
         )
         place.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,8 @@
-"""Write the report of the reproduction: one page, figures as SVG and PDF, tables and numbers as CSV."""
+"""Write the report of the reproduction: one page, figures as SVG and PDF, tables and numbers as CSV.
+
+A column of the reproduction is a preset. A claim has one or more measured values in a column (``Decided.cells``), each
+of which holds, fails, is open or cannot be asked (``claims``).
+"""
 
 from __future__ import annotations
 
@@ -19,19 +23,22 @@ from vibroswarm.report.html import Column, Report, ReportPicture, ReportTable, S
 from vibroswarm.simulation import versions
 
 REPORT: Final = "report.html"
+"""File of the page."""
 FIGURES, TABLES = "figures", "tables"
+"""Folders of the pictures and of the tables."""
 MARKER: Final = "index.csv"
+"""Index of a folder of figures or tables; it marks folders that may be replaced."""
 ROWS_IN_SIGHT: Final = 12
-"""Longer tables are folded below the pictures that show them."""
+"""Tables with more rows are folded, below the pictures of the same item."""
 ROWS_WITHOUT_PICTURES: Final = 40
-"""The same for items without pictures."""
+"""In items without pictures, tables with more rows are folded."""
 ENOUGH: Final = 1000
-"""Runs for which the margins were set."""
+"""Number of runs that the claims' margins were set for."""
 Progress = Callable[[float], None]
 
 
 class DrawnPicture(NamedTuple):
-    """A picture of the page."""
+    """A picture of the page, and whether it is shown folded."""
 
     title: str
     picture: ReportPicture
@@ -41,7 +48,13 @@ class DrawnPicture(NamedTuple):
 def write_all(
     made: Reproduction, folder: Path, progress: Progress = lambda share: None, *, pictures: bool = True
 ) -> None:
-    """Write ``figures/``, ``tables/`` and ``report.html`` into ``folder``, each whole or not at all."""
+    """Write ``figures/``, ``tables/`` and ``report.html`` into ``folder``, each whole or not at all.
+
+    Args:
+        made: results of the reproduction. folder: folder to write into.
+        progress: called with the share of the pictures that is drawn, 0 to 1.
+        pictures: whether to draw pictures; without them there is no ``figures/``.
+    """
     decided = made.decided
     _write_tables(made, decided, folder / TABLES)
     drawn = _write_figures(made, folder / FIGURES, progress) if pictures else {}
@@ -49,12 +62,17 @@ def write_all(
 
 
 def command_of(settings: Settings, item: str | None = None) -> str:
-    """Return the command that makes one item, or all."""
+    """Return the command line that makes one item, or all items.
+
+    Args:
+        settings: options of the reproduction. item: name of the item; None: all items.
+    """
     words = ["vibroswarm reproduce"]
     words += [f"--only {item}"] if item else []
     words += [f"--runs {settings.runs}", f"--seed {settings.seed}"]
     words += [f"--columns {','.join(settings.columns)}"] if settings.columns != COLUMNS else []
     words += [f"--control {settings.control}"] if settings.control else []
+    # Only the item "calibration" needs the recordings.
     words += ["--recordings DIR"] if settings.recordings and item in (None, "calibration") else []
     return " ".join([*words, "--out DIR"])
 
@@ -62,10 +80,16 @@ def command_of(settings: Settings, item: str | None = None) -> str:
 def claims_table(
     decided: Sequence[Decided], items: Iterable[str] | None = None, kind: str | None = None
 ) -> pl.DataFrame:
-    """Return one row per claim, one verdict per column; null where it is not asked or was not measured.
+    """Return one row per claim that has a verdict in at least one column of the reproduction.
+
+    For each column of the reproduction the row has the verdict and, under "COLUMN: ours", the measured value in words.
+    The verdict and the value are null if the claim has no verdict in this column: it was not measured, or it is not
+    about this column.
 
     Args:
-        items: only claims of these items. kind: only claims or only checks.
+        decided: verdicts on all claims.
+        items: names of the items whose claims are listed; None: all.
+        kind: "claim" or "check", the kind that is listed; None: both.
     """
     requested = None if items is None else set(items)
     rows = []
@@ -78,7 +102,11 @@ def claims_table(
         ):
             continue
         row: dict[str, str | None] = {"item": claim.item, "claim": claim.id, "kind": claim.kind}
-        remark = f"; a control may well not turn it: {claim.no_control}" if claim.no_control else ""
+        remark = (
+            f"; a negative control need not change the verdict: {claim.no_control}"
+            if claim.no_control
+            else ""
+        )
         row |= {"says": claim.statement}
         row |= {"measured": claim.measured + remark, "holds if": claim.words}
         for column in COLUMNS:
@@ -92,7 +120,11 @@ def claims_table(
 
 
 def _verdict_words(one: Decided) -> str:
-    """Return verdict with the number of values in each state."""
+    """Return the verdict in words, followed by the number of values in each state, such as "2 hold, 1 open".
+
+    The numbers are left out if there is only one value, or if all values have the same state and the verdict shows
+    which state it is.
+    """
     states = one.cells["holds"].to_list()
     if len(set(states)) == 1 and (one.verdict in ("reproduced", "passed", CANNOT) or len(states) == 1):
         return one.verdict
@@ -102,7 +134,10 @@ def _verdict_words(one: Decided) -> str:
 
 
 def _value_words(one: Decided) -> str:
-    """Return the value with its interval, or the range of several; reasons why others cannot be asked."""
+    """Return the measured value in words: one value with its interval, or the range of several values.
+
+    The reasons why some values cannot be asked follow. The result is "-" if there is neither a value nor a reason.
+    """
     cells = one.cells
     reasons = cells["why"].drop_nulls().unique(maintain_order=True).to_list()
     estimated = cells.filter(pl.col("why").is_null(), pl.col("estimate").is_not_nan())
@@ -111,30 +146,41 @@ def _value_words(one: Decided) -> str:
 
 
 def _range_words(cells: pl.DataFrame, claim: Claim) -> str:
-    """Write the range of several estimates, or a single one with its interval if it has one."""
+    """Return the range of several estimates, or one estimate with its interval if the interval has a width.
+
+    Args:
+        cells: rows of ``Decided.cells`` with an estimate, at least one. claim: gives the unit and decimals.
+    """
     values = [claim.scale * value for value in cells["estimate"]]
     decimals = _decimals(claim)
     if len(values) > 1:
         return f"{min(values):.{decimals}f} to {max(values):.{decimals}f}"
     low, high = cells.select("low", "high").row(0)
+    # Two limits, or fewer if a limit is infinite (None), or if the value is exact, with equal limits.
     limits = [f"{claim.scale * end:.{decimals}f}" for end in (low, high) if end is not None and low != high]
     return f"{values[0]:.{decimals}f}" + (f" [{', '.join(limits)}]" if len(limits) == 2 else "")
 
 
 def _decimals(claim: Claim) -> int:
-    """Return the decimals of a claim's values: one more than its margin or effect has, at least those of its unit.
+    """Return the number of decimals with which a claim's values are printed.
 
-    One fewer for times whose margin or effect is 10 s or more.
+    The number is one more than the claim's margin or effect has, and at least the usual number for the claim's unit. A
+    time with a margin or effect of 10 s or more has one decimal fewer than this.
     """
     bound = claim.scale * (claim.margin if claim.margin is not None else claim.effect or 0.0)
-    digits = len(f"{abs(bound):.6f}".rstrip("0").partition(".")[2]) + 1
-    return max(digits if bound else 0, {"s": 0, "points": 1, "%": 1, "m": 4}.get(claim.unit, 3)) - (
-        1 if claim.unit == "s" and abs(bound) >= 10 else 0
-    )
+    # Decimals of the bound, without zeros at the end, plus one.
+    of_bound = len(f"{abs(bound):.6f}".rstrip("0").partition(".")[2]) + 1 if bound else 0
+    # Usual decimals of each unit; 3 for all other units, such as beliefs.
+    of_unit = {"s": 0, "points": 1, "%": 1, "m": 4}.get(claim.unit, 3)
+    is_long_time = claim.unit == "s" and abs(bound) >= 10
+    return max(of_bound, of_unit) - (1 if is_long_time else 0)
 
 
 def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
-    """Return one row for each claim, column and value, with the interval that decided it."""
+    """Return one row for each measured value of each claim in each column, with the interval that decided it.
+
+    Values are not scaled for printing, so percentages are shares, as the column ``unit`` says.
+    """
     frames = [
         verdict.cells.select(
             pl.lit(verdict.claim.id).alias("claim"), pl.lit(verdict.column).alias("column"), "cell",
@@ -147,7 +193,10 @@ def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
 
 
 def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) -> None:
-    """Write all tables as CSV, with an index."""
+    """Write the tables of all items and of the verdicts as CSV, with an index of names, titles and commands.
+
+    A file is named ITEM-TABLE.csv, or ITEM.csv if the table has the name of the item.
+    """
     folder.parent.mkdir(parents=True, exist_ok=True)
     with whole_folder(folder, replace=True, marker=MARKER) as part:
         rows = []
@@ -168,7 +217,12 @@ def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) 
 
 
 def _write_figures(made: Reproduction, folder: Path, progress: Progress) -> dict[str, list[DrawnPicture]]:
-    """Draw all pictures, write SVG, PDF and CSV, and return those of the page, by item."""
+    """Draw all pictures, write them as SVG, PDF and CSV with an index, and return them for the page, by item name.
+
+    Args:
+        made: results of the reproduction. folder: folder of the pictures, which is replaced whole.
+        progress: called with the share of the pictures that is drawn, 0 to 1.
+    """
     by_item: dict[str, list[DrawnPicture]] = {}
     todo = [
         (entry, picture)
@@ -199,7 +253,11 @@ def _write_figures(made: Reproduction, folder: Path, progress: Progress) -> dict
 def report_of(
     made: Reproduction, decided: Sequence[Decided], pictures: dict[str, list[DrawnPicture]]
 ) -> Report:
-    """Build the report."""
+    """Build the page: the verdicts, then a section for each item.
+
+    Args:
+        made: results of the reproduction. decided: verdicts on all claims. pictures: drawn pictures, by item name.
+    """
     settings = made.settings
     sections = [_verdicts(decided, settings)]
     sections += [_item(entry, decided, pictures.get(entry.item.name, []), settings) for entry in made.made]
@@ -224,7 +282,7 @@ def report_of(
 
 
 def _counts(decided: Sequence[Decided]) -> list[str]:
-    """Return the number of claims and checks by verdict, a sentence for each preset."""
+    """Return a text for each column of the reproduction with the numbers of claims and checks by verdict."""
     words = []
     for column in COLUMNS:
         of_column = [verdict for verdict in decided if verdict.column == column]
@@ -235,13 +293,16 @@ def _counts(decided: Sequence[Decided]) -> list[str]:
             words.append(f"Preset `{column}`: of {len(verdicts)} claims {counted}.")
         if checks:
             counted = ", ".join(f"{checks.count(v)} {v}" for v in _CHECKED if v in checks)
-            before = f"{words.pop()} " if verdicts else ""
+            before = f"{words.pop()} " if verdicts else ""  # the sentence about the claims of this column
             words.append(f"{before}Checks: {counted}.")
     return words
 
 
 def few_runs(decided: Sequence[Decided], settings: Settings) -> list[str]:
-    """Return what to do where runs are too few to tell, in a sentence; none where there are ``ENOUGH``."""
+    """Return the advice to use more runs, as a list of one sentence.
+
+    The list is empty if no verdict is inconclusive, or if the reproduction has ``ENOUGH`` runs already.
+    """
     count = sum(one.verdict == "inconclusive" for one in decided)
     if not count or settings.runs >= ENOUGH:
         return []
@@ -283,6 +344,7 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
 
 
 _CHECKED: Final = tuple(dict.fromkeys(CHECKED.values()))
+"""Results of checks, without repetitions."""
 _TONES: Final = {
     "reproduced": "good", "in part": "fair", "not reproduced": "bad", "inconclusive": "open", CANNOT: "open",
     "passed": "good", "failed": "bad", "open": "open",
@@ -292,13 +354,19 @@ _CAPTIONS: Final = {
     "check": "Checks, which do not count as verdicts: constants of a preset, two numbers of the paper, one search, or "
     "ours against ours. Command: `{}`",
 }
+"""Captions of the tables of verdicts, by kind of claim; {} becomes the command of the reproduction."""
 _CLAIMS: Final = {"says": Column(prose=True), "measured": Column(prose=True)} | {
     column: Column(tones=_TONES) for column in COLUMNS
 }
+"""How the columns of tables of claims are shown."""
 
 
 def _typeset(column: str) -> pl.Expr:
-    """Typeset text with true minus signs; a verdict starts a new line, the test of a claim does not wrap."""
+    """Return an expression that prepares a text column of a table of claims for the page.
+
+    Hyphens before numbers become minus signs. In a column of verdicts, the counts in brackets move to a line of their
+    own, without the brackets. In the column "holds if", spaces become spaces at which lines do not break.
+    """
     text = pl.col(column).str.replace_all(r"(^|\s|\[)-(\d)", "${1}\u2212${2}")
     if column in COLUMNS:
         return text.str.replace(r" \((.*)\)", "\n${1}")
@@ -310,50 +378,69 @@ _CELLS: Final = {
     "holds": Column("value", tones={"holds": "good", "fails": "bad", "open": "open", CANNOT: "open"}),
     "why": Column("why not", prose=True),
 }  # fmt: skip
+"""How the columns of the table of measured values are shown."""
 
 
 def _item(
     one: ItemResult, decided: Sequence[Decided], pictures: Sequence[DrawnPicture], settings: Settings
 ) -> Section:
-    """Return the section of one item."""
+    """Return the section of one item: text, claims, short tables, pictures, then folded tables and pictures.
+
+    Args:
+        one: the item with its tables. decided: verdicts on all claims. pictures: drawn pictures of this item.
+        settings: options of the reproduction, for the commands.
+    """
     title = f"{one.item.number}. {one.item.title}"
     if one.skipped:
-        return Section(title, (*one.item.about, f"Skipped: {one.skipped}"))
-    alone = f"Command: `{command_of(settings, one.item.name)}`."
+        return Section(title, text=(*one.item.about, f"Skipped: {one.skipped}"))
+    command = f"Command: `{command_of(settings, one.item.name)}`."
     parts: list[ReportTable | ReportPicture] = []
     verdicts = claims_table(decided, [one.item.name])
     if not verdicts.is_empty():
+        # The columns of the reproduction in which a claim of this item has a verdict.
         columns = [column for column in COLUMNS if verdicts[column].null_count() < verdicts.height]
-        both = [pl.format("{}\n{}", column, f"{column}: ours").alias(column) for column in columns]
-        shown_claims = verdicts.select("says", "measured", "holds if", *both)
+        # A cell of the table has the verdict, and below it the measured value.
+        cells = [pl.format("{}\n{}", column, f"{column}: ours").alias(column) for column in columns]
+        shown_claims = verdicts.select("says", "measured", "holds if", *cells)
         shown_claims = shown_claims.select(*(_typeset(name) for name in shown_claims.columns))
         caption = (
-            f"Claims, with the measured value and its corrected interval, or the range of several. {alone}"
+            f"Claims, with the measured value and its corrected interval, or the range of several. {command}"
         )
         parts.append(ReportTable(shown_claims, _CLAIMS, caption, f"{one.item.name}-claims"))
-    long: list[ReportTable] = []
+    long_tables: list[ReportTable] = []
     in_sight = ROWS_IN_SIGHT if pictures else ROWS_WITHOUT_PICTURES
     for place, view in enumerate(one.item.shown):
-        table = _table(one, view, f"{one.item.name}-{place + 1}", alone)
+        table = _table(one, view, f"{one.item.name}-{place + 1}", command)
         if table is not None:
-            (long if table.frame.height > in_sight else parts).append(table)
+            (long_tables if table.frame.height > in_sight else parts).append(table)
     below = [Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if not drawn.folded]
     folded = tuple(Section(drawn.title, parts=(drawn.picture,)) for drawn in pictures if drawn.folded)
-    if long:
-        below.append(Section("All numbers", parts=tuple(long), folded=True))
+    if long_tables:
+        below.append(Section("All numbers", parts=tuple(long_tables), folded=True))
     if folded:
         below.append(
             Section("Pictures of the other presets", sections=folded, folded=True, side_by_side=True)
         )
-    return Section(title, one.item.about, tuple(parts), tuple(below), side_by_side=len(pictures) > 1)
+    return Section(
+        title,
+        text=one.item.about,
+        parts=tuple(parts),
+        sections=tuple(below),
+        side_by_side=len(pictures) > 1,
+    )
 
 
-def _table(one: ItemResult, shown: TableView, name: str, alone: str) -> ReportTable | None:
-    """Return a table of an item with the commands that make it; None if it is empty."""
+def _table(one: ItemResult, shown: TableView, name: str, command: str) -> ReportTable | None:
+    """Return a table of an item for the page, with commands in its caption; None if the table has no rows.
+
+    Args:
+        one: the item with its tables. shown: the table to show, with its caption and columns.
+        name: name of the table's CSV file. command: sentence with the command that makes the item.
+    """
     frame = one.tables[shown.table]
     if frame.is_empty():
         return None
-    caption = f"{shown.caption} {alone}"
+    caption = f"{shown.caption} {command}"
     if "command" in frame.columns:
         caption += f" First row: `{frame['command'][0]}`."
     columns = [column for column in shown.columns if column in frame.columns]

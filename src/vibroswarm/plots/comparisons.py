@@ -1,6 +1,8 @@
 """Comparisons of cells: forest pictures of paired differences, and bars of outcomes.
 
-Outcomes are right, wrong, split, incomplete and truth undefined; their bars always add up to all runs.
+A picture has one row for each comparison or cell (see ``layout.Rows``). The outcomes of runs are right, wrong (all
+robots decided right, or all wrong), split (robots decided differently), incomplete (a robot is undecided) and truth
+undefined (no decision is right). The parts of a bar always add up to all runs.
 """
 
 from __future__ import annotations
@@ -42,11 +44,11 @@ def draw_forest(
     Marks are full if the interval excludes 0, else open.
 
     Args:
-        frame: one row per comparison: ``comparison`` (text), ``difference, low, high`` (null: none), and where
-            known ``wins, ties, losses`` (counts of pairs) and ``runs`` (pairs).
+        frame: one row per comparison with the columns ``comparison`` (text) and ``difference, low, high`` (null: no
+            value), and if known ``wins, ties, losses`` (counts of pairs) and ``runs`` (number of pairs).
         label: of the axis, with its unit.
-        interval: what low and high are.
-        better: whether "low" or "high" differences are better; None: neither is marked.
+        interval: what low and high are, for the caption.
+        better: which differences are better, "low" or "high"; an arrow marks that side. None: no arrow.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -66,27 +68,33 @@ def draw_forest(
     )
     check_once(frame, ["comparison"])
     check_bounds(frame, "low", "difference", "high")
+    # ``furniture``: lines of text above the rows, for a heading and the arrow
     rows = rows_of(sizes, frame["comparison"].to_list(), label, title=title, furniture=2 if better else 1)
-    counts = frame["wins"].is_not_null().any()
+    with_counts = frame["wins"].is_not_null().any()
     for row, values in enumerate(frame.to_dicts()):
-        _row(rows, sizes, row, values, counts)
+        _row(rows, sizes, row, values, with_counts)
     _axis(rows, frame, better)
-    if counts:
+    if with_counts:
         rows.heading("wins / ties / losses")
-    rows.settle(sizes)
+    rows.settle(sizes)  # sets the height of the figure, now that all else is drawn
     runs = run_counts(frame)
     caption = (
         f"{label}, paired by run. Mark: mean difference, full where the interval does not hold 0; line: {interval}"
         + (f" over {of_runs(runs, 'pair')}" if runs else "")
         + "."
-        + (" At the right: pairs won, tied and lost." if counts else "")
+        + (" At the right: pairs won, tied and lost." if with_counts else "")
     )
     numbers = frame.select("comparison", "difference", "low", "high", *counted, "runs")
     return Picture(rows.figure, numbers, caption)
 
 
-def _row(rows: Rows, style: Style, row: int, values: dict[str, Any], counts: bool) -> None:
-    """Draw one difference with its interval and counts."""
+def _row(rows: Rows, style: Style, row: int, values: dict[str, Any], with_counts: bool) -> None:
+    """Draw one difference with its interval at y = ``row``; a missing difference is written as "no value".
+
+    Args:
+        rows: the picture. style: its sizes. row: index of the comparison, from the top.
+        values: the row of the frame, by column. with_counts: whether wins, ties and losses are written at the right.
+    """
     axes = rows.axes
     if values["difference"] is None:
         axes.annotate(
@@ -99,22 +107,27 @@ def _row(rows: Rows, style: Style, row: int, values: dict[str, Any], counts: boo
                 [values["low"], values["high"]], [row, row], color=INK, linewidth=rows.line_pt * 1.3, marker="|",
                 markersize=style.marker_pt, zorder=2,
             )  # fmt: skip
+        # an open mark: the interval is not known, or contains 0
         is_open = values["low"] is None or values["high"] is None or values["low"] <= 0 <= values["high"]
         axes.plot(
             values["difference"], row, ls="", marker="D", markersize=style.marker_pt, markeredgecolor=SERIES[0],
             markerfacecolor="#ffffff" if is_open else SERIES[0], markeredgewidth=rows.line_pt, zorder=3,
         )  # fmt: skip
-    if counts:
-        rows.note(row, " / ".join(number(values[name], 7) for name in ("wins", "ties", "losses")))
+    if with_counts:
+        counts = (number(values[name], digits=7) for name in ("wins", "ties", "losses"))
+        rows.note(row, " / ".join(counts))
 
 
 def _axis(rows: Rows, frame: pl.DataFrame, better: str | None) -> None:
-    """Set the limits of the axis and mark the better side."""
+    """Set limits of the axis that contain 0 and all intervals, draw the line at 0, and mark the better side.
+
+    ``better`` says which differences are better: "low", "high", or None if no side is marked.
+    """
     axes = rows.axes
     values = [0.0, *pl.concat([frame["low"], frame["difference"], frame["high"]]).drop_nulls()]
     low, high = min(values), max(values)
-    span = (high - low) or 1.0
-    axes.set_xlim(low - 0.06 * span, high + 0.06 * span)
+    span = (high - low) or 1.0  # above 0, also if all values are 0
+    axes.set_xlim(low - 0.06 * span, high + 0.06 * span)  # a margin, so that no mark lies on the edge
     axes.axvline(0, color=INK, linewidth=rows.line_pt, zorder=1)
     if better:
         arrow = "← better" if better == "low" else "better →"
@@ -137,9 +150,9 @@ def draw_outcomes(
     """Draw one bar per cell, divided by the outcomes of its runs.
 
     Args:
-        frame: one row per cell: ``cell`` (text) and counts of runs ``right``, ``wrong``, ``split``, ``incomplete`` and
-            ``truth_undefined`` (missing columns count as 0). ``right_low`` and ``right_high`` (shares, 0 to 1) draw an
-            interval of the share right.
+        frame: one row per cell with the columns ``cell`` (text) and the counts of runs ``right``, ``wrong``, ``split``,
+            ``incomplete`` and ``truth_undefined`` (missing columns count as 0). If it has ``right_low`` and
+            ``right_high`` (shares, 0 to 1), they are drawn as the interval of the share of right runs.
         interval: what that interval is, for the caption, such as "95 % Wilson interval".
         unit: what is counted, "run" or "robot".
         title: above the picture.
@@ -159,12 +172,13 @@ def draw_outcomes(
     if frame.select((pl.min_horizontal(kinds) < 0).any()).item():
         raise InputError("a count of runs is negative", field="right")
     frame = frame.with_columns(runs=pl.sum_horizontal(kinds))
+    # The legend needs an entry, even if there are no runs.
     seen = [kind for kind in kinds if frame[kind].sum() > 0] or kinds[:1]
     words = [kind.replace("_", " ") for kind in seen]
     names = words if unit == "run" else [f"{kind} ({unit}s)" for kind in words]
     rows = rows_of(
         sizes, frame["cell"].to_list(), f"share of {unit}s", title=title,
-        furniture=legend_lines(sizes, names) + 1,
+        furniture=legend_lines(sizes, names) + 1,  # lines of text below the rows: the legend and a line of space
     )  # fmt: skip
     shares = frame.with_columns(
         pl.when(pl.col("runs") > 0).then(pl.col(kind) / pl.col("runs")).alias(kind) for kind in kinds
@@ -175,7 +189,7 @@ def draw_outcomes(
     rows.axes.set_xticks([0, 0.25, 0.5, 0.75, 1])
     percent_axis(rows.axes.xaxis)
     _legend(rows, sizes, seen, names)
-    rows.settle(sizes)
+    rows.settle(sizes)  # sets the height of the figure, now that all else is drawn
     with_interval = frame["right_low"].is_not_null().any()
     caption = (
         f"What became of the {unit}s, by cell: {of_runs([int(runs) for runs in frame['runs']], unit)}."
@@ -188,7 +202,16 @@ def draw_outcomes(
 def _bar(
     rows: Rows, style: Style, row: int, values: dict[str, float | None], seen: list[str], unit: str
 ) -> None:
-    """Draw one stacked bar of outcomes, with the interval of the share of right ones."""
+    """Draw the stacked bar of a cell at y = ``row``, with the interval of the share of right runs.
+
+    The share of right runs is also written at the right, in percent.
+
+    Args:
+        rows: the picture. style: its sizes. row: index of the cell, from the top.
+        values: by name, the share of each outcome, the number ``runs``, and the limits ``right_low, right_high`` of the
+            share of right runs. seen: the outcomes that occur, in the order of the bar.
+        unit: what is counted, "run" or "robot".
+    """
     axes, height = rows.axes, rows.band
     if not values["runs"]:
         axes.text(0.5, row, f"no {unit}s", ha="center", va="center", fontsize=rows.font_pt)
@@ -204,6 +227,7 @@ def _bar(
         left += width
     low, high = values["right_low"], values["right_high"]
     if low is not None and high is not None:
+        # a white line below makes the dark one visible on a hatch
         for colour, width in (("#ffffff", 3.0), (INK, 1.2)):
             axes.plot([low, high], [row, row], color=colour, linewidth=rows.line_pt * width, zorder=3)
             for end in (low, high):
@@ -215,7 +239,7 @@ def _bar(
 
 
 def _legend(rows: Rows, style: Style, seen: list[str], names: list[str]) -> None:
-    """Draw the legend of outcomes."""
+    """Draw the legend: the colour and hatch of each outcome in ``seen``, with its name in ``names``."""
     from matplotlib.patches import Patch
 
     handles = [

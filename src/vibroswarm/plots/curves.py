@@ -1,8 +1,11 @@
 """Curves: cumulative incidence, belief over time, detection.
 
-Cumulative incidence: right decisions rise from the middle line, wrong ones fall from it; the rest is undecided.
-Belief over time: quantiles over robots or runs as nested bands, with the decision thresholds.
-Detection: probability of missing a floor over its fill ratio, for each horizon or number of robots.
+* Cumulative incidence: right decisions rise from the middle line, wrong ones fall from it; the rest is undecided.
+* Belief over time: quantiles over robots or runs as nested bands, with the decision thresholds.
+* Detection: probability of missing a floor (no right consensus by the horizon) over its fill ratio, for each horizon or
+  number of robots.
+
+A frame with a column ``series`` draws several curves or panels; without it there is one series with an empty name.
 """
 
 from __future__ import annotations
@@ -37,6 +40,7 @@ STEPS_UP_TO = 1000
 """Rows of a curve; more are thinned evenly, with the first and the last kept."""
 
 _BOUNDS = ("right_low", "right_high", "wrong_low", "wrong_high")
+"""Optional columns of ``draw_incidence``: limits of the shares."""
 
 
 @drawn
@@ -53,19 +57,19 @@ def draw_incidence(
     """Draw the share of runs decided right (upwards) and wrong (downwards) by each time, as steps.
 
     Args:
-        frame: one row per time: ``time_s``, ``right, wrong`` (shares so far, 0 to 1), where known their limits
-            ``right_low, right_high, wrong_low, wrong_high``, and where there are several ``series`` (text). Each
-            share holds from its time on.
-        runs: how many, for the caption.
+        frame: one row per time with the columns ``time_s`` and ``right, wrong`` (shares so far, 0 to 1), if known their
+            limits ``right_low, right_high, wrong_low, wrong_high``, and for several curves ``series`` (text). Each
+            share holds from its time to the next.
+        runs: number of runs, for the caption.
         unit: what is counted, "run" or "robot".
-        interval: what low and high are.
-        t_end: end of the level part of the curves, s.
+        interval: what the limits are, for the caption.
+        t_end: time to which the curves are continued level, s; None: the last time of the frame.
         title: above the picture.
         style: "column", "page" or "slide".
 
     Returns:
-        Picture; its numbers are ``series, time_s, right, right_low, right_high, wrong, wrong_low, wrong_high``,
-        thinned as drawn.
+        Picture; its numbers are ``series, time_s, right, right_low, right_high, wrong, wrong_low, wrong_high``, at the
+        times that are drawn: at most ``STEPS_UP_TO`` for each series.
 
     Raises:
         InputError: the frame is not as described, or shares fall with time or add up to more than 1.
@@ -78,15 +82,17 @@ def draw_incidence(
     frame, series = with_series(frame)
     check_bounds(frame, "right_low", "right", "right_high")
     check_bounds(frame, "wrong_low", "wrong", "wrong_high")
-    named = series if len(series) > 1 else []
+    named = series if len(series) > 1 else []  # a single series needs no name
     figure, axes = plain_axes(sizes, "time (s)", f"share of {unit}s decided", title=title, legend=named)
     few_ticks(axes.xaxis, sizes)
     end = max(most(frame["time_s"]), t_end or 0.0)
     parts = [thinned(_checked(frame.filter(pl.col("series") == name).sort("time_s"))) for name in series]
     looks = looks_of(series)
     for index, part in enumerate(parts):
-        _curve(axes, sizes, part, looks[index], index, len(series), end)
-    _finish(axes, sizes, parts, end, t_end)
+        _curve(axes, sizes, part, looks[index], index=index, series=len(series), end=end)
+    _finish(axes, sizes, parts, end)
+    # The names of the series stand at the ends of the curves if they fit there, otherwise in a legend. Lists are cut to
+    # the length of ``named``, so that a single series has neither.
     if not label_ends(figure, axes, sizes, named, looks, [part["right"][-1] for part in parts][: len(named)]):
         legend_below(figure, sizes, [series_handle(sizes, one) for one in looks[: len(named)]], named)
     caption = (
@@ -105,26 +111,32 @@ def draw_incidence(
 
 
 def thinned(part: pl.DataFrame, up_to: int = STEPS_UP_TO) -> pl.DataFrame:
-    """Return at most ``up_to`` rows, evenly spaced, including the first and the last."""
+    """Return at most ``up_to`` rows of the frame, evenly spaced by index, including the first and the last."""
     if part.height <= up_to:
         return part
     return part[[round(index * (part.height - 1) / (up_to - 1)) for index in range(up_to)]]
 
 
 def _undecided(series: Sequence[str], parts: Sequence[pl.DataFrame]) -> str:
-    """Return the share of each series that is undecided at its end, in words."""
-    left = [1 - part["right"][-1] - part["wrong"][-1] for part in parts]
+    """Write the share of runs or robots that are undecided at the end of each series: "soft 12 %; none 40 %".
+
+    Args:
+        series: names of the series, empty for a single one. parts: rows of each series, sorted by time.
+    """
+    undecided = [1 - part["right"][-1] - part["wrong"][-1] for part in parts]
     return "; ".join(
-        (f"{name} " if name else "") + share(max(rest, 0.0), 1.0)
-        for name, rest in zip(series, left, strict=True)
+        (f"{name} " if name else "") + share(max(rest, 0.0), 1.0)  # rounding may make the rest negative
+        for name, rest in zip(series, undecided, strict=True)
     )
 
 
 def _checked(part: pl.DataFrame) -> pl.DataFrame:
-    """Return the curves as they are.
+    """Check that ``part``, the rows of one series sorted by time, has cumulative shares, and return it unchanged.
+
+    Rounding errors of 1e-9 are allowed.
 
     Raises:
-        InputError: they cannot be cumulative shares.
+        InputError: a share falls with time, or right and wrong are below 0 or add up to more than 1.
     """
     for name in ("right", "wrong"):
         if (part[name].diff().drop_nulls() < -1e-9).any():
@@ -138,41 +150,66 @@ def _checked(part: pl.DataFrame) -> pl.DataFrame:
 def _curve(
     axes: Any, style: Style, part: pl.DataFrame, looks: Look, index: int, series: int, end: float
 ) -> None:
-    """Draw the curves of right (upwards) and wrong decisions (downwards) of one series."""
+    """Draw the curves of right (upwards) and wrong decisions (downwards) of one series, with their bands.
+
+    Args:
+        part: rows of the series, sorted by time. looks: look of the series; with one series, the colours of the
+            outcomes are used instead. index: of this series. series: number of all series.
+        end: time to which the last shares are continued, s.
+    """
     times = [*part["time_s"], end]
     for kind, sign in (("right", 1.0), ("wrong", -1.0)):
         colour = looks.colour if series > 1 else OUTCOMES[kind]
-        ends = [sign * value for value in [*part[kind], part[kind][-1]]]
+        # The last value is repeated at ``end``.
+        heights = [sign * value for value in [*part[kind], part[kind][-1]]]
         bounds = part.select(f"{kind}_low", f"{kind}_high")
+        # A band is drawn only if all its limits are known.
         if not bounds.select(pl.any_horizontal(pl.all().is_null().any())).item():
             low, high = (
                 [sign * value for value in [*bounds[name], bounds[name][-1]]] for name in bounds.columns
             )
-            axes.fill_between(
-                times, low, high, step="post", color=colour, alpha=0.22 if series < 3 else 0.13, linewidth=0
-            )
-        if series > 1:  # bands of several series lie on each other: a strip of the ground below each line
+            # the bands of many series overlap, and must not hide the curves
+            opacity = 0.22 if series < 3 else 0.13
+            axes.fill_between(times, low, high, step="post", color=colour, alpha=opacity, linewidth=0)
+        if series > 1:  # a pale strip below each line, to be seen where the bands of several series overlap
             axes.step(
-                times, ends, where="post", color=PAPER, alpha=0.8, linewidth=style.line_pt * 2.2, zorder=2.5
+                times,
+                heights,
+                where="post",
+                color=PAPER,
+                alpha=0.8,
+                linewidth=style.line_pt * 2.2,
+                zorder=2.5,
             )
+        # a single series has a solid line for right decisions, and a dashed one for wrong decisions
         axes.step(
-            times, ends, where="post", color=colour, zorder=3,
+            times, heights, where="post", color=colour, zorder=3,
             linestyle=looks.line if series > 1 else ("-" if sign > 0 else (0, (4, 1.5))),
         )  # fmt: skip
-        if series > 1:  # three marks per curve, to distinguish them in grey print
-            at = [round((place + 0.5 + 0.08 * index) / 3.5 * (len(times) - 1)) for place in range(3)]
-            at = [i for i in at if ends[i]]  # none has decided there: all curves are alike
+        if series > 1:
+            # Three marks per curve distinguish the series in grey print. Each series has its marks at other times, so
+            # that they do not hide each other.
+            # They are at 1/7, 3/7 and 5/7 of the rows for the first series, and a little later for each further one.
+            marked = [round((place + 0.5 + 0.08 * index) / 3.5 * (len(times) - 1)) for place in range(3)]
+            # There are no marks at 0, where the curves of all series coincide.
+            marked = [i for i in marked if heights[i]]
             axes.plot(
-                [times[i] for i in at], [ends[i] for i in at], ls="", marker=looks.marker, color=looks.colour,
-                markerfacecolor=PAPER if looks.hollow else looks.colour, markersize=style.marker_pt, zorder=3,
+                [times[i] for i in marked], [heights[i] for i in marked], ls="", marker=looks.marker,
+                color=looks.colour, markerfacecolor=PAPER if looks.hollow else looks.colour,
+                markersize=style.marker_pt, zorder=3,
             )  # fmt: skip
 
 
-def _finish(axes: Any, style: Style, parts: list[pl.DataFrame], end: float, t_end: float | None) -> None:
-    """Set limits, ticks and labels."""
-    up = most(*(part[name] for part in parts for name in ("right", "right_high")))
-    down = most(*(part[name] for part in parts for name in ("wrong", "wrong_high")))
+def _finish(axes: Any, style: Style, parts: list[pl.DataFrame], end: float) -> None:
+    """Set the limits of the axes, draw the middle line, and write "right" above and "wrong" below it.
+
+    Args:
+        parts: the curves of each series. end: the latest time drawn, s.
+    """
+    up = most(*(part[name] for part in parts for name in ("right", "right_high")))  # greatest height above 0
+    down = most(*(part[name] for part in parts for name in ("wrong", "wrong_high")))  # greatest depth below 0
     span = up + down or 1.0
+    # Each side is high enough for its word, "right" or "wrong", also if no decision was right, or none was wrong.
     axes.set_ylim(-max(1.06 * down, 0.13 * span), max(1.06 * up, 0.13 * span))
     axes.set_xlim(0, end or 1.0)
     axes.axhline(0, color=INK, linewidth=style.line_pt * 0.8, zorder=2)
@@ -185,6 +222,7 @@ def _finish(axes: Any, style: Style, parts: list[pl.DataFrame], end: float, t_en
 
 
 PANELS_UP_TO = 8
+"""Most series of ``draw_belief``."""
 
 
 @drawn
@@ -202,19 +240,21 @@ def draw_belief(
     """Draw quantiles over time, one panel per series: bands from pairs of quantiles, a line for the median.
 
     Args:
-        frame: one row per time: ``time_s``, and quantiles named by their percent, ``q05, q25, q50, q75, q95`` (two
-            digits, or one more behind: ``q025`` is 2.5 %; null: none), where there are several ``series`` (text).
-            ``q50`` is required, and all others in pairs about it.
-        label: of what is drawn.
-        thresholds: levels at which robots decide, dashed.
-        boundary: one more level, dotted.
-        runs: how many, for the caption.
-        unit: what the quantiles are over.
+        frame: one row per time with the column ``time_s``, columns of quantiles, and for several panels ``series``
+            (text). A quantile is named by its percentage in two digits, ``q05, q25, q50, q75, q95``, or with a decimal
+            as a third digit: ``q025`` is 2.5 %. Null is no value. ``q50`` is required; every other quantile needs its
+            partner on the other side of the median, such as ``q25`` and ``q75``.
+        label: of the values.
+        thresholds: levels at which robots decide, drawn dashed.
+        boundary: one more level, drawn dotted; None: no such line.
+        runs: number of runs, for the caption.
+        unit: what the quantiles are taken over, "run" or "robot".
         title: above the picture.
         style: "column", "page" or "slide".
 
     Returns:
-        Picture; its numbers are ``series, time_s`` and the quantiles, thinned as drawn.
+        Picture; its numbers are ``series, time_s`` and the quantiles, at the times that are drawn: at most
+        ``STEPS_UP_TO`` for each series.
 
     Raises:
         InputError: the frame is not as described, quantiles are out of order, or there are more than 8 series.
@@ -226,8 +266,8 @@ def draw_belief(
     _check_order(frame, pairs)
     if len(series) > PANELS_UP_TO:
         raise InputError(f"{len(series)} panels; at most {PANELS_UP_TO}", field="series")
-    panel_in = sizes.height_in * (0.62 if len(series) > 1 else 0.8)
-    around = sizes.font_pt * (4 if title else 2.5) / 72
+    panel_in = sizes.height_in * (0.62 if len(series) > 1 else 0.8)  # several panels are lower
+    around = sizes.font_pt * (4 if title else 2.5) / 72  # height of the axis label and the title
     figure = new_figure(sizes, height_in=panel_in * len(series) + around, title=title)
     panels = figure.subplots(len(series), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     parts = [thinned(frame.filter(pl.col("series") == name).sort("time_s")) for name in series]
@@ -235,12 +275,12 @@ def draw_belief(
         _panel(axes, sizes, part, pairs, thresholds, boundary)
         name_axes(axes, sizes, "", label, share_of_height=0.8 / len(series))
         if name:
-            axes.set_title(
-                fitted(name, sizes.small_pt, sizes.width_in * 60), fontsize=sizes.small_pt, loc="left"
-            )
+            # The title begins at the axis, so that it has less than the width of the picture: 60 of 72 points per inch.
+            room_pt = sizes.width_in * 60
+            axes.set_title(fitted(name, sizes.small_pt, room_pt), fontsize=sizes.small_pt, loc="left")
     panels[-1].set_xlabel("time (s)")
     panels[0].set_xlim(0, most(frame["time_s"]) or 1.0)
-    panels[0].set_ylim(-0.02, 1.02)
+    panels[0].set_ylim(-0.02, 1.02)  # a margin, so that lines at 0 and 1 are visible
     few_ticks(panels[-1].xaxis, sizes)
     bands = " and ".join(f"{_percent(low)} to {_percent(high)}" for low, high in pairs)
     caption = (
@@ -255,28 +295,31 @@ def draw_belief(
 
 
 def quantile_pairs(frame: pl.DataFrame) -> list[tuple[str, str]]:
-    """Return the quantile columns in pairs about the median, the outermost first.
+    """Return the names of the quantile columns in pairs (lower, upper) about the median, the outermost first.
+
+    ``frame`` has columns such as ``q05, q25, q50, q75, q95``, see ``draw_belief``.
 
     Raises:
-        InputError: q50 is missing, or a quantile has no partner.
+        InputError: q50 is missing, or a quantile has no partner at the same distance from the median.
     """
     names = [name for name in frame.columns if re.fullmatch(r"q\d{2,3}", name)]
     if "q50" not in names:
         raise InputError("the frame has no median; name it q50", field="q50")
     by_share = {round(_share(name), 6): name for name in names}
     pairs = []
-    for part, name in sorted(by_share.items()):
-        if part == 0.5:
+    for level, name in sorted(by_share.items()):
+        if level == 0.5:
             continue
-        other = by_share.get(round(1 - part, 6))
+        other = by_share.get(round(1 - level, 6))
         if other is None:
-            raise InputError(f"has no partner at {100 * (1 - part):g} %", field=name)
-        if part < 0.5:
+            raise InputError(f"has no partner at {100 * (1 - level):g} %", field=name)
+        if level < 0.5:
             pairs.append((name, other))
     return pairs
 
 
 def _share(name: str) -> float:
+    """Return the quantile of a column as a share: 0.05 for ``q05``, 0.025 for ``q025``."""
     return int(name[1:]) / 10.0 ** len(name[1:])
 
 
@@ -285,10 +328,10 @@ def _percent(name: str) -> str:
 
 
 def _check_order(frame: pl.DataFrame, pairs: Sequence[tuple[str, str]]) -> None:
-    """Refuse quantiles of which a lower one is above a higher one.
+    """Refuse a frame in which a quantile lies on the wrong side of the median in some row.
 
     Raises:
-        InputError: they are out of order.
+        InputError: quantiles are out of order.
     """
     for low, high in pairs:
         if frame.select(((pl.col(low) > pl.col("q50")) | (pl.col("q50") > pl.col(high))).any()).item():
@@ -303,14 +346,20 @@ def _panel(
     thresholds: Sequence[float],
     boundary: float | None,
 ) -> None:
-    """Draw the bands and the median of a cell, the thresholds and the boundary."""
+    """Draw the panel of one series: bands between the pairs of quantiles, the median, the thresholds and the boundary.
+
+    Args:
+        part: rows of the series, sorted by time. pairs: names of the quantile columns (lower, upper), the outermost
+            first; inner bands are darker. thresholds: levels of dashed lines.
+        boundary: level of a dotted line; None: no line.
+    """
     times = part["time_s"].to_numpy()
     for depth, (low, high) in enumerate(pairs):
         axes.fill_between(
             times, part[low].to_numpy(), part[high].to_numpy(), color=SERIES[5], linewidth=0,
             alpha=0.2 + 0.25 * depth / max(len(pairs) - 1, 1), zorder=1 + 0.1 * depth,
         )  # fmt: skip
-    marker = "o" if part["q50"].drop_nulls().len() < 2 else ""
+    marker = "o" if part["q50"].drop_nulls().len() < 2 else ""  # a line through a single point is invisible
     axes.plot(
         times, part["q50"].to_numpy(), color=SERIES[0], linewidth=style.line_pt * 1.3, marker=marker, zorder=3
     )
@@ -334,14 +383,15 @@ def draw_detection(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw the probability of missing over the fill ratio, a curve for each horizon or number of robots.
+    """Draw the probability of missing a floor over its fill ratio, with a curve for each horizon or number of robots.
 
     Args:
-        frame: one row per mark: ``fill_ratio``, ``missed, low, high`` (0 to 1; null: none), where there are several
-            ``series`` (text, such as "600 s" or "10 robots"), and where known ``runs``.
+        frame: one row per mark with the columns ``fill_ratio`` and ``missed, low, high`` (0 to 1; null: no value), for
+            several curves ``series`` (text, such as "600 s" or "10 robots"), and if known ``runs``.
         label: of the probability. x_label: of the fill ratio.
-        boundary: decision boundary, a vertical line. tolerated: a horizontal line.
-        interval: what low and high are.
+        boundary: the decision boundary, drawn as a vertical line. tolerated: a probability that is tolerated, drawn as
+            a horizontal line. None: no line.
+        interval: what low and high are, for the caption.
         log: whether the fill ratio is drawn logarithmically.
         title: above the picture.
         style: "column", "page" or "slide".
@@ -356,6 +406,7 @@ def draw_detection(
     frame = tidy(frame, numbers=("fill_ratio", "missed", "low", "high"))
     if frame.select(((pl.col("missed") < 0) | (pl.col("missed") > 1)).any()).item():
         raise InputError("contains a number outside 0 to 1, which is not a probability", field="missed")
+    # the columns get the names that ``draw_estimates`` reads
     frame, series = checked_estimates(frame.rename({"fill_ratio": "x", "missed": "estimate"}))
     named = series if len(series) > 1 else []
     figure, axes = plain_axes(sizes, x_label, label, title=title, legend=named)
@@ -363,7 +414,7 @@ def draw_detection(
     looks = looks_of(series)
     for one, name in zip(looks, series, strict=True):
         draw_estimates(axes, sizes, frame.filter(pl.col("series") == name).sort("x"), one, log=log)
-    axes.set_ylim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.02)  # a margin, so that marks at 0 and 1 are visible
     percent_axis(axes.yaxis)
     if log:
         log_x(axes, frame["x"].to_list())

@@ -1,4 +1,8 @@
-"""Error-bar pictures: estimates with their intervals, along a number or cell by cell."""
+"""Error-bar pictures: estimates with their intervals, along a number or cell by cell.
+
+A frame with a column ``series`` draws several curves or several marks per row; without it there is one series with an
+empty name. The look of a series is its colour, marker and line (see ``style``).
+"""
 
 from __future__ import annotations
 
@@ -25,8 +29,9 @@ from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, PAPER, Look, Style, looks_of, row_looks, strategy_in, style_named
 
 BAND = 0.2
-"""Opacity of a band."""
+"""Opacity of a band that stands for a range."""
 COLUMNS = ("x", "series", "estimate", "low", "high")
+"""Columns of the numbers of ``draw_error_bars``, besides ``runs``."""
 
 
 @drawn
@@ -45,18 +50,20 @@ def draw_error_bars(
 ) -> Picture:
     """Draw estimates with intervals: over a numeric x as points joined by lines, over names as one row each.
 
-    A series that is the same at each x is a line with a band across the picture.
+    A series that does not depend on a numeric x is drawn as a level line with a band across the picture.
 
     Args:
-        frame: one row per mark: ``x`` (number or text), ``estimate, low, high`` (null: none), where there are
-            several ``series`` (text), and where known ``runs``.
+        frame: one row per mark with the columns ``x`` (number or text) and ``estimate, low, high`` (null: no value),
+            for several series ``series`` (text), and if known ``runs``.
         x_label: of a numeric x, with its unit.
         label: of the estimate, with its unit.
-        interval: what low and high are, such as "95 % Wilson interval".
+        interval: what low and high are, for the caption, such as "95 % Wilson interval".
         log: whether a numeric x is drawn logarithmically.
         percent: whether estimates are shares, written in percent.
-        spans: whether low and high are a range of settings, or a scale, and no interval: drawn as bands, not bars.
-        constant: series that do not depend on x; without, those whose values are the same everywhere.
+        spans: whether low and high are a range (such as that of several settings) instead of an interval of the
+            estimate. Then bands are drawn instead of bars.
+        constant: names of the series that do not depend on x. If it is empty, these are found by their values: see
+            ``is_constant``.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -69,9 +76,19 @@ def draw_error_bars(
     sizes = style_named(style)
     frame, series = checked_estimates(frame)
     if frame.schema["x"].is_numeric():
-        figure = _along(sizes, frame, series, (x_label, label), log, percent, spans, constant, title)
+        figure = _along(
+            sizes,
+            frame,
+            series,
+            labels=(x_label, label),
+            log=log,
+            percent=percent,
+            spans=spans,
+            constant=constant,
+            title=title,
+        )
     else:
-        figure = _rows(sizes, frame, series, label, percent, spans, title)
+        figure = _rows(sizes, frame, series, label=label, percent=percent, spans=spans, title=title)
     missing = frame["estimate"].null_count()
     runs = run_counts(frame)
     caption = f"{label}{f' by {x_label}' if x_label else ''}: estimate and {interval}" + (
@@ -83,10 +100,13 @@ def draw_error_bars(
 
 
 def checked_estimates(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
-    """Check a frame of x, estimate, low, high and series; returns it with the names of the series.
+    """Check the ``frame`` of ``draw_error_bars``, and bring its columns into one form.
 
+    Returns:
+        The frame, with a column ``series``, numbers as Float64 and missing numbers as null; and the names of the series
+        in order of appearance.
     Raises:
-        InputError: the frame is not as described.
+        InputError: the frame is not as ``draw_error_bars`` describes it.
     """
     numeric = "x" in frame.columns and frame.schema["x"].is_numeric()
     frame = tidy(
@@ -112,11 +132,13 @@ def draw_estimates(
     log: bool = False,
     spans: bool = False,
 ) -> None:
-    """Draw one series along a numeric x: a line, interrupted by missing values, marks and bars.
+    """Draw one series along a numeric x: a line, interrupted at missing values, with marks and bars.
 
     Args:
-        part: rows of the series. looks: of the series. shift: along x, in its unit (decades on a logarithmic axis).
-        spans: whether bands are drawn instead of bars.
+        part: rows of the series, sorted by x. looks: look of the series.
+        shift: distance by which the series is moved along x, so that bars of several series do not hide each other; in
+            the unit of x, or in decades if ``log``.
+        log: whether x is drawn logarithmically. spans: whether bands are drawn instead of bars.
     Raises:
         InputError: x is not positive on a logarithmic axis.
     """
@@ -141,9 +163,10 @@ def draw_estimates(
 
 
 def is_constant(part: pl.DataFrame) -> bool:
-    """Tell whether a series has the same estimate within the same interval at each of several x.
+    """Return whether a series does not depend on x: it has the same estimate and interval at three or more x.
 
-    A share of none or of all may be the same by chance, so its interval must reach to both sides.
+    The interval must extend to both sides of the estimate. Otherwise the estimate may be a share of 0 or 1, which can
+    be the same at all x although the series depends on x.
     """
     values = part.select("estimate", "low", "high")
     inside = (values["low"] < values["estimate"]) & (values["estimate"] < values["high"])
@@ -151,7 +174,10 @@ def is_constant(part: pl.DataFrame) -> bool:
 
 
 def _constant(axes: Any, style: Style, part: pl.DataFrame, looks: Look) -> None:
-    """Draw a series that does not depend on x: a line and a band across the picture."""
+    """Draw a series that does not depend on x as a line and a band across the picture.
+
+    ``part`` has the rows of the series; as all are equal, the first is drawn.
+    """
     row = part.row(0, named=True)
     axes.axhline(
         row["estimate"], color=looks.colour, linestyle=looks.line, linewidth=style.line_pt, zorder=2.2
@@ -161,7 +187,7 @@ def _constant(axes: Any, style: Style, part: pl.DataFrame, looks: Look) -> None:
 
 
 def series_handle(style: Style, looks: Look, *, mark: bool = True) -> Any:
-    """Return the line and mark of a series in a legend."""
+    """Return a line with the look of a series, for a legend; it has the marker of the series only if ``mark``."""
     from matplotlib.lines import Line2D
 
     return Line2D(
@@ -172,13 +198,19 @@ def series_handle(style: Style, looks: Look, *, mark: bool = True) -> Any:
 
 
 def _nudge(frame: pl.DataFrame, series: int, log: bool) -> float:
-    """Return by how much series at the same x are drawn apart, in x or in decades; 0 if that is not needed."""
+    """Return the distance by which neighbouring series are moved apart along x, so that their bars are all visible.
+
+    The distance is in the unit of x, or in decades if ``log``. With one series or one x it is 0. ``series`` is the
+    number of series.
+    """
     places = frame["x"].unique().sort()
     if log:
-        places = places.filter(places > 0).log(10)
+        places = places.filter(places > 0).log(10)  # ``draw_estimates`` refuses places that are not above 0
     if series < 2 or places.len() < 2:
         return 0.0
     gap, span = float(places.diff().min()), float(places[-1] - places[0])  # type: ignore[arg-type]
+    # All series together take at most 0.6 of the distance to the next x, so that marks stay close to their own x. If x
+    # are far apart, 1.2 % of the axis is enough to see neighbouring bars apart.
     return min(0.6 * gap / series, 0.012 * span)
 
 
@@ -193,20 +225,30 @@ def _along(
     constant: Sequence[str],
     title: str,
 ) -> Any:
-    """Draw the figure along a numeric axis."""
+    """Draw the figure along a numeric axis.
+
+    The other arguments are those of ``draw_error_bars``. Constant series (those that do not depend on x) are drawn as
+    level lines, and those with equal values as a single line. But if all series are constant, they are drawn as curves.
+
+    Args:
+        style: sizes of the picture. frame, series: as ``checked_estimates`` returns them. labels: of x and y.
+    """
     named = series if len(series) > 1 else []
     figure, axes = plain_axes(style, *labels, title=title, legend=named)
     few_ticks(axes.xaxis, style)
     parts = [frame.filter(pl.col("series") == name).sort("x") for name in series]
     looks = looks_of(series)
-    same = [
+    are_constant = [
         name in constant if constant else is_constant(part) for name, part in zip(series, parts, strict=True)
     ]
-    varying = [k for k, alike in enumerate(same) if not alike or all(same)]
+    # indices of the series that are drawn as curves
+    varying = [k for k, is_level in enumerate(are_constant) if not is_level or all(are_constant)]
+    # bands may overlap, since they are transparent
     nudge = 0.0 if spans else _nudge(frame, len(varying), log)
     merged = _merged(parts, [k for k in range(len(parts)) if k not in varying])
     for index, part in enumerate(parts):
         if index not in varying:
+            # Of constant series with equal values, only the first is drawn: the others would be the same line.
             if index in merged:
                 _constant(axes, style, part, looks[index])
             continue
@@ -218,33 +260,46 @@ def _along(
         ticks_at(axes.xaxis, style, frame["x"].to_list())
     if percent:
         percent_axis(axes.yaxis)
-    drawn = [k for k in range(len(named)) if k in varying or k in merged]
-    names = [_name_of(named[k], [named[j] for j in merged.get(k, ())]) for k in drawn]
-    last = [parts[k]["estimate"].drop_nulls() for k in drawn]
-    if all(values.len() for values in last) and label_ends(
-        figure, axes, style, names, [looks[k] for k in drawn], [float(values[-1]) for values in last]
+    with_name = [k for k in range(len(named)) if k in varying or k in merged]  # a single series has no name
+    names = [_name_of(named[k], [named[j] for j in merged.get(k, ())]) for k in with_name]
+    estimates = [parts[k]["estimate"].drop_nulls() for k in with_name]
+    # Names stand at the ends of the curves only if every curve has an end: a series may have no values.
+    if all(values.len() for values in estimates) and label_ends(
+        figure, axes, style, names, [looks[k] for k in with_name], [float(values[-1]) for values in estimates]
     ):
         return figure
-    handles = [series_handle(style, looks[k], mark=k in varying) for k in drawn]
+    # The names do not fit at the ends of the curves.
+    handles = [series_handle(style, looks[k], mark=k in varying) for k in with_name]
     legend_below(figure, style, handles, names)
     return figure
 
 
 def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int, list[int]]:
-    """Return the sets of constant series with equal values: all indices of a set, by its first one."""
+    """Group the constant series that have equal values: map the first index of each group to all indices of the group.
+
+    Args:
+        parts: rows of all series. constant: indices of the constant series.
+    """
     sets: dict[tuple[float, ...], list[int]] = {}
     for k in constant:
         sets.setdefault(parts[k].select("estimate", "low", "high").row(0), []).append(k)
     return {members[0]: members for members in sets.values()}
 
 
-def _name_of(name: str, alike: Sequence[str]) -> str:
-    """Return one name for series drawn as one: their strategy if they have the same, else all names joined."""
-    if len(alike) < 2:
+def _name_of(name: str, merged: Sequence[str]) -> str:
+    """Return the name under which a series is drawn.
+
+    Args:
+        name: of the series. merged: names of all series that are drawn as one line with it; empty for a curve.
+    Returns:
+        ``name`` unless several series are merged. Then it is their strategy if all names contain the same strategy,
+        else all names joined by "=".
+    """
+    if len(merged) < 2:
         return name
-    of = {strategy_in(one) for one in alike}
-    common = of.pop() if len(of) == 1 else None
-    return common or " = ".join(alike)
+    strategies = {strategy_in(one) for one in merged}
+    common = strategies.pop() if len(strategies) == 1 else None
+    return common or " = ".join(merged)
 
 
 def _rows(
@@ -256,7 +311,11 @@ def _rows(
     spans: bool,
     title: str,
 ) -> Any:
-    """Draw the figure with one row for each name."""
+    """Draw the figure with one row for each name in ``x``.
+
+    ``frame`` and ``series`` are as ``checked_estimates`` returns them; the other arguments are those of
+    ``draw_error_bars``.
+    """
     names = frame["x"].unique(maintain_order=True).to_list()
     row_of = {name: row for row, name in enumerate(names)}
     named = list(series) if len(series) > 1 else []
@@ -266,6 +325,7 @@ def _rows(
     axes = rows.axes
     for values in frame.to_dicts():
         index = series.index(values["series"])
+        # with one series, rows that are named after strategies have the looks of these strategies
         y, mark = rows.place(row_of[values["x"]], index, len(series)), of_rows.get(values["x"], looks[index])
         if values["estimate"] is None:
             axes.annotate(
@@ -287,5 +347,5 @@ def _rows(
         percent_axis(axes.xaxis)
     axes.margins(x=0.05)
     legend_below(rows.figure, style, [series_handle(style, one) for one in looks[: len(named)]], named)
-    rows.settle(style)
+    rows.settle(style)  # sets the height of the figure, now that all else is drawn
     return rows.figure

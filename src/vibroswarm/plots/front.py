@@ -1,4 +1,7 @@
-"""Time against error of several choices, and their Pareto front."""
+"""Time against error of several choices, and their Pareto front: the choices that no other one dominates.
+
+A choice dominates another if it is at least as good in time and error, and better in one of them; less is better.
+"""
 
 from __future__ import annotations
 
@@ -16,14 +19,16 @@ from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, Style, row_looks, style_named
 
 NAMED_UP_TO = {"column": 24, "page": 45, "slide": 24}
-"""Most points of the front that are numbered and named below, if their names do not fit beside them; of more, an even
-selection."""
+"""Most points of the front that get a number and a name below the picture, if the names do not fit beside the points.
+Of more points, an evenly spaced selection is named."""
 DIRECT_UP_TO = 12
-"""Most points of which the names stand beside them."""
+"""Most points that have their names beside them."""
 VECTORS_UP_TO = 2000
-"""Points; more are drawn as an image in SVG and PDF, without intervals."""
+"""Most points drawn as vectors in SVG and PDF. More are drawn as an image, those off the front smaller and without
+intervals."""
 
 _COLUMNS = ("name", "time", "time_low", "time_high", "error", "error_low", "error_high")
+"""Columns of the numbers of ``draw_front``, besides ``runs``, ``front`` and ``number``."""
 
 
 @drawn
@@ -37,25 +42,27 @@ def draw_front(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw time and error of each choice; those on the Pareto front are full, named, and joined by steps.
+    """Draw time and error of each choice; those on the Pareto front have full marks and names, and are joined by steps.
 
-    Names stand beside the points, or numbers beside them and the names below where they are many or long.
+    The names stand beside the points. If there are many names, or long ones, numbers stand beside the points, and the
+    names stand below the picture.
 
-    A choice is on the front if no other estimate is at least as good in both and better in one; overlapping
-    intervals leave this open.
+    A choice is on the front if no other choice is at least as good in both time and error, and better in one of them.
+    Only the estimates are compared: where intervals overlap, it is not certain which choice is better.
 
     Args:
-        frame: one row per choice: ``name`` (text), ``time, error`` (less is better; null: counted in the
-            caption), where known ``time_low, time_high, error_low, error_high`` and ``runs``, and optionally
-            ``front`` (true or false) to override the front.
+        frame: one row per choice with the columns ``name`` (text) and ``time, error`` (less is better; a choice with
+            null is not drawn, only counted in the caption), if known ``time_low, time_high, error_low, error_high`` and
+            ``runs``, and optionally ``front`` (true or false), which then says what is on the front.
         time_label: of time, with its unit. error_label: of error, with its unit.
-        interval: what low and high are.
+        interval: what low and high are, for the caption.
         percent: whether errors are shares, written in percent.
         title: above the picture.
         style: "column", "page" or "slide".
 
     Returns:
-        Picture; its numbers are the columns named above with ``front`` and ``number`` (null: not on it).
+        Picture; its numbers are the columns named above with ``front`` and ``number``, the place on the front by time,
+        from 1 (null: not on the front).
 
     Raises:
         InputError: the frame is not as described.
@@ -68,9 +75,9 @@ def draw_front(
     check_bounds(frame, "time_low", "time", "time_high")
     check_bounds(frame, "error_low", "error", "error_high")
     numbers = _numbered(frame)
-    known = numbers.drop_nulls(["time", "error"])
-    chosen = known.filter("front").sort("number")
-    named = thinned(chosen, NAMED_UP_TO[sizes.name])
+    known = numbers.drop_nulls(["time", "error"])  # the choices that are drawn
+    chosen = known.filter("front").sort("number")  # those on the front
+    named = thinned(chosen, NAMED_UP_TO[sizes.name])  # those whose names have room below the picture
     looks = row_looks(known["name"].unique(maintain_order=True).to_list())
     figure, axes = plain_axes(sizes, time_label, error_label, title=title)
     few_ticks(axes.xaxis, sizes)
@@ -94,39 +101,48 @@ def draw_front(
 def _write_names(
     figure: Any, axes: Any, sizes: Style, known: pl.DataFrame, chosen: pl.DataFrame, named: pl.DataFrame
 ) -> None:
-    """Write names beside points, or numbers beside them and the names below where they are many or long.
+    """Write names beside points. If they are many or too long, write numbers there and the names below.
 
     Args:
-        known: what is drawn. chosen: what lies on the front. named: what of it has a name if not all can have one.
+        sizes: the style. known: all points that are drawn. chosen: the points on the front.
+        named: the points of ``chosen`` that get numbers and names if the names stand below.
     """
+    # If there are few points, all get their names, also those that are not on the front.
     beside = known if known.height <= DIRECT_UP_TO else chosen
     if beside.height > DIRECT_UP_TO or not label_points(
         figure, axes, sizes, _labels(beside, "name"), known, always=False
     ):
         names = [f"{place}  {name}" for place, name in named.select("number", "name").iter_rows()]
+        # The figure has room for two lines of names below, a slide for seven; it grows by the lines beyond that.
         more = max(0, legend_lines(sizes, names) - (7 if sizes.fixed_height else 2))
+        # a line of a legend is 1.4 times as high as its letters
         figure.set_figheight(figure.get_figheight() + more * sizes.small_pt * 1.4 / 72)
         legend_below(figure, sizes, [_empty_handle() for _ in names], names)
         label_points(figure, axes, sizes, _labels(named, "number"), known, always=True)
 
 
 def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points no other dominates (is at least as good in both, and better in one); equal points are
-    alike."""
-    order = np.lexsort((error, time))
-    best, best_time = np.inf, -np.inf
+    """Return which points are on the Pareto front, (points,): those that no other point dominates.
+
+    Less is better in both ``time`` and ``error``. Of equal points, all are on the front or none.
+    """
+    by_time = np.lexsort((error, time))  # sorted by time, and points of equal time by error
+    # The least error of the points so far, and the time of the point that has it.
+    least_error, time_of_least = np.inf, -np.inf
     front = np.zeros(time.size, dtype=bool)
-    for place in order:
-        if error[place] < best or (error[place] == best and time[place] == best_time):
-            front[place] = True
-            best, best_time = error[place], time[place]
+    for k in by_time:
+        # better than all points of less or equal time, or equal to the best of them
+        if error[k] < least_error or (error[k] == least_error and time[k] == time_of_least):
+            front[k] = True
+            least_error, time_of_least = error[k], time[k]
     return front
 
 
 def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the frame with ``front``, whether a choice is on the front, and ``number``, its place there or null.
+    """Add the columns ``front``, whether a choice is on the front, and ``number``, its place there.
 
-    A column ``front`` that it has already is kept; choices without time or error are never on the front.
+    Places are counted by time, from 1; the number of a choice that is not on the front is null. If the frame already
+    has a column ``front``, this column decides. Choices without time or error are never on the front.
     """
     has_front = "front" in frame.columns
     known = (frame["time"].is_not_null() & frame["error"].is_not_null()).to_numpy()
@@ -144,7 +160,14 @@ def _numbered(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def _points(axes: Any, style: Style, known: pl.DataFrame, looks: dict[str, Look]) -> None:
-    """Draw the points, those on the front last."""
+    """Draw the points and their intervals. The points on the front are drawn last, so that they are on top.
+
+    If there are many points, those off the front are smaller and have no intervals.
+
+    Args:
+        known: the points. looks: look of each choice by name, if the choices are strategies. If it is empty, all points
+            on the front have one colour, and all others another one.
+    """
     many = known.height > VECTORS_UP_TO
     line = style.line_pt
     for front, plain_colour, order in ((False, FAINT, 2), (True, SERIES[0], 3)):
@@ -172,7 +195,10 @@ def _points(axes: Any, style: Style, known: pl.DataFrame, looks: dict[str, Look]
 
 
 def _steps(axes: Any, style: Style, chosen: pl.DataFrame) -> None:
-    """Join the points of the front by steps."""
+    """Join the points of the front by steps, which show the least error that is reached up to each time.
+
+    ``chosen`` has these points, sorted by time.
+    """
     if chosen.height > 1:
         axes.step(
             chosen["time"], chosen["error"], where="post", color=FAINT, linewidth=style.line_pt, zorder=1.5,
@@ -181,13 +207,14 @@ def _steps(axes: Any, style: Style, chosen: pl.DataFrame) -> None:
 
 
 def _empty_handle() -> Any:
+    """Return an invisible line, for a legend that has only text."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], ls="")
 
 
 def _labels(points: pl.DataFrame, column: str) -> list[tuple[float, float, str]]:
-    """Return time, error and text of points."""
+    """Return (time, error, text) for each point, where the text is that of ``column``; see ``label_points``."""
     return [
         (time, error, str(text)) for time, error, text in points.select("time", "error", column).iter_rows()
     ]

@@ -26,7 +26,9 @@ from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import COLOUR_MAP, FAINT, ON_DARK, ON_LIGHT, PAPER, Style, style_named
 
 VECTORS_UP_TO = 2500
-"""Cells; more are drawn as an image in SVG and PDF."""
+"""Most cells drawn as vectors in SVG and PDF; more are drawn as an image."""
+MARKS_UP_TO = 5000
+"""Most dots, or lines between tiles, drawn as vectors; more are drawn as an image."""
 
 
 @drawn
@@ -42,15 +44,15 @@ def draw_heat(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw one cell per x and y, coloured by its value; y grows upwards.
+    """Draw one cell for each pair of x and y, coloured by its value; y grows upwards.
 
     Args:
-        frame: one row per cell: ``x`` and ``y`` (numbers, which are sorted, or text, in order of appearance),
-            ``value`` (null: hatched), and where known ``runs``. Missing pairs are hatched too.
+        frame: one row per cell with the columns ``x`` and ``y`` (numbers, which are sorted, or text, in order of
+            appearance), ``value`` (null: no value), and if known ``runs``. Cells without value or row are hatched.
         x_label: of x. y_label: of y. label: of the value; all with their units.
-        best: "low" or "high": outline the cells that are best; None: none.
-        best_within: outline all whose value is at most this far from the best.
-        digits: of the numbers written into cells; they are left out where they do not fit.
+        best: which cell to outline: the one with the "low"est or the "high"est value; None: no cell.
+        best_within: also outline all cells whose values are at most this far from the best.
+        digits: significant digits of the numbers in the cells; the numbers are left out if they do not fit.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -68,13 +70,13 @@ def draw_heat(
     check_once(frame, ["x", "y"])
     xs, ys = (_order(frame[name]) for name in ("x", "y"))
     grid = np.full((len(ys), len(xs)), np.nan)
-    x_of, y_of = ({value: place for place, value in enumerate(values)} for values in (xs, ys))
+    column_of, row_of = ({value: place for place, value in enumerate(values)} for values in (xs, ys))
     for x, y, value in frame.select("x", "y", "value").iter_rows():
-        grid[y_of[y], x_of[x]] = np.nan if value is None else value
+        grid[row_of[y], column_of[x]] = np.nan if value is None else value
     chosen = best_cells(grid, best, best_within)
     figure = _draw_heat(sizes, grid, chosen, xs, ys, (x_label, y_label, label), digits, title)
     numbers = frame.select("x", "y", "value", "runs").with_columns(
-        best=pl.Series([bool(chosen[y_of[y], x_of[x]]) for x, y in frame.select("x", "y").iter_rows()])
+        best=pl.Series([bool(chosen[row_of[y], column_of[x]]) for x, y in frame.select("x", "y").iter_rows()])
     )
     runs = run_counts(frame)
     missing = int(np.isnan(grid).sum())
@@ -89,7 +91,11 @@ def draw_heat(
 
 
 def _order(column: pl.Series) -> list[Any]:
-    """Return the distinct values of an axis in order."""
+    """Return the distinct values of a column in their order along the axis: numbers sorted, texts as they appear.
+
+    Raises:
+        InputError: a number is missing.
+    """
     if column.dtype.is_numeric():
         if column.has_nulls() or column.cast(pl.Float64).is_nan().any():
             raise InputError("has a missing number", field=column.name)
@@ -98,10 +104,14 @@ def _order(column: pl.Series) -> list[Any]:
 
 
 def best_cells(grid: NDArray[np.float64], best: str | None, within: float) -> NDArray[np.bool_]:
-    """Return which cells are at most ``within`` from the best; none if no cell has a value."""
+    """Return which cells of ``grid`` differ from the best cell by at most ``within``, in the shape of the grid.
+
+    ``best`` says whether the "low" or the "high" value is best. With None, or if all cells are nan, no cells are
+    chosen.
+    """
     if best is None or np.isnan(grid).all():
         return np.zeros(grid.shape, dtype=bool)
-    signed = grid if best == "low" else -grid
+    signed = grid if best == "low" else -grid  # the lowest is best
     chosen: NDArray[np.bool_] = signed <= np.nanmin(signed) + within
     return chosen
 
@@ -116,9 +126,15 @@ def _draw_heat(
     digits: int,
     title: str,
 ) -> Any:
-    """Draw the map of a grid of values."""
+    """Draw the map of a grid of values.
+
+    Args:
+        grid: (rows, columns), row 0 at the bottom; nan: no value. chosen: cells to outline, in the same shape.
+        xs, ys: values of the columns and rows. labels: of x, y and the values.
+        digits: significant digits of the numbers in the cells.
+    """
     rows, columns = grid.shape
-    # With more than 12 rows, numbers would not fit anyway.
+    # More than 12 rows are so low that numbers do not fit into their cells: then the rows need less height.
     row_in = style.row_in if rows <= 12 else style.least_row_in * 1.15
     height = max(style.height_in, min(style.tallest_in, style.height_in * 0.45 + rows * row_in))
     figure = new_figure(style, height_in=height, title=title)
@@ -130,6 +146,8 @@ def _draw_heat(
     axes.add_patch(_hatched_ground(columns, rows))
     known = np.isfinite(grid)
     low, high = (float(np.nanmin(grid)), float(np.nanmax(grid))) if known.any() else (0.0, 1.0)
+    # The scale of colours needs a range above 0. For large values it is relative, since 0.5 could be less than their
+    # rounding error.
     if high == low:
         half_range = max(0.5, abs(low) / 100)
         low, high = low - half_range, high + half_range
@@ -137,20 +155,25 @@ def _draw_heat(
         np.ma.masked_invalid(grid), cmap=COLOUR_MAP, vmin=low, vmax=high, zorder=2, linewidth=0,
         rasterized=grid.size > VECTORS_UP_TO,
     )  # fmt: skip
+    # Before the layout is known, the map is taken as 0.62 of the picture's width and 0.7 of its height.
     _name_ticks(axes.xaxis, style, xs, style.width_in * 72 * 0.62, upright=False)
     _name_ticks(axes.yaxis, style, ys, height * 72 * 0.7, upright=True)
-    axes.set_xlabel(fitted(labels[0], style.font_pt, style.width_in * 45, 2))
+    # 45 of the 72 points of an inch: 0.62 of the picture's width
+    axes.set_xlabel(fitted(labels[0], style.font_pt, style.width_in * 45, lines=2))
     if known.any():
         colour_bar(figure, axes, style, mesh, labels[2], labels[1])
     else:
         axes.set_ylabel(fitted(labels[1], style.font_pt, axes_size_pt(figure, axes)[1], 2))
-    _write_numbers(figure, axes, style, grid, (low, high), digits)
+    _write_numbers(figure, axes, style, grid, limits=(low, high), digits=digits)
     _outline(axes, style, chosen)
     return figure
 
 
 def _hatched_ground(columns: int, rows: int) -> Any:
-    """Return a hatched background, which shows where values are missing."""
+    """Return a hatched background of the size of the map; it is visible where cells have no value.
+
+    A cell is 1 wide and 1 high.
+    """
     from matplotlib.patches import Rectangle
 
     return Rectangle(
@@ -159,21 +182,35 @@ def _hatched_ground(columns: int, rows: int) -> Any:
 
 
 def _name_ticks(axis: Any, style: Style, values: list[Any], room_pt: float, *, upright: bool) -> None:
-    """Label the cells along an axis: all if they fit (x labels may be rotated), else every second, third, ..."""
+    """Label the cells along an axis.
+
+    If numbers do not fit, only every second, third, ... cell has a label. Texts are all written, shortened or in
+    smaller letters if necessary. Labels of x that are wider than a cell are rotated; but numbers are not, if there are
+    more than six cells and the cells are narrow.
+
+    Args:
+        axis: of matplotlib. style: sizes of the picture. values: of the cells along the axis.
+        room_pt: length of the axis, points. upright: whether it is the y axis.
+    """
     size = style.small_pt
     numeric = not isinstance(values[0], str)
     texts = [number(value, 4) for value in values] if numeric else [str(value) for value in values]
-    pitch = room_pt / len(values)
+    pitch = room_pt / len(values)  # width of a cell along the axis
     line = size * LINE_SPACING
-    turned = not upright and max(width_pt(text, size) for text in texts) + size * 0.6 > pitch
+    longest = max(width_pt(text, size) for text in texts) + size * 0.6  # with space to the next
+    turned = not upright and longest > pitch
+    # Many numbers in narrow cells: level labels of some cells are easier to read than rotated labels of all cells.
     if turned and numeric and len(values) > 6 and pitch < line * 2.2:
         turned = False
-    if upright or turned:
+    # room: length that a label may have, points; step: every step-th cell has a label
+    if upright or turned:  # along the axis a label takes the height of a line
+        # across the axis, labels of y take at most 0.3 of the picture's width, rotated labels of x at most 0.25
         room = style.width_in * 72 * (0.3 if upright else 0.25)
         step = max(1, int(np.ceil(line / pitch)))
     else:
         room = room_pt
-        step = max(1, int(np.ceil((max(width_pt(text, size) for text in texts) + size * 0.6) / pitch)))
+        step = max(1, int(np.ceil(longest / pitch)))
+    # Each text is written, since it does not follow from its neighbours, as a number does.
     if not numeric:
         step = 1
         size = min(size, pitch / LINE_SPACING) if upright or turned else size
@@ -187,6 +224,7 @@ def _name_ticks(axis: Any, style: Style, values: list[Any], room_pt: float, *, u
     axis.set_tick_params(length=0)
     if turned:
         for label in axis.get_ticklabels():
+            # Labels at 45 degrees, which are easier to read, need cells wider than a line; otherwise they are upright.
             label.set_rotation(45 if pitch > line else 90)
             label.set_ha("right" if pitch > line else "center")
             label.set_rotation_mode("anchor" if pitch > line else "default")
@@ -195,14 +233,21 @@ def _name_ticks(axis: Any, style: Style, values: list[Any], room_pt: float, *, u
 def _write_numbers(
     figure: Any, axes: Any, style: Style, grid: NDArray[np.float64], limits: tuple[float, float], digits: int
 ) -> None:
-    """Write the value into each cell if it fits."""
+    """Write the values into the cells, in smaller letters if necessary, or none if they would be too small to read.
+
+    Args:
+        grid: (rows, columns); nan: no value. limits: values at the ends of the scale of colours, which is dark at the
+            lower end: letters are light in its lower half, and dark in the upper.
+        digits: significant digits of the numbers.
+    """
     rows, columns = grid.shape
     width, height = axes_size_pt(figure, axes)
-    wide, high = width / columns, height / rows
+    wide, high = width / columns, height / rows  # size of a cell, points
     texts = [[number(value, digits) if np.isfinite(value) else "" for value in line] for line in grid]
     widest = max(width_pt(text, style.small_pt) for line in texts for text in line)
+    # Letters take at most 0.9 of the width of a cell and 0.85 of its height. ``widest`` is 0 if no cell has a value.
     shrink = min(1.0, 0.9 * wide / max(widest, 1e-9), 0.85 * high / (style.small_pt * LINE_SPACING))
-    if shrink < 0.7:
+    if shrink < 0.7:  # too small to read
         return
     for (row, column), value in np.ndenumerate(grid):
         if np.isfinite(value):
@@ -214,15 +259,21 @@ def _write_numbers(
 
 
 def _borders(chosen: NDArray[np.bool_]) -> list[list[tuple[int, int]]]:
-    """Return line segments between chosen cells and all others; row 0 is at the bottom."""
+    """Return the border between chosen cells and all others as line segments, each [(x, y), (x, y)].
+
+    ``chosen`` is (rows, columns), row 0 at the bottom; a cell is 1 wide and 1 high.
+    """
+    # Cells that are not chosen are added around the grid, so that its edge can be a border too.
     padded = np.pad(chosen, 1)
-    upright = [[(x, y), (x, y + 1)] for y, x in np.argwhere(padded[1:-1, 1:] != padded[1:-1, :-1])]
-    level = [[(x, y), (x + 1, y)] for y, x in np.argwhere(padded[1:, 1:-1] != padded[:-1, 1:-1])]
-    return upright + level
+    # A segment lies between two neighbouring cells of which one is chosen. The vertical one at x lies between the cells
+    # x - 1 and x of a row, which have the indices x and x + 1 in ``padded``; horizontal ones likewise.
+    vertical = [[(x, y), (x, y + 1)] for y, x in np.argwhere(padded[1:-1, 1:] != padded[1:-1, :-1])]
+    horizontal = [[(x, y), (x + 1, y)] for y, x in np.argwhere(padded[1:, 1:-1] != padded[:-1, 1:-1])]
+    return vertical + horizontal
 
 
 def _outline(axes: Any, style: Style, chosen: NDArray[np.bool_]) -> None:
-    """Draw a double line, dark on light, around the chosen cells."""
+    """Draw a line around the chosen cells: a dark one on a wider light one, so that it is visible on every colour."""
     from matplotlib.collections import LineCollection
 
     lines = _borders(chosen)
@@ -249,18 +300,21 @@ def draw_density(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw samples per area over the arena, relative to even sampling (1), with the tiles on top.
+    """Draw the density of samples (samples per area) over the arena, with the tiles on top.
 
-    Borders between vibrating and still tiles are double lines; vibrating tiles have a dot.
+    The density is relative to that of uniform sampling, which is 1 everywhere. Borders between vibrating and still
+    tiles are double lines; vibrating tiles have a dot.
 
     Args:
-        frame: one row per sample: ``x_m, y_m``; or one row per place with ``count`` samples.
+        frame: one row per sample with the columns ``x_m, y_m``; or one row per place, with the number of samples there
+            in ``count``.
         width_m: of the arena. height_m: of the arena.
-        bins: along the longer side; bins are nearly square.
+        bins: number of bins along the longer side; bins are nearly square.
         tiles: (rows, columns) of 0 and 1, row 0 at the top; None: no tiles are drawn.
         tile_size_m: width and height of a tile; None: the tiles fill the arena.
-        corner_m: the floor's lower left corner.
-        highest: upper end of the colours; None: the highest density. The caption counts bins above it.
+        corner_m: lower left corner of the floor in the arena.
+        highest: density at the upper end of the colours; None: the highest density of a bin. Bins above it have the
+            colour of the end, and the caption counts them.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -273,6 +327,7 @@ def draw_density(
     sizes = style_named(style)
     frame = tidy(frame, numbers=("x_m", "y_m"), optional_numbers=("count",), complete=("x_m", "y_m"))
     x, y = frame["x_m"].to_numpy(), frame["y_m"].to_numpy()
+    # Without the column ``count``, each row is one sample. With it, a missing count is 0.
     weights = frame["count"].fill_null(0 if frame["count"].is_not_null().any() else 1).to_numpy()
     if bins < 1 or width_m <= 0 or height_m <= 0:
         raise InputError("the arena needs an area, and at least 1 bin", field="bins")
@@ -285,10 +340,12 @@ def draw_density(
     )
     if not counts.sum():
         raise InputError("there are no samples to count", field="count")
-    density = counts / counts.sum() * counts.size
+    density = counts / counts.sum() * counts.size  # relative to the same number in each bin
     top = highest or float(density.max())
-    figure = _draw_density(sizes, density, (x_edges, y_edges), top, (tiles, tile_size_m, corner_m), title)
-    above = int((density > top * (1 + 1e-12)).sum())
+    figure = _draw_density(
+        sizes, density, edges=(x_edges, y_edges), top=top, floor=(tiles, tile_size_m, corner_m), title=title
+    )
+    above = int((density > top * (1 + 1e-12)).sum())  # number of bins; the factor allows for rounding errors
     caption = (
         f"Samples per area over the arena, {int(counts.sum())} samples in {shape[0]} x {shape[1]} bins; "
         f"1 is what even sampling gives; least {number(float(density.min()))}, most {number(float(density.max()))}."
@@ -304,7 +361,12 @@ def _bins(
     x_edges: NDArray[np.float64],
     y_edges: NDArray[np.float64],
 ) -> pl.DataFrame:
-    """Return a row for each bin: its edges, and its count and density, each (columns, rows)."""
+    """Return a table with one row per bin: its edges, m, its number of samples, and its relative density.
+
+    Args:
+        counts, density: (columns, rows), column 0 at the left and row 0 at the bottom. x_edges: (columns + 1,).
+        y_edges: (rows + 1,).
+    """
     columns, rows = np.meshgrid(np.arange(counts.shape[0]), np.arange(counts.shape[1]), indexing="ij")
     return pl.DataFrame(
         {
@@ -326,26 +388,41 @@ def _draw_density(
     floor: tuple[NDArray[np.uint8] | None, tuple[float, float] | None, tuple[float, float]],
     title: str,
 ) -> Any:
-    """Draw a map of the density of samples over the floor."""
+    """Draw a map of the density of samples over the arena.
+
+    Args:
+        style: sizes of the picture. density: (columns, rows), relative to uniform sampling.
+        edges: of the bins along x and along y, m. top: density at the upper end of the colours.
+        floor: tiles (None: not drawn), tile size and lower left corner, as in ``draw_density``. title: of the picture.
+    """
+    tiles, tile_size_m, corner_m = floor
     width_m, height_m = float(edges[0][-1]), float(edges[1][-1])
-    map_in = style.width_in * 0.65
+    map_in = style.width_in * 0.65  # width of the map; labels and the scale of colours take the rest
+    # Below the map are the ticks and the label of x, about 3.5 lines; a title takes two lines above it.
     height = min(style.tallest_in, map_in * height_m / width_m + style.font_pt * (5.5 if title else 3.5) / 72)
-    height = max(height, 0.6 * style.height_in)
+    height = max(height, 0.6 * style.height_in)  # room for the colour bar beside the map of a very wide arena
     figure = new_figure(style, height_in=height, title=title)
     axes = figure.add_subplot()
     for side in ("top", "right"):
         axes.spines[side].set_visible(True)
     mesh = axes.pcolormesh(
-        *edges, density.T, cmap=COLOUR_MAP, vmin=0, vmax=top, linewidth=0, rasterized=density.size > 2500
+        *edges,
+        density.T,
+        cmap=COLOUR_MAP,
+        vmin=0,
+        vmax=top,
+        linewidth=0,
+        rasterized=density.size > VECTORS_UP_TO,
     )
     axes.set(xlim=(0, width_m), ylim=(0, height_m), aspect="equal", xlabel="x (m)")
+    # an arrow at the end of the colour bar: values lie beyond; the factor allows for rounding errors
     extended = "max" if density.max() > top * (1 + 1e-12) else "neither"
     bar = colour_bar(figure, axes, style, mesh, "samples per area (even: 1)", "y (m)", extend=extended)
-    if top > 1:
+    if top > 1:  # mark the density of uniform sampling on the scale
         bar.ax.axhline(1, color=ON_LIGHT, linewidth=style.line_pt)
         bar.ax.axhline(1, color=ON_DARK, linewidth=style.line_pt, linestyle=(0, (2, 2)))
-    if floor[0] is not None:
-        _tiles(axes, style, floor[0], floor[1], floor[2], (width_m, height_m))
+    if tiles is not None:
+        _tiles(axes, style, tiles, tile_size_m, corner_m, arena_m=(width_m, height_m))
     few_ticks(axes.xaxis, style)
     few_ticks(axes.yaxis, style)
     return figure
@@ -359,23 +436,29 @@ def _tiles(
     corner_m: tuple[float, float],
     arena_m: tuple[float, float],
 ) -> None:
-    """Draw the borders of vibrating tiles and a dot in each of them."""
+    """Draw the borders of vibrating tiles and a dot in each of them.
+
+    Args:
+        tiles: (rows, columns), row 0 at the top. size_m: width and height of a tile; None: the tiles fill the arena.
+        corner_m: lower left corner of the floor in the arena. arena_m: width and height of the arena.
+    """
     from matplotlib.collections import LineCollection
 
     rows, columns = tiles.shape
-    wide, high = size_m or (arena_m[0] / columns, arena_m[1] / rows)
-    lines = _borders(tiles[::-1] == 1)
+    wide, high = size_m or (arena_m[0] / columns, arena_m[1] / rows)  # size of a tile
+    lines = _borders(tiles[::-1] == 1)  # rows in reverse order, since ``_borders`` has row 0 at the bottom
+    # from units of tiles to m: (segments, 2 ends, x and y)
     placed = np.array(lines, dtype=float).reshape(-1, 2, 2) * (wide, high) + np.asarray(corner_m)
     for colour, width in ((ON_DARK, 2.6), (ON_LIGHT, 1.2)):
         axes.add_collection(
             LineCollection(
                 list(placed), colors=colour, linewidths=style.line_pt * width, capstyle="projecting",
-                rasterized=len(lines) > 5000,
+                rasterized=len(lines) > MARKS_UP_TO,
             )
         )  # fmt: skip
     centres = (np.argwhere(tiles[::-1] == 1)[:, ::-1] + 0.5) * (wide, high) + np.asarray(corner_m)
     axes.plot(
         centres[:, 0], centres[:, 1], ls="", marker="o", markersize=style.marker_pt * 0.8,
         markerfacecolor=ON_DARK, markeredgecolor=ON_LIGHT, markeredgewidth=style.line_pt * 0.7,
-        rasterized=len(centres) > 5000,
+        rasterized=len(centres) > MARKS_UP_TO,
     )  # fmt: skip

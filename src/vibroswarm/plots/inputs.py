@@ -1,7 +1,8 @@
 """Checks of the frames that pictures draw, and values of runs by cell and series, for boxes and violins.
 
-A run without a value is undecided. If the end of the runs is known, an undecided run counts as later than that: a
-quantile is exact if it falls among the decided runs, and is otherwise also later than the end.
+The runs of one cell and series are a group. A run without a value is undecided. If the end of the runs is known, an
+undecided run counts as later than the end. A quantile is then exact if it falls among the decided runs; if it falls
+among the undecided ones, it is later than the end as well, and drawn in a shaded band right of the end.
 """
 
 from __future__ import annotations
@@ -40,17 +41,19 @@ def tidy(
     optional_numbers: Sequence[str] = (),
     complete: Sequence[str] = (),
 ) -> pl.DataFrame:
-    """Return the frame with numbers as Float64 (NaN becomes null) and texts as String, checked.
+    """Check the columns of a frame, and convert numbers to Float64 (NaN becomes null) and texts to String.
 
     Args:
         frame: one row per mark, or per run.
-        numbers: required columns of numbers. texts: required columns.
-        other: required columns of any type.
-        optional_numbers: columns that are filled with nulls if they are missing.
-        complete: those of ``numbers`` in which nothing may be missing.
-
+        numbers: required columns of numbers. texts: required columns that are converted to text.
+        other: required columns of any type, which are not changed.
+        optional_numbers: columns of numbers that are added, filled with nulls, if the frame does not have them.
+        complete: columns among ``numbers`` that must not have missing values.
+    Returns:
+        The frame with these columns, and with all its other columns unchanged.
     Raises:
-        InputError: no rows, a column missing or of the wrong kind, an infinite or a missing number.
+        InputError: the frame has no rows or lacks a column; or a column of numbers holds something else, an infinite
+            number, or a missing number although it must be complete.
     """
     for name in (*numbers, *texts, *other):
         if name not in frame.columns:
@@ -86,7 +89,7 @@ def with_series(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
     A frame without the column gets one series with an empty name.
 
     Raises:
-        InputError: more series than there are marks to tell them apart.
+        InputError: there are more series than markers, so that they could not be distinguished.
     """
     if SERIES not in frame.columns:
         return frame.with_columns(pl.lit("").alias(SERIES)), [""]
@@ -101,20 +104,25 @@ def with_series(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
 
 
 def check_once(frame: pl.DataFrame, columns: Sequence[str]) -> None:
-    """Refuse a frame in which two rows would be drawn at the same place.
+    """Check that no two rows have the same values in ``columns``: they would be drawn at the same place.
 
     Raises:
-        InputError: two rows are alike in ``columns``.
+        InputError: there are such rows; the message has the values of the first.
     """
-    twice = frame.filter(pl.struct(*columns).is_duplicated())
-    if twice.height:
-        at = ", ".join(f"{name} {twice[name][0]}" for name in columns if twice[name][0] != "")
-        raise InputError(f"two rows have {at}; each place holds one", field=columns[0])
+    repeated = frame.filter(pl.struct(*columns).is_duplicated())
+    if repeated.height:
+        # an empty text is the name of a single series, which the frame did not have
+        values = ", ".join(f"{name} {repeated[name][0]}" for name in columns if repeated[name][0] != "")
+        raise InputError(f"two rows have {values}; each place holds one", field=columns[0])
 
 
 def check_bounds(frame: pl.DataFrame, low: str, middle: str, high: str) -> None:
-    """Refuse intervals that do not contain their estimate, except for rounding errors.
+    """Check that each interval contains its estimate, except for rounding errors.
 
+    Missing values are not checked.
+
+    Args:
+        frame: one row per interval. low, middle, high: names of the columns of lower limit, estimate and upper limit.
     Raises:
         InputError: an estimate is outside its interval.
     """
@@ -126,14 +134,17 @@ def check_bounds(frame: pl.DataFrame, low: str, middle: str, high: str) -> None:
 
 
 def run_counts(frame: pl.DataFrame, column: str = "runs") -> list[int]:
-    """Return the numbers of runs in the frame; empty if it has no such column or only nulls."""
+    """Return the numbers of runs in a column, for a caption; nulls are left out.
+
+    The list is empty if the frame does not have the column.
+    """
     if column not in frame.columns:
         return []
     return [int(count) for count in frame[column].drop_nulls().to_list()]
 
 
 def most(*columns: pl.Series, otherwise: float = 0.0) -> float:
-    """Return the greatest number in some columns, or ``otherwise`` without any."""
+    """Return the greatest number in some columns, or ``otherwise`` if they have no numbers."""
     values = [value for column in columns for value in column.drop_nulls().to_list()]
     return float(max(values)) if values else otherwise
 
@@ -143,18 +154,22 @@ BAND_SHARE = 0.07
 
 
 class Group(NamedTuple):
-    """The runs of one cell and series; ``values`` are those decided, sorted."""
+    """The runs of one cell and series."""
 
     cell: str
     series: str
     row: int
+    """Index of the cell, from the top."""
     series_index: int
+    """Index of the series, in order of appearance."""
     values: NDArray[np.float64]
+    """Values of the decided runs, sorted."""
     runs: int
+    """Number of runs, including undecided ones."""
 
     @property
     def undecided(self) -> int:
-        """Runs without a value."""
+        """Number of runs without a value."""
         return self.runs - self.values.size
 
 
@@ -164,13 +179,15 @@ class Plane(NamedTuple):
     rows: Rows
     groups: list[Group]
     series: list[str]
+    """Names of the series."""
     end: float | None
+    """End of the runs, if it is known."""
     in_band: float
-    """x of values later than the end."""
+    """x at which values later than the end are drawn, in the middle of the band."""
     looks: list[Look]
-    """Of the series."""
+    """Looks of the series."""
     of_rows: dict[str, Look]
-    """Looks of cells that are named after strategies, where there is one series."""
+    """Looks by cell if there is one series and cells are named after strategies; else empty."""
 
     def place(self, group: Group) -> float:
         """Return y of a group."""
@@ -181,24 +198,26 @@ class Plane(NamedTuple):
         return self.of_rows.get(group.cell, self.looks[group.series_index])
 
     def at(self, value: float | None) -> float:
-        """Return x of a quantile; None, which is later than the end, is drawn in the band."""
+        """Return x of a quantile; None stands for a quantile later than the end, which is drawn in the band."""
         return self.in_band if value is None else value
 
 
 def quantile(group: Group, q: float, *, censored: bool) -> float | None:
-    """Return a quantile of a group's runs, linear between neighbours; None among the undecided, or without any run.
+    """Return a quantile of a group's runs, interpolated linearly between neighbouring runs.
 
     Args:
         group: the runs.
-        q: 0 to 1.
-        censored: whether undecided runs count as later than all others; if not, they do not count.
+        q: which quantile, 0 to 1.
+        censored: whether undecided runs count as later than all others; if not, they are left out.
+    Returns:
+        The quantile; None if it falls among the undecided runs, or if there are no runs.
     """
     size = group.runs if censored else group.values.size
     if size == 0:
         return None
-    place = q * (size - 1)
+    place = q * (size - 1)  # among the sorted runs, from 0; undecided runs are the last
     low, high = math.floor(place), math.ceil(place)
-    if high >= group.values.size:
+    if high >= group.values.size:  # an undecided run
         return None
     return float(group.values[low] + (place - low) * (group.values[high] - group.values[low]))
 
@@ -206,10 +225,13 @@ def quantile(group: Group, q: float, *, censored: bool) -> float | None:
 def plane_of(
     style: Style, frame: pl.DataFrame, label: str, t_end: float | None, missing: str, title: str
 ) -> Plane:
-    """Return the rows, groups and the band, for a frame of cell, series and value.
+    """Make the figure for boxes or violins, and split the runs into groups.
+
+    The rows, the axis, the band for undecided runs and the shares of undecided runs are drawn; the caller draws the
+    boxes or violins. The arguments are those of ``draw_boxes``.
 
     Raises:
-        InputError: the frame is not as described, or a value is later than ``t_end``.
+        InputError: the frame is not as ``draw_boxes`` describes it, or a value is later than ``t_end``.
     """
     frame, series = with_series(tidy(frame, numbers=("value",), texts=("cell",)))
     groups = _groups(frame, series)
@@ -218,36 +240,60 @@ def plane_of(
         raise InputError(f"holds {latest:g}, later than the end at {t_end:g}", field="value")
     cells = frame["cell"].unique(maintain_order=True).to_list()
     named = series if len(series) > 1 else []
-    rows = rows_of(
-        style, cells, label, series=len(series), title=title, furniture=legend_lines(style, named) + 1
+    # lines of text around the rows: the legend, and the heading ``missing``
+    lines = legend_lines(style, named) + 1
+    rows = rows_of(style, cells, label, series=len(series), title=title, furniture=lines)
+    of_rows = {} if named else row_looks(cells)  # looks by cell: colours show the series if there are several
+    plane = Plane(
+        rows=rows,
+        groups=groups,
+        series=series,
+        end=t_end,
+        in_band=0.0,  # set in the next line, since it follows from the limits of the axis
+        looks=looks_of(series),
+        of_rows=of_rows,
     )
-    of_rows = {} if named else row_looks(cells)
-    plane = Plane(rows, groups, series, t_end, 0.0 if t_end is None else t_end, looks_of(series), of_rows)
     plane = plane._replace(in_band=_limits(plane, style))
     _write_shares(plane, missing)
     return plane
 
 
 def _groups(frame: pl.DataFrame, series: Sequence[str]) -> list[Group]:
-    """Split the frame into groups by cell and series."""
+    """Split the frame into groups, the runs of one cell and series.
+
+    The groups are sorted by cell, then by series, both in order of appearance. ``series`` has the names of the series.
+    """
     row_of = {cell: row for row, cell in enumerate(frame["cell"].unique(maintain_order=True))}
     groups = []
     for (cell, name), part in frame.group_by("cell", "series", maintain_order=True):
         values = np.sort(part["value"].drop_nulls().to_numpy())
-        groups.append(Group(str(cell), str(name), row_of[cell], series.index(str(name)), values, part.height))
+        groups.append(
+            Group(
+                cell=str(cell),
+                series=str(name),
+                row=row_of[cell],
+                series_index=series.index(str(name)),
+                values=values,
+                runs=part.height,
+            )
+        )
     return sorted(groups, key=lambda group: (group.row, group.series_index))
 
 
 def _limits(plane: Plane, style: Style) -> float:
-    """Set the limits of the axis; return the largest value shown."""
+    """Set the limits and ticks of the axis, and draw the band for undecided runs if the end of the runs is known.
+
+    Returns:
+        x of the middle of the band; if the end is unknown, the largest value.
+    """
     values = np.concatenate([group.values for group in plane.groups])
     axes = plane.rows.axes
     low = float(values.min()) if values.size else 0.0
     high = plane.end if plane.end is not None else (float(values.max()) if values.size else 1.0)
-    if 0 <= low <= 0.5 * high:
+    if 0 <= low <= 0.5 * high:  # the axis starts at 0 unless all values are far from it
         low = 0.0
-    span = (high - low) or abs(high) or 1.0
-    left = low - (0.02 if low == 0 else 0.04) * span
+    span = (high - low) or abs(high) or 1.0  # above 0, also if all values are equal
+    left = low - (0.02 if low == 0 else 0.04) * span  # a margin, so that no mark lies on the edge
     if plane.end is None:
         axes.set_xlim(left, high + 0.04 * span)
         return high
@@ -255,6 +301,8 @@ def _limits(plane: Plane, style: Style) -> float:
     axes.axvspan(high, high + band, color=BAND, linewidth=0, zorder=0)
     axes.axvline(high, color=FAINT, linewidth=axes.spines["bottom"].get_linewidth(), zorder=0.5)
     axes.set_xlim(left, high + band)
+    # The end gets a tick. Other ticks whose labels would overlap the label of this tick are left out. The factor 2.2 is
+    # well above 1, since the axis is narrower than the picture, by whose width points are converted here.
     room = 2.2 * width_pt(number(high, 4), style.small_pt) / (style.width_in * 72) * span
     ticks = [tick for tick in axes.get_xticks() if left <= tick <= high - room]
     axes.set_xticks([*ticks, high], labels=[number(tick, 4) for tick in [*ticks, high]])
@@ -262,7 +310,10 @@ def _limits(plane: Plane, style: Style) -> float:
 
 
 def _write_shares(plane: Plane, missing: str) -> None:
-    """Write the share of undecided runs at each group."""
+    """Write the share of undecided runs right of each group, under the heading ``missing`` (the word for undecided).
+
+    If all runs of all groups are decided, nothing is written.
+    """
     if not any(group.undecided for group in plane.groups):
         return
     for group in plane.groups:
@@ -271,7 +322,10 @@ def _write_shares(plane: Plane, missing: str) -> None:
 
 
 def series_legend(plane: Plane, style: Style, *, marks: bool = False) -> None:
-    """Name the series below, by their hatches, or by their marks where only runs are drawn."""
+    """Draw a legend of the series below the axes; with one series, draw nothing.
+
+    It shows the hatch of each series or, if ``marks``, its marker.
+    """
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -299,7 +353,10 @@ def series_legend(plane: Plane, style: Style, *, marks: bool = False) -> None:
 
 
 def group_caption(plane: Plane, missing: str) -> str:
-    """Return the part of a caption on the number of runs and on those without a value."""
+    """Write the part of a caption that tells the number of runs, and how many have no value and how they are drawn.
+
+    ``missing`` is the word for a run without a value, such as "undecided".
+    """
     counts = of_runs([group.runs for group in plane.groups])
     total, lost = sum(group.runs for group in plane.groups), sum(group.undecided for group in plane.groups)
     if not lost:

@@ -1,5 +1,8 @@
-"""Labels of pictures: what fields of a scenario are called, in words with symbol and unit, never by names in files;
-names at the ends of curves instead of a legend; and labels beside points, where they hide the fewest.
+"""Labels of pictures.
+
+Fields of a scenario are named by words with symbol and unit, never by their names in files. Names of curves stand at
+the ends of the curves if they fit, instead of a legend. Names of points stand beside the points, where they hide as few
+other points as possible.
 """
 
 from __future__ import annotations
@@ -33,7 +36,7 @@ class Label(NamedTuple):
 
     @property
     def short(self) -> str:
-        """The symbol, or the words."""
+        """The symbol, or the words if there is no symbol."""
         return self.symbol or self.words
 
 
@@ -52,7 +55,7 @@ SYMBOLS: Final = {
     "floor.fill_ratio": Label("fill ratio"),
     "swarm.robots": Label("robots"),
 }
-"""Of the fields to which the paper gives a symbol, see ``scenario.fields``."""
+"""Labels of fields to which the paper gives a symbol (see ``scenario.fields``), and of some others."""
 UNITS: Final = {
     "_ms": "ms",
     "_mm": "mm",
@@ -65,10 +68,9 @@ UNITS: Final = {
 
 
 def label_of(field: str) -> Label:
-    """Return the label of a field; those without symbol are called by the words in their names.
+    """Return the label of a field, given by its full name such as ``walk.avoidance_threshold_mm``.
 
-    Args:
-        field: ``walk.avoidance_threshold_mm``.
+    A field that is not in ``SYMBOLS`` gets the words of its name, and the unit of its suffix.
     """
     if field in SYMBOLS:
         return SYMBOLS[field]
@@ -86,10 +88,11 @@ def setting_words(field: str, value: object) -> str:
 
 
 MOST_NAMES: Final = 8
+"""Most names at the ends of curves."""
 WIDEST_NAMES: Final = 0.22
-"""Most of the picture's width that names may take."""
+"""Greatest share of the picture's width for these names."""
 FARTHEST: Final = 1.3
-"""Farthest that a name stands from the end of its curve, in lines of text."""
+"""Greatest distance of a name from the height of the end of its curve, in units of the font size."""
 
 
 def label_ends(
@@ -100,29 +103,32 @@ def label_ends(
     looks: Sequence[Look],
     ends: Sequence[float],
 ) -> bool:
-    """Write each name, behind its mark, right of the axes at the height at which its curve ends.
+    """Write each name, after the marker of its curve, right of the axes at the height at which the curve ends.
 
-    Call it when the axes have their limits. Nothing is written where names do not fit: then a legend is needed.
+    Call it when the axes have their final limits. If not all names fit, or if there is only one, nothing is written.
 
     Args:
-        ends: of the curves, in the unit of y. names, looks: of the curves.
-    Returns: whether they were written.
+        names, looks: of the curves. ends: y of the ends of the curves, in the unit of the axis.
+    Returns:
+        Whether the names were written; if not, a legend is needed.
     """
     size = style.small_pt
+    # width of the longest name, with its marker and space around both
     wide_pt = max((width_pt(plain(name), size) for name in names), default=0.0) + 2.2 * size
     if not 1 < len(names) <= MOST_NAMES or wide_pt > WIDEST_NAMES * style.width_in * 72:
         return False
     figure.draw_without_rendering()
     box = axes.get_window_extent()
-    to_pt = 72 / figure.dpi
-    at = [float(axes.transData.transform((0.0, end))[1]) * to_pt for end in ends]
-    placed = spread(at, size * 1.15)
-    low, high = box.y0 * to_pt - size, box.y1 * to_pt + size
-    if any(abs(a - b) > FARTHEST * size for a, b in zip(at, placed, strict=True)):
+    to_pt = 72 / figure.dpi  # pixels to points
+    ends_pt = [float(axes.transData.transform((0.0, end))[1]) * to_pt for end in ends]  # from the lower edge
+    placed = spread(ends_pt, gap=size * 1.15)
+    low, high = box.y0 * to_pt - size, box.y1 * to_pt + size  # names may stand this far outside the axes
+    if any(abs(end - place) > FARTHEST * size for end, place in zip(ends_pt, placed, strict=True)):
         return False
     if not all(low <= place <= high for place in placed):
         return False
     for name, look, place in zip(names, looks, placed, strict=True):
+        # The marker stands 1.1, the name 1.9 font sizes right of the axes. x and y are fractions of the axes.
         y = (place - box.y0 * to_pt) / (box.height * to_pt)
         axes.annotate(
             plain(name), (1, y), xycoords="axes fraction", xytext=(1.9 * size, 0), textcoords="offset points",
@@ -137,18 +143,24 @@ def label_ends(
 
 
 def spread(places: Sequence[float], gap: float) -> list[float]:
-    """Move places apart until neighbours are ``gap`` away from each other; each group keeps its mean.
+    """Move places along a line apart until neighbours are at least ``gap`` away from each other.
+
+    Places that are too close form a group. The places of a group get the distance ``gap`` from each other, and keep
+    their mean.
 
     Args:
-        places: in any order, kept in the result.
+        places: in any order. gap: least distance.
+    Returns:
+        The new places, in the order of ``places``.
     """
     order = sorted(range(len(places)), key=lambda k: places[k])
-    groups: list[tuple[float, int]] = []  # mean of the places wanted, and how many share it
+    groups: list[tuple[float, int]] = []  # (mean of the original places, number of places), from the lowest
     for k in order:
+        # Each place begins as a group of its own. As long as it overlaps the group below, both are joined.
         groups.append((places[k], 1))
         while len(groups) > 1:
             (below, m), (above, n) = groups[-2:]
-            if above - below >= gap * (m + n) / 2:
+            if above - below >= gap * (m + n) / 2:  # a group of n places takes gap * n
                 break
             groups[-2:] = [((below * m + above * n) / (m + n), m + n)]
     moved = [mean + gap * (j - (n - 1) / 2) for mean, n in groups for j in range(n)]
@@ -159,9 +171,11 @@ def spread(places: Sequence[float], gap: float) -> list[float]:
 
 
 WIDEST_LABEL: Final = 0.34
-"""Widest label, relative to the axes."""
+"""Greatest width of a label, relative to the axes."""
 HIDES: Final = 30
-"""Cost of hiding another label; that of hiding a point is 1."""
+"""Cost of hiding another label; the cost of hiding a point is 1."""
+Box = tuple[float, float, float, float]
+"""Left, bottom, right and top of a rectangle, in points."""
 
 
 def label_points(
@@ -173,15 +187,19 @@ def label_points(
     *,
     always: bool,
 ) -> bool:
-    """Write each label near its point.
+    """Write each label beside its point, where it hides the fewest points and other labels.
 
     Args:
-        labels: x, y and text of each. known: all points, ``time`` and ``error``.
-        always: whether they are written even if they do not fit.
-    Returns: whether they were written.
+        labels: (x, y, text) of each label, x and y being those of its point.
+        known: all points that are drawn, with the columns ``time`` (x) and ``error`` (y).
+        always: whether all labels are written even if a label is too wide, or hides a point or another label. If not,
+            no label is written in such a case.
+    Returns:
+        Whether the labels were written.
     """
     figure.draw_without_rendering()
-    to_pt = 72 / figure.dpi
+    to_pt = 72 / figure.dpi  # pixels to points
+    # positions of all points, of the axes, and below of the labels: in points, from the lower left corner
     marks = axes.transData.transform(known.select("time", "error").to_numpy()) * to_pt
     box = axes.get_window_extent()
     inside = (box.x0 * to_pt, box.y0 * to_pt, box.x1 * to_pt, box.y1 * to_pt)
@@ -190,12 +208,14 @@ def label_points(
         width_pt(plain(text), size) > WIDEST_LABEL * box.width * to_pt for _, _, text in labels
     ):
         return False
-    placed: list[tuple[float, float, float, float]] = []
+    placed: list[Box] = []
     offsets = []
     for at_x, at_y, text in labels:
         x, y = axes.transData.transform((at_x, at_y)) * to_pt
-        spots = _spots(x, y, width_pt(plain(text), size), size * 0.75, gap)
+        # letters are about 0.75 of the font size high
+        spots = _spots(x, y, wide=width_pt(plain(text), size), high=size * 0.75, gap=gap)
         costs = [_cost(spot, placed, marks, inside, gap) for spot in spots]
+        # the index of the cheapest place; of places of equal cost, the first is preferred
         best = min(range(len(spots)), key=lambda spot: (costs[spot], spot))
         if not always and costs[best] >= 1:  # it would hide a point, or another label
             return False
@@ -210,12 +230,17 @@ def label_points(
     return True
 
 
-def _spots(
-    x: float, y: float, wide: float, high: float, gap: float
-) -> list[tuple[float, float, float, float]]:
-    """Return places for a label about a point, the best first: left, bottom, right, top."""
+def _spots(x: float, y: float, wide: float, high: float, gap: float) -> list[Box]:
+    """Return places for a label around a point as (left, bottom, right, top), the preferred ones first.
+
+    Places close to the point are preferred, and at each distance the one at the upper right.
+
+    Args:
+        x, y: the point. wide, high: size of the label. gap: distance of the closest places. All in points (1/72 inch).
+    """
     spots = []
-    for reach in (1.0, 1.8, 2.8, 4.0):
+    for reach in (1.0, 1.8, 2.8, 4.0):  # distance in units of gap
+        # right: 1 right of the point, -1 left of it, 0 centred; up: likewise above, below, centred
         for right, up in ((1, 1), (-1, -1), (1, -1), (-1, 1), (0, 1), (0, -1), (1, 0), (-1, 0)):
             left = x + right * gap * reach - wide * (1 - right) / 2
             bottom = y + up * gap * reach - high * (1 - up) / 2
@@ -224,16 +249,23 @@ def _spots(
 
 
 def _cost(
-    spot: tuple[float, float, float, float],
-    placed: list[tuple[float, float, float, float]],
+    spot: Box,
+    placed: list[Box],
     marks: NDArray[Any],
-    inside: tuple[float, float, float, float],
+    inside: Box,
     gap: float,
 ) -> float:
-    """Return the cost of a place for a label, for overlap with other labels, marks and the border; 0 is best."""
+    """Return the cost of a place for a label: leaving the axes costs most, then hiding other labels, then points.
+
+    All lengths are in points (1/72 inch); boxes are (left, bottom, right, top).
+
+    Args:
+        spot: the place. placed: places of the labels so far. marks: the points, (points, 2). inside: box of the axes.
+        gap: distance of a label from its own point. A point closer to the label than 0.6 of this counts as hidden.
+    """
     left, bottom, right, top = spot
     out = left < inside[0] or bottom < inside[1] or right > inside[2] or top > inside[3] + gap
-    covered = sum(
+    covered = sum(  # number of labels that this one would overlap; labels are at least 1 point apart
         left < other[2] + 1 and other[0] < right + 1 and bottom < other[3] + 1 and other[1] < top + 1
         for other in placed
     )
@@ -242,4 +274,4 @@ def _cost(
         (marks[:, 0] > left - reach) & (marks[:, 0] < right + reach)
         & (marks[:, 1] > bottom - reach) & (marks[:, 1] < top + reach)
     )  # fmt: skip
-    return 100 * out + HIDES * covered + float(hidden.sum())
+    return 100 * out + HIDES * covered + float(hidden.sum())  # leaving the axes is worst

@@ -1,4 +1,7 @@
-"""Shared parts of pictures: text that fits, short numbers, axes, rows of cells, legends."""
+"""Shared parts of pictures: text that fits, short numbers, axes, rows of cells, legends.
+
+Names ending in ``_pt`` are lengths in points (1/72 inch), those ending in ``_in`` in inches.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,10 @@ NARROWEST_EM = 0.27
 
 
 def plain(text: object) -> str:
-    """Return the text for every format: control characters become spaces, lone surrogates a question mark."""
+    """Return text without characters that a picture format cannot hold.
+
+    Control characters become spaces, and characters that are invalid in UTF-8 or XML become question marks.
+    """
     cleaned = "".join(
         " " if unicodedata.category(letter) in ("Cc", "Zl", "Zp") else letter for letter in str(text)
     )
@@ -37,24 +43,28 @@ def width_pt(text: str, size_pt: float) -> float:
 
 @lru_cache(maxsize=4096)
 def _letter_em(letter: str) -> float:
-    """Return the width of a letter in units of the font size."""
+    """Return the advance width of a letter in units of the font size (em)."""
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
-    font = FontProperties(family="DejaVu Sans", size=100)
-    between = f"|{letter}|"  # matplotlib measures a lone space as 0
-    width, bars = (
+    size = 100  # points; the width is divided by it
+    font = FontProperties(family="DejaVu Sans", size=size)
+    # The letter is measured between bars, since matplotlib measures a single space as 0.
+    between = f"|{letter}|"
+    with_letter, bars_alone = (
         text_to_path.get_text_width_height_descent(text, font, ismath=False)[0] for text in (between, "||")
     )
-    return float(width - bars) / 100
+    return float(with_letter - bars_alone) / size
 
 
 def fitted(text: object, size_pt: float, room_pt: float, lines: int = 1) -> str:
-    """Break text into at most ``lines`` lines of ``room_pt``; text that is too long loses its middle.
+    """Break text into at most ``lines`` lines of the width ``room_pt``, in letters of ``size_pt``.
 
-    Lines break after spaces and after separators in paths and names.
+    Lines break after spaces and after separators in paths and names. If the text is too long, an ellipsis replaces as
+    much of its middle as necessary.
     """
     full = plain(text).strip()
+    # More letters than this never fit, so that they need not be tried.
     most = int(lines * room_pt / (size_pt * NARROWEST_EM)) + 1
     for letters in range(min(len(full), most), 0, -1):
         shorter = full if letters == len(full) else _without_middle(full, letters)
@@ -65,32 +75,44 @@ def fitted(text: object, size_pt: float, room_pt: float, lines: int = 1) -> str:
 
 
 def fitted_names(names: Sequence[object], size_pt: float, room_pt: float, lines: int = 1) -> list[str]:
-    """Return many names as ``fitted`` does; different names that would look alike are numbered."""
+    """Break or shorten each name so that it fits into ``lines`` lines of the width ``room_pt``; see ``fitted``.
+
+    If different names are shortened to the same text, each gets its place in the list as a number before it.
+    """
     shortened = [fitted(name, size_pt, room_pt, lines) for name in names]
-    seen: dict[str, set[str]] = {}
+    names_of: dict[str, set[str]] = {}  # for each shortened text the names that it stands for
     for name, short in zip(names, shortened, strict=True):
-        seen.setdefault(short, set()).add(str(name))
+        names_of.setdefault(short, set()).add(str(name))
     return [
-        short if len(seen[short]) == 1 else fitted(f"{place}) {plain(name)}", size_pt, room_pt, lines)
+        short if len(names_of[short]) == 1 else fitted(f"{place}) {plain(name)}", size_pt, room_pt, lines)
         for place, (name, short) in enumerate(zip(names, shortened, strict=True), start=1)
     ]
 
 
 def _without_middle(text: str, letters: int) -> str:
+    """Shorten text to ``letters`` letters and an ellipsis: 40 % of the letters before the ellipsis, the rest after it.
+
+    The end is favoured, since long names often differ only there.
+    """
     head = math.ceil(letters * 0.4)
     tail = letters - head
     return text[:head].rstrip() + ELLIPSIS + (text[-tail:].lstrip() if tail else "")
 
 
 def _broken(text: str, size_pt: float, room_pt: float) -> list[str]:
-    """Break text into lines of at most ``room_pt``, at spaces and punctuation."""
+    """Break text into lines of at most ``room_pt`` points, in letters of ``size_pt``.
+
+    Lines break after spaces and punctuation. A word that is longer than a line is cut anywhere.
+    """
     lines = [""]
+    # each piece is a word with the spaces or punctuation after it
     for piece in re.findall(r"[^\s/\\_=,;:.+-]*[\s/\\_=,;:.+-]+|[^\s/\\_=,;:.+-]+", text):
         longer = lines[-1] + piece
         if lines[-1] and width_pt(longer.rstrip(), size_pt) > room_pt:
             lines.append(piece.lstrip())
         else:
             lines[-1] = longer
+        # A word that is longer than a line is cut where the line is full.
         while width_pt(lines[-1].rstrip(), size_pt) > room_pt and len(lines[-1]) > 1:
             cut = next(
                 (n for n in range(len(lines[-1]) - 1, 1, -1) if width_pt(lines[-1][:n], size_pt) <= room_pt),
@@ -101,7 +123,11 @@ def _broken(text: str, size_pt: float, room_pt: float) -> list[str]:
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Return a number with ``digits`` significant digits and no trailing zeros; a dash if it is missing."""
+    """Write a number with ``digits`` significant digits and no trailing zeros; a dash if it is missing or not finite.
+
+    A number below a million with more digits before the point is rounded to a whole number instead, so that it has no
+    exponent.
+    """
     if value is None or not math.isfinite(value):
         return "–"
     if value and abs(value) >= 10**digits:
@@ -112,7 +138,10 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def share(part: float, whole: float) -> str:
-    """Return a share in percent; never rounds to 0 % or 100 % unless it is exact."""
+    """Write part / whole in percent; a dash if ``whole`` is 0.
+
+    Only exact shares are written as "0 %" and "100 %". Shares near them have a decimal, or are "< 0.1 %" or "> 99.9 %".
+    """
     if not whole:
         return "–"
     percent = 100 * part / whole
@@ -124,7 +153,10 @@ def share(part: float, whole: float) -> str:
 
 
 def of_runs(counts: Sequence[int], unit: str = "run") -> str:
-    """Return numbers of runs in words: ``1000 runs each``, ``12 to 1000 runs each``, or of a single group ``1 run``."""
+    """Write the numbers of runs of several groups, such as "1000 runs each" or "12 to 1000 runs each".
+
+    With one group it is "1000 runs". ``unit`` is what is counted, in the singular.
+    """
     least, most = min(counts), max(counts)
     units = unit if most == 1 else f"{unit}s"
     each = " each" if len(counts) > 1 else ""
@@ -132,14 +164,22 @@ def of_runs(counts: Sequence[int], unit: str = "run") -> str:
 
 
 LINE_SPACING = 1.2
+"""Height of a line of text in units of the font size."""
 TALLEST_ROW = 2.5
-"""Greatest height of a row relative to its preferred height; a slide with few rows has space around them."""
+"""Greatest height of a row relative to its preferred height; a slide with few rows has empty space around them."""
 LABEL_SHARE = 0.36
 """Greatest share of the width for the names of rows."""
+X_LABEL_SHARE = 0.62
+"""Share of the width for the label of x in a picture with rows."""
+TICK_GAP_EM = 0.7
+"""Least space between the labels of two ticks, in units of the font size."""
 
 
 def new_figure(style: Style, *, height_in: float | None = None, title: str = "") -> Figure:
-    """Draw an empty figure of the style's width; the title is broken to fit."""
+    """Make an empty figure of the style's width, with a title that is broken to fit.
+
+    ``height_in`` is the height of the figure, by default that of the style; a slide is never lower than its style.
+    """
     from matplotlib.figure import Figure
 
     height = style.height_in if height_in is None else height_in
@@ -148,35 +188,44 @@ def new_figure(style: Style, *, height_in: float | None = None, title: str = "")
     figure = Figure(figsize=(style.width_in, height), layout="constrained")
     if title:
         room = style.width_in * 72 * 0.95
-        figure.suptitle(fitted(title, style.font_pt * 1.1, room, 3), fontsize=style.font_pt * 1.1)
+        figure.suptitle(fitted(title, style.font_pt * 1.1, room, lines=3), fontsize=style.font_pt * 1.1)
     return figure
 
 
 def plain_axes(
     style: Style, x_label: str, y_label: str, *, title: str = "", legend: Sequence[str] = ()
 ) -> tuple[Figure, Axes]:
-    """Return a figure with numeric axes; it grows for a long legend, a slide only for a very long one."""
-    free = 7 if style.fixed_height else 2
-    more = max(0, legend_lines(style, legend) - free) * style.small_pt * 1.4 / 72
-    figure = new_figure(style, title=title, height_in=style.height_in + more)
+    """Make a figure with numeric axes and their labels.
+
+    ``legend`` has the names of a legend that the caller will draw below the axes. If it has more than two lines, or
+    seven on a slide, the figure is made higher.
+    """
+    free_lines = 7 if style.fixed_height else 2  # lines of a legend for which the figure has room
+    more_in = max(0, legend_lines(style, legend) - free_lines) * style.small_pt * 1.4 / 72
+    figure = new_figure(style, title=title, height_in=style.height_in + more_in)
     axes = figure.add_subplot()
+    # the axes take about 0.68 of the style's height; what the legend adds to the figure is not theirs
     name_axes(axes, style, x_label, y_label, share_of_height=0.68 * style.height_in / figure.get_figheight())
     axes.grid(True)
     return figure, axes
 
 
 def name_axes(axes: Axes, style: Style, x_label: str, y_label: str, *, share_of_height: float = 0.8) -> None:
-    """Set the axes' labels, broken to fit, and the margins."""
+    """Set the labels of the axes, each broken into at most two lines, and the margins around the data.
+
+    ``share_of_height`` is the share of the figure's height that the label of y may take.
+    """
     figure: Any = axes.figure
-    width, height = style.width_in * 72 * 0.78, float(figure.get_figheight()) * 72 * share_of_height
-    axes.set_xlabel(fitted(x_label, style.font_pt, width, 2))
-    axes.set_ylabel(fitted(y_label, style.font_pt, height, 2))
+    width = style.width_in * 72 * 0.78  # room for the label of x: the rest is left of the axis
+    height = float(figure.get_figheight()) * 72 * share_of_height
+    axes.set_xlabel(fitted(x_label, style.font_pt, width, lines=2))
+    axes.set_ylabel(fitted(y_label, style.font_pt, height, lines=2))
     axes.margins(0.03)
 
 
 def axes_size_pt(figure: Figure, axes: Axes) -> tuple[float, float]:
     """Return the width and height of the axes after layout, points."""
-    figure.draw_without_rendering()
+    figure.draw_without_rendering()  # computes the layout
     box = axes.get_window_extent()
     return box.width * 72 / figure.dpi, box.height * 72 / figure.dpi
 
@@ -184,8 +233,15 @@ def axes_size_pt(figure: Figure, axes: Axes) -> tuple[float, float]:
 def colour_bar(
     figure: Figure, axes: Axes, style: Style, mesh: Any, label: str, y_label: str, **how: Any
 ) -> Any:
-    """Return a colour bar for a map; its label and that of y are broken to the height of the map."""
-    tall = max(1.0, figure.get_figheight() / style.height_in)
+    """Add a colour bar to a map and return it; also set the label of y.
+
+    The labels of the bar and of y are broken to fit the height of the map, which depends on the bar. This is why the
+    label of y is set here.
+
+    Args:
+        mesh: the map. label: of the bar. y_label: of y. how: further arguments of matplotlib's ``colorbar``.
+    """
+    tall = max(1.0, figure.get_figheight() / style.height_in)  # keeps the bar equally narrow in a high figure
     bar = figure.colorbar(mesh, ax=axes, pad=0.02, aspect=25 * tall, **how)
     bar.outline.set_linewidth(style.line_pt * 0.5)
     bar.set_label(fitted(label, style.font_pt, axes_size_pt(figure, bar.ax)[1], 2))
@@ -194,9 +250,10 @@ def colour_bar(
 
 
 def few_ticks(axis: Any, style: Style) -> None:
-    """Use few enough ticks that their labels do not overlap."""
+    """Limit the number of ticks so that their labels do not overlap: at most 5 in a column, else at most 8."""
     from matplotlib.ticker import MaxNLocator
 
+    # n intervals have at most n + 1 ticks
     axis.set_major_locator(MaxNLocator(4 if style.width_in < 5 else 7, steps=[1, 2, 2.5, 3, 4, 5, 10]))
 
 
@@ -206,14 +263,18 @@ def whole_ticks(axis: Any) -> None:
 
 
 def ticks_at(axis: Any, style: Style, values: Sequence[float]) -> None:
-    """Put ticks at the values themselves if their labels fit; else at whole numbers if all values are whole."""
+    """Put ticks at the ``values`` themselves if the labels fit beside each other.
+
+    If they do not fit and all values are whole, put ticks at whole numbers. Otherwise do not change the ticks.
+    """
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     places = sorted({float(value) for value in values})
-    wide_pt = max(width_pt(f"{place:g}", style.font_pt) for place in places) + 0.7 * style.font_pt
+    wide_pt = max(width_pt(f"{place:g}", style.font_pt) for place in places) + TICK_GAP_EM * style.font_pt
     span = places[-1] - places[0]
+    # distances between neighbouring ticks; the axis takes about 0.7 of the picture's width
     room_pt = [0.7 * 72 * style.width_in * (after - before) / span for before, after in pairwise(places)]
-    if all(room > wide_pt for room in room_pt):
+    if all(room > wide_pt for room in room_pt):  # also if there is a single value, which has no distances
         axis.set_major_locator(FixedLocator(places))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\u2212")))
     elif all(place.is_integer() for place in places):
@@ -221,7 +282,11 @@ def ticks_at(axis: Any, style: Style, values: Sequence[float]) -> None:
 
 
 def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
-    """Use fewer ticks along x if their labels would overlap in the finished layout."""
+    """Use fewer ticks along x if their labels would overlap in the finished layout.
+
+    If matplotlib divides the tick labels by a power of ten, it writes this power at the end of the axis. It is written
+    into the label of the axis instead.
+    """
     from matplotlib.ticker import MaxNLocator
 
     locator = axes.xaxis.get_major_locator()
@@ -229,17 +294,21 @@ def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
         return
     low, high = sorted(axes.get_xlim())
     room_pt = axes_size_pt(figure, axes)[0]
-    for bins in range(4 if style.width_in < 5 else 7, 0, -1):
+    most_bins = 4 if style.width_in < 5 else 7  # as set by ``few_ticks``
+    for bins in range(most_bins, 0, -1):
         locator.set_params(nbins=bins)
         ticks = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
         words = axes.xaxis.get_major_formatter().format_ticks(ticks)
-        wide = max((width_pt(word, style.font_pt) for word in words), default=0.0) + 0.7 * style.font_pt
+        wide = (
+            max((width_pt(word, style.font_pt) for word in words), default=0.0) + TICK_GAP_EM * style.font_pt
+        )
         if len(ticks) < 2 or wide <= room_pt * (ticks[1] - ticks[0]) / (high - low):
             break
     power = axes.xaxis.get_major_formatter().get_offset()
-    if power:  # at the end of the axis it may overlap the axis label
+    if power:  # at the end of the axis it could overlap the label of the axis
         axes.xaxis.get_offset_text().set_visible(False)
-        axes.set_xlabel(fitted(f"{axes.get_xlabel()}, {power}", style.font_pt, style.width_in * 72 * 0.62, 2))
+        room = style.width_in * 72 * X_LABEL_SHARE
+        axes.set_xlabel(fitted(f"{axes.get_xlabel()}, {power}", style.font_pt, room, 2))
 
 
 def hatched(style: Style, hatch: str) -> str:
@@ -248,18 +317,24 @@ def hatched(style: Style, hatch: str) -> str:
 
 
 def log_x(axes: Axes, values: Sequence[float]) -> None:
-    """Make x logarithmic, with ticks at 1, 2, 5, 10, ... in plain numbers; over many decades at 1, 10, ..."""
+    """Make x logarithmic, with ticks at 1, 2, 5, 10, ..., labelled without exponents.
+
+    Over more than about 2.5 decades, the ticks are at 1, 10, 100, ... ``values`` are all x that are drawn, above 0.
+    """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-    decades = max(values) / min(values)
+    ratio = max(values) / min(values)  # 300 is 2.5 decades
     axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if decades < 300 else (1,)))
+    axes.xaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if ratio < 300 else (1,)))
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
 
 
 def percent_axis(axis: Any) -> None:
-    """Label an axis of shares in percent."""
+    """Label an axis of shares in percent.
+
+    Labels have no sign: shares that are drawn downwards have negative y, but are not negative.
+    """
     from matplotlib.ticker import FuncFormatter
 
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{100 * abs(value):.6g} %"))
@@ -275,24 +350,28 @@ class Rows(NamedTuple):
     line_pt: float
     """Line width in a row: thinner in low rows."""
     band: float
-    """Height of one series in a row, in rows."""
+    """Height of one series within a row; a row has the height 1."""
     high_in: float
-    """Wanted height of the axes."""
+    """Height that the axes shall have; see ``settle``."""
 
     def settle(self, style: Style) -> None:
-        """Set the figure's height so that the axes get theirs; call when all else is drawn."""
-        self.figure.set_figheight(self.high_in + 4 * style.height_in)  # enough for everything around the axes
-        spare = self.figure.get_figheight() - axes_size_pt(self.figure, self.axes)[1] / 72
-        height = spare + self.high_in
+        """Set the figure's height so that the axes get the height ``high_in``; call it when all else is drawn.
+
+        For this the height of everything around the axes (labels, title, legend) is measured: the layout is computed in
+        a figure that is high enough in any case.
+        """
+        self.figure.set_figheight(self.high_in + 4 * style.height_in)
+        around = self.figure.get_figheight() - axes_size_pt(self.figure, self.axes)[1] / 72
+        height = around + self.high_in
         self.figure.set_figheight(max(height, style.height_in) if style.fixed_height else height)
         thin_ticks(self.figure, self.axes, style)
 
     def place(self, row: int, series: int, of: int) -> float:
-        """Return y of a series in a row; the first series is the upper one."""
+        """Return y of a series within a row that is shared by ``of`` series; series 0 is the uppermost."""
         return row + (series - (of - 1) / 2) * self.band
 
     def note(self, y: float, text: str, *, colour: str = FAINT) -> None:
-        """Write text next to a row, right of the axes."""
+        """Write text right of the axes at the height ``y``, in the unit of the axes: a row has the height 1."""
         self.axes.annotate(
             plain(text), (1, y), xycoords=("axes fraction", "data"), xytext=(self.font_pt * 0.5, 0),
             textcoords="offset points", va="center", ha="left", fontsize=self.font_pt, color=colour,
@@ -300,7 +379,7 @@ class Rows(NamedTuple):
         )  # fmt: skip
 
     def heading(self, text: str) -> None:
-        """Write a heading above the notes."""
+        """Write a heading above the texts of ``note``, right of the axes, in up to two lines."""
         room_pt = self.figure.get_figwidth() * 72 * 0.22
         self.axes.annotate(
             fitted(text, self.font_pt, room_pt, 2), (1, 1), xycoords="axes fraction",
@@ -318,59 +397,75 @@ def rows_of(
     title: str = "",
     furniture: int = 0,
 ) -> Rows:
-    """Return a figure that grows with its rows; names are at the left, broken or shortened to fit.
+    """Make a figure that grows with its rows; the names of the rows are at the left, broken or shortened to fit.
+
+    When everything is drawn, the caller must call ``Rows.settle``, which sets the final height.
 
     Args:
         style: sizes of the picture.
         names: of the rows.
         x_label: of the axis below.
-        series: how many share a row.
-        title: above.
-        furniture: lines of text below, such as a legend.
+        series: how many series share a row.
+        title: above the rows; it counts as two lines.
+        furniture: number of lines of text above and below the rows, such as a heading and a legend.
     """
+    # height of everything around the rows; the axis and its label take about 3.4 lines
     around = style.font_pt * LINE_SPACING * (3.4 + furniture + (2 if title else 0)) / 72
     room_pt = style.width_in * 72 * LABEL_SHARE
     preferred = _preferred_row_in(style, names, series, room_pt)
     least = style.least_row_in * max(1.0, 0.75 * series)
-    pitch = max(least, min(preferred, (style.tallest_in - around) / len(names)))
-    if style.fixed_height:
-        pitch = max(least, (style.tallest_in - around) / len(names))
+    available = (style.tallest_in - around) / len(names)
+    # Height of a row: on a slide the rows fill the picture. Otherwise they are lower than preferred only if the picture
+    # would be too tall.
+    pitch = max(least, available if style.fixed_height else min(preferred, available))
+    # A line of letters fits into a row, or with several series into 1 / 1.6 of the row.
     font = min(style.small_pt, pitch / min(series, 1.6) * 72 / LINE_SPACING)
-    lines = max(1, min(3, int(pitch * 72 / (font * LINE_SPACING))))
+    lines = max(1, min(3, int(pitch * 72 / (font * LINE_SPACING))))  # lines of a name that fit into a row
     figure = new_figure(style, height_in=around + pitch * len(names), title=title)
     axes = figure.add_subplot()
+    # Few rows on a slide would be too high. Empty space above and below, in rows, keeps each row at most TALLEST_ROW
+    # times as high as preferred.
     space = max(0.0, len(names) * (1 - TALLEST_ROW * preferred / pitch)) / 2
-    axes.set_ylim(len(names) - 0.5 + space, -0.5 - space)
+    axes.set_ylim(len(names) - 0.5 + space, -0.5 - space)  # downwards
     few_ticks(axes.xaxis, style)
     axes.set_yticks(range(len(names)), labels=fitted_names(names, font, room_pt, lines), fontsize=font)
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
     axes.grid(True, axis="x")
-    axes.set_xlabel(fitted(x_label, style.font_pt, style.width_in * 72 * 0.62, 2))
+    axes.set_xlabel(fitted(x_label, style.font_pt, style.width_in * 72 * X_LABEL_SHARE, 2))
     for row in range(1, len(names) if series > 1 else 0):
         axes.axhline(row - 0.5, color=LINE, linewidth=style.line_pt * 0.6)
-    note_pt = min(font, 0.8 / series * pitch * 72 / 1.05)
-    line_pt = min(style.line_pt, 0.8 / series * pitch * 72 / 8)
+    band = 0.8 / series  # a fifth of a row is space between the rows
+    note_pt = min(font, band * pitch * 72 / 1.05)  # not higher than a band
+    line_pt = min(style.line_pt, band * pitch * 72 / 8)  # at most an eighth of a band
     high_in = (least if style.fixed_height else pitch) * len(names)
-    return Rows(figure, axes, note_pt, line_pt, 0.8 / series, high_in)
+    return Rows(figure=figure, axes=axes, font_pt=note_pt, line_pt=line_pt, band=band, high_in=high_in)
 
 
 def _preferred_row_in(style: Style, names: Sequence[object], series: int, room_pt: float) -> float:
+    """Return the preferred height of a row, inches: it has room for its series, and for each name in up to three lines.
+
+    ``room_pt`` is the width of a name.
+    """
     line = style.small_pt * LINE_SPACING / 72
     broken = max(fitted(name, style.small_pt, room_pt, 3).count("\n") + 1 for name in names)
+    # With one series it is ``row_in``, and each further series adds 0.6 of it. A name has 0.35 of a line as space.
     return max(style.row_in * (0.4 + 0.6 * series), line * (broken + 0.35))
 
 
 def legend_lines(style: Style, names: Sequence[str]) -> int:
-    """Return the number of lines of ``legend_below``."""
+    """Return the number of lines of a ``legend_below`` with these names; 0 without names."""
     return math.ceil(len(names) / _legend_columns(style, names)) if names else 0
 
 
 def legend_below(figure: Figure, style: Style, handles: Sequence[Any], names: Sequence[str]) -> None:
-    """Draw a legend below the axes in as many columns as fit; long names are shortened."""
+    """Draw a legend below the axes in as many columns as fit; long names are shortened.
+
+    Without names, nothing is drawn.
+    """
     if not names:
         return
-    room = style.width_in * 72 - style.small_pt * 5
+    room = style.width_in * 72 - style.small_pt * 5  # without the margins and the mark before a name
     labels = fitted_names(names, style.small_pt, room)
     figure.legend(
         list(handles), labels, loc="outside lower center", ncols=_legend_columns(style, names), columnspacing=1.4,
@@ -379,9 +474,13 @@ def legend_below(figure: Figure, style: Style, handles: Sequence[Any], names: Se
 
 
 def _legend_columns(style: Style, names: Sequence[str]) -> int:
-    """Return the largest number of legend columns that fits the width and leaves none almost empty."""
+    """Return the number of columns of a legend.
+
+    The largest number of columns that fits the width gives the fewest lines. Of all numbers of columns with as few
+    lines, the smallest is returned, so that no column is almost empty.
+    """
     room_pt = style.width_in * 72 - style.small_pt * 2
-    handle_pt, gap_pt = style.small_pt * 3, style.small_pt * 1.4
+    handle_pt, gap_pt = style.small_pt * 3, style.small_pt * 1.4  # mark of a name, space between columns
     labels = fitted_names(names, style.small_pt, room_pt - handle_pt)
     for columns in range(len(labels), 1, -1):
         widest = [max(width_pt(name, style.small_pt) for name in part) for part in _dealt(labels, columns)]
@@ -392,11 +491,14 @@ def _legend_columns(style: Style, names: Sequence[str]) -> int:
 
 
 def _dealt(names: Sequence[str], columns: int) -> list[Sequence[str]]:
-    """Return the names in each column of a legend as matplotlib divides them: the first columns get one more."""
-    least, more = divmod(len(names), columns)
+    """Return the names in each column of a legend, column by column, divided in the same way as by matplotlib.
+
+    If the names cannot be divided equally, the first columns have one name more than the others.
+    """
+    least, longer_columns = divmod(len(names), columns)
     parts, start = [], 0
     for column in range(columns):
-        end = start + least + (column < more)
+        end = start + least + (column < longer_columns)
         parts.append(names[start:end])
         start = end
     return parts

@@ -1,4 +1,7 @@
-"""A picture with the numbers it shows and the words below it, and how it is written: whole, the same each time."""
+"""A picture with the numbers it shows and a caption, and how it is written to files and pages.
+
+Files are written completely or not at all, and the same picture gives the same bytes each time.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +27,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS: Final = ("svg", "pdf", "png")
+"""Formats of picture files, which are also their suffixes."""
 SVG_UP_TO: Final = 1_500_000
-"""Characters; a themed SVG above this has what lies in its axes painted as images; words and axes stay lines."""
+"""Most characters of a themed SVG. In a longer one, marks inside the axes become an image; text and axes do not."""
 
-_NO_DATE: Final[dict[str, dict[str, None]]] = {
+_NO_DATE: Final[
+    dict[str, dict[str, None]]
+] = {  # metadata that matplotlib leaves out, since they change each time
     "svg": {"Date": None, "Creator": None},
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
@@ -38,7 +44,7 @@ P = ParamSpec("P")
 
 @dataclass(frozen=True)
 class Picture(NotebookView):
-    """What a ``draw_*`` function gives: the ``figure`` of matplotlib, in one ``style``, with words and numbers."""
+    """What a ``draw_*`` function returns: a ``figure`` of matplotlib in a ``style``, its numbers and its caption."""
 
     figure: Figure
     numbers: pl.DataFrame
@@ -51,24 +57,40 @@ class Picture(NotebookView):
         return f"Picture({shown(self.caption)}, {self.numbers.height} marks)"
 
     def write(self, path: Path | str, formats: Sequence[str] = FORMATS) -> list[Path]:
-        """Write it as ``path.svg``, ``.pdf`` and ``.png`` (``formats``), with its numbers: see ``write_picture``."""
+        """Write the picture as ``path.svg``, ``path.pdf`` and ``path.png``, and its numbers as ``path.csv``.
+
+        ``formats`` selects which of the three pictures are written.
+
+        Returns:
+            The paths of the files, the CSV last.
+        Raises:
+            InputError: an unknown format, or the folder cannot be written.
+            RunError: the disk is full or failed.
+        """
         return write_picture(
             self.figure, self.numbers, path, formats, dots_per_inch=style_named(self.style).dots_per_inch
         )
 
     def svg(self) -> str:
-        """Return the picture for a page; see ``themed_svg``."""
+        """Return the picture as SVG for a page, see ``themed_svg``."""
         return themed_svg(self.figure)
 
 
 def drawn(draw: Callable[P, Picture]) -> Callable[P, Picture]:
-    """Return a ``draw_*`` that works under the settings of its argument ``style`` ("column" if none), the lock held."""
+    """Decorate a ``draw_*`` function, so that it draws with the matplotlib settings of its argument ``style``.
+
+    While it draws, other threads that draw wait, since matplotlib has one set of settings for the whole process. The
+    decorator also writes the name of the style into the picture, and begins its caption with a capital letter.
+    """
 
     @wraps(draw)
     def with_settings(*args: P.args, **kwargs: P.kwargs) -> Picture:
+        # ``style`` is a keyword argument of all draw functions, and "column" is its default in all of them.
         style = style_named(str(kwargs.get("style", "column")))
         with settings(style):
             picture = draw(*args, **kwargs)
+        # The first letter becomes a capital only if the first word has lower-case letters alone: a symbol or a name,
+        # such as "theta_E", stays as it is.
         caption = re.sub(r"^[a-z](?=[a-z]*[ ,.])", lambda first: first[0].upper(), picture.caption)
         return replace(picture, style=style.name, caption=caption)
 
@@ -83,17 +105,19 @@ def write_picture(
     *,
     dots_per_inch: int = STYLES["column"].dots_per_inch,
 ) -> list[Path]:
-    """Write a figure as SVG, PDF and PNG, and beside them its numbers as CSV; each file whole or not at all.
+    """Write a figure as SVG, PDF and PNG, and its numbers as CSV; each file completely or not at all.
 
     The same figure gives the same bytes: no dates, no names of programs, no random ids. Text stays text in SVG
-    and TrueType in PDF. Suffixes are put behind the name as it is, which may hold a point.
+    and TrueType in PDF.
 
     Args:
-        figure, numbers: what is drawn. path_without_suffix: where. formats: ``svg``, ``pdf``, ``png``.
-        dots_per_inch: of PNG, and of images within the others.
+        figure: of matplotlib. numbers: what it shows.
+        path_without_suffix: the suffixes are appended to this path, whose name may contain a dot.
+        formats: which of ``svg``, ``pdf`` and ``png`` are written.
+        dots_per_inch: of PNG, and of images within the other formats.
 
     Returns:
-        The files written, the CSV last.
+        The paths of the files, the CSV last.
 
     Raises:
         InputError: an unknown format, or the folder cannot be written.
@@ -118,7 +142,11 @@ def write_picture(
 
 
 def picture_bytes(figure: Figure, kind: str, *, dots_per_inch: int = 300) -> bytes:
-    """Return a figure as the bytes of an SVG, PDF or PNG file."""
+    """Return a figure as the bytes of a file of the given ``kind``: "svg", "pdf" or "png".
+
+    ``dots_per_inch`` is the resolution of PNG, and of images within the other formats. The same figure gives the same
+    bytes: the metadata have no date.
+    """
     stream = io.BytesIO()
     with settings(), _fonts_without_layout_tables() if kind == "pdf" else nullcontext():
         figure.savefig(stream, format=kind, dpi=dots_per_inch, metadata=dict(_NO_DATE[kind]))
@@ -127,9 +155,11 @@ def picture_bytes(figure: Figure, kind: str, *, dots_per_inch: int = 300) -> byt
 
 @contextmanager
 def _fonts_without_layout_tables() -> Iterator[None]:
-    """Leave tables for shaping text out of the fonts in a PDF, whose letters have their places already.
+    """Drop the layout tables from the fonts that are embedded in a PDF.
 
-    To read them and cut them down took a third of the time of a PDF.
+    Layout tables say how a program places letters. A PDF does not need them, since it has the place of each letter; and
+    reducing them took a third of the time of writing a PDF. The option of fontTools is changed for the whole process
+    during the block, and restored at its end.
     """
     options: Any = import_module("fontTools.subset").Options  # matplotlib's own dependency; without types
     before = options._drop_tables_default
@@ -141,10 +171,10 @@ def _fonts_without_layout_tables() -> Iterator[None]:
 
 
 def themed_svg(figure: Figure) -> str:
-    """Return the figure as SVG whose named colours are CSS variables, ``var(--fig-ink, #1b1e23)``.
+    """Return the figure as SVG whose named colours are CSS variables, such as ``var(--fig-ink, #1b1e23)``.
 
-    A page may set ``--fig-*`` to show it in dark colours. Layers of very many marks come as an image, so that
-    the text stays below some megabytes whatever is drawn.
+    A page may set the variables ``--fig-*`` to show the figure in dark colours. An SVG with more than ``SVG_UP_TO``
+    characters is made again with all marks drawn as an image. This limits the size of a page with many marks.
     """
     text = _svg(figure)
     if len(text) > SVG_UP_TO:
@@ -153,28 +183,41 @@ def themed_svg(figure: Figure) -> str:
 
 
 _TAG: Final = re.compile(r"<[^<>]*>")  # matplotlib escapes both signs in text and in attributes
+"""A tag of an SVG."""
 _STYLE: Final = re.compile(r'(?<= style=")[^"]*(?=")')
+"""The text of the attribute ``style`` of a tag."""
 _HATCHED: Final = re.compile(r' fill="(#[0-9a-f]{6})"')
+"""The attribute ``fill`` of a tag with a colour, as the background of a hatch has it."""
 _COLOUR: Final = re.compile(f"({'|'.join(NAMES.values())})(?![0-9a-f])")
+"""A named colour, not as the beginning of a longer number."""
 _NAME_OF: Final = {colour: name for name, colour in NAMES.items()}
 
 
 def _themed(tag: str) -> str:
-    """Return a tag with variables for colours in its style; the ground of a hatch has its colour elsewhere."""
+    """Replace the named colours in the style of an SVG ``tag`` by CSS variables.
+
+    Variables are allowed only in a style. The background of a hatch has its colour in the attribute ``fill``, which is
+    therefore converted to a style first.
+    """
     tag = _HATCHED.sub(r' style="fill: \1"', tag)
     return _STYLE.sub(lambda style: _COLOUR.sub(_variable, style[0]), tag)
 
 
 def _variable(match: re.Match[str]) -> str:
+    """Return the CSS variable of a named colour, with the colour itself for pages that do not set it."""
     return f"var(--fig-{_NAME_OF[match[0]]}, {match[0]})"
 
 
 def _svg(figure: Figure) -> str:
+    """Return a figure as the text of an SVG file; images in it have 150 dots per inch."""
     return picture_bytes(figure, "svg", dots_per_inch=150).decode("utf-8")
 
 
 def _svg_with_image(figure: Figure) -> str:
-    """Write a figure as SVG with its many marks as one image."""
+    """Return a figure as SVG in which all marks inside the axes are drawn as images; text and axes stay vectors.
+
+    The marks are set to be rasterised for this, and set back at the end.
+    """
     artists: list[Any] = []
     for axes in figure.axes:
         artists += [*axes.collections, *axes.lines, *axes.patches]
@@ -184,5 +227,5 @@ def _svg_with_image(figure: Figure) -> str:
             artist.set_rasterized(True)
         return _svg(figure)
     finally:
-        for artist, was in zip(artists, before, strict=True):
-            artist.set_rasterized(was)
+        for artist, was_rasterized in zip(artists, before, strict=True):
+            artist.set_rasterized(was_rasterized)

@@ -1,5 +1,7 @@
-"""Pictures of floors, and of one run: the floor, the robots' paths, and the samples, legible in grey; and of the maps
-that robots have of the floor, pooled and one a robot.
+"""Pictures of floors, of one run, and of the robots' maps of a floor; all are legible in grey.
+
+The picture of a run shows the floor, the robots' paths and their samples. The picture of maps shows the map of all
+robots together, and the map of each robot by itself.
 """
 
 from __future__ import annotations
@@ -27,18 +29,23 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 SUFFIXES: Final = (".png", ".svg", ".pdf")
+"""Suffixes of picture files."""
 VIBRATING: Final = RUN["vibrating"]
+"""Colour of vibrating tiles in a picture of a floor or of maps."""
 STILL: Final = RUN["tile-still"]
+"""Colour of still tiles in these pictures."""
 
-_LINES_UP_TO: Final = 60  # tiles per side; with more, lines between tiles would hide them
-_VECTORS_UP_TO: Final = 10_000  # tiles; more are drawn as an image in SVG and PDF
+_LINES_UP_TO: Final = 60
+"""Most tiles per side that have lines between them; with more tiles, the lines would hide them."""
+_VECTORS_UP_TO: Final = 10_000
+"""Most tiles that are drawn as vectors in SVG and PDF; more are drawn as an image."""
 
 
 def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
-    """Draw the floor as a matplotlib figure; vibrating tiles dark, still ones light, row 0 at the top.
+    """Draw a floor as a matplotlib figure; vibrating tiles are dark, still ones light, and row 0 is at the top.
 
     Args:
-        tiles: (rows, columns) of 0 and 1.
+        tiles: (rows, columns) of 0 (still) and 1 (vibrating).
         title: above the floor.
     """
     from matplotlib.colors import ListedColormap
@@ -47,7 +54,8 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
 
     rows, columns = tiles.shape
     longer = max(rows, columns)
-    width, height = 5.0 * columns / longer, 5.0 * rows / longer
+    width, height = 5.0 * columns / longer, 5.0 * rows / longer  # of the floor, inches
+    # at least 3 in wide, for the legend; the margins, the title and the legend get 0.8 in and 1.2 in
     figure = Figure(figsize=(max(width, 3.0) + 0.8, height + 1.2), layout="constrained")
     axes = figure.add_subplot()
     axes.pcolormesh(
@@ -71,10 +79,10 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
 
 
 def draw_floor(path: Path | str, tiles: NDArray[np.uint8], title: str = "", *, replace: bool = False) -> None:
-    """Write a picture of the floor in the format of the suffix. The same floor gives the same bytes.
+    """Write a picture of a floor in the format of the path's suffix. The same floor gives the same bytes.
 
     Args:
-        path: ends with .png, .svg or .pdf.
+        path: of the file; it ends with .png, .svg or .pdf.
         tiles: (rows, columns) of 0 and 1.
         title: above the floor. replace: whether an existing file may be replaced.
     Raises:
@@ -86,6 +94,7 @@ def draw_floor(path: Path | str, tiles: NDArray[np.uint8], title: str = "", *, r
     path = Path(path)
     kind = check_suffix(path, SUFFIXES)
     no_date: dict[str, Any] = {".png": {}, ".svg": {"Date": None}, ".pdf": {"CreationDate": None}}[kind]
+    # the fixed salt makes the ids in an SVG the same each time; its text stays text
     with (
         whole_file(path, replace=replace) as part,
         MATPLOTLIB_LOCK,
@@ -95,27 +104,36 @@ def draw_floor(path: Path | str, tiles: NDArray[np.uint8], title: str = "", *, r
 
 
 POINTS_PER_S = 2
+"""Points of a path per second of simulated time."""
 VIBRATES: Final = 1
+"""The value of an observation, or of a decision, that stands for vibrating."""
 READ: Final = ((0, "read still", "o"), (1, "read vibrating", "D"))
-"""Bit, words and mark of a reading, as on the replay page."""
+"""Value of an observation, its words and its marker, as on the replay page."""
 FEEDBACK: Final = {"none": "no feedback", "positive": "positive feedback", "soft": "soft feedback"}
+"""Words for strategies in the title."""
 
 
 def run_figure(result: Result, run: int = 0) -> Figure:
-    """Draw floor, paths and samples of one run, drawn to scale, in the marks and words of the replay page.
+    """Draw the floor, the robots' paths and samples, and the robots of one run, to scale.
 
-    Vibrating tiles are hatched. A sample is a mark at its place: a filled diamond read as vibrating, an open circle
-    read as still, struck through where it was misread. A robot at its end has the shape and colour of its decision, or
-    is open without one. Colours are the palette's, so that a page may show it in dark ones.
+    Marks and words are those of the page that replays a run.
+
+    Vibrating tiles are hatched. A sample is a mark at its place: a filled diamond if it was read as vibrating, an open
+    circle if it was read as still; a misread sample is struck through. A robot is drawn where it is at the end, in the
+    shape and colour of its decision, or open if it is undecided. All colours have names (see ``style``), so that a page
+    may replace them by dark ones.
 
     Args:
-        run: one of the result's runs, which has to have a floor; paths are drawn where segments were kept.
+        result: has the run; the floor of the run must be known. Paths are drawn only if it has segments.
+        run: number of the run.
     """
     from matplotlib.figure import Figure
 
     scenario = result.scenario
     width, height = scenario.arena.width_m, scenario.arena.height_m
-    scale = 6.4 / max(width, height)
+    scale = 6.4 / max(width, height)  # inches per metre
+    # Neither side of the arena gets less than 2.4 in, so that title and legend have room also with a narrow arena.
+    # Labels add 0.4 in to the width; title, labels and legend add 1.2 in to the height.
     figure = Figure(
         figsize=(max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + 1.2), layout="constrained"
     )
@@ -129,9 +147,9 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     origin = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
     outcome = (summary["consensus"] or "decisions not logged").replace("_", " ")
     feedback = FEEDBACK.get(scenario.strategy.name, scenario.strategy.name)
-    floor_name = result.floor(run).name.replace(
-        "$", r"\$"
-    )  # not a formula; parse_math=False is ignored with wrap
+    # A dollar in a name does not begin a formula. It is escaped, since matplotlib ignores parse_math=False in a title
+    # that it wraps.
+    floor_name = result.floor(run).name.replace("$", r"\$")
     axes.set_title(
         f"{scenario.swarm.robots} robots, {floor_name}, fill ratio {summary['fill_ratio']:.3g}, "
         f"{feedback}, {origin}: {outcome}" + "".join(f"\n({text})" for text in edge_warnings(scenario)),
@@ -143,16 +161,18 @@ def run_figure(result: Result, run: int = 0) -> Figure:
 
 
 def _draw_floor(axes: Axes, result: Result, run: int) -> None:
-    """Draw the tiles of the floor."""
+    """Draw the tiles of the run's floor, vibrating ones hatched, and the outline of the floor."""
     from matplotlib import rc_context
     from matplotlib.patches import Rectangle
 
     floor = result.floor(run)
     rows, columns, tile_w, tile_h, left, bottom = floor.geometry
+    # The first tile of each kind takes the label of its kind, so that the legend has each label once.
     labels = {1: "tile vibrates", 0: "tile is still"}
-    with rc_context({"hatch.color": RUN["ripple"]}):  # from matplotlib 3.11 on; before, it is the edge's
+    # matplotlib 3.11 and later take the colour of a hatch from this setting, earlier versions from the edge
+    with rc_context({"hatch.color": RUN["ripple"]}):
         for (row, column), vibrates in np.ndenumerate(floor.tiles):
-            corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)
+            corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)  # row 0 is at the top
             looks: dict[str, Any] = {"facecolor": RUN["tile-still"], "edgecolor": LINE, "lw": 0.4}
             if vibrates:
                 looks = {
@@ -167,33 +187,40 @@ def _draw_floor(axes: Axes, result: Result, run: int) -> None:
 
 
 def _draw_paths(axes: Axes, result: Result, run: int) -> None:
-    """Draw the robots' paths."""
+    """Draw the robots' paths from the start to the end of the run.
+
+    If the result has no segments of motion, from which paths are computed, nothing is drawn.
+    """
     if result.segments is None:
         return
     ends = result.ends.filter(pl.col("run") == run)
     for robot, end_s in ends.select("robot", "end_s").iter_rows():
         times = np.arange(0.0, end_s, 1.0 / POINTS_PER_S)
         path = pose(result.segments, run, robot, times)
-        label = "path" if robot == 0 else None
+        label = "path" if robot == 0 else None  # one entry in the legend stands for all paths
         axes.plot(path[:, 0], path[:, 1], color=RUN["trail"], lw=0.35, alpha=0.6, label=label)
 
 
 def _draw_samples(axes: Axes, result: Result, run: int) -> None:
-    """Draw the samples; misread ones are struck through."""
+    """Draw each sample as a mark that shows what was read: vibrating or still.
+
+    A sample that was misread, so that it does not agree with its tile, is struck through.
+    """
     from matplotlib.path import Path as Outline
 
     samples = result.motion.filter(pl.col("run") == run).join(
         result.observations, on=["run", "robot", "sample"]
     )
-    bit, tile = samples["observation"].to_numpy(), samples["tile"].to_numpy()
-    misread = (tile >= 0) & (vibrating_at(result.floor(run), tile) != (bit == VIBRATES))
+    observation, tile = samples["observation"].to_numpy(), samples["tile"].to_numpy()
+    # a sample beside the floor has tile -1, and cannot be misread
+    misread = (tile >= 0) & (vibrating_at(result.floor(run), tile) != (observation == VIBRATES))
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     stroke = Outline([(-1.0, -1.0), (1.0, 1.0)])
     axes.plot(
         x[misread], y[misread], ls="", marker=stroke, ms=6, color=INK, mew=0.8, zorder=2.9, label="misread"
     )  # fmt: skip
     for value, label, marker in READ:
-        chosen, colour = bit == value, RUN["vibrating" if value == VIBRATES else "still"]
+        chosen, colour = observation == value, RUN["vibrating" if value == VIBRATES else "still"]
         axes.scatter(
             x[chosen],
             y[chosen],
@@ -208,14 +235,18 @@ def _draw_samples(axes: Axes, result: Result, run: int) -> None:
 
 
 def _draw_robots(axes: Axes, result: Result, run: int) -> None:
-    """Draw the robots at the end, with their numbers, in the shape and colour of their decisions."""
+    """Draw the robots with their numbers where they are at the end of the run.
+
+    The shape and colour of a robot show its decision.
+    """
     ends = result.ends.filter(pl.col("run") == run)
     decisions = dict(result.robots.filter(pl.col("run") == run).select("robot", "decision").iter_rows())
     no, yes = answers_of(result.scenario)
+    # The first robot with a decision takes the label of this decision, so that the legend has each label once.
     words = {0: f"robot: {no}", 1: f"robot: {yes}", -1: "robot: undecided"}
     for robot, x_m, y_m in ends.select("robot", "x_m", "y_m").iter_rows():
         decision = decisions.get(robot)
-        decision = -1 if decision is None else int(decision)
+        decision = -1 if decision is None else int(decision)  # null: recordings without a log of decisions
         colour = INK if decision == -1 else RUN["vibrating" if decision == VIBRATES else "still"]
         axes.plot(
             x_m, y_m, ls="", marker="D" if decision == VIBRATES else "o", ms=10, zorder=4,
@@ -229,27 +260,34 @@ def _draw_robots(axes: Axes, result: Result, run: int) -> None:
 
 
 def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
-    """Draw one run into a file: PNG, SVG or PDF by its suffix.
+    """Write the picture of one run (see ``run_figure``) to the file ``path``, in the format of its suffix.
+
+    The suffix is .png, .svg or .pdf. ``run`` is the number of the run in ``result``.
 
     Raises:
-        InputError: another suffix, or a folder that cannot be written.
+        InputError: the path has another suffix, or its folder cannot be written.
     """
-    if path.suffix.lower() not in (".png", ".svg", ".pdf"):
+    if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"'{path.name}' ends in no known kind of picture; .png, .svg or .pdf", field="--out")
     with whole_file(path) as part, MATPLOTLIB_LOCK:
-        run_figure(result, run).savefig(part, dpi=150, metadata={} if path.suffix.lower() != ".png" else None)
+        run_figure(result, run).savefig(part, dpi=150)
 
 
 ACROSS: Final = 4
+"""Most maps side by side."""
 MOST_MAPS: Final = 11
 """Robots whose maps are drawn; the table has all."""
 
 
 def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
-    """Draw the pooled map and those of the first robots; a cross marks a tile that is believed to be what it is not.
+    """Draw the map of all robots together, then the maps of the first ``MOST_MAPS`` robots, one by one.
+
+    The colour of a tile is the belief that it vibrates. A cross marks a tile that is believed to be what it is not: the
+    belief that it vibrates is above 0.5 although it is still, or not above 0.5 although it vibrates.
 
     Args:
-        maps: as ``analysis.floor_maps.floor_maps`` returns them. run: one of its runs.
+        maps: the table of ``analysis.floor_maps.floor_maps``, in which the pooled map has null as its robot, and the
+            tiles of each map are sorted by row, then column. run: number of a run in it.
     """
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
@@ -259,11 +297,12 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
     count = 1 + len(robots)
     across = min(count, ACROSS)
     down = math.ceil(count / across)
+    # about 2 in per map, and room for the scale of colours at the right and the words below
     figure = Figure(figsize=(2.0 * across + 0.7, 2.25 * down + 0.5), layout="constrained")
     axes = figure.subplots(down, across, squeeze=False).ravel()
     colours: Any = LinearSegmentedColormap.from_list("floor", [STILL, VIBRATING])
     mesh: Any = None
-    for ax, robot in zip(axes, [None, *robots], strict=False):
+    for ax, robot in zip(axes, [None, *robots], strict=False):  # None: all robots; some axes may be left over
         own = of_run.filter(pl.col("robot").is_null() if robot is None else pl.col("robot") == robot)
         shape = (own["row"].n_unique(), own["column"].n_unique())
         belief = own["vibrating"].to_numpy().reshape(shape)
@@ -281,7 +320,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
 
 
 def write_maps_picture(maps: pl.DataFrame, path: Path, run: int = 0) -> None:
-    """Write the picture as PNG.
+    """Write the picture of ``maps_figure`` for ``maps`` and ``run`` to the PNG file ``path``.
 
     Raises:
         InputError: the folder cannot be written.

@@ -1,4 +1,4 @@
-"""The two pictures of a search: how scores fell, and where in their bounds the candidates went."""
+"""The two pictures of a search: its scores, and the fields of its candidates, over the iterations."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ def draw_search(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw scores over the iterations: the best so far, the mean of the candidates, and every particle's own best.
+    """Draw scores over the iterations: the best so far, the mean of the candidates, and the best of each particle.
 
     Args:
-        frame: one row an iteration: ``iteration``, ``best`` and ``mean`` (null: none).
-        personal: one row an iteration and particle: ``iteration``, ``particle``, ``score``.
+        frame: one row per iteration with the columns ``iteration``, ``best`` (so far, as the search believes) and
+            ``mean`` (of the iteration's candidates); null: no score.
+        personal: of a particle swarm, one row per iteration and particle with the columns ``iteration``, ``particle``
+            and ``score`` (the best of the particle so far); None: not drawn.
         label: of the score, with its unit.
-        true: the winner's score on fresh runs, drawn across.
+        true: the winner's score on fresh runs, drawn as a level line; None: no line.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -36,7 +38,7 @@ def draw_search(
         Picture; its numbers are ``iteration, best, mean``.
 
     Raises:
-        InputError: the frame is not as asked.
+        InputError: a frame is not as described.
     """
     sizes = style_named(style)
     frame = tidy(frame, numbers=("iteration", "best", "mean"), complete=("iteration",)).sort("iteration")
@@ -57,7 +59,7 @@ def draw_search(
                 linewidth=sizes.line_pt * 0.5,
                 zorder=2,
             )
-        handles = [lines[0]]
+        handles = [lines[0]]  # all particles look the same: one of them stands for all in the legend
     best, mean = look(0), look(1)
     (of_mean,) = axes.plot(
         frame["iteration"], frame["mean"], color=mean.colour, linestyle=mean.line, linewidth=sizes.line_pt
@@ -67,11 +69,11 @@ def draw_search(
         linewidth=sizes.line_pt * 1.5, zorder=3,
     )  # fmt: skip
     handles = [of_best, of_mean, *handles]
-    if true is not None:
+    if true is not None:  # in a colour and a line that no other curve has
         handles.append(axes.axhline(true, color=SERIES[4], linestyle=look(2).line, linewidth=sizes.line_pt))
     axes.set_ylim(bottom=0)
     whole_ticks(axes.xaxis)
-    legend_below(figure, sizes, handles, names)
+    legend_below(figure, sizes, handles, names)  # handles and names have the same order
     caption = f"{label} over {frame.height} iterations: the best so far and the mean of the candidates tried."
     if true is not None:
         caption += f" On fresh runs the winner's is {true:.4g}; what lies below was luck."
@@ -85,11 +87,11 @@ def draw_parameters(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw mean of each field over the candidates of an iteration, as a share of its bounds.
+    """Draw the mean of each field over the candidates of an iteration, as a fraction of the field's range.
 
     Args:
-        frame: one row an iteration and field: ``iteration``, ``share`` (0 at the lower bound, 1 at the upper) and,
-            where there are several, ``series`` (the field).
+        frame: one row per iteration and field with the columns ``iteration``, ``share`` (0 at the lower bound, 1 at the
+            upper) and, for several fields, ``series`` (the name of the field).
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -97,7 +99,7 @@ def draw_parameters(
         Picture; its numbers are ``iteration, series, share``.
 
     Raises:
-        InputError: the frame is not as asked, or a share lies outside [0, 1].
+        InputError: the frame is not as described, or a share lies outside [0, 1].
     """
     sizes = style_named(style)
     frame = tidy(frame, numbers=("iteration", "share"), complete=("iteration", "share"))
@@ -111,7 +113,7 @@ def draw_parameters(
         axes.plot(
             part["iteration"], part["share"], color=looks.colour, linestyle=looks.line,
             linewidth=sizes.line_pt, marker=looks.marker, markersize=sizes.marker_pt,
-            markevery=max(part.height // 8, 1),
+            markevery=max(part.height // 8, 1),  # about eight marks per curve
         )  # fmt: skip
     axes.set_ylim(-0.02, 1.02)
     whole_ticks(axes.xaxis)

@@ -1,21 +1,24 @@
-"""Colours that are told apart in grey print and by the colour-blind, and the marks that say the same in shape.
+"""Colours, markers and sizes of pictures.
+
+Colours can be distinguished in grey print and by colour-blind readers. Every series also has a marker and a hatch of
+its own. The look of a series is its colour, marker, line and hatch.
 
 Every colour of a picture has a name. ``themed_svg`` in ``picture.py`` writes it as a CSS variable with the
 colour as fallback, so that a page can show the same picture in dark colours.
 
-The series' colours lie at CIE L* 17, 30, 43, 55, 66 and 76; hues were chosen by search so that the smallest
-distance (CIE 1976) between any two is as large as can be, also as seen with protanopia and deuteranopia
+The colours of series lie at CIE L* 17, 30, 43, 55, 66 and 76. Their hues were chosen by search so that the smallest
+distance (CIE 1976) between any two is as large as possible, also as seen with protanopia and deuteranopia
 (Machado, Oliveira and Fernandes 2009, severity 1). A test measures both.
 
-Each strategy has one colour and marker in all pictures, whichever others are drawn beside it. A series belongs to a
-strategy if a part of its name is the strategy's: ``soft``, ``random:0.48, soft``, ``soft (gate own)``. Strategies of
-users get one of the free pairs by a hash of their name. Sources of a reproduction have looks of their own; other series
-are drawn in order.
+Each strategy has the same colour and marker in all pictures, whatever is drawn beside it. A series belongs to a
+strategy if a part of its name is the name of the strategy: ``soft``, ``random:0.48, soft``, ``soft (gate own)``.
+Strategies of users get a pair of colour and marker that no built-in strategy has, by a hash of their name. The sources
+that a reproduction of the paper compares have fixed looks. All other series get looks in their order.
 
-Sizes for where a picture is to stand: a journal's column, a page of two columns, a slide.
+There are three sizes: for a journal's column, for a page of two columns, and for a slide.
 
-Pictures are Figure objects; pyplot is never used. matplotlib reads its settings from one place for the whole
-process, so they are set under one lock and put back: pictures may be drawn from any thread.
+Pictures are Figure objects; pyplot is never used. matplotlib has one set of settings for the whole process. They are
+changed only under a lock and restored afterwards, so that pictures may be drawn from any thread.
 """
 
 from __future__ import annotations
@@ -33,18 +36,23 @@ from vibroswarm import strategies
 from vibroswarm.errors import InputError, nearest
 
 INK: Final = "#1b1e23"
+"""Colour of text, axes and dark lines."""
 FAINT: Final = "#6f747b"
-"""Words and lines of second rank."""
+"""Colour of less important words and lines."""
 LINE: Final = "#d4d0c6"
 """Grid lines."""
 PAPER: Final = "#ffffff"
+"""Colour of the background."""
 BAND: Final = "#efece4"
-"""The ground behind what was undecided at the end of a run."""
+"""Background of the band for values later than the end of the runs."""
 ON_DARK: Final = "#fffffd"
+"""Colour of numbers and lines on dark parts of a heat map; see ``ON_LIGHT``."""
 ON_LIGHT: Final = "#010101"
-"""Numbers written into the cells of a heat map; the same in every theme, as the cells are."""
+"""Colour of numbers and lines on light parts of a heat map. Neither colour has a name in ``NAMES``, since a dark page
+does not change the colours of the map."""
 
 SERIES: Final = ("#33027f", "#e48c07", "#14716d", "#2ecde9", "#8a1c00", "#1384f0")
+"""Colours of series 0 to 5; series 6 to 11 repeat them with open markers."""
 
 OUTCOMES: Final = {
     "right": "#1d4e89",
@@ -62,6 +70,7 @@ OUTCOME_HATCHES: Final = {
     "incomplete": "...",
     "truth_undefined": "\\\\",
 }
+"""Hatch of each outcome in a bar, as matplotlib takes it."""
 
 RUN: Final = {
     "still": "#00639c",
@@ -89,7 +98,9 @@ COLOUR_MAP: Final = "cividis"
 """Of heat maps: perceptually uniform, its luminance rises steadily, and nearly the same for the colour-blind."""
 
 MARKERS: Final = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*")
+"""Markers of series 0 to 11, by their names in matplotlib."""
 HATCHES: Final = ("", "////", "....", "xxxx", "\\\\\\\\", "----", "||||", "oo", "++", "**", "//", "xx")
+"""Hatches of series 0 to 11, as matplotlib takes them."""
 LINES: Final[tuple[tuple[int, tuple[float, ...]], ...]] = (
     (0, ()),
     (0, (5, 1.5)),
@@ -98,22 +109,31 @@ LINES: Final[tuple[tuple[int, tuple[float, ...]], ...]] = (
     (0, (3, 1)),
     (0, (6, 1.5, 1.2, 1.5, 1.2, 1.5)),
 )
+"""Lines of series 0 to 5: for each the offset, and the lengths of dashes and gaps."""
 SERIES_UP_TO: Final = len(MARKERS)
+"""Largest number of series in a picture: each has a marker of its own."""
 
 
 class Look(NamedTuple):
-    """How one series is drawn: by colour, and by what is left of it in grey."""
+    """How one series is drawn."""
 
     colour: str
+    """As ``#rrggbb``."""
     marker: str
+    """Marker by its name in matplotlib."""
     line: tuple[int, tuple[float, ...]]
+    """Dashes of lines, as matplotlib takes them: the offset, and the lengths of dashes and gaps."""
     hatch: str
+    """Hatch of areas, by its name in matplotlib."""
     hollow: bool
-    """Markers are open; so are those of series seven to twelve, whose colours come a second time."""
+    """Whether markers are open, as for series 6 to 11, which repeat the colours of 0 to 5."""
 
 
 def look(index: int) -> Look:
-    """Return the look of series ``index`` (0 to 11); each differs from all others in marker and in hatch."""
+    """Return the look of a series by its index, 0 to 11.
+
+    Each index has a marker and a hatch of its own. Colours and lines are repeated from 6 on.
+    """
     return Look(
         colour=SERIES[index % len(SERIES)],
         marker=MARKERS[index],
@@ -125,45 +145,59 @@ def look(index: int) -> Look:
 
 @dataclass(frozen=True)
 class Style:
-    """Sizes in inches, type and lines in points."""
+    """Sizes of a picture: its width and height in inches, its type and lines in points."""
 
     name: str
     width_in: float
     height_in: float
-    """Of a picture with two numeric axes; one with a row for each cell grows, except on a slide."""
+    """Height of a picture with two numeric axes. A picture with a row for each cell grows, except on a slide."""
     font_pt: float
+    """Font size of labels and titles."""
     small_pt: float
+    """Font size of ticks, legends and names of rows."""
     line_pt: float
+    """Width of lines."""
     marker_pt: float
+    """Size of markers."""
     row_in: float
-    """Height of one row, where there is room."""
+    """Preferred height of one row."""
     least_row_in: float
+    """Least height of one row."""
     tallest_in: float
-    """Rows shrink to ``least_row_in`` to stay within this; beyond, the picture grows past it."""
+    """Greatest height of a picture. Rows shrink to keep it; once they have their least height, it is exceeded."""
     dots_per_inch: int
 
     @property
     def fixed_height(self) -> bool:
-        """Whether a picture keeps its height as long as its rows can be read in it."""
+        """Whether pictures do not grow with their rows until these have their least height; true of a slide."""
         return self.tallest_in == self.height_in
 
 
 STYLES: Final = {
-    "column": Style("column", 3.5, 2.5, 8, 7, 1.1, 3.6, 0.22, 0.115, 9.0, 300),
-    "page": Style("page", 7.2, 3.8, 9, 8, 1.2, 4.5, 0.24, 0.125, 9.4, 300),
-    "slide": Style("slide", 13.333, 7.5, 20, 16, 2.6, 10, 0.55, 0.2, 7.5, 150),
-}
+    "column": Style(
+        name="column", width_in=3.5, height_in=2.5, font_pt=8, small_pt=7, line_pt=1.1, marker_pt=3.6,
+        row_in=0.22, least_row_in=0.115, tallest_in=9.0, dots_per_inch=300,
+    ),
+    "page": Style(
+        name="page", width_in=7.2, height_in=3.8, font_pt=9, small_pt=8, line_pt=1.2, marker_pt=4.5,
+        row_in=0.24, least_row_in=0.125, tallest_in=9.4, dots_per_inch=300,
+    ),
+    "slide": Style(
+        name="slide", width_in=13.333, height_in=7.5, font_pt=20, small_pt=16, line_pt=2.6, marker_pt=10,
+        row_in=0.55, least_row_in=0.2, tallest_in=7.5, dots_per_inch=150,
+    ),
+}  # fmt: skip
 """``column`` is 89 mm wide with type of 8 pt, ``page`` 183 mm with 9 pt, ``slide`` is 16:9 with 20 pt."""
 
 MATPLOTLIB_LOCK: Final = threading.RLock()
-"""Held by whoever draws or saves, since matplotlib's settings are those of the whole process."""
+"""Held by a thread that draws or saves, since matplotlib has one set of settings for the whole process."""
 
 
 def style_named(name: str) -> Style:
-    """Return the style of this name.
+    """Return the style of this name: "column", "page" or "slide".
 
     Raises:
-        InputError: there is none.
+        InputError: there is no such style.
     """
     if name not in STYLES:
         known = ", ".join(STYLES)
@@ -173,9 +207,10 @@ def style_named(name: str) -> Style:
 
 @contextmanager
 def settings(style: Style | None = None) -> Iterator[None]:
-    """Apply matplotlib's own defaults, then this style's, for as long as the block lasts; one thread at a time.
+    """Use matplotlib's own defaults with the changes of a style (by default "page") until the end of the block.
 
-    Letters that the font lacks are no matter for a warning: in SVG and HTML the reader's fonts have them.
+    The block holds ``MATPLOTLIB_LOCK``, so that other threads that draw wait. Warnings about letters that the font does
+    not have are suppressed: in SVG and HTML, the program of the reader shows these letters in a font of its own.
     """
     from matplotlib import style as styles
 
@@ -186,7 +221,7 @@ def settings(style: Style | None = None) -> Iterator[None]:
 
 
 def _parameters(style: Style) -> dict[str, Any]:
-    """Return matplotlib's settings of a style."""
+    """Return the changes of matplotlib's settings for a style, by their names in matplotlib."""
     thin = style.line_pt * 0.6
     return {
         "font.family": "sans-serif",
@@ -257,7 +292,8 @@ BUILT_IN: Final[dict[str, tuple[int, int]]] = {
     "field": (3, 6),
     "explore": (4, 7),
 }
-"""Places in ``SERIES`` and ``MARKERS``. Never change them: readers compare pictures of different days."""
+"""For each strategy, its indices in ``SERIES`` (colour) and ``MARKERS``. Never change them: readers compare pictures
+that were drawn at different times."""
 
 SOURCES: Final = {
     "published": 0,
@@ -267,14 +303,20 @@ SOURCES: Final = {
     "text": 3,
     "authors' simulator": 5,
 }
-"""Looks of what the reproduction compares: recordings, published numbers and presets. Never change them."""
+"""For each source of a reproduction of the paper (recordings, published numbers, presets) the index of its look. Never
+change them. In a picture with two sources of the same index, looks are given in order instead."""
 
 WORDS: Final = {"no feedback": "none", "positive feedback": "positive", "soft feedback": "soft"}
 """Other names of strategies in pictures."""
 
 
 def strategy_in(name: str) -> str | None:
-    """Return the strategy to which a series belongs by its name; None if to none."""
+    """Return the strategy that the name of a series contains, or None.
+
+    The name is divided into parts at commas and parentheses. A part names a strategy if it is the name of a strategy,
+    or begins with it and continues with other words after a space. The other names of strategies in ``WORDS`` count as
+    well. The first strategy found is returned.
+    """
     known = strategies.known()
     for part in re.split(r"[,()]", name):
         part = WORDS.get(part.strip(), part.strip())
@@ -287,42 +329,60 @@ def strategy_in(name: str) -> str | None:
 
 
 def looks_of(names: Sequence[str]) -> list[Look]:
-    """Return the look of each series; no two are alike in marker and colour.
+    """Return the look of each series; no two have the same pair of marker and colour.
+
+    Three cases: (1) Some names contain strategies. The series of a strategy has the look of this strategy. The other
+    series have colours that none of these strategies has, if such colours exist. (2) No name contains a strategy, and
+    all are names of different ``SOURCES``: they have the looks of the sources. (3) Otherwise the k-th series has the
+    look k.
 
     Args:
         names: of the series, each once, in the order in which they are drawn.
     """
-    of = [strategy_in(name) for name in names]
-    if not any(of):
-        places = [SOURCES[name] for name in names if name in SOURCES]
-        fixed = len(set(places)) == len(names)
-        return [look(place) for place in (places if fixed else range(len(names)))]
-    used = {_place(strategy)[0] for strategy in of if strategy}
+    strategy_of = [strategy_in(name) for name in names]
+    if not any(strategy_of):
+        fixed = [SOURCES[name] for name in names if name in SOURCES]
+        all_fixed = len(set(fixed)) == len(names)
+        return [look(index) for index in (fixed if all_fixed else range(len(names)))]
+    used = {_colour_and_marker(strategy)[0] for strategy in strategy_of if strategy}
     free = [k for k in range(len(SERIES)) if k not in used] or list(range(len(SERIES)))
-    found: list[Look] = []
+    looks: list[Look] = []
     taken: set[tuple[int, int]] = set()
-    for index, strategy in enumerate(of):
-        others = index - sum(map(bool, of[:index]))  # series before it that are of no strategy
-        colour, marker = _place(strategy) if strategy else (free[others % len(free)], others % len(MARKERS))
-        if not strategy:
-            marker = max(colour, marker)
-        while (colour, marker) in taken:  # the same strategy again: its colour, the next marker
+    for index, strategy in enumerate(strategy_of):
+        if strategy:
+            colour, marker = _colour_and_marker(strategy)
+        else:
+            others = strategy_of[:index].count(None)  # number of earlier series without a strategy
+            colour = free[others % len(free)]
+            # The marker has the index of the colour, so that it is filled; or the number of earlier series if that is
+            # larger, so that repeated colours have other markers.
+            marker = max(colour, others % len(MARKERS))
+        # If an earlier series has this pair, such as one of the same strategy, the next marker is taken. After the last
+        # marker, the colour changes as well.
+        while (colour, marker) in taken:
             marker = (marker + 1) % len(MARKERS)
             colour = colour if marker else (colour + 1) % len(SERIES)
         taken.add((colour, marker))
-        found.append(_look(colour, marker, again=of[:index].count(strategy) if strategy else 0))
-    return found
+        looks.append(_look(colour, marker, again=strategy_of[:index].count(strategy) if strategy else 0))
+    return looks
 
 
 def row_looks(names: Sequence[str]) -> dict[str, Look]:
-    """Return the looks of rows that are named after strategies; empty if none are, or if there are too many rows."""
+    """Return the looks of rows by name, if rows are named after strategies.
+
+    The result is empty if no name contains a strategy, or if there are more rows than markers.
+    """
     if len(names) > len(MARKERS) or not any(map(strategy_in, names)):
         return {}
     return dict(zip(names, looks_of(names), strict=True))
 
 
-def _place(strategy: str) -> tuple[int, int]:
-    """Return the indices of a strategy's colour and marker; those of one that is not built in follow from its name."""
+def _colour_and_marker(strategy: str) -> tuple[int, int]:
+    """Return the indices of a strategy's colour in ``SERIES`` and of its marker in ``MARKERS``.
+
+    A strategy of a user gets a pair that no built-in strategy has. A hash of its name chooses the pair, so that it is
+    the same in all pictures.
+    """
     if strategy in BUILT_IN:
         return BUILT_IN[strategy]
     used = set(BUILT_IN.values())
@@ -331,11 +391,15 @@ def _place(strategy: str) -> tuple[int, int]:
 
 
 def _look(colour: int, marker: int, again: int) -> Look:
-    """Return a look; later series of one strategy differ in marker, line and hatch."""
+    """Return the look with these indices of colour and marker; the hatch has the index of the marker.
+
+    ``again`` is the number of earlier series of the same strategy; the line differs from theirs. A marker is filled if
+    its index is that of the colour, as for the first series in ``look``; all other markers are open.
+    """
     return Look(
         colour=SERIES[colour],
         marker=MARKERS[marker],
         line=LINES[(colour + again) % len(LINES)],
         hatch=HATCHES[marker],
-        hollow=marker >= len(SERIES) or marker != colour,
+        hollow=marker != colour,
     )

@@ -1,8 +1,9 @@
-"""Energies of a session from its recorded acceleration, by the robot's own chain (``robot.sensing``, Algorithm 2).
+"""Compute the energies of a session from recorded acceleration, by the robot's own sensing chain (``robot.sensing``).
 
-The file is a CSV with a head line: ``robot`` as in the log, ``time_s`` of the log's clock, ``ax``, ``ay``, ``az`` in
-the unit of the energies. Each sample is made from the last ``readings`` rows of its robot up to the sample's time,
-which must be evenly spaced at the chain's rate.
+The file is a CSV with a header: ``robot`` as in the log, ``time_s`` by the log's clock, ``ax``, ``ay``, ``az`` in the
+unit of the energies. A row is one reading of the accelerometer. The energy of a sample is computed from the last N
+readings of its robot up to the time of the sample, which must be evenly spaced at the rate of the sensing chain. N is
+the number of readings in the time that the chain takes for a sample.
 """
 
 from __future__ import annotations
@@ -21,46 +22,51 @@ from vibroswarm.recordings.log import Log
 from vibroswarm.robot.sensing import SenseProgram, SenseState, energy, readings, sense_step
 
 COLUMNS: Final = ("robot", "time_s", "ax", "ay", "az")
+"""Columns of a file of acceleration."""
 RATE_TOLERANCE: Final = 0.02
-"""Share by which the readings' rate may differ from the chain's: the accuracy of a microcontroller's clock."""
+"""Relative difference allowed between the readings' rate and the chain's: the accuracy of a microcontroller's clock."""
 WIDEST_GAP: Final = 1.6
-"""Longest time between two readings of a sample, in periods: one is missing beyond."""
+"""Longest time between two readings of a sample, in periods of the chain's rate; a longer one lacks a reading."""
 CLOCK_S: Final = 0.001
-"""A reading may be this much later than its sample: times are written to a millisecond."""
+"""A reading may be this much later than its sample, since times are written to a millisecond."""
 
 
 class Computed(NamedTuple):
-    """A log with energies from acceleration, and how they compare with those that it had."""
+    """A log with energies computed from acceleration, compared with the energies that it had before."""
 
     log: Log
     samples: int
+    """Number of samples."""
     largest_difference: float
-    """Largest difference between a computed energy and the one in the log; NaN if the log has none."""
+    """Largest difference between a computed energy and the one in the log; nan if the log has none."""
 
 
 def energies_from(log: Log, path: Path, program: SenseProgram) -> Computed:
-    """Replace a log's energies by those computed from recorded acceleration.
+    """Replace the energies of a log by energies computed from recorded acceleration.
 
     Args:
-        log: as read. path: CSV file of the acceleration. program: settings of the sensing chain.
+        log: of the session. path: CSV file of the acceleration. program: settings of the sensing chain.
+    Returns: the new log; ``log`` stays as it is.
     Raises:
-        InputError: the file is wrong, has another rate than the chain's, or lacks readings of a sample.
+        InputError: the file is no such CSV, its times do not increase, its rate is not the chain's, or readings of a
+            sample are missing.
     """
     recorded = read_acceleration(path)
     count, found = readings(program), np.empty(log.samples.height)
+    # For each robot an array with a row per reading; columns: time, three accelerations, line of the file.
     by_robot = {
         int(robot[0]): frame.select("time_s", "ax", "ay", "az", "line").to_numpy()
         for robot, frame in recorded.group_by("robot", maintain_order=True)
     }
     for robot, rows in by_robot.items():
-        late = np.flatnonzero(np.diff(rows[:, 0]) <= 0.0)
+        late = np.flatnonzero(np.diff(rows[:, 0]) <= 0.0)  # readings whose successor is not later
         if late.size:
             raise InputError(
                 f"robot {robot}: its time, {rows[late[0] + 1, 0]:g} s, is not after that of the reading before",
                 field=f"{path}, row {rows[late[0] + 1, 4]:.0f}",
             )
     for k, (robot, time_s) in enumerate(log.samples.select("robot", "time_s").iter_rows()):
-        rows = by_robot.get(int(robot), np.empty((0, 5)))
+        rows = by_robot.get(int(robot), np.empty((0, 5)))  # no readings: ``_check_window`` raises the error
         end = int(np.searchsorted(rows[:, 0], time_s + CLOCK_S, side="right"))
         window = rows[max(end - count, 0) : end]
         _check_window(window, count, int(robot), float(time_s), program, path)
@@ -69,30 +75,36 @@ def energies_from(log: Log, path: Path, program: SenseProgram) -> Computed:
     difference = np.abs(found - before)
     largest = float(np.nanmax(difference)) if np.isfinite(difference).any() else float("nan")
     samples = log.samples.with_columns(energy=pl.Series(found))
-    return Computed(replace(log, samples=samples), log.samples.height, largest)
+    return Computed(log=replace(log, samples=samples), samples=log.samples.height, largest_difference=largest)
 
 
 def chain_energy(acceleration: NDArray[np.float64], program: SenseProgram) -> float:
-    """Return the energy that the robot's sensing chain computes from the readings of one stop, (readings, 3)."""
-    step: Any = getattr(
-        sense_step, "py_func", sense_step
-    )  # plain: compiling it takes longer than thousands of calls
-    state = SenseState(0.0, 0.0, 0.0, 0)
+    """Compute the energy of one sample by the robot's sensing chain.
+
+    Args:
+        acceleration: ax, ay, az of the readings of one stop, in the order of time, (readings, 3).
+        program: settings of the sensing chain.
+    """
+    # The function without Numba, since compiling it takes longer than thousands of calls.
+    step: Any = getattr(sense_step, "py_func", sense_step)
+    state = SenseState(magnitude=0.0, filtered=0.0, squares=0.0, taken=0)  # before the first reading
     for ax, ay, az in acceleration.tolist():
         state = step(state, program, ax, ay, az)
     return energy(state)
 
 
 def read_acceleration(path: Path) -> pl.DataFrame:
-    """Return the readings of a file: ``COLUMNS`` and ``line``.
+    """Read a file of acceleration: its ``COLUMNS`` as numbers, and ``line``, the line of the file.
 
     Raises:
-        InputError: not such a file; names the row.
+        InputError: a column is missing, or a cell is not a number; the error names the row.
     """
     name = str(path)
     table = table_of(text_of(path), name)
     check_columns({f"'{column}'": column for column in COLUMNS}, table.columns, name)
-    numbers = {column: numbers_of(table[column], table["line"], name, column, ()) for column in COLUMNS}
+    numbers = {
+        column: numbers_of(table[column], table["line"], name, column, missing=()) for column in COLUMNS
+    }
     return pl.DataFrame({"line": table["line"], **numbers})
 
 
@@ -104,13 +116,21 @@ def _check_window(
     program: SenseProgram,
     path: Path,
 ) -> None:
-    """Refuse readings of a sample that are too few, of another rate, or with gaps."""
+    """Check the readings of a sample: their number, rate and gaps, and that they are not of an earlier time.
+
+    Args:
+        window: the readings, (readings, 5); column 0 is their time, s. count: number of readings that are needed.
+        robot, time_s: of the sample. program: settings of the sensing chain. path: of the file, for errors.
+    Raises:
+        InputError: too few readings, another rate than the chain's, or a gap.
+    """
     what = f"robot {robot}, sample at {time_s:g} s"
     if window.shape[0] > 1:
         spacing_s = np.diff(window[:, 0])
         rate_hz = 1.0 / float(np.median(spacing_s))
         mean_hz = (window.shape[0] - 1) / float(window[-1, 0] - window[0, 0])
         is_even = float(spacing_s.max()) <= WIDEST_GAP * float(np.median(spacing_s))
+        # The mean is the more precise rate, but a gap would lower it; a gap is reported below as such.
         rate_hz = mean_hz if is_even else rate_hz
         if abs(rate_hz / program.rate_hz - 1.0) > RATE_TOLERANCE:
             raise InputError(
@@ -119,9 +139,11 @@ def _check_window(
                 field=str(path),
             )
     signal_s = program.signal_ms / 1000.0
-    lasting_s = float(time_s - window[0, 0]) if window.shape[0] else 0.0
-    gap = float(np.diff(window[:, 0]).max()) if window.shape[0] > 1 else 0.0
-    if window.shape[0] < count or gap > WIDEST_GAP / program.rate_hz or lasting_s > 2.0 * signal_s + 0.5:
+    gap_s = float(np.diff(window[:, 0]).max()) if window.shape[0] > 1 else 0.0
+    # If the first reading is much older than the signal lasts (twice as long and 0.5 s more), the readings are those of
+    # an earlier stop.
+    age_s = float(time_s - window[0, 0]) if window.shape[0] else 0.0
+    if window.shape[0] < count or gap_s > WIDEST_GAP / program.rate_hz or age_s > 2.0 * signal_s + 0.5:
         raise InputError(
             f"{what}: it lacks readings; {count} in a row up to the sample are needed ({signal_s:g} s at "
             f"{program.rate_hz:g} Hz)",

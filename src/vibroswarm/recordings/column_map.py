@@ -1,8 +1,9 @@
-"""Read any CSV file by a column map in TOML; the robots' own format is one such map (``formats/rugbot.toml``).
+"""Read the log of a session from any CSV file, by a column map in TOML.
 
-A map names for each column of ``log.SAMPLES`` the column of the file from which it is read:
+The format of the study's robots is one such map (``formats/rugbot.toml``). A map names for each column of
+``log.SAMPLES`` (its "use") the column of the file from which it is read:
 
-    missing = ["None", ""]              # cells that hold nothing
+    missing = ["None", ""]              # texts of empty cells
     [columns]
     robot = "ROV Number"
     time_s = { name = "t_ms", times = 0.001 }
@@ -12,9 +13,12 @@ A map names for each column of ``log.SAMPLES`` the column of the file from which
     [settings]                          # fields of the scenario that hold for every such file
     "sample.stop_ms" = 1000.0
 
-``robot``, ``time_s``, ``x_m``, ``y_m`` and ``energy`` are required. A row with an energy is a sample, one without
-is a
-tracking row. ``tag`` names a column that identifies the robot (its marker): each robot has one. Errors name the row.
+``robot``, ``time_s``, ``x_m``, ``y_m`` and ``energy`` are required. A row with an energy is a sample; a row without is
+a tracking row, the position of a robot seen by a camera. ``tag`` names a column with the marker on the robot, of which
+each robot has only one. Errors name the row.
+
+A number in the file is multiplied by ``times``, then ``plus`` is added; a text is looked up in ``values``. ``wraps_at``
+is the number at which a counter starts again from 0.
 """
 
 from __future__ import annotations
@@ -37,7 +41,7 @@ from vibroswarm.errors import InputError, nearest
 from vibroswarm.recordings.log import COUNTERS, REQUIRED, SAMPLES, TRACKS, Log, log_frame
 
 LARGEST_BYTES: Final = 64 * 2**20
-"""Largest log file; reading takes some 25 times as much memory. An hour of ten robots has 10 MB."""
+"""Size of the largest log file. Reading takes some 25 times as much memory; an hour of ten robots has 10 MB."""
 
 _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
     "robot": (0, 2**31, "a whole number from 0 on"),
@@ -56,17 +60,18 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
     "avoid_total_s": (0.0, 1e9, "a time from 0 on"),
     "stop_total_s": (0.0, 1e9, "a time from 0 on"),
 }
+"""Range of values of a column, and the range in words; columns whose least value is an int have whole numbers."""
 
 
 def text_of(path: Path) -> str:
-    """Return the text of a log.
+    """Read the text of a log file.
 
     Raises:
-        InputError: not a plain file, larger than ``LARGEST_BYTES``, or not text.
+        InputError: it is not a plain file, larger than ``LARGEST_BYTES``, not text, or empty.
     """
     name = str(path)
     text = read_bytes(path, LARGEST_BYTES, "a log of one session").decode("utf-8-sig", errors="replace")
-    if "\0" in text[:4096]:
+    if "\0" in text[:4096]:  # text has no null characters; binary files have some near their start
         raise InputError("is a binary file; give a text log", field=name)
     if not text.strip():
         raise InputError("is empty", field=name)
@@ -74,10 +79,15 @@ def text_of(path: Path) -> str:
 
 
 def table_of(text: str, name: str) -> pl.DataFrame:
-    """Parse CSV text with a header into columns of strings, and ``line``.
+    """Parse CSV text with a header into a table: ``line``, the number of a row's line from 1, and the file's columns.
 
+    Cells stay strings. Empty lines are skipped. A name that the header repeats gets its column's number:
+    "x", "x (3)".
+
+    Args:
+        name: of the file, for errors.
     Raises:
-        InputError: a row has another number of cells than the header.
+        InputError: it is not CSV, or a row has another number of cells than the header.
     """
     lines = text.splitlines()
     try:
@@ -86,19 +96,20 @@ def table_of(text: str, name: str) -> pl.DataFrame:
     except (csv.Error, StopIteration) as error:
         raise InputError(f"is not a CSV file: {error}", field=name) from None
     head = [cell.strip() for cell in head]
-    kept = [(number, row) for number, row in enumerate(rows, start=2) if row]
-    for number, row in kept:
+    not_empty = [(number, row) for number, row in enumerate(rows, start=2) if row]
+    for number, row in not_empty:
         if len(row) != len(head):
             raise InputError(
                 f"{len(row)} cells, but the first line has {len(head)}", field=f"{name}, row {number}"
             )
-    columns = list(zip(*(row for _, row in kept), strict=True)) or [()] * len(head)
+    # Without rows every column is empty.
+    columns = list(zip(*(row for _, row in not_empty), strict=True)) or [()] * len(head)
+    # Columns are named by their numbers at first, since names of the header may repeat.
     numbered = {f"{place}": list(cells) for place, cells in enumerate(columns)}
     frame = pl.DataFrame(
-        {"line": [number for number, _ in kept], **numbered},
+        {"line": [number for number, _ in not_empty], **numbered},
         schema={"line": pl.UInt32, **dict.fromkeys(numbered, pl.String)},
     )
-    # A repeated name in the header gets the column's number.
     names = [
         cell if head.index(cell) == place else f"{cell} ({place + 1})" for place, cell in enumerate(head)
     ]
@@ -106,12 +117,13 @@ def table_of(text: str, name: str) -> pl.DataFrame:
 
 
 def check_columns(wanted: Mapping[str, str], there: list[str], name: str) -> None:
-    """Refuse a file that lacks a column.
+    """Check that a file has all columns that are read from it.
 
     Args:
-        wanted: for each use, the name of its column. there: columns of the file. name: of the file.
+        wanted: for each use (what the column is read as) the name of the column in the file.
+        there: names of the columns that the file has. name: name of the file, for errors.
     Raises:
-        InputError: a column is missing; names the first one.
+        InputError: a column is missing; the error names the first.
     """
     missing = [(use, column) for use, column in wanted.items() if column not in there]
     if missing:
@@ -127,10 +139,13 @@ def check_columns(wanted: Mapping[str, str], there: list[str], name: str) -> Non
 def numbers_of(
     cells: pl.Series, lines: pl.Series, name: str, column: str, missing: tuple[str, ...]
 ) -> pl.Series:
-    """Parse a column of text as numbers; null where a cell is one of ``missing``.
+    """Convert a column of text to numbers; null where a cell is one of ``missing``.
 
+    Args:
+        cells: the texts. lines: number of each cell's line, for errors. name, column: of the file and of the column,
+            for errors. missing: texts of empty cells.
     Raises:
-        InputError: a cell is neither a finite number nor missing; names the row.
+        InputError: a cell is neither a finite number nor one of ``missing``; the error names the row.
     """
     stripped = cells.str.strip_chars()
     empty = stripped.is_in(list(missing))
@@ -145,10 +160,14 @@ def numbers_of(
 
 
 def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, column: str) -> None:
-    """Refuse numbers outside the range of a column's use; missing values pass.
+    """Check that the numbers of a column are in the range of its use (``_ALLOWED``); missing values pass.
 
+    Args:
+        values: numbers of the column, after conversion. lines: number of each value's line, for errors.
+        name: name of the file, for errors. use: column of ``log.SAMPLES`` that the numbers are for.
+        column: name of the column in the file, for errors.
     Raises:
-        InputError: a number is out of range, or not whole where it must be; names the first such row.
+        InputError: a number is out of range, or not whole where it must be; the error names the first such row.
     """
     if use not in _ALLOWED:
         return
@@ -168,10 +187,12 @@ def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, colum
 
 
 def plain_number(value: Any, what: str, name: str) -> float:
-    """Return a value of a TOML file as a number.
+    """Return a value of a TOML file as a float, after checking that it is a finite number.
 
+    Args:
+        value: the value. what: its key, for errors. name: name of the file, for errors.
     Raises:
-        InputError: not a finite number; names ``what``, the key.
+        InputError: it is not a finite number.
     """
     if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
         raise InputError(f"{value!r} is not a number", field=f"{name}, {what}")
@@ -179,28 +200,37 @@ def plain_number(value: Any, what: str, name: str) -> float:
 
 
 USES: Final = (*(name for name in SAMPLES if name != "line"), "tag")
+"""Keys of ``[columns]`` in a column map."""
 
 
 @dataclass(frozen=True)
 class Column(NotebookView):
-    """A column of the file, and how its cells become numbers: cell * times + plus, or by lookup in ``values``."""
+    """A column of the file, and how its cells are converted to numbers: cell * times + plus, or by ``values``."""
 
     name: str
+    """Name of the column in the file."""
     times: float = 1.0
+    """Factor of a number in the file."""
     plus: float = 0.0
+    """Number that is added after the multiplication."""
     wraps_at: float | None = None
     """Value at which a counter returns to 0, in the file's unit; None: it does not."""
     values: Mapping[str, float] | None = None
+    """The number for each text; None: cells are numbers."""
 
 
 @dataclass(frozen=True)
 class ColumnMap(NotebookView):
-    """How a kind of CSV file is read."""
+    """Instructions for reading a kind of CSV file."""
 
     name: str
+    """Name of the format."""
     columns: Mapping[str, Column]
+    """Columns of the file by use (``USES``)."""
     missing: tuple[str, ...] = ("", "None", "nan", "NaN")
+    """Texts of empty cells."""
     settings: Mapping[str, Any] = field(default_factory=dict)
+    """Fields of the scenario that hold for every such file."""
 
 
 @cache
@@ -213,8 +243,10 @@ def rugbot_map() -> ColumnMap:
 def column_map(text: str, name: str) -> ColumnMap:
     """Parse a column map from TOML text.
 
+    Args:
+        name: of the file, for errors; also the map's name, unless the text sets one.
     Raises:
-        InputError: invalid TOML, an unknown column, or a required one missing.
+        InputError: invalid TOML, an unknown key or column, a value of another kind, or a required column missing.
     """
     try:
         values = tomllib.loads(text)
@@ -244,12 +276,18 @@ def column_map(text: str, name: str) -> ColumnMap:
 
 
 def _column(use: str, value: Any, name: str) -> Column:
-    """Check the map of one column."""
+    """Parse the entry of one column: the name of a column of the file, or a table with ``name`` and other keys.
+
+    Args:
+        use: key of the entry. value: of the entry, as TOML gives it. name: of the file, for errors.
+    Raises:
+        InputError: an unknown use or key, or a value of another kind.
+    """
     location = f"{name}, columns.{use}"
     if use not in USES:
         raise InputError(f"unknown column{nearest(use, USES)}", field=location)
     if isinstance(value, str):
-        return Column(value)
+        return Column(name=value)
     if not isinstance(value, dict) or not isinstance(value.get("name"), str):
         raise InputError(
             'must be the name of a column, or { name = "...", times = ..., plus = ... }', field=location
@@ -263,26 +301,30 @@ def _column(use: str, value: Any, name: str) -> Column:
     wraps_at = value.get("wraps_at")
     if wraps_at is not None and use not in COUNTERS:
         raise InputError(f"only counters wrap ({', '.join(COUNTERS)})", field=location)
+    numbers = (
+        None if table is None else {key: plain_number(number, key, location) for key, number in table.items()}
+    )
     return Column(
-        value["name"],
-        plain_number(value.get("times", 1.0), "times", location),
-        plain_number(value.get("plus", 0.0), "plus", location),
-        None if wraps_at is None else plain_number(wraps_at, "wraps_at", location),
-        None
-        if table is None
-        else {key: plain_number(number, key, location) for key, number in table.items()},
+        name=value["name"],
+        times=plain_number(value.get("times", 1.0), "times", location),
+        plus=plain_number(value.get("plus", 0.0), "plus", location),
+        wraps_at=None if wraps_at is None else plain_number(wraps_at, "wraps_at", location),
+        values=numbers,
     )
 
 
 def read_mapped(path: Path, by: ColumnMap) -> Log:
-    """Read a CSV file as a log.
+    """Read a CSV file as a log, by a column map.
 
+    Args:
+        path: of the file. by: the column map.
     Raises:
-        InputError: missing columns, text in place of numbers, impossible values, a robot with two tags; names the
-            row.
+        InputError: a column is missing, a required cell is empty, text stands in place of a number, a value is
+            impossible, or a robot has two tags; the error names the row.
     """
     name = str(path)
     table = table_of(text_of(path), name)
+    # The first column of the table is ``line``, which the file does not have.
     check_columns({use: column.name for use, column in by.columns.items()}, table.columns[1:], name)
     lines = table["line"]
     columns: dict[str, pl.Series] = {"line": lines}
@@ -294,6 +336,7 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
     is_sample = columns["energy"].is_not_null()
     frame = pl.DataFrame({use: values.alias(use) for use, values in columns.items() if use != "tag"})
     samples, tracks = frame.filter(is_sample), frame.filter(~is_sample)
+    # Converted to the unit of the log's column.
     wraps_at = {
         use: column.wraps_at * column.times
         for use, column in by.columns.items()
@@ -313,12 +356,14 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
 def _converted(
     cells: pl.Series, lines: pl.Series, name: str, use: str, column: Column, missing: tuple[str, ...]
 ) -> pl.Series:
-    """Return one column as numbers: scaled and shifted, or looked up in its ``values``; missing cells become null.
+    """Convert one column to numbers: scaled and shifted, or looked up in its ``values``; missing cells become null.
 
     Args:
-        lines: number of each cell's line. name: of the file. use: what the column is, by which it is checked.
+        cells: texts of the file. lines: number of each cell's line, for errors. name: of the file, for errors.
+        use: column of ``log.SAMPLES``, whose range is checked. column: its entry in the column map.
+        missing: texts of empty cells.
     Raises:
-        InputError: a cell is no number, not one of ``values``, or out of range; names the row.
+        InputError: a cell is not a number, not one of ``values``, or out of range; the error names the row.
     """
     if column.values is None:
         numbers = numbers_of(cells, lines, name, column.name, missing)
@@ -339,22 +384,38 @@ def _converted(
 
 
 def _check_there(numbers: pl.Series, lines: pl.Series, name: str, column: str) -> None:
-    """Refuse a column with empty cells."""
+    """Check that a column has no empty cell.
+
+    Args:
+        numbers: the converted column, null where a cell is empty. lines: number of each cell's line. name: of the file.
+        column: its name in the file.
+    Raises:
+        InputError: a cell is empty; the error names the row of the first.
+    """
     if numbers.null_count():
         k = int(numbers.is_null().arg_true()[0])
         raise InputError(f"empty cell in column '{column}'", field=f"{name}, row {lines[k]}")
 
 
 def _check_tags(found: Mapping[str, pl.Series], name: str) -> None:
-    """Refuse a file in which a robot has two different tags."""
+    """Check that each robot has the same tag (marker) in all rows that have one.
+
+    Args:
+        found: converted columns by use. name: of the file.
+    Raises:
+        InputError: a robot has two different tags; the error names the first row that differs.
+    """
     if "tag" not in found:
         return
     pairs = pl.DataFrame({use: found[use].alias(use) for use in ("line", "robot", "tag")}).drop_nulls()
-    first = pairs.group_by("robot", maintain_order=True).agg(pl.col("tag").first().alias("first"))
-    other = pairs.join(first, on="robot", maintain_order="left").filter(pl.col("tag") != pl.col("first"))
-    if other.height:
-        line, robot, tag, known = other.row(0)
+    first_tags = pairs.group_by("robot", maintain_order=True).agg(pl.col("tag").first().alias("first"))
+    differing = pairs.join(first_tags, on="robot", maintain_order="left").filter(
+        pl.col("tag") != pl.col("first")
+    )
+    if differing.height:
+        line, robot, tag, first_tag = differing.row(0)
         raise InputError(
-            f"robot {robot:g} has marker {tag:g}, but earlier {known:g}: unknown robot or marker",
+            f"robot {robot:g} has marker {tag:g}, but marker {first_tag:g} in earlier rows; a robot has one marker, "
+            "so the robot's number or the marker is wrong",
             field=f"{name}, row {line}",
         )

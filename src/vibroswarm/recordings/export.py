@@ -1,10 +1,10 @@
-"""Write results as logs in the formats that ``readers`` read; what a format holds is read back equal.
+"""Write results as logs in the formats that ``log_readers`` reads; everything that a format contains is read back equal.
 
-| format | holds | does not hold |
+| format | contains | does not contain |
 |---|---|---|
-| rugbot | positions every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms | bits read and sent, headings, when within 0.22 s per sample was taken, driving apart from turning |
-| webots | samples after 5 s: time, position, energy to 1e-6, bit sent, posterior, counters; whole-numbered settings | paths, headings, sessions without bits sent |
-| csv | every table of the result, a file each | - |
+| rugbot | positions every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms | bits read and sent, headings, times of samples more exact than 0.22 s, times of driving and turning |
+| webots | samples after 5 s: time, position, energy to 1e-6, bit sent, posterior, counters; settings that are whole numbers | paths, headings, sessions without bits sent |
+| csv | every table of the result, one file per table | - |
 """  # noqa: E501
 
 from __future__ import annotations
@@ -24,16 +24,25 @@ from vibroswarm.motion.pose import pose
 from vibroswarm.result import TABLES, Result
 
 CAMERA_S: Final = 0.22
-"""Duration of one loop of the camera."""
+"""Duration of one loop of the camera, which logs the position of every robot."""
 WRAP_MS: Final = 65536
+"""Value at which the robots' counters start again from 0."""
 MARKERS: Final = (10, 11, 6, 39, 14)
+"""Markers of the study's robots, by number."""
 _NOTHING: Final = ",None" * 9
+"""The cells after the position in a tracking row."""
 _FEEDBACK: Final = {"none": 0, "positive": 1, "soft": 2}
+"""Numbers of strategies in a console log."""
 
 
 def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
-    """Write one run as a CSV file of the study's robots.
+    """Write one run as a CSV file in the format of the study's robots.
 
+    In that format a camera finds all robots in each of its loops (every 0.22 s). For each loop the file has a tracking
+    row for every robot, and a row for each sample taken since the loop before, with the robot's position in this loop.
+
+    Args:
+        run: number of the run. replace: whether an existing file may be replaced.
     Raises:
         InputError: no segments, no energies, an arena that is not 1 m x 1 m, or ``path`` cannot be written.
     """
@@ -46,21 +55,24 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     if samples["energy"].null_count():
         raise InputError("needs energies, which this result lacks", field="rugbot")
     ends = result.ends.filter(pl.col("run") == run)
-    loops = np.arange(0.0, float(ends["end_s"].max() or 0.0), CAMERA_S)  # type: ignore[arg-type]
+    loops_s = np.arange(0.0, float(ends["end_s"].max() or 0.0), CAMERA_S)  # type: ignore[arg-type]
+    # Positions of each robot at each loop, (loops, 2), cut off at 1 m, the arena's width and height. The lower bound of
+    # -10 m lies below all positions.
     places = {
-        robot: np.clip(pose(result.segments, run, robot, loops), -10.0, 1.0)[:, :2]
+        robot: np.clip(pose(result.segments, run, robot, loops_s), -10.0, 1.0)[:, :2]
         for robot in ends["robot"].to_list()
     }
     lines: list[str] = []
-    due = samples.with_columns(
-        loop=pl.Series(np.minimum(np.searchsorted(loops, samples["time_s"].to_numpy()), loops.size - 1))
+    # A sample is written in the first loop after it, or in the last loop.
+    with_loop = samples.with_columns(
+        loop=pl.Series(np.minimum(np.searchsorted(loops_s, samples["time_s"].to_numpy()), loops_s.size - 1))
     )
-    by_loop = {int(k[0]): frame.to_dicts() for k, frame in due.group_by("loop", maintain_order=True)}
-    for loop, time_s in enumerate(loops.tolist()):
+    by_loop = {int(k[0]): frame.to_dicts() for k, frame in with_loop.group_by("loop", maintain_order=True)}
+    for loop, time_s in enumerate(loops_s.tolist()):
         for robot, positions in places.items():
             lines.append(f"{_place(time_s, robot, positions[loop])}{_NOTHING}")
         for row in by_loop.get(loop, []):
-            lines.append(_place(time_s, row["robot"], places[row["robot"]][loop]) + _mind(row))
+            lines.append(_place(time_s, row["robot"], places[row["robot"]][loop]) + _sample_cells(row))
     head = (
         ",Timestamp,ROV Number,Marker ID,X Meter,Y Meter,Energy,Alpha,Beta,Belief,d_f,"
         "Swarm Send,Swarm Recv,Collision Time,Sense Time"
@@ -71,14 +83,16 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
 
 
 def _place(time_s: float, robot: int, where: Any) -> str:
+    """Write the first cells of a row: time, robot (from 1), marker, x and y, m."""
     marker = MARKERS[robot] if robot < len(MARKERS) else 100 + robot
     return f"{time_s:.2f},{robot + 1},{marker:.1f},{float(where[0]):.7f},{float(where[1]):.7f}"
 
 
-def _mind(row: dict[str, Any]) -> str:
-    """Write belief, decision and counters of a sample as the study's robots log them."""
+def _sample_cells(row: dict[str, Any]) -> str:
+    """Write the further cells of a sample's row: energy, alpha, beta, belief, decision and counters."""
+    # The robots cut the belief to three digits; the 1e-9 keeps rounding from lowering a belief that has only three.
     belief = math.floor(row["belief_below"] * 1000 + 1e-9) / 1000
-    decision = 2 if row["decision"] == -1 else row["decision"]
+    decision = 2 if row["decision"] == -1 else row["decision"]  # the robots log 2 for undecided
     counters = [round(1000 * row[name]) % WRAP_MS for name in ("avoid_total_s", "stop_total_s")]
     return (
         f",{row['energy']:.3f},{row['alpha']},{row['beta']},{belief:g},{decision},"
@@ -87,10 +101,14 @@ def _mind(row: dict[str, Any]) -> str:
 
 
 def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
-    """Write one run as a console log of the study's simulator.
+    """Write one run as a console log of the study's simulator: a line per sample after 5 s.
 
+    At the end each robot's last line is repeated, as that simulator does.
+
+    Args:
+        run: number of the run. replace: whether an existing file may be replaced.
     Raises:
-        InputError: no energies or no bits sent, or ``path`` cannot be written.
+        InputError: no energies, bits sent or other columns that the format needs, or ``path`` cannot be written.
     """
     samples = _samples(result, run)
     for name in (
@@ -105,6 +123,7 @@ def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     ):
         if samples[name].null_count():
             raise InputError(f"needs '{name}', which this result lacks", field="webots")
+    # Decision time of each robot; None if it never decides.
     decided = {
         row["robot"]: row["decision_time_s"] for row in result.robots.filter(pl.col("run") == run).to_dicts()
     }
@@ -121,36 +140,58 @@ def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
 
 
 def _settings(result: Result) -> list[str]:
-    """Return the settings line of a console log; if a setting is not a whole number, a note that says so instead."""
+    """Return the first lines of a console log: one line with the settings as whole numbers.
+
+    If a setting is not a whole number, the line is a note that says so.
+    """
     s = result.scenario
+    tau_ms = s.sample.sample_interval_ms
     numbers = (
-        s.walk.walk_duration_location_ms, s.walk.walk_duration_scale_ms, s.sample.sample_interval_ms,
+        s.walk.walk_duration_location_ms, s.walk.walk_duration_scale_ms, tau_ms,
         s.walk.avoidance_threshold_mm, s.decision.min_observations, _FEEDBACK[s.strategy.name],
         s.strategy.table("soft").eta,
-        result.seed or 0,
+        result.seed or 0,  # a recording has no seed
     )  # fmt: skip
     if any(number != int(number) for number in numbers):
         return ["INFO: settings are not whole numbers and are not logged"]
-    robots = s.swarm.robots
-    return [f"{' '.join(str(int(setting)) for setting in numbers)} 1 {robots} {int(numbers[2])} 0 0 "]
+    settings = " ".join(str(int(number)) for number in numbers)
+    # The format has further numbers, among them the number of robots, and tau once more.
+    return [f"{settings} 1 {s.swarm.robots} {int(tau_ms)} 0 0 "]
 
 
 def _console(row: dict[str, Any], decided_s: float | None) -> str:
-    """Write a sample as a line of the study's console log."""
+    """Write a sample as a line of a console log.
+
+    The cells are a constant, time (s), robot, energy, bit sent, belief, alpha, beta, number of the sample, messages
+    received, mean of the posterior, mean of a posterior from own samples alone, x, 1 - y (the simulator's axis points
+    down), times spent walking, avoiding and standing (ms), decision time (whole s; 0: none yet), decision.
+
+    Args:
+        decided_s: decision time of the robot; None: it never decides.
+    """
+    # The posterior from own samples alone: prior Beta(1, 1), and sample + 1 bits so far, of which own_ones are 1.
+    own_mean = (1 + row["own_ones"]) / (row["sample"] + 3)
     counts = row["alpha"] + row["beta"]
     decided = decided_s is not None and row["time_s"] >= decided_s
+    # It is None in a recording, whose times of driving and turning are not known.
     walking_s = row["walk_total_s"] or 0.0
     return (
         f"1,{row['time_s']:.6f},{row['robot']},{row['energy']:.6f},{row['message']},{row['belief_below']:.6f},"
         f"{row['alpha']},{row['beta']},{row['sample']},{row['messages_received']},{row['alpha'] / counts:.6f},"
-        f"{(1 + row['own_ones']) / (row['sample'] + 3):.6f},{row['x_m']:.6f},{1.0 - row['y_m']:.6f},"
+        f"{own_mean:.6f},{row['x_m']:.6f},{1.0 - row['y_m']:.6f},"
         f"{round(1000 * walking_s)},{round(1000 * row['avoid_total_s'])},{round(1000 * row['stop_total_s'])},"
         f"{int(decided_s) if decided and decided_s is not None else 0},{row['decision']}"
     )
 
 
 def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = False) -> None:
-    """Write every table of the result, with all runs, as a CSV file in a folder; ``run`` has no effect."""
+    """Write every table of a result, with all runs, as a CSV file in a folder.
+
+    Args:
+        run: has no effect; all writers have this argument. replace: whether existing files may be replaced.
+    Raises:
+        InputError: ``folder`` is a file, or cannot be written.
+    """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"'{folder}' is a file; give the name of a folder", field="--out")
     folder.mkdir(parents=True, exist_ok=True)
@@ -162,7 +203,10 @@ def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = Fal
 
 
 def _samples(result: Result, run: int) -> pl.DataFrame:
-    """Return the samples of a run: motion, observations, inference, and each robot's total times up to the sample.
+    """Return the samples of a run: the columns of motion, observations and inference, and three total times.
+
+    The total times are those that the robot has spent so far, s: avoid_total_s, stop_total_s, and walk_total_s
+    (driving, turning and avoiding).
 
     Raises:
         InputError: there is no such run.

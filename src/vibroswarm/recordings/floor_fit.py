@@ -1,12 +1,12 @@
-"""Test whether the energies of a log were read on this floor, or on one of its rotations or mirror images.
+"""Test whether the energies of a log were read on a given floor, or on one of its rotations or mirror images.
 
 | name | symbol | equation |
 |---|---|---|
 | energy of a tile | m_t | mean of ln E over the samples on tile t |
-| contrast | C | mean of m_t over vibrating tiles minus that over still ones, sampled tiles only |
-| p-value | p | share of random floors with as many vibrating tiles whose contrast is at least C |
+| contrast | C | mean of m_t over vibrating tiles minus mean over still tiles, of the tiles that were sampled |
+| p-value | p | share of random floors with the same number of vibrating tiles whose contrast is at least C |
 
-A tile counts once however often it was sampled: neighbouring samples are not independent, tiles are.
+Each tile counts once, however often it was sampled, because neighbouring samples are not independent.
 """
 
 from __future__ import annotations
@@ -25,9 +25,12 @@ from vibroswarm.floors.floor import Floor
 FLOORS: Final = 20_000
 """Number of random floors."""
 UNLIKELY: Final = 0.01
+"""A floor with a p-value below this fits, if no other orientation fits better."""
 LIKELY: Final = 0.001
+"""Another orientation may be taken as the right one if its p-value is below this; see ``AGAINST``."""
 AGAINST: Final = 10.0
-"""An orientation whose p-value is smaller by this factor is taken as the right one."""
+"""Another orientation is taken as the right one if its p-value is below ``LIKELY``, and smaller than that of the floor
+as given by more than the factor ``AGAINST``."""
 
 ORIENTATIONS: Final = (
     "as it is",
@@ -39,6 +42,7 @@ ORIENTATIONS: Final = (
     "mirrored along the diagonal from the top left",
     "mirrored along the diagonal from the top right",
 )
+"""Orientations of a floor that are compared, in words."""
 
 
 @dataclass(frozen=True)
@@ -46,28 +50,36 @@ class FloorFit:
     """Fit of one orientation of a floor."""
 
     orientation: str
+    """One of ``ORIENTATIONS``."""
     contrast: float
+    """C: mean energy of a vibrating tile minus that of a still tile."""
     probability: float
     """p-value: probability that a random floor fits as well."""
 
 
 def turned(tiles: NDArray[np.uint8], orientation: str) -> NDArray[np.uint8]:
-    """Return the tiles in one of ``ORIENTATIONS``."""
+    """Return the tiles rotated or mirrored as one of ``ORIENTATIONS`` says.
+
+    Args:
+        tiles: of a floor, (rows, columns).
+    Returns: the tiles, (rows, columns), or (columns, rows) after a quarter turn or a mirroring along a diagonal.
+    """
     k = ORIENTATIONS.index(orientation)
-    if k < 4:
+    if k < 4:  # the first four are rotations by k quarter turns
         return np.rot90(tiles, k)
+    # The last four are mirrorings, in the order of ``ORIENTATIONS``.
     mirrored = (np.fliplr(tiles), np.flipud(tiles), tiles.T, np.rot90(tiles, 2).T)
     return mirrored[k - 4]
 
 
 def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
-    """Return how well the floor fits the energies in each orientation that keeps its shape, best first.
+    """Compute how well a floor fits the energies in each orientation, sorted by falling contrast.
 
-    An orientation in which all sampled tiles are of one kind is left out. Empty if fewer than four tiles were
-    sampled, or if all tiles of the floor are of one kind.
+    An orientation is left out if the rotated grid has another shape, or if all sampled tiles would be of one kind.
 
     Args:
-        samples: x_m, y_m, energy.
+        samples: a table with the columns x_m, y_m and energy.
+    Returns: the fits; none if fewer than four tiles were sampled, or if all tiles of the floor are of one kind.
     """
     tile = floor.tile_at(samples["x_m"].to_numpy(), samples["y_m"].to_numpy())
     energy = samples["energy"].to_numpy()
@@ -79,37 +91,47 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
         return []
     mean = total[seen] / count[seen]
     fits = []
-    nulls: dict[int, NDArray[np.float64]] = {}
+    # Contrasts of random floors by their number of vibrating tiles among those sampled; orientations may share it.
+    random_contrasts: dict[int, NDArray[np.float64]] = {}
     for orientation in ORIENTATIONS:
         tiles = turned(floor.tiles, orientation)
         if tiles.shape != floor.tiles.shape:
             continue
-        ones = tiles.ravel()[seen] == 1
-        if not ones.any() or ones.all():
+        vibrates = tiles.ravel()[seen] == 1
+        if not vibrates.any() or vibrates.all():
             continue
-        if int(ones.sum()) not in nulls:
-            nulls[int(ones.sum())] = _random_contrasts(mean, int(ones.sum()))
-        contrast = float(mean[ones].mean() - mean[~ones].mean())
-        above = int((nulls[int(ones.sum())] >= contrast - 1e-12).sum())
-        fits.append(FloorFit(orientation, contrast, (above + 1) / (FLOORS + 1)))
+        number = int(vibrates.sum())
+        if number not in random_contrasts:
+            random_contrasts[number] = _random_contrasts(mean, number)
+        contrast = float(mean[vibrates].mean() - mean[~vibrates].mean())
+        # Random floors that fit as well or better; equal contrasts may differ by rounding.
+        above = int((random_contrasts[number] >= contrast - 1e-12).sum())
+        # The floor itself counts as one of the random floors, so that p is never 0.
+        fits.append(FloorFit(orientation, contrast, probability=(above + 1) / (FLOORS + 1)))
     return sorted(fits, key=lambda fit: -fit.contrast)
 
 
 def _random_contrasts(mean: NDArray[np.float64], ones: int) -> NDArray[np.float64]:
-    """Return the contrasts, (``FLOORS``,), of random floors with ``ones`` vibrating tiles among those sampled.
+    """Compute the contrasts of random floors with ``ones`` vibrating tiles among those sampled, (``FLOORS``,).
 
     Args:
-        mean: mean logarithm of the energy of each sampled tile.
+        mean: m_t, the mean of ln E, of each sampled tile, (tiles,). ones: number of vibrating tiles among them.
     """
+    # Seed, run and robot are 0: the same random floors for every log.
     u = uniforms(0, 0, 0, Purpose.BOOTSTRAP, FLOORS * mean.size).reshape(FLOORS, mean.size)
+    # The tiles with the smallest uniform numbers vibrate: every set of ``ones`` tiles has the same probability.
     chosen = np.argpartition(u, ones - 1, axis=1)[:, :ones]
     upper = mean[chosen].sum(axis=1)
     return np.asarray(upper / ones - (mean.sum() - upper) / (mean.size - ones))
 
 
 def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
-    """Return a sentence that says whether the floor fits the energies, may be wrong, or cannot be tested.
+    """Test whether a floor fits the energies of samples, and return the result as a sentence.
 
+    The sentence says that the floor fits, that it may be wrong, or that the test is inconclusive.
+
+    Args:
+        samples: a table with the columns x_m, y_m and energy.
     Raises:
         InputError: the floor fits clearly better if it is rotated or mirrored.
     """
@@ -122,21 +144,22 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
     if as_given is None:
         return "The fit of the floor is inconclusive: all sampled tiles are of one kind."
     best = fits[0]
-    odds = f"of random floors {_percent(as_given.probability)} fit the energies as well"
+    evidence = f"of random floors {_percent(as_given.probability)} fit the energies as well"
     if as_given.probability < UNLIKELY and best is as_given:
-        return f"The floor fits: {odds}."
+        return f"The floor fits: {evidence}."
     if best.probability < LIKELY and as_given.probability > AGAINST * best.probability:
-        turn = best.orientation[0].upper() + best.orientation[1:]
+        orientation = best.orientation[0].upper() + best.orientation[1:]
         raise InputError(
-            f"'{floor.name or 'this floor'}' does not fit: {odds}. {turn} it fits "
+            f"'{floor.name or 'this floor'}' does not fit: {evidence}. {orientation} it fits "
             f"({_percent(best.probability)}). Correct the floor's file, or add --any-floor to continue",
             field="--floor",
         )
     better = (
         "" if best is as_given else f"; {best.orientation} it would fit better ({_percent(best.probability)})"
     )
-    return f"The floor may be wrong: {odds}{better}."
+    return f"The floor may be wrong: {evidence}{better}."
 
 
 def _percent(share: float) -> str:
+    """Write a share in percent with two significant digits."""
     return "less than 0.01 %" if share < 1e-4 else f"{100 * share:.2g} %"

@@ -1,111 +1,82 @@
-"""Infer the settings of robots from their log, with the evidence.
+"""Infer the settings with which robots ran from their logs, with the evidence for each.
 
 | name | symbol | inferred from |
 |---|---|---|
-| rms_threshold | theta_E | samples whose bit is certain: alpha or beta did not grow, or the bit is logged |
+| rms_threshold | theta_E | energies E of samples whose bit is certain (logged, or alpha or beta did not grow) |
 | gate, min_observations | O_c | counts at first decisions, and at samples with a belief beyond p_c and no decision |
-| credible_threshold | p_c | beliefs at decisions, and at undecided samples past the gate |
-| strategy | u | bits received or sent, compared with what each strategy would have sent |
+| credible_threshold | p_c | beliefs at decisions, and at samples past the gate without a decision |
+| strategy | u | bits received or sent, compared with those that each strategy would have sent |
 | sample_interval_ms | tau | time between undisturbed samples, minus the stop and two ticks |
 
-Between two samples of a robot alpha grows by its own bit and the ones received, beta by the rest. So where alpha did
-not grow the own bit was 0, where beta did not grow it was 1, and E of these samples encloses theta_E. Received
-bits are
-not logged individually: their sum is compared with the share of ones that others would have sent in that time.
+The gate is the condition that a robot must have counted more than O_c observations before it may decide.
+
+Between two samples of a robot alpha grows by the number of ones among its own bit and the bits received, and beta by
+the number of zeros. So the own bit was 0 if alpha did not grow, and 1 if beta did not grow. The energies of these two
+kinds of samples lie below and above theta_E. Received bits are not logged one by one: their sum is compared with the
+share of ones that the other robots would have sent in that time.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.recordings.infer_strategy import infer_strategy
+from vibroswarm.recordings.inferred import STOP_S, Inferred, Intervals, undetermined
 from vibroswarm.recordings.log import Log
-from vibroswarm.strategies import soft
 from vibroswarm.strategies.bayes import GATES
 
-STRATEGIES: Final = ("none", "positive", "soft")
-"""Strategies of the study's robots."""
-
 TICKS_S: Final = 0.04
-"""Undisturbed samples are tau, the stop and two ticks apart."""
-STOP_S: Final = 1.0
-FLOOR_SHARE: Final = 0.01
-"""Probabilities of a bit are clipped to this distance from 0 and 1."""
-LAG_S: Final = 0.25
-"""Rows are written up to this late."""
+"""Two ticks of the simulator: undisturbed samples are tau + stop + two ticks apart."""
+
+
 UNDISTURBED_S: Final = 0.3
-
-
-@dataclass(frozen=True)
-class Inferred:
-    """One setting: its value (None: undetermined), its bounds, and the evidence."""
-
-    name: str
-    value: Any
-    low: float | None
-    high: float | None
-    evidence: str
-
-
-def _undetermined(name: str, evidence: str) -> Inferred:
-    return Inferred(name, None, None, None, evidence)
-
-
-@dataclass(frozen=True)
-class Intervals:
-    """Samples of all sessions by robot, with changes since the robot's previous sample; (samples,) each."""
-
-    session: NDArray[np.int64]
-    robot: NDArray[np.int64]
-    time_s: NDArray[np.float64]
-    energy: NDArray[np.float64]
-    new_alpha: NDArray[np.float64]
-    new_beta: NDArray[np.float64]
-    new_received: NDArray[np.float64]
-    whole: NDArray[np.bool_]
-    """No row is missing in between."""
-    spacing_s: NDArray[np.float64]
-    avoid_s: NDArray[np.float64]
-    stop_s: NDArray[np.float64]
+"""Undisturbed intervals between samples differ by no more than this from their middle."""
 
 
 def infer_settings(
     logs: Sequence[Log], *, prior: tuple[int, int] = (1, 1), eta: float = 1500.0, kappa: float = 2.0
 ) -> list[Inferred]:
-    """Infer all settings; one that cannot be determined has the value None and says why.
+    """Infer all settings of the module's table; a setting that cannot be determined has the value None and says why.
 
     Args:
         logs: sessions, each from ``log.in_order``. prior: alpha and beta before the first observation.
-        eta, kappa: parameters with which soft feedback is tried.
+        eta, kappa: parameters of soft feedback with which that strategy is tried.
     """
     between = _intervals(logs, prior)
     threshold = infer_threshold(logs, between)
-    credible = 0.95
+    credible = 0.95  # p_c of the study; the gate is inferred from robots that are surer than this
     gate = infer_gate(logs, credible)
     settings = [threshold, *gate, infer_credible(logs, gate), infer_tau(between)]
     if threshold.value is not None:
         settings.append(infer_strategy(logs, between, float(threshold.value), eta, kappa))
     else:
-        settings.append(_undetermined("strategy.name", "the bits read are unknown"))
+        settings.append(undetermined("strategy.name", "the bits read are unknown"))
     return settings
 
 
 def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
-    """Return the samples of all logs with the changes since each robot's previous sample; NaN where not logged.
+    """Compute the changes between consecutive samples of all logs.
 
-    A robot's first sample (number 0) has changes too: from the prior, and from counters of 0.
+    The changes at a robot's first sample (number 0) are those from the prior, and from counters of 0.
+
+    Args:
+        prior: alpha and beta before the first observation.
     """
     parts = []
     for session, log in enumerate(logs):
         ordered = log.samples.sort("robot", "time_s")
 
         def step(name: str, first: float | None) -> pl.Expr:
+            """Return the change of a column since the robot's previous sample.
+
+            At sample 0 the change is that from ``first``, and null if ``first`` is None.
+            """
             before = pl.col(name).cast(pl.Float64).shift(1).over("robot")
             start = pl.when(pl.col("sent") == 0).then(first)
             return pl.col(name).cast(pl.Float64) - pl.coalesce(before, start)
@@ -116,14 +87,15 @@ def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
                 "robot",
                 "time_s",
                 "energy",
-                step("alpha", prior[0]).alias("new_alpha"),
-                step("beta", prior[1]).alias("new_beta"),
-                step("messages_received", 0.0).alias("new_received"),
-                # Without a count of messages, lost rows cannot be detected.
-                ((step("sent", -1.0) == 1).fill_null(False) | pl.col("sent").is_null()).alias("whole"),
-                step("time_s", None).alias("spacing_s"),
-                step("avoid_total_s", None).alias("avoid_s"),
-                step("stop_total_s", None).alias("stop_s"),
+                step("alpha", first=prior[0]).alias("new_alpha"),
+                step("beta", first=prior[1]).alias("new_beta"),
+                step("messages_received", first=0.0).alias("new_received"),
+                # No row is missing if the count of messages sent grew by 1, from -1 at sample 0. Without a count, lost
+                # rows cannot be detected, and no row counts as missing.
+                ((step("sent", first=-1.0) == 1).fill_null(False) | pl.col("sent").is_null()).alias("whole"),
+                step("time_s", first=None).alias("spacing_s"),
+                step("avoid_total_s", first=None).alias("avoid_s"),
+                step("stop_total_s", first=None).alias("stop_s"),
             )
         )
     frame = pl.concat(parts)
@@ -131,10 +103,11 @@ def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
 
 
 def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
-    """Infer theta_E: at least the largest energy read as 0, less than the smallest read as 1.
+    """Infer theta_E, which lies between the largest energy that was read as 0 and the smallest that was read as 1.
 
-    If no threshold agrees with all samples, the one that the fewest contradict is taken; it is undetermined if more
-    than 2 % do, or if no sample was read as 0, or none as 1, for certain.
+    Only samples whose bit is certain count. If no threshold agrees with all of these samples, the result is the
+    threshold that the fewest samples contradict. The setting is undetermined if more than 2 % of the samples contradict
+    that threshold, or if all samples have the same bit.
     """
     name = "sensor.rms_threshold"
     bits = _logged_bits(logs)
@@ -142,20 +115,20 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
         read_zero, read_one = bits == 0, bits == 1
         source = "whose bit is logged"
     elif np.isnan(between.new_alpha).all():
-        return _undetermined(name, "neither bits nor posteriors are logged")
+        return undetermined(name, "neither bits nor posteriors are logged")
     else:
         read_zero = between.whole & (between.new_alpha == 0)
         read_one = between.whole & (between.new_beta == 0)
         source = "whose bit follows from alpha or beta not growing"
     zeros, ones = np.sort(between.energy[read_zero]), np.sort(between.energy[read_one])
     if zeros.size == 0 or ones.size == 0:
-        return _undetermined(name, f"{zeros.size} samples read as 0 for certain, {ones.size} as 1: too few")
+        return undetermined(name, f"{zeros.size} samples read as 0 for certain, {ones.size} as 1: too few")
     low, high = float(zeros[-1]), float(ones[0])
     words = f"{zeros.size} samples {source} to be 0 and {ones.size} to be 1: "
     if low < high:
-        value = _beside(low, high, zeros.size >= ones.size)
+        value = _beside(low, high, at_low=zeros.size >= ones.size)
         return Inferred(name, value, low, high, f"{words}all zeros up to {low:g}, all ones from {high:g} on")
-    # Contradictory samples: take the threshold with the fewest of them.
+    # Contradictory samples, counted for a threshold at each energy: zeros above it, and ones up to it.
     edges = np.unique(np.concatenate([zeros, ones]))
     errors = (
         zeros.size - np.searchsorted(zeros, edges, side="right") + np.searchsorted(ones, edges, side="right")
@@ -164,30 +137,36 @@ def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
     share = errors[best] / (zeros.size + ones.size)
     words += f"at the best threshold {int(errors[best])} of them contradict it"
     if share > 0.02:
-        return _undetermined(name, words + "; robots or sessions may have run with different ones")
-    upper = float(edges[min(best + 1, edges.size - 1)])
-    lower = float(edges[best])
-    return Inferred(name, _beside(lower, upper, zeros.size >= ones.size), lower, upper, words)
+        return undetermined(name, words + "; robots or sessions may have run with different ones")
+    # Every threshold up to the next energy has the same errors.
+    lower, upper = float(edges[best]), float(edges[min(best + 1, edges.size - 1)])
+    value = _beside(lower, upper, at_low=zeros.size >= ones.size)
+    return Inferred(name, value, lower, upper, words)
 
 
 def _logged_bits(logs: Sequence[Log]) -> NDArray[np.float64]:
-    """Return logged bits in the order of ``Intervals``; nan if not logged."""
+    """Return the logged bits of all samples in the order of ``Intervals``; nan if not logged."""
     bits = [log.samples.sort("robot", "time_s")["observation"].cast(pl.Float64).to_numpy() for log in logs]
     return np.concatenate(bits)
 
 
 def _beside(low: float, high: float, at_low: bool) -> float:
-    """Return the number with two decimals in [low, high) nearest to one bound; if there is none, the middle.
+    """Return the number with two decimals in [low, high) that is nearest to one of the two bounds.
+
+    If no number with two decimals lies in [low, high), return the middle of the bounds.
 
     Args:
-        at_low: whether that bound is ``low``; it should be the one that more samples determine.
+        at_low: whether that bound is ``low``; if not, it is ``high``. Callers choose the bound that more samples
+            determine.
     """
+    # The 1e-9 keeps rounding errors from moving a number with two decimals to the next one.
     rounded = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
     return rounded if low - 1e-12 <= rounded < high else (low + high) / 2
 
 
 def _roundest(low: float, high: float) -> float:
-    """Return the number with the fewest decimals in [low, high); the middle if none has six or fewer."""
+    """Return the number in [low, high) with the fewest decimals; the middle if it would have more than six."""
+    # The 1e-9 and 1e-12 keep rounding errors from excluding ``low`` itself.
     for digits in range(7):
         scale = 10.0**digits
         first = math.ceil(low * scale - 1e-9) / scale
@@ -197,43 +176,52 @@ def _roundest(low: float, high: float) -> float:
 
 
 def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
-    """Infer which observations O_c counts (``decision.gate``), and O_c (``decision.min_observations``).
+    """Infer which observations the gate counts (``decision.gate``), and O_c (``decision.min_observations``).
 
-    To decide, a robot must have counted more than O_c before its current sample. So under the right gate, counts of
-    robots that are sure but undecided are all smaller than counts at first decisions. Both settings are undetermined
-    unless exactly one gate has this property and held a sure robot back.
+    A robot decides only if it has counted more than O_c observations before its current sample. So with the right kind
+    of gate, all counts of robots that are sure but undecided are smaller than all counts at first decisions. Both
+    settings are undetermined unless exactly one kind of gate has this property, and held at least one sure robot back.
+
+    Args:
+        credible: belief from which a robot counts as sure.
+    Returns: the two settings.
     """
     names = ("decision.gate", "decision.min_observations")
+    # By kind of gate: largest count of a sure but undecided robot, smallest count at a first decision, and number of
+    # first decisions.
     bounds: dict[str, tuple[float, float, int]] = {}
     for gate in GATES:
         low, high, decisions = -math.inf, math.inf, 0
         for own, decision, belief in _deciding_robots(logs):
             count = _counts(own, gate)
-            undecided = (decision == -1) & ((belief > credible + 1e-3) | (belief < 1 - credible - 1e-3))
-            low = max(low, float(count[undecided].max(initial=-math.inf)))
+            # Logged beliefs may be cut to three digits.
+            is_sure = (belief > credible + 1e-3) | (belief < 1 - credible - 1e-3)
+            low = max(low, float(count[(decision == -1) & is_sure].max(initial=-math.inf)))
             decided = np.flatnonzero(decision != -1)
             if decided.size:
                 high, decisions = min(high, float(count[decided[0]])), decisions + 1
         bounds[gate] = (low, high, decisions)
-    decisions = bounds["own"][2]
+    decisions = bounds["own"][2]  # the same for every kind
     if decisions == 0:
-        return [_undetermined(name, "no robot decided, or decisions are not logged") for name in names]
+        return [undetermined(name, "no robot decided, or decisions are not logged") for name in names]
     possible = [gate for gate, (low, high, _) in bounds.items() if low < high]
     counts = "; ".join(
         f"{gate}: {_held(low)} while undecided and sure, at least {high:g} at a first decision"
         for gate, (low, high, _) in bounds.items()
     )
+    # The largest count is infinite if no robot was sure but undecided: then the gate held no robot back.
     if len(possible) != 1 or math.isinf(bounds[possible[0]][0]):
         options = ", ".join(possible) or "none"
         if len(possible) == 1:
             options += " only, and it never held a robot back"
         words = f"{decisions} first decisions; possible: {options} ({counts})"
-        return [_undetermined(name, words) for name in names]
+        return [undetermined(name, words) for name in names]
     gate = possible[0]
     low, high, _ = bounds[gate]
     words = f"{decisions} first decisions; only '{gate}' fits ({counts})"
+    # O_c is at least the largest count without a decision, and below the smallest count at a first decision.
     return [
-        Inferred(names[0], gate, None, None, words),
+        Inferred(names[0], gate, low=None, high=None, evidence=words),
         Inferred(names[1], int(low), low, high - 1, words + f"; {low + 1:g} if the current sample counts"),
     ]
 
@@ -241,7 +229,11 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
 def _deciding_robots(
     logs: Sequence[Log],
 ) -> Iterator[tuple[pl.DataFrame, NDArray[np.float64], NDArray[np.float64]]]:
-    """Yield samples, decisions and beliefs of each robot whose log has them all, in the order of time."""
+    """Yield (samples, decisions, beliefs) of each robot of each log, in the order of time.
+
+    Decisions are -1, 0 or 1; beliefs are that the fill ratio is below the boundary; (samples,) each. A robot is left
+    out if its number of messages sent, its decision or its belief is missing in a sample.
+    """
     for log in logs:
         for own in log.samples.sort("time_s").partition_by("robot", maintain_order=True):
             if not own.select("sent", "decision", "belief_below").null_count().sum_horizontal()[0]:
@@ -249,7 +241,11 @@ def _deciding_robots(
 
 
 def _counts(own: pl.DataFrame, gate: str) -> NDArray[np.float64]:
-    """Return the observations that count under a gate, at each sample."""
+    """Return how many observations a gate has counted before each sample of a robot.
+
+    Args:
+        own: samples of the robot. gate: "own", "received" or "total".
+    """
     sent, received = (
         own["sent"].to_numpy().astype(float),
         own["messages_received"].cast(pl.Float64).to_numpy(),
@@ -258,23 +254,29 @@ def _counts(own: pl.DataFrame, gate: str) -> NDArray[np.float64]:
 
 
 def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
-    """Infer p_c: from the largest belief of an undecided robot past the gate to the smallest at a first decision.
+    """Infer p_c from the beliefs of robots without a decision, and at first decisions.
 
-    A belief counts for the likelier side, max(p, 1 - p). There is no value, only bounds, if no undecided robot was
-    past a known gate, or if the bounds contradict each other.
+    Here a belief is that of the likelier answer, max(p, 1 - p). p_c lies between the largest belief of a robot that was
+    past the gate but did not decide, and the smallest belief at a first decision. The setting has bounds but no value
+    in three cases: the gate is not known, no undecided robot was past it, or the bounds contradict each other.
+
+    Args:
+        gate: the two settings from ``infer_gate``.
     """
     name = "decision.credible_threshold"
     low, high, decisions = 0.5, 1.0, 0
+    gate_kind, min_observations = gate
     for own, decision, belief in _deciding_robots(logs):
-        sure = np.maximum(belief, 1.0 - belief)
+        confidence = np.maximum(belief, 1.0 - belief)
         decided = np.flatnonzero(decision != -1)
         if decided.size:
-            high, decisions = min(high, float(sure[decided[0]])), decisions + 1
-        if gate[0].value is not None and gate[1].high is not None:
-            open_to_test = (decision == -1) & (_counts(own, gate[0].value) > gate[1].high)
-            low = max(low, float(sure[open_to_test].max(initial=0.5)))
+            high, decisions = min(high, float(confidence[decided[0]])), decisions + 1
+        if gate_kind.value is not None and min_observations.high is not None:
+            past_gate = (decision == -1) & (_counts(own, gate_kind.value) > min_observations.high)
+            low = max(low, float(confidence[past_gate].max(initial=0.5)))
     if decisions == 0:
-        return _undetermined(name, "no robot decided, or beliefs are not logged")
+        return undetermined(name, "no robot decided, or beliefs are not logged")
+    # low is 0.5 if no undecided robot was past the gate. The 1e-9 makes ``high`` itself a possible value.
     value = _roundest(low, high + 1e-9) if low > 0.5 and low <= high else None
     return Inferred(
         name, value, low, high,
@@ -284,7 +286,11 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
 
 
 def infer_tau(between: Intervals) -> Inferred:
-    """Infer tau from the time between samples without avoidance; undetermined with fewer than 20 such intervals."""
+    """Infer tau from the time between samples without avoidance; undetermined with fewer than 20 such intervals.
+
+    The usual interval is tau, a stop and up to two ticks. An interval is longer if the robot first had to finish a
+    turn; so only intervals near the most frequent duration count.
+    """
     name = "sample.sample_interval_ms"
     calm = between.whole & ~np.isnan(between.spacing_s)
     which = "(avoidance is not logged)"
@@ -293,139 +299,24 @@ def infer_tau(between: Intervals) -> Inferred:
         which = "without avoidance"
     spacing = between.spacing_s[calm]
     if spacing.size < 20:
-        return _undetermined(name, f"{spacing.size} undisturbed intervals: too few")
-    # Turns at leg ends lengthen some intervals; the others agree.
+        return undetermined(name, f"{spacing.size} undisturbed intervals: too few")
+    # Find the window of width UNDISTURBED_S (two neighbouring bins of a histogram) with the most intervals.
     edges = np.arange(0.0, spacing.max() + UNDISTURBED_S, UNDISTURBED_S / 2)
-    busiest = edges[int(np.argmax(np.convolve(np.histogram(spacing, edges)[0], [1, 1], "valid")))]
-    alike = spacing[np.abs(spacing - busiest - UNDISTURBED_S / 2) <= UNDISTURBED_S]
+    in_windows = np.convolve(np.histogram(spacing, edges)[0], [1, 1], "valid")
+    middle_s = edges[int(np.argmax(in_windows))] + UNDISTURBED_S / 2
+    usual = spacing[np.abs(spacing - middle_s) <= UNDISTURBED_S]
     stop = between.stop_s[calm]
     stop_s = STOP_S if np.isnan(stop).all() else float(np.nanmedian(stop))
-    tau_s = float(alike.mean()) - stop_s - TICKS_S
-    error_s = float(alike.std(ddof=1)) / math.sqrt(alike.size) + 0.01
-    # A robot whose loop is faster than the simulator's loses less than two ticks of 20 ms.
+    tau_s = float(usual.mean()) - stop_s - TICKS_S
+    error_s = float(usual.std(ddof=1)) / math.sqrt(usual.size) + 0.01  # times are logged to 0.01 s
+    # Two standard errors on each side. A robot whose control loop is faster than the simulator's takes less than two
+    # ticks of 20 ms in addition, so its tau may be up to TICKS_S longer.
     low, high = tau_s - 2 * error_s, tau_s + TICKS_S + 2 * error_s
     return Inferred(
         name, round(1000 * _roundest(low, high), 3), 1000 * low, 1000 * high,
-        f"{alike.size} of {spacing.size} intervals {which} are {alike.mean():.3f} s; less a stop of "
+        f"{usual.size} of {spacing.size} intervals {which} are {usual.mean():.3f} s; less a stop of "
         f"{stop_s:.3f} s and at most two ticks of 20 ms",
     )  # fmt: skip
-
-
-def infer_strategy(
-    logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
-) -> Inferred:
-    """Infer the strategy: the one that makes the bits sent, or if these are not logged those received, most likely.
-
-    Undetermined if neither are logged, or if the second likeliest strategy is too close.
-    """
-    name = "strategy.name"
-    sent = _from_sent(logs, threshold, eta, kappa)
-    likelihood, used, words = sent or _from_received(logs, between, threshold, eta, kappa)
-    if used == 0:
-        return _undetermined(name, "neither bits sent, nor posteriors and decisions, are logged")
-    order = sorted(STRATEGIES, key=lambda strategy: -likelihood[strategy])
-    lead = likelihood[order[0]] - likelihood[order[1]]
-    evidence = f"{used} {words}; log likelihood " + ", ".join(
-        f"{strategy} {likelihood[strategy]:.1f}" for strategy in STRATEGIES
-    )
-    # Likelihood ratio of 10^4: bits of one interval are dependent, so a smaller ratio is not enough.
-    value = order[0] if lead > 9.2 else None
-    if value is None:
-        evidence += ": too close to each other"
-    return Inferred(name, value, None, None, evidence)
-
-
-def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str, NDArray[np.float64]]:
-    """Return the probability that each sample of a session sent a one, by strategy; samples are ordered by time.
-
-    NaN under soft feedback where the posterior is not logged.
-    """
-    frame = log.samples.sort("time_s")
-    bit = (frame["energy"].to_numpy() > threshold).astype(float)
-    logged = frame["observation"].cast(pl.Float64).to_numpy()
-    bit = np.where(np.isnan(logged), bit, logged)
-    chances = {"none": bit}
-    decision = frame["decision"].cast(pl.Float64).to_numpy()
-    chances["positive"] = np.where(decision >= 0, decision, bit)
-    columns = (*(frame[name].to_list() for name in ("alpha", "beta", "belief_below")), bit.tolist())
-    chances["soft"] = np.array(
-        [
-            np.nan if a is None or b is None or p is None else soft.probability(int(o), a, b, p, eta, kappa)
-            for a, b, p, o in zip(*columns, strict=True)
-        ]
-    )
-    return chances
-
-
-def _from_sent(
-    logs: Sequence[Log], threshold: float, eta: float, kappa: float
-) -> tuple[dict[str, float], int, str] | None:
-    """Return the log likelihood of each strategy, the number of bits sent, and their name; None if a log lacks them."""
-    if any(log.samples["message"].null_count() for log in logs):
-        return None
-    total, used = dict.fromkeys(STRATEGIES, 0.0), 0
-    for log in logs:
-        bit = log.samples.sort("time_s")["message"].to_numpy()
-        for strategy, share in _messages(log, threshold, eta, kappa).items():
-            likely = np.clip(share, FLOOR_SHARE / 10, 1 - FLOOR_SHARE / 10)
-            total[strategy] += float(np.log(np.where(bit == 1, likely, 1 - likely)).sum())
-        used += bit.size
-    return total, used, "bits sent"
-
-
-def _from_received(
-    logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
-) -> tuple[dict[str, float], int, str]:
-    """Return the log likelihood of each strategy, the number of bits received that were used, and their name.
-
-    A log that lacks a column for this is left out, so the number may be 0.
-    """
-    total, used = dict.fromkeys(STRATEGIES, 0.0), 0
-    own_bit = (between.energy > threshold).astype(float)
-    for session, log in enumerate(logs):
-        if (
-            log.samples.select("alpha", "beta", "messages_received", "decision", "belief_below")
-            .null_count()
-            .sum_horizontal()[0]
-        ):
-            continue
-        ordered = log.samples.sort("time_s")
-        times, sender = ordered["time_s"].to_numpy(), ordered["robot"].to_numpy()
-        chance = _messages(log, threshold, eta, kappa)
-        rows = np.flatnonzero(
-            (between.session == session)
-            & between.whole
-            & (between.new_received > 0)
-            & ~np.isnan(between.spacing_s)
-        )
-        intervals: list[tuple[float, ...]] = []
-        for k in rows:
-            end = between.time_s[k] - STOP_S
-            first, last = np.searchsorted(times, [end - between.spacing_s[k] - LAG_S, end + LAG_S])
-            others = np.flatnonzero(sender[first:last] != between.robot[k]) + first
-            n = int(between.new_received[k])
-            ones = int(between.new_alpha[k] - own_bit[k])
-            if others.size == 0 or not 0 <= ones <= n:
-                continue
-            used += n
-            intervals.append((ones, n, *(float(chance[strategy][others].mean()) for strategy in STRATEGIES)))
-        if not intervals:
-            continue
-        of_ones, of_all, *shares = np.array(intervals).T
-        for strategy, share in zip(STRATEGIES, shares, strict=True):
-            likely = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
-            total[strategy] += math.fsum(_log_binomial(of_ones, of_all, likely))
-    return total, used, "bits received"
-
-
-def _log_binomial(
-    ones: NDArray[np.float64], n: NDArray[np.float64], share: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the log probability of ``ones`` among ``n``, each with probability ``share`` in (0, 1)."""
-    from scipy.special import gammaln
-
-    ways = gammaln(n + 1) - gammaln(ones + 1) - gammaln(n - ones + 1)
-    return np.asarray(ways + ones * np.log(share) + (n - ones) * np.log1p(-share))
 
 
 def _held(most: float) -> str:

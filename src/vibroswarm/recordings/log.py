@@ -1,27 +1,28 @@
-"""Define a log: one session's samples and tracks in SI units, with counts of what was repaired.
+"""Define a log: the samples and tracked positions of one session in SI units, with counts of repaired problems.
 
-A reader is a function from a path to a ``Log`` (see ``readers``). It converts units only; order, counters and
-robots are checked here by ``in_order``, for all readers alike.
+A reader is a function that takes a path and returns a ``Log`` (see ``log_readers``). It only converts units.
+``in_order`` then checks the order of rows, counters and robots, for all readers in the same way.
 
 | column | unit | content |
 |---|---|---|
-| line | - | line of the file, from 1; for messages |
-| robot | - | as the log names it |
-| time_s | s | since the start of the session; for a sample, when its row was written |
+| line | - | line of the file, from 1, for error messages |
+| robot | - | number of the robot in the log |
+| time_s | s | since the start of the session; for a sample, the time at which its row was written |
 | x_m, y_m, heading_rad | m, rad | x to the right, y up |
 | energy | RMS | of the sample just taken |
 | observation, message | 0, 1 | the bit read, the bit sent |
 | alpha, beta, belief_below | - | after the sample; belief that the fill ratio is below the boundary |
 | decision | - | -1 undecided, 0, 1 |
-| sent | - | messages sent before this sample, which is the number of the sample |
+| sent | - | messages sent before this sample; robots send one per sample, so it is the number of the sample, from 0 |
 | messages_received | - | messages received so far |
 | avoid_total_s, stop_total_s | s | time spent avoiding and standing so far |
 
-All but the first six columns of a sample and the first five of a track may be null.
+All columns may be null except the first six of a sample, and the first five of a track (a tracked position).
 
-A camera's positions are interpolated by straight lines, as a segment table. Heading is the direction of the path
-(cameras and logs do not record it, and turning in place is invisible); a step of less than 2 mm counts as standing.
-Whether a robot turned or avoided between two positions is unknown: all but stops is ``drive``.
+Between positions of a camera a robot's path is taken as a straight line; such lines make a table of segments. The
+heading is the direction of the line, since cameras and logs do not record it and turning in place is not seen. A step
+of less than 2 mm counts as standing. It is not known whether a robot turned or avoided between two positions, so
+every segment is ``drive``, except for stops.
 """
 
 from __future__ import annotations
@@ -58,12 +59,15 @@ SAMPLES: Final[dict[str, Any]] = {
     "avoid_total_s": pl.Float64,
     "stop_total_s": pl.Float64,
 }
+"""Types of the columns of a log's samples; the table of the module's docstring explains them."""
 TRACKS: Final[dict[str, Any]] = {
     name: SAMPLES[name] for name in ("line", "robot", "time_s", "x_m", "y_m", "heading_rad")
 }
+"""Types of the columns of a log's tracked positions."""
 REQUIRED: Final = ("robot", "time_s", "x_m", "y_m", "energy")
+"""Columns that every log has."""
 COUNTERS: Final = ("sent", "messages_received", "avoid_total_s", "stop_total_s")
-"""Columns that only grow, and may wrap."""
+"""Columns that only grow, unless the counter wraps: starts again from 0 at some value."""
 
 COUNTED: Final[dict[str, str]] = {
     "rows": "rows read",
@@ -80,18 +84,19 @@ COUNTED: Final[dict[str, str]] = {
     "position_oldest_s": "s, the oldest position beyond the usual age",
     "off_the_floor": "samples off all tiles",
 }
-"""What is counted while a log is read, and the description of each count."""
+"""Counts that are made while a log is read, and the description of each."""
 
 
 @dataclass(frozen=True, eq=False)
 class Log(NotebookView):
-    """One session as it was read."""
+    """The log of one session."""
 
     name: str
     """Name of the file."""
     reader: str
+    """Name of the log's format."""
     samples: pl.DataFrame
-    """Columns of ``SAMPLES``, in the order of the file."""
+    """Columns of ``SAMPLES``, in the order of the file; sorted by time after ``in_order``."""
     tracks: pl.DataFrame
     """Columns of ``TRACKS``; empty if positions are known at samples only."""
     wraps_at: Mapping[str, float] = field(default_factory=dict)
@@ -103,7 +108,12 @@ class Log(NotebookView):
 
 
 def log_frame(columns: Mapping[str, Any], schema: Mapping[str, Any]) -> pl.DataFrame:
-    """Return the table with the columns of a schema; missing ones are null."""
+    """Return a table with the columns of a schema, converted to its types.
+
+    Args:
+        columns: values by column name; columns that the schema does not have are left out.
+        schema: type of each column; a column without values is filled with null.
+    """
     frame = pl.DataFrame(dict(columns))
     return frame.select(
         frame[name].cast(kind) if name in columns else pl.lit(None, dtype=kind).alias(name)
@@ -112,43 +122,59 @@ def log_frame(columns: Mapping[str, Any], schema: Mapping[str, Any]) -> pl.DataF
 
 
 LATE_S: Final = 1.0
-"""A row may come this much after a later one; beyond it, the file is out of order."""
+"""A row may have a time this much before that of an earlier row; if it is more, the file is not in order."""
 RARE: Final = 0.01
-"""A robot with a smaller share of rows than this, relative to the others, is a misread number."""
+"""If a robot has fewer rows than this share of the usual number, its number was misread."""
 SLACK_S: Final = 1.0
-"""A counter of time may run ahead of the rows' times by this (rows are late, not early)."""
+"""A counter of time may grow by this more than the times of the rows, since rows may be written late."""
 MOST_LOST: Final = 1000
-"""If a count of messages jumps by more, it is wrong; no rows were lost."""
+"""If a count of messages grows by more than this between two rows, the count is wrong: so many rows are never lost."""
 
 
 def in_order(log: Log, robots: Sequence[int] | None = None) -> Log:
-    """Sort a log by time, drop repeated rows and unwrap its counters.
+    """Check a log, sort it by time, remove repeated rows and unwrap its counters; return the new log.
 
     Args:
-        robots: the robots in the arena; None: those in the log.
+        robots: numbers of the robots in the arena; None: those in the log.
     Raises:
         InputError: rows more than a second out of order, two different rows of one robot at one time, unknown
-            robots, a counter that falls; names the row.
+            robots, or a counter that falls; the error names the row.
     """
-    counts = dict(log.counts)
     samples, late = _sorted(log.samples, log.name)
     tracks, late_tracks = _sorted(log.tracks, log.name)
-    samples, again = _once(samples, log.name)
-    tracks, again_tracks = _once(tracks, log.name)
-    counts |= {"rows_late": late + late_tracks, "rows_repeated": again + again_tracks}
+    samples, repeated = _without_repeats(samples, log.name)
+    tracks, repeated_tracks = _without_repeats(tracks, log.name)
     _check_robots(samples, tracks, robots, log.name)
-    samples, more = _counted(samples, log)
-    counts |= more | {"samples": samples.height}
+    samples, of_counters = _with_counters_unwrapped(samples, log)
+    counts = {
+        **log.counts,
+        "rows_late": late + late_tracks,
+        "rows_repeated": repeated + repeated_tracks,
+        **of_counters,
+        "samples": samples.height,
+    }
     return replace(log, samples=samples, tracks=tracks, counts=counts)
 
 
 def _sorted(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
-    """Sort rows by time and count late ones; refuse rows that are too late."""
+    """Sort the rows of a file by time.
+
+    Args:
+        frame: rows in the order of the file. name: name of the file, for errors.
+    Returns: the sorted rows; and the number of late rows. A late row stands in the file after a row of later time.
+        Copies of the same row are never counted as late.
+    Raises:
+        InputError: a row is more than ``LATE_S`` late.
+    """
     time = frame["time_s"].to_numpy()
-    # A repeated row (such as a robot's last line) is not late: ``_once`` removes it.
-    seen = frame.select(pl.exclude("line")).is_duplicated().to_numpy()
-    behind = np.maximum.accumulate(np.where(seen, -np.inf, time)) - time if time.size else time
-    behind = np.where(seen, 0.0, behind)
+    # A row may be written again later (such as a robot's last line). ``is_repeated`` is true for all its copies, the
+    # first one included. They do not count as late, since they are counted as repeated when all copies but the first
+    # are removed. They do not make other rows late either (-inf below), since a copy does not say where in the file
+    # its time belongs.
+    is_repeated = frame.select(pl.exclude("line")).is_duplicated().to_numpy()
+    # How far the time of each row lies behind the latest time of the rows before it, s.
+    behind = np.maximum.accumulate(np.where(is_repeated, -np.inf, time)) - time if time.size else time
+    behind = np.where(is_repeated, 0.0, behind)
     if time.size and float(behind.max()) > LATE_S:
         k = int(np.argmax(behind > LATE_S))
         raise InputError(
@@ -159,24 +185,38 @@ def _sorted(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
     return frame.sort("time_s", "line", maintain_order=True), int((behind > 0).sum())
 
 
-def _once(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
-    """Remove repeated rows and count them; refuse two different rows of a robot at one time."""
+def _without_repeats(frame: pl.DataFrame, name: str) -> tuple[pl.DataFrame, int]:
+    """Remove rows that repeat an earlier row; return the others and the number of removed rows.
+
+    Raises:
+        InputError: two different rows of one robot have the same time.
+    """
     content = [name_of for name_of in frame.columns if name_of != "line"]
-    kept = frame.unique(content, keep="first", maintain_order=True)
-    twice = kept.filter(kept.select("robot", "time_s").is_duplicated()).sort("robot", "time_s", "line")
-    if twice.height:
-        robot, time_s = twice["robot"][0], twice["time_s"][0]
+    first_rows = frame.unique(content, keep="first", maintain_order=True)
+    same_time = first_rows.filter(first_rows.select("robot", "time_s").is_duplicated()).sort(
+        "robot", "time_s", "line"
+    )
+    if same_time.height:
+        robot, time_s = same_time["robot"][0], same_time["time_s"][0]
         raise InputError(
-            f"robot {robot} is in two places, or took two samples, at {time_s:g} s (also in row {twice['line'][0]})",
-            field=f"{name}, row {twice['line'][1]}",
+            f"robot {robot} is in two places, or took two samples, at {time_s:g} s "
+            f"(also in row {same_time['line'][0]})",
+            field=f"{name}, row {same_time['line'][1]}",
         )
-    return kept, frame.height - kept.height
+    return first_rows, frame.height - first_rows.height
 
 
 def _check_robots(
     samples: pl.DataFrame, tracks: pl.DataFrame, robots: Sequence[int] | None, name: str
 ) -> None:
-    """Refuse robots that are not in ``robots``; if it is None, those with hardly any rows, whose number was misread."""
+    """Check that all robots of a log are known.
+
+    Args:
+        samples, tracks: rows of the log. robots: numbers of the known robots. If it is None, every robot is known
+            unless it has hardly any rows (``RARE``), which shows that its number was misread. name: of the file.
+    Raises:
+        InputError: a robot is unknown; the error names its first row.
+    """
     both = pl.concat([samples.select("robot", "line"), tracks.select("robot", "line")])
     rows = both.group_by("robot").agg(pl.len().alias("rows"), pl.col("line").min()).sort("line")
     if robots is not None:
@@ -194,13 +234,19 @@ def _check_robots(
         )
 
 
-def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, float]]:
-    """Unwrap the counters of each robot; return the samples, and counts of wraps, odd steps and lost samples.
+def _with_counters_unwrapped(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, float]]:
+    """Unwrap the counters of each robot: undo their returns to 0.
 
+    Args:
+        samples: sorted by time. log: has the value at which each counter wraps (``wraps_at``).
+    Returns: the samples with unwrapped counters; and counts: counters_wrapped, counters_odd (impossible steps of
+        counters of time), samples_lost.
     Raises:
-        InputError: the number of messages sent is missing in some rows, or a count of messages falls or jumps.
+        InputError: the number of messages sent is missing in some rows of a robot, or a count of messages falls, or
+            grows by more than ``MOST_LOST``; the error names the row.
     """
     wrapped = odd = lost = 0
+    # Copies, because arrays of polars are read-only.
     columns = {name: samples[name].cast(pl.Float64).to_numpy().copy() for name in COUNTERS}
     robot, time_s, line = (samples[name].to_numpy() for name in ("robot", "time_s", "line"))
     for number in np.unique(robot):
@@ -215,13 +261,13 @@ def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, f
                     f"lacks the number of messages sent by robot {number}, which its other rows have",
                     field=f"{log.name}, row {line[unknown[0]]}",
                 )
-            values[own], times, wrong = unwrapped(
+            values[own], wraps, wrong = unwrapped(
                 values[own], log.wraps_at.get(name), time_s[own] if of_time else None
             )
-            wrapped, odd = wrapped + times, odd + int(wrong.sum())
+            wrapped, odd = wrapped + wraps, odd + int(wrong.sum())
             if not of_time:
                 step = np.diff(values[own])
-                fallen = step < (1 if name == "sent" else 0)
+                fallen = step < (1 if name == "sent" else 0)  # each sample sends a message
                 if fallen.any() or (step > MOST_LOST).any():
                     k = int(np.argmax(fallen | (step > MOST_LOST))) + 1
                     raise InputError(
@@ -229,6 +275,7 @@ def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, f
                         f"{samples[name][int(own[k])]:g}",
                         field=f"{log.name}, row {line[own[k]]}",
                     )
+            # The count of messages sent grows by 1 per sample, from 0; each further step is a lost sample.
             if name == "sent":
                 lost += int((step - 1).sum() + values[own][0])
     counts: dict[str, float] = {"counters_wrapped": wrapped, "counters_odd": odd, "samples_lost": lost}
@@ -242,43 +289,46 @@ def _counted(samples: pl.DataFrame, log: Log) -> tuple[pl.DataFrame, dict[str, f
 def unwrapped(
     values: NDArray[np.float64], wraps_at: float | None, time_s: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], int, NDArray[np.bool_]]:
-    """Unwrap a counter; return its values, the number of wraps, and for each row whether it was set to NaN.
+    """Unwrap a counter: add the value at which it wraps whenever it falls.
 
     Args:
-        values: (rows,), NaN where missing, but not in all. wraps_at: value at which it returns to 0; None: never.
-        time_s: (rows,): times, for a counter of time. A step longer than the time passed is impossible: that row
-            becomes NaN, and the counter continues from its last value.
+        values: of the counter in the order of time, (rows,); nan where missing, but not everywhere.
+        wraps_at: value at which it starts again from 0; None: never.
+        time_s: times of the rows for a counter of time, else None. If the counter grows by more than the time passed,
+            which is impossible, the row becomes nan, and the counter continues from its last value.
+    Returns: the unwrapped values, (rows,); number of wraps; whether each row was set to nan, (rows,).
     """
     out, odd = values.copy(), np.zeros(values.size, dtype=np.bool_)
-    read = np.flatnonzero(~np.isnan(values))
-    total, times = values[read[0]], 0
-    for before, k in pairwise(read.tolist()):
+    not_missing = np.flatnonzero(~np.isnan(values))
+    total, wraps = values[not_missing[0]], 0
+    for before, k in pairwise(not_missing.tolist()):
         step = values[k] - values[before]
         if step < 0 and wraps_at is not None:
-            turns = np.ceil(-step / wraps_at)
-            step += turns * wraps_at
-            times += int(turns)
+            wraps_now = np.ceil(-step / wraps_at)  # the fewest wraps that make the step 0 or more
+            step += wraps_now * wraps_at
+            wraps += int(wraps_now)
         if time_s is not None and not 0.0 <= step <= time_s[k] - time_s[before] + SLACK_S:
             odd[k], step = True, 0.0
         total += step
         out[k] = np.nan if odd[k] else total
-    return out, times, odd
+    return out, wraps, odd
 
 
 STANDING_M: Final = 0.002
 """Positions are accurate to a quarter of a millimetre; a smaller step has no usable direction."""
 GAP_S: Final = 0.5
-"""The camera sees a robot every 0.22 s or 0.44 s; a longer interval is a gap."""
+"""The camera sees a robot every 0.22 s or 0.44 s; an interval longer than this is a gap."""
 
 Floats = NDArray[np.float64]
 
 
 def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return when and where one robot was known to be: time_s, x_m, y_m, ordered by time.
+    """Return the known positions of one robot with their times: time_s, x_m, y_m, ordered by time.
 
     Args:
-        track: its tracked positions; if there are none, its samples' positions at both ends of each stop are used.
-        samples: its rows of the motion table.
+        track: the robot's tracked positions. If there are none, the positions of its samples are used, at the start and
+            at the end of each stop.
+        samples: the robot's rows of the motion table.
     """
     names = ["time_s", "x_m", "y_m"]
     if track.height:
@@ -292,9 +342,13 @@ def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
 
 
 def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
-    """Return the segment table of one robot: straight lines between its positions.
+    """Return the table of segments of one robot: straight lines between its known positions.
 
-    Until the first position it stands there. A segment is a stop if its middle lies within the stop of a sample.
+    Until the time of its first position the robot stands there. The kind of a segment is "stop" if the middle of its
+    time lies between the start of a stop and the sample at the end of this stop; otherwise it is "drive".
+
+    Args:
+        knots: known positions, from ``knots_of``. samples: the robot's rows of the motion table, by time.
     """
     time, x, y = (knots[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
     if time.size and time[0] > 0.0:
@@ -302,6 +356,8 @@ def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame
     heading, speed = _courses(time, x, y)
     stop, end = samples["stop_start_s"].to_numpy(), samples["time_s"].to_numpy()
     middle = time + np.append(np.diff(time), 0.0) / 2
+    # k: the first stop that has not ended by the middle of the segment, or the number of stops if all have ended (then
+    # the appended inf serves as the start of a stop).
     k = np.searchsorted(end, middle)
     stands = (k < end.size) & (middle > np.append(stop, np.inf)[k])
     kind = np.where(stands, "stop", "drive")
@@ -322,8 +378,11 @@ def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame
 def _courses(time: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
     """Return the heading, rad, and speed, m/s, from each position to the next, (positions,) each.
 
-    Where a robot stands its speed is 0 and it keeps its heading: the latest, or before it moves the first one, or 0 if
-    it never moves. The last position counts as standing.
+    A standing robot has the speed 0 and the heading of its latest move. Before its first move it has the heading of
+    that move, and 0 if it never moves. The last position counts as standing.
+
+    Args:
+        time: s, increasing. x, y: m; (positions,) each.
     """
     dx, dy, dt = np.diff(x), np.diff(y), np.diff(time)
     step = np.hypot(dx, dy)
@@ -338,7 +397,7 @@ def _courses(time: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
 
 
 def gaps_of(time_s: Floats) -> tuple[int, float]:
-    """Return the number of gaps longer than ``GAP_S`` in a robot's tracking, and the longest, s (0 without gaps)."""
+    """Return the number of gaps in a robot's tracking (longer than ``GAP_S``), and the longest gap, s (0: no gaps)."""
     gaps = np.diff(time_s)
     gaps = gaps[gaps > GAP_S]
     return gaps.size, float(gaps.max(initial=0.0))

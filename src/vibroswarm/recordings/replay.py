@@ -1,11 +1,10 @@
-"""Replay strategies on a recording's own observations.
+"""Replay strategies on the observations of a recording.
 
-The energies are the recorded ones; the bit is E > theta_E with the requested threshold. Between two samples of a
-robot as
-many messages are received as its log counts (``replay_from_counts``); which ones is not logged and drawn at random. A
-sample whose row is lost is restored half-way between its neighbours, at the robot's position, with an energy
-drawn from
-those of the session on tiles of the same kind. Motion is unchanged: a robot that decided continued sampling.
+Energies are those of the recording; a bit is E > theta_E with the requested threshold. Between two samples a robot
+receives as many messages as its log counts (``replay_from_counts``). Which messages it received is not logged and is
+drawn at random, so a replay consists of many draws. A sample whose row was lost is restored: between its neighbours in
+time, at the robot's position, with an energy drawn from those that were read in the session on tiles of the same kind.
+Motion is that of the recording, in which robots continued to sample after deciding.
 """
 
 from __future__ import annotations
@@ -38,51 +37,56 @@ from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.observe import vibrating_at
-from vibroswarm.recordings.recording import Recording, inside
+from vibroswarm.recordings.assemble_recording import inside
+from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
 SLACK_S: Final = 1.0
-"""Times of sender and receiver may each be late by a quarter of a second, and real radios may receive during a stop."""
+"""Tolerance of the times at which messages are sent and received: sender and receiver may each be logged a quarter of a
+second late, and real radios may receive during a stop."""
 REPLAYABLE: Final = ("sensor", "strategy", "decision")
 """Sections of the scenario that a replay may change."""
 
 
 @dataclass(frozen=True, eq=False)
 class Replayed(NotebookView):
-    """Many draws of one scenario on a recording."""
+    """Many draws of the replay of one scenario on a recording."""
 
     scenario: Scenario
     draws: int
+    """Number of draws."""
     robots: pl.DataFrame
-    """``outcomes.ROBOTS``, and ``draw``."""
+    """``draw`` and the columns ``outcomes.ROBOTS``: one row per draw, session and robot."""
     runs: pl.DataFrame
-    """``outcomes.RUNS``, and ``draw``."""
+    """``draw`` and the columns ``outcomes.RUNS``: one row per draw and session."""
     unsent: float
-    """Messages received that no robot can have sent at that time, mean over draws; they are left out."""
+    """Number of logged received messages that no robot can have sent at that time, mean over draws; left out."""
     put_back: int
-    """Restored samples in all sessions."""
+    """Number of restored samples in all sessions."""
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Samples of a session, lost ones restored; (samples,) each."""
+    """Samples of a session in the order of time, (samples,) each; samples whose rows were lost are restored."""
 
     session: Session
+    """Robots, times and counts of messages of the samples. Its bits are all 0, and a replay replaces them."""
     energy: NDArray[np.float64]
-    """nan where it is drawn at random."""
+    """nan for restored samples, whose energy is drawn at random."""
     vibrating: NDArray[np.bool_]
+    """Whether the tile below vibrates."""
 
 
 def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200, seed: int = 1) -> Replayed:
     """Replay a scenario on the observations of a recording, ``draws`` times.
 
     Args:
-        scenario: as the recording's except for sensor (its threshold), strategy and decision.
-        seed: of the draws.
+        scenario: that of the recording, in which the sections sensor (its threshold), strategy and decision may be
+            changed. seed: of the first draw; each further draw has the next seed.
     Raises:
-        InputError: another section differs, too few draws, or no count of received messages.
+        InputError: another section differs, no draws, or the logs do not count the messages received.
     """
     if draws < 1:
         raise InputError(f"{draws} is too few; at least 1", field="draws")
@@ -97,37 +101,45 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     for draw in range(draws):
         finals = []
         for run, rows in zip(runs, parts, strict=True):
+            # The columns of the inference table are not needed here.
             final, missing, _ = _replay_once(recording, scenario, rows, run, seed + draw)
             finals.append(final)
             unsent += missing
         tables.append(_outcome(recording, scenario, pl.concat(finals), draw))
     lost = int(recording.rows["lost_before"].sum())
-    robots, of_runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))
-    return Replayed(scenario, draws, robots, of_runs, unsent / draws, lost)
+    robots, of_runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))  # of all draws
+    return Replayed(
+        scenario=scenario, draws=draws, robots=robots, runs=of_runs, unsent=unsent / draws, put_back=lost
+    )
 
 
 def _replay_once(
     recording: Recording, scenario: Scenario, rows: _Rows, run: int, seed: int
 ) -> tuple[pl.DataFrame, int, list[pl.Series]]:
-    """Replay a run once.
+    """Replay a run once, with one random choice of the messages received.
 
-    Returns: the final state of each robot, the number of messages received that no robot can have sent at that time,
-        and the columns of the inference table.
+    Args:
+        scenario: with the strategy, decision and threshold to replay. rows: samples of the run. run: number of the run.
+        seed: of the draw.
+    Returns: the final state of each robot, a table; the number of received messages in the log that no robot can have
+        sent at that time; and the columns of the inference table.
     """
     energy = rows.energy
     if np.isnan(energy).any():
         energy = _drawn(rows, run, seed)
     session = rows.session._replace(observation=(energy > scenario.sensor.rms_threshold).astype(np.uint8))
     count, strategy = energy.size, strategy_of(scenario.strategy.name)
-    swarm, log = (
-        empty_swarm(strategy, network_of("ideal"), scenario, 1),
-        empty_log(count, strategy.state_type),
-    )
+    # The network is not used, since received messages are drawn; kernels and states need one.
+    network = network_of("ideal")
+    swarm, log = empty_swarm(strategy, network, scenario, runs=1), empty_log(count, strategy.state_type)
     messages, robots = zero_rows(count, strategy.message_type), scenario.swarm.robots
     heard_messages = HeardMessages(
-        np.zeros((robots, count), np.uint8), np.zeros(robots, np.int64), np.zeros(robots, np.int64)
+        heard=np.zeros((robots, count), np.uint8),
+        leftover_from=np.zeros(robots, np.int64),
+        new_from=np.zeros(robots, np.int64),
     )
-    missing = kernels(strategy, network_of("ideal"), "replay_from_counts").replay_from_counts(
+    # Fills swarm, messages and log.
+    missing = kernels(strategy, network, "replay_from_counts").replay_from_counts(
         session, swarm, messages, heard_messages, log, world_of(scenario, count), SLACK_S, seed, run
     )
     ends = recording.ends.filter(pl.col("run") == run)
@@ -135,19 +147,24 @@ def _replay_once(
 
 
 def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:
-    """Return the energies of a session; that of a lost sample is drawn from those read on tiles of the same kind."""
-    energy = rows.energy.copy()
+    """Return the energies of a session, (samples,), with those of restored samples drawn at random.
+
+    A restored sample gets one of the energies that were read in the session on tiles of the same kind.
+    """
+    energy = rows.energy.copy()  # ``rows`` is used again by the other draws
     for k in np.flatnonzero(np.isnan(rows.energy)):
-        alike = np.sort(rows.energy[(rows.vibrating == rows.vibrating[k]) & ~np.isnan(rows.energy)])
+        # Sorted, so that the draw does not depend on the order of the samples.
+        same_kind = np.sort(rows.energy[(rows.vibrating == rows.vibrating[k]) & ~np.isnan(rows.energy)])
+        # The last argument, the number of a second robot, is 0: a reading has none.
         u = uniform(
             seed, run, int(rows.session.robot[k]), int(Purpose.SENSING), int(rows.session.sample[k]), 0
         )
-        energy[k] = alike[int(u * alike.size)]
+        energy[k] = same_kind[int(u * same_kind.size)]
     return energy
 
 
 def _rows_of(recording: Recording, run: int) -> _Rows:
-    """Return the samples of a run ordered by time, lost ones restored."""
+    """Return the samples of a run in the order of time, with a restored sample for each one whose row was lost."""
     of_run = pl.col("run") == run
     key = ["run", "robot", "sample"]
     frame = (
@@ -159,9 +176,10 @@ def _rows_of(recording: Recording, run: int) -> _Rows:
     floor = recording.floor(run)
     rows: list[dict[str, Any]] = []
     for _, own in frame.group_by("robot", maintain_order=True):
+        # The start of the session stands in for the row before a robot's first sample.
         before: Mapping[str, Any] = {"sample": -1, "time_s": 0.0, "stop_start_s": 0.0, "messages_received": 0}
         for row in own.iter_rows(named=True):
-            rows += _put_back(recording, run, before, row)
+            rows += _restored(recording, run, before, row)
             rows.append(row)
             before = row
     table = pl.DataFrame(
@@ -174,7 +192,7 @@ def _rows_of(recording: Recording, run: int) -> _Rows:
         ],
         schema_overrides={"energy": pl.Float64},
     ).sort("time_s", "robot")  # fmt: skip
-    new = table.select(
+    newly_received = table.select(
         pl.col("messages_received").cast(pl.Int64)
         - pl.col("messages_received").cast(pl.Int64).shift(1).over("robot").fill_null(0)
     ).to_series()
@@ -182,28 +200,36 @@ def _rows_of(recording: Recording, run: int) -> _Rows:
         robot=table["robot"].cast(pl.Int64).to_numpy(),
         sample=table["sample"].cast(pl.Int64).to_numpy(),
         time_s=table["time_s"].to_numpy(),
-        # Messages are read at the last walking tick at the latest, so sent two ticks before the stop; half a tick is
-        # for rounding.
+        # A robot reads messages at its last walking tick at the latest, so they were sent at least two ticks before the
+        # stop; half a tick is left for rounding.
         hears_until_s=table["stop_start_s"].to_numpy() - 1.5 * recording.scenario.tick_s,
-        received=new.to_numpy(),
+        received=newly_received.to_numpy(),
         observation=np.zeros(table.height, dtype=np.uint8),
     )
     energy = table["energy"].fill_null(float("nan")).to_numpy()
     return _Rows(session, energy, vibrating_at(floor, table["tile"].to_numpy()))
 
 
-def _put_back(
+def _restored(
     recording: Recording, run: int, before: Mapping[str, Any], after: Mapping[str, Any]
 ) -> list[dict[str, Any]]:
-    """Return the rows for the samples lost between two of a robot's rows, evenly spaced in time and in messages
-    received."""
+    """Make rows for the samples of a robot that were lost between two of its rows.
+
+    The new samples are evenly spaced in time and in the number of messages received. Their stops last as long as the
+    stop of the row ``after``. Their energy is None.
+
+    Args:
+        run: number of the run. before, after: the two rows, values by column. ``before`` may stand for the start of the
+            session; its sample is then -1.
+    Returns: one row for each lost sample, in the order of time.
+    """
     lost = after["sample"] - before["sample"] - 1
     restored = []
     for nth in range(1, lost + 1):
         share = nth / (lost + 1)
         time_s = before["time_s"] + share * (after["time_s"] - before["time_s"])
         stop_s = after["time_s"] - after["stop_start_s"]
-        x, y = after["x_m"], after["y_m"]
+        x, y = after["x_m"], after["y_m"]  # without a path, the place of the next row
         if recording.segments is not None:
             x, y, _ = pose(recording.segments, run, after["robot"], time_s)
         tile = recording.floor(run).tile_at(*inside(np.array([x]), np.array([y]), recording.scenario))[0]
@@ -213,7 +239,9 @@ def _put_back(
                 "robot": after["robot"],
                 "sample": before["sample"] + nth,
                 "time_s": time_s,
+                # A stop does not begin before the sample of the row ``before``.
                 "stop_start_s": max(time_s - stop_s, before["time_s"]),
+                # Cut to a whole number of messages.
                 "messages_received": before["messages_received"]
                 + int(share * (after["messages_received"] - before["messages_received"])),
                 "energy": None,
@@ -226,7 +254,11 @@ def _put_back(
 def _outcome(
     recording: Recording, scenario: Scenario, finals: pl.DataFrame, draw: int
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the tables of robots and runs of one draw."""
+    """Return the tables of robots and of runs of one draw, with the number of the draw as column ``draw``.
+
+    Args:
+        scenario: the one that was replayed. finals: final states of the robots of all runs. draw: number of the draw.
+    """
     runs = recording.runs["run"].to_list()
     floors = {run: recording.floor(run) for run in runs}
     fills, truth = fills_and_truth(scenario, floors, runs)
@@ -238,8 +270,15 @@ def _outcome(
 
 
 def with_beliefs(recording: Recording, seed: int = 0) -> Result:
-    """Return a recording without beliefs with those that its scenario implies if every message is received."""
-    motion = Motion(recording.motion, recording.ends, recording.segments)
+    """Return a recording that has no beliefs with the beliefs and decisions that its bits imply.
+
+    They are computed by the strategy of the recording's scenario from the bits of the samples. Messages are delivered
+    by the scenario's network, since it is not known which messages the real radio delivered.
+
+    Args:
+        seed: of the random numbers of strategy and network.
+    """
+    motion = Motion(samples=recording.motion, ends=recording.ends, segments=recording.segments)
     inference, finals = infer(recording.scenario, seed, motion, recording.observations)
     floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
     robots, runs = outcome_tables(recording.scenario, floors, finals, recording.ends)
@@ -248,28 +287,33 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
 
 @dataclass(frozen=True)
 class SessionOutcome(NotebookView):
-    """Outcome of a session over the draws."""
+    """Outcome of a session, summarised over the draws of a replay."""
 
     session: int
+    """From 1."""
     strategy: str
+    """Name of the strategy."""
     consensus: dict[str, float]
     """Share of the draws with each consensus."""
     decision_time_s: float | None
     """Mean over draws of the mean over robots; a robot that never decides counts with the time of its last sample."""
     decision_time_low_s: float | None
+    """5 % quantile over the draws."""
     decision_time_high_s: float | None
-    """5 % and 95 % quantiles over the draws."""
+    """95 % quantile over the draws."""
     undecided: float
+    """Share of undecided robots."""
     belief_in_truth: float | None
+    """Mean over draws and robots; None if no decision is right, or beliefs are not known."""
 
 
 def session_outcomes(recording: Recording, replayed: Replayed) -> list[SessionOutcome]:
-    """Return the outcome of each session, in order."""
+    """Summarise a replay: the outcome of each session over the draws, in the order of sessions."""
     return _session_outcomes(recording, replayed.robots, replayed.runs, replayed.scenario.strategy.name)
 
 
 def logged_outcomes(recording: Recording) -> list[SessionOutcome]:
-    """Return the outcomes of the robots' own logged decisions."""
+    """Summarise the robots' own logged decisions as if they were a replay of a single draw."""
     number = pl.lit(0, dtype=pl.UInt32).alias("draw")
     robots, runs = recording.robots.select(number, *ROBOTS), recording.runs.select(number, *RUNS)
     return _session_outcomes(recording, robots, runs, recording.scenario.strategy.name)
@@ -278,7 +322,13 @@ def logged_outcomes(recording: Recording) -> list[SessionOutcome]:
 def _session_outcomes(
     recording: Recording, robots: pl.DataFrame, runs: pl.DataFrame, strategy: str
 ) -> list[SessionOutcome]:
-    """Summarise the decisions of each session."""
+    """Summarise the decisions of each session over all draws, in the order of sessions.
+
+    Args:
+        robots, runs: tables of the robots and of the runs of all draws, with the column ``draw``.
+        strategy: name of the strategy, copied to the outcomes.
+    """
+    # A robot that never decides counts with the time of its last sample.
     last = recording.motion.group_by("run", "robot").agg(pl.col("time_s").max().alias("last_s"))
     timed = robots.join(last, on=["run", "robot"], how="left").with_columns(
         time_s=pl.coalesce("decision_time_s", "last_s")
@@ -286,7 +336,8 @@ def _session_outcomes(
     outcomes = []
     for run in recording.runs["run"].to_list():
         own, of_run = timed.filter(pl.col("run") == run), runs.filter(pl.col("run") == run)
-        mean = own.group_by("draw").agg(pl.col("time_s").mean())["time_s"].drop_nulls().to_numpy()
+        # Mean decision time over robots, one value per draw.
+        means_s = own.group_by("draw").agg(pl.col("time_s").mean())["time_s"].drop_nulls().to_numpy()
         shares = of_run["consensus"].cast(pl.String).value_counts(normalize=True, sort=True)
         belief = own["belief_in_truth"].drop_nulls().to_numpy()
         outcomes.append(
@@ -294,9 +345,9 @@ def _session_outcomes(
                 session=run + 1,
                 strategy=strategy,
                 consensus={str(name): float(share) for name, share in shares.iter_rows()},
-                decision_time_s=float(mean.mean()) if mean.size else None,
-                decision_time_low_s=float(np.quantile(mean, 0.05)) if mean.size else None,
-                decision_time_high_s=float(np.quantile(mean, 0.95)) if mean.size else None,
+                decision_time_s=float(means_s.mean()) if means_s.size else None,
+                decision_time_low_s=float(np.quantile(means_s, 0.05)) if means_s.size else None,
+                decision_time_high_s=float(np.quantile(means_s, 0.95)) if means_s.size else None,
                 undecided=float((own["decision"] == -1).to_numpy().mean()),
                 belief_in_truth=float(belief.mean()) if belief.size else None,
             )

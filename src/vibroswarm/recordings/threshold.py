@@ -1,6 +1,6 @@
-"""Choose theta_E from labelled recordings by equal error, least error or costs.
+"""Choose the sensor's threshold theta_E from a recording on a known floor, by equal error, least error or costs.
 
-Whether the floor can be decided with it is tested too.
+Also compute whether the floor's question can be decided with the threshold.
 
 | name | symbol | equation |
 |---|---|---|
@@ -9,10 +9,10 @@ Whether the floor can be decided with it is tested too.
 | expected cost | - | c_a (1 - f) a(theta) + c_b f b(theta), f the fill ratio; least error: c_a = c_b = 1 |
 | edge distance | - | from a sample to the nearest tile of the other kind |
 
-A sample's label is the kind of tile under the robot's centre. Samples are neither independent nor identically
-distributed: robots and tiles differ. So the bootstrap resamples both, robots (of a session) and tiles, and weights a
-sample by the product of their counts; the interval holds for other such robots and tiles. Resamples come from
-addressed random numbers: the same for the same seed, draw and stream.
+A sample's label is the kind of tile (vibrating or still) under the robot's centre. Samples are neither independent nor
+identically distributed, since robots and tiles differ. So the bootstrap resamples both robots (a robot in each session
+by itself) and tiles, and weights a sample by the product of the numbers of times that its robot and its tile are drawn.
+The interval then holds for other such robots and tiles. The random numbers depend on seed, draw and stream alone.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -33,27 +33,38 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.recordings.recording import Recording, inside
+from vibroswarm.recordings.assemble_recording import inside
+from vibroswarm.recordings.recording import Recording
 
 
 def resample(seed: int, draw: int, stream: int, count: int) -> NDArray[np.int64]:
-    """Draw ``count`` of the indices below ``count`` with replacement."""
+    """Draw ``count`` indices from 0 to ``count`` - 1 with replacement, (count,).
+
+    Args:
+        seed, draw, stream: address of the random numbers: the same address gives the same indices.
+    """
     return (uniforms(seed, draw, stream, Purpose.BOOTSTRAP, count) * count).astype(np.int64)
 
 
 def cluster_weights(seed: int, draw: int, stream: int, cluster: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Draw as many clusters as there are, with replacement; return how often each row's cluster was drawn, (rows,).
+    """Resample clusters with replacement; return how often the cluster of each row was drawn, (rows,).
 
     Args:
-        cluster: (rows,): number of each row's cluster, from 0.
+        seed, draw, stream: address of the random numbers: the same address gives the same draw.
+        cluster: index of each row's cluster, from 0, (rows,).
     """
     clusters = int(cluster.max()) + 1
     return np.bincount(resample(seed, draw, stream, clusters), minlength=clusters)[cluster].astype(float)
 
 
 def robot_clusters(samples: pl.DataFrame) -> NDArray[np.int64]:
-    """Return the cluster of each sample, (samples,), from 0: the same robot in two sessions is two clusters."""
+    """Return the index of each sample's cluster, from 0, (samples,); a cluster is a robot in one run.
+
+    Args:
+        samples: with the columns run and robot.
+    """
     pairs = samples.select(pl.col("run", "robot").cast(pl.Int64)).to_numpy()
+    # The index of each row's pair among the distinct pairs.
     return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
 
 
@@ -62,18 +73,25 @@ Rule = Callable[[Floats, NDArray[np.bool_], Floats], float]
 """A threshold from energies, labels and weights of samples, (samples,) each."""
 
 RESAMPLES: Final = 400
+"""Number of bootstrap draws."""
 _SEED: Final = 7
+"""Seed of the bootstrap; it is fixed, so that a recording always has the same limits."""
 EDGES_M: Final = (0.0, 0.01, 0.02, 0.04, 0.06, np.inf)
+"""Limits of the classes of edge distance in an error profile."""
 
 
 @dataclass(frozen=True)
 class Rates(NotebookView):
-    """Error rates of samples at a threshold."""
+    """Error rates of samples at a threshold; nan for a kind of tile without samples."""
 
     false_positive: float
+    """a: share of the samples on still tiles that read as vibrating."""
     false_negative: float
+    """b: share of the samples on vibrating tiles that read as still."""
     still: int
+    """Number of samples on still tiles."""
     vibrating: int
+    """Number of samples on vibrating tiles."""
 
 
 @dataclass(frozen=True)
@@ -81,20 +99,24 @@ class Threshold(NotebookView):
     """A threshold with its interval, its error rates, and whether the floor can be decided with it."""
 
     rule: str
+    """How it was chosen."""
     value: float
+    """The threshold theta_E."""
     low: float
+    """Lower 95 % limit, by a bootstrap over robots and tiles; nan for a given threshold."""
     high: float
-    """95 %, over robots and tiles."""
+    """Upper 95 % limit, by the same bootstrap; nan for a given threshold."""
     all_samples: Rates
+    """Error rates of all samples."""
     inner_samples: Rates
-    """Samples farther from a tile of the other kind than the margin."""
+    """Error rates of the samples with an edge distance above a margin."""
     share_by_session: Interval
-    """Share of ones with equal weight of tiles; the session is the unit."""
+    """Share of ones with equal weight for each tile; the session is the unit."""
     decidable: Decidability
-    """From the pooled samples, with their effective number."""
+    """From the samples of all sessions, with their effective number."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the fields for JSON, with nested values as dictionaries."""
         share = self.share_by_session.as_dict()
         return {name: getattr(self, name) for name in ("rule", "value", "low", "high")} | {
             "all_samples": asdict(self.all_samples),
@@ -106,20 +128,26 @@ class Threshold(NotebookView):
 
 @dataclass(frozen=True, eq=False)
 class Labelled(NotebookView):
-    """Samples on tiles, (samples,) each."""
+    """The samples on tiles, with the kind of their tile; (samples,) each."""
 
     energy: Floats
+    """Energy of the sample."""
     vibrating: NDArray[np.bool_]
+    """Whether the tile below vibrates."""
     edge_m: Floats
     """Distance to the nearest tile of the other kind; inf if there is none."""
     tile: NDArray[np.int64]
+    """Index of the tile below."""
     session: NDArray[np.int64]
+    """Number of the run."""
     robot: NDArray[np.int64]
+    """Number of the robot, from 0."""
     fill_ratio: float
+    """Fill ratio of the floor."""
 
 
 def labelled(recording: Recording) -> Labelled:
-    """Return the samples of a recording with the kind of the tile below.
+    """Return the samples of a recording that lie on tiles, with the kind of their tile.
 
     Raises:
         InputError: all samples are on one kind of tile.
@@ -129,7 +157,7 @@ def labelled(recording: Recording) -> Labelled:
         recording.observations.select(*key, "tile"), on=key, maintain_order="left"
     )
     frame = frame.filter(pl.col("tile") >= 0)
-    floor = recording.floor(int(recording.runs["run"][0]))
+    floor = recording.floor(int(recording.runs["run"][0]))  # all sessions have the same floor
     tile = frame["tile"].cast(pl.Int64).to_numpy()
     vibrating = floor.tiles.ravel()[tile] == 1
     if vibrating.all() or not vibrating.any():
@@ -138,7 +166,7 @@ def labelled(recording: Recording) -> Labelled:
     return Labelled(
         energy=frame["energy"].to_numpy(),
         vibrating=vibrating,
-        edge_m=edge_distance(floor, x, y, vibrating)[0],
+        edge_m=edge_distance(floor, x, y, vibrating)[0],  # without the index of the nearest tile
         tile=tile,
         session=frame["run"].cast(pl.Int64).to_numpy(),
         robot=frame["robot"].cast(pl.Int64).to_numpy(),
@@ -149,11 +177,17 @@ def labelled(recording: Recording) -> Labelled:
 def edge_distance(
     floor: Floor, x_m: Floats, y_m: Floats, vibrating: NDArray[np.bool_]
 ) -> tuple[Floats, NDArray[np.int64]]:
-    """Return the distance from each place to the nearest tile of the other kind, m (inf: none), and that tile's index
-    (-1)."""
+    """Find the nearest tile of the other kind to each place.
+
+    Args:
+        x_m, y_m: the places, m. vibrating: whether the tile that each place lies on vibrates; (places,) each.
+    Returns: distance from each place to that tile, m, and index of that tile, (places,) each; inf and -1 if all tiles
+        are of one kind.
+    """
     rows, columns, width, height, left, bottom = floor.geometry
     distance_m, tile = np.full(x_m.shape, np.inf), np.full(x_m.shape, -1)
     for index, kind in enumerate(floor.tiles.ravel()):
+        # Lower left corner of the tile; tiles are numbered row by row from the top.
         x0, y0 = left + (index % columns) * width, bottom + (rows - 1 - index // columns) * height
         dx = np.maximum(np.maximum(x0 - x_m, x_m - x0 - width), 0.0)
         dy = np.maximum(np.maximum(y0 - y_m, y_m - y0 - height), 0.0)
@@ -166,24 +200,39 @@ def edge_distance(
 def error_curves(
     energy: Floats, vibrating: NDArray[np.bool_], weight: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the thresholds (half-way between energies), with weighted a(theta) and b(theta)."""
+    """Compute both error rates at all thresholds that differ in their errors.
+
+    Args:
+        energy, vibrating, weight: energies of samples, whether their tiles vibrate, and their weights, (samples,) each;
+            both kinds of tile must have weight.
+    Returns: increasing thresholds, which lie half-way between neighbouring energies, and one above all energies; the
+        rate of false positives a at each threshold, falling; and of false negatives b, rising; (thresholds,) each.
+    """
     order = np.argsort(energy, kind="stable")
     sorted_energy, kind, w = energy[order], vibrating[order], weight[order]
-    still, shaking = np.where(kind, 0.0, w), np.where(kind, w, 0.0)
-    false_positive = 1.0 - np.cumsum(still) / still.sum()
-    false_negative = np.cumsum(shaking) / shaking.sum()
-    between = np.append(sorted_energy[1:], sorted_energy[-1] + 1.0)
-    last = between > sorted_energy  # only the last of equal energies is followed by a threshold
-    thresholds = (sorted_energy + between) / 2
-    return thresholds[last], false_positive[last], false_negative[last]
+    on_still, on_vibrating = np.where(kind, 0.0, w), np.where(kind, w, 0.0)
+    false_positive = 1.0 - np.cumsum(on_still) / on_still.sum()
+    false_negative = np.cumsum(on_vibrating) / on_vibrating.sum()
+    # The next larger energy; any larger number serves for the last, whose threshold only has to lie above it.
+    following = np.append(sorted_energy[1:], sorted_energy[-1] + 1.0)
+    is_last = following > sorted_energy  # only the last of equal energies is followed by a threshold
+    thresholds = (sorted_energy + following) / 2
+    return thresholds[is_last], false_positive[is_last], false_negative[is_last]
 
 
 def equal_error(energy: Floats, vibrating: NDArray[np.bool_], weight: Floats) -> float:
-    """Return the threshold at which both error rates cross."""
+    """Compute the threshold at which both error rates are equal, by linear interpolation between energies.
+
+    Args:
+        energy, vibrating, weight: energies of samples, whether their tiles vibrate, and their weights, (samples,) each;
+            both kinds of tile must have weight.
+    """
     thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
+    # The first threshold at which b, which rises, is not below a, which falls.
     k = int(np.argmax(false_negative >= false_positive))
     if k == 0:
         return float(thresholds[0])
+    # How far a lies above b at threshold k - 1, and b above a at threshold k.
     before = false_positive[k - 1] - false_negative[k - 1]
     after = false_negative[k] - false_positive[k]
     share = before / (before + after) if before + after > 0 else 0.5
@@ -191,17 +240,22 @@ def equal_error(energy: Floats, vibrating: NDArray[np.bool_], weight: Floats) ->
 
 
 def least_cost(cost_false_positive: float, cost_false_negative: float, fill_ratio: float) -> Rule:
-    """Make the rule that takes the threshold with the least expected cost; costs must be above 0."""
+    """Return a rule: a function that computes the threshold with the least expected cost.
+
+    Args:
+        cost_false_positive, cost_false_negative: c_a and c_b, above 0. fill_ratio: f.
+    """
 
     def rule(energy: Floats, vibrating: NDArray[np.bool_], weight: Floats) -> float:
+        """Compute the threshold from energies, kinds of tile and weights of samples, (samples,) each."""
         thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
         cost = (
             cost_false_positive * (1 - fill_ratio) * false_positive
             + cost_false_negative * fill_ratio * false_negative
         )
-        # Several thresholds may have the lowest cost: take their mean.
-        good = np.flatnonzero(cost <= cost.min() + 1e-12)
-        return float(thresholds[good].mean())
+        # If several thresholds have the lowest cost, the result is their mean.
+        lowest = np.flatnonzero(cost <= cost.min() + 1e-12)
+        return float(thresholds[lowest].mean())
 
     return rule
 
@@ -212,12 +266,13 @@ def find_thresholds(
     cost_false_negative: float = 1.0,
     margin_m: float = 0.02,
 ) -> list[Threshold]:
-    """Find theta_E by equal error, by least error, and by the costs if they differ.
+    """Find theta_E by equal error, by least error, and, if the two costs differ, by least expected cost.
 
     Args:
-        margin_m: samples nearer to a tile of the other kind are left out of ``inner_samples``.
+        cost_false_positive, cost_false_negative: c_a and c_b; only their ratio matters.
+        margin_m: edge distance up to which samples do not count as ``inner_samples``.
     Raises:
-        InputError: costs that are not positive, samples on one kind of tile only.
+        InputError: a cost that is not above 0, or samples on one kind of tile only.
     """
     for cost in (cost_false_positive, cost_false_negative):
         if not (np.isfinite(cost) and cost > 0):
@@ -225,7 +280,9 @@ def find_thresholds(
     data = labelled(recording)
     rules: dict[str, Rule] = {
         "equal error": equal_error,
-        "least error": least_cost(1.0, 1.0, data.fill_ratio),
+        "least error": least_cost(
+            cost_false_positive=1.0, cost_false_negative=1.0, fill_ratio=data.fill_ratio
+        ),
     }
     if cost_false_positive != cost_false_negative:
         name = f"costs {cost_false_positive:g} to {cost_false_negative:g}"
@@ -234,8 +291,15 @@ def find_thresholds(
 
 
 def _found(name: str, rule: Rule, data: Labelled, recording: Recording, margin_m: float) -> Threshold:
+    """Compute the threshold that a rule chooses, its 95 % limits from a bootstrap, and its error rates.
+
+    Args:
+        name: name of the rule. data: samples of ``recording``. margin_m: edge distance up to which samples do not count
+            as ``inner_samples``.
+    """
     value = rule(data.energy, data.vibrating, np.ones(data.energy.size))
     resampled = [rule(data.energy, data.vibrating, weight) for weight in _weights(data)]
+    # Without a draw (one kind of tile never got weight), the limits are the threshold itself.
     low, high = (float(np.quantile(resampled, q)) for q in (0.025, 0.975)) if resampled else (value, value)
     return at_threshold(recording, value, data, name=name, low=low, high=high, margin_m=margin_m)
 
@@ -250,7 +314,13 @@ def at_threshold(
     high: float = float("nan"),
     margin_m: float = 0.02,
 ) -> Threshold:
-    """Return the error rates at a threshold, and whether the floor can be decided with it."""
+    """Compute the error rates at a threshold, and whether the floor can be decided with it.
+
+    Args:
+        value: the threshold. data: samples of the recording, from ``labelled``; None: they are computed here.
+        name: name of the rule that chose the threshold. low, high: limits of the threshold.
+        margin_m: edge distance up to which samples do not count as ``inner_samples``.
+    """
     data = data or labelled(recording)
     far_from_edges = data.edge_m > margin_m
     bits = data.energy > value
@@ -264,27 +334,39 @@ def at_threshold(
         value=value,
         low=low,
         high=high,
-        all_samples=rates(data, value, np.ones(bits.size, dtype=np.bool_)),
-        inner_samples=rates(data, value, far_from_edges),
+        all_samples=rates(data, value, chosen=np.ones(bits.size, dtype=np.bool_)),
+        inner_samples=rates(data, value, chosen=far_from_edges),
         share_by_session=mean_interval(by_session),
         decidable=_decidable(data, bits, value, recording),
     )
 
 
 def rates(data: Labelled, threshold: float, chosen: NDArray[np.bool_]) -> Rates:
-    """Return the error rates of the chosen samples; the rate of a kind without samples is NaN."""
+    """Compute the error rates of some samples at a threshold; nan for a kind of tile without samples.
+
+    Args:
+        chosen: whether each sample counts, (samples,).
+    """
     bits = data.energy > threshold
-    still, shaking = chosen & ~data.vibrating, chosen & data.vibrating
+    on_still, on_vibrating = chosen & ~data.vibrating, chosen & data.vibrating
 
-    def share(of: NDArray[np.bool_], amiss: NDArray[np.bool_]) -> float:
-        return float(amiss[of].mean()) if of.any() else float("nan")
+    def share(samples: NDArray[np.bool_], is_wrong: NDArray[np.bool_]) -> float:
+        """Return the share of wrong ones among some samples; nan if there are none."""
+        return float(is_wrong[samples].mean()) if samples.any() else float("nan")
 
-    return Rates(share(still, bits), share(shaking, ~bits), int(still.sum()), int(shaking.sum()))
+    return Rates(
+        false_positive=share(on_still, is_wrong=bits),
+        false_negative=share(on_vibrating, is_wrong=~bits),
+        still=int(on_still.sum()),
+        vibrating=int(on_vibrating.sum()),
+    )
 
 
 def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
-    """Return the error rates by distance to the nearest tile of the other kind: from_m, to_m, and the fields of
-    ``Rates``."""
+    """Compute the error rates at a threshold by edge distance.
+
+    Returns: one row per class of ``EDGES_M``: from_m, to_m (exclusive), and the fields of ``Rates``.
+    """
     rows = []
     for from_m, to_m in pairwise(EDGES_M):
         errors = rates(data, threshold, (data.edge_m >= from_m) & (data.edge_m < to_m))
@@ -295,33 +377,44 @@ def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:
 def _decidable(
     data: Labelled, bits: NDArray[np.bool_], threshold: float, recording: Recording
 ) -> Decidability:
-    """Return whether the floor can be decided from these bits, with their effective number."""
-    seen = observed_share(data.tile, bits)
+    """Compute whether the floor can be decided from the bits of all sessions.
+
+    The share of ones weights all tiles equally, and counts as measured with the effective number of samples.
+
+    Args:
+        bits: of the samples ``data`` at this threshold, (samples,).
+    """
+    observed = observed_share(data.tile, bits)
     count = np.bincount(data.tile)
-    visits = count[count > 0] / data.tile.size
-    errors = rates(data, threshold, np.ones(bits.size, dtype=np.bool_))
-    worth = float(
+    visits = count[count > 0] / data.tile.size  # share of the samples on each visited tile
+    errors = rates(data, threshold, chosen=np.ones(bits.size, dtype=np.bool_))  # of all samples
+    effective = float(
         effective_with_sensor(
-            data.tile.size,
-            effective_samples(float(visits @ visits), visits.size),
-            data.fill_ratio,
-            errors.false_positive,
-            errors.false_negative,
+            samples=data.tile.size,
+            effective_visits=effective_samples(float(visits @ visits), visits.size),
+            fill_ratio=data.fill_ratio,
+            false_positive=errors.false_positive,
+            false_negative=errors.false_negative,
         )
     )
     truth = recording.runs["truth"][0]
-    return decidability_of_share(seen.share, recording.scenario.decision.decision_boundary, truth, worth)
+    boundary = recording.scenario.decision.decision_boundary
+    return decidability_of_share(observed.share, boundary, truth, effective_samples=effective)
 
 
 def _weights(data: Labelled) -> list[Floats]:
-    """Return the weights of the samples in each bootstrap draw, robots (of a session) and tiles drawn separately.
+    """Return the weights of the samples in each bootstrap draw, (samples,) each.
 
-    Draws without samples on one of the two kinds of tile are left out: they have no error rate.
+    Robots (each in one session) and tiles are drawn separately. The weight of a sample is the number of times that its
+    robot was drawn times the number of times that its tile was drawn. Draws that give one kind of tile no weight are
+    left out, since one error rate is then undefined.
     """
     robot = robot_clusters(pl.DataFrame({"run": data.session, "robot": data.robot}))
     tile = np.unique(data.tile, return_inverse=True)[1]
+    # Streams 0 and 1 make the draws of robots and of tiles independent.
     drawn = (
-        cluster_weights(_SEED, draw, 0, robot) * cluster_weights(_SEED, draw, 1, tile)
+        cluster_weights(_SEED, draw, stream=0, cluster=robot)
+        * cluster_weights(_SEED, draw, stream=1, cluster=tile)
         for draw in range(RESAMPLES)
     )
     return [

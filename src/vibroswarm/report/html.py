@@ -39,19 +39,27 @@ from vibroswarm.report.parts import (
 )
 
 TONES: Final = ("good", "fair", "bad", "open")
-"""Marks of cells; each has a sign and a colour of its own."""
+"""Marks of cells; each has its own sign and colour in the style sheet."""
 WORDY_FROM: Final = 26
-"""Letters from which a heading above numbers gets extra width; otherwise each word would take a line."""
+"""A heading of numbers with more letters than this gets extra width; otherwise each word would take a line."""
 CSV_UP_TO: Final = 500_000
-"""Most bytes of a table that the page contains for saving."""
+"""Largest size in bytes of a table as CSV that is included in the page."""
 
 
 def table_html(table: ReportTable, key: str) -> str:
-    """Write a table whose headings are buttons that sort it."""
+    """Write a table whose headings are buttons that sort it.
+
+    Columns with the limits of another column have no column of their own: the limits stand in brackets behind each
+    number of that other column.
+
+    Args:
+        key: id of the HTML element.
+    """
     visible = table.frame.head(table.rows_up_to)
     limits = {name for column in table.columns.values() for name in column.limits or ()}
     kinds = {name: table.columns.get(name, Column()) for name in table.frame.columns if name not in limits}
     numeric = {name: table.frame.schema[name].is_numeric() for name in kinds}
+    # All numbers of a column, and their limits, have the same number of decimals.
     decimals = {
         name: decimals_of(
             pl.concat([visible[n].cast(pl.Float64) for n in (name, *(column.limits or ()))]), column
@@ -81,18 +89,23 @@ def table_html(table: ReportTable, key: str) -> str:
 
 
 def _heading(name: str, column: Column, numeric: bool) -> str:
-    """Write a column's heading with its unit."""
-    tail = f' <span class="unit">({escape(column.units)})</span>' if column.units else ""
+    """Write a column's heading with its unit, as a button that sorts the table."""
+    unit = f' <span class="unit">({escape(column.units)})</span>' if column.units else ""
     title = column.title or name
-    kind = ' class="number wordy"' if numeric and len(title) > WORDY_FROM else _kind(column, numeric)
+    classes = ' class="number wordy"' if numeric and len(title) > WORDY_FROM else _classes(column, numeric)
     return (
-        f'<th scope="col" aria-sort="none"{kind}><button type="button">{_broken(title)}{tail}'
+        f'<th scope="col" aria-sort="none"{classes}><button type="button">{_breakable(title)}{unit}'
         '<span class="arrow" aria-hidden="true"></span></button></th>'
     )
 
 
-def _kind(column: Column, numeric: bool, words: str = "") -> str:
-    """Write the classes of a cell as an attribute."""
+def _classes(column: Column, numeric: bool, words: str = "") -> str:
+    """Return the attribute ``class`` of a cell or heading, with a space before it; empty without classes.
+
+    Args:
+        numeric: whether the column has numbers. words: text of the cell; empty for a heading, which has no tone.
+            ``column.tones`` maps beginnings of texts to tones; the longest beginning that matches gives the tone.
+    """
     fitting = [start for start in column.tones if words.startswith(start)] if words else []
     tone = column.tones[max(fitting, key=len)] if fitting else ""
     kinds = [
@@ -104,13 +117,18 @@ def _kind(column: Column, numeric: bool, words: str = "") -> str:
 
 
 def _cell(name: str, row: Mapping[str, Any], column: Column, numeric: bool, decimals: int | None) -> str:
-    """Write a cell of a table, with the limits of its number."""
+    """Write the cell of column ``name`` in a row; a number is followed by its limits, if these are finite.
+
+    Args:
+        row: values by column name, limits included. column: format of the column. numeric: whether it has numbers.
+        decimals: number of decimals of the column's numbers; None: each number has as many as it needs.
+    """
     value = row[name]
     missing = value is None or (isinstance(value, float) and math.isnan(value))
     if not numeric:
         words = "–" if missing else "yes" if value is True else "no" if value is False else value
-        kind = _kind(column, numeric, "" if missing else str(words))
-        return f"<td{kind}{' data-missing' if missing else ''}>{_broken(words)}</td>"
+        classes = _classes(column, numeric, "" if missing else str(words))
+        return f"<td{classes}{' data-missing' if missing else ''}>{_breakable(words)}</td>"
     if missing:
         return '<td class="number" data-missing>–</td>'
     text = number_text(value, column, decimals)
@@ -121,15 +139,22 @@ def _cell(name: str, row: Mapping[str, Any], column: Column, numeric: bool, deci
     return f'<td class="number" data-value="{value!r}">{text}</td>'
 
 
-def _broken(text: object) -> str:
-    """Escape text and allow line breaks at the underscores of long names."""
+def _breakable(text: object) -> str:
+    """Escape text, and allow line breaks after the underscores of words of 13 or more characters."""
     return re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(text))
 
 
 def picture_html(picture: ReportPicture, key: str) -> str:
-    """Write a picture with its caption and a link to save its numbers."""
+    """Write a picture with its caption and a link to save its numbers.
+
+    Args:
+        key: id of the HTML element, and prefix of the ids in the picture.
+    Raises:
+        InputError: the picture is not a plain SVG or too large.
+    """
     svg, width = inline_svg(picture.svg, f"{key}-", picture.caption)
-    # It may grow by half, but shrinks only as long as its text is legible; then it scrolls in its frame.
+    # The picture fills the page's width within limits: at most 1.5 times its own width, and at least 0.8 times, so that
+    # its text stays legible. In a narrower frame it scrolls.
     size = f"clamp({0.8 * width:.0f}px, 100%, {1.5 * width:.0f}px)"
     return (
         f'<figure class="part" id="{key}">\n<div class="sideways" role="region" tabindex="0" '
@@ -140,7 +165,7 @@ def picture_html(picture: ReportPicture, key: str) -> str:
 
 
 def lines_html(code: ReportCode, key: str) -> str:
-    """Write preformatted text that scrolls sideways in its frame."""
+    """Write preformatted text, line by line, in a frame that scrolls sideways; ``key`` is the element's id."""
     return (
         f'<pre class="part" id="{key}" role="region" tabindex="0" aria-label="{escape(code.name)}">'
         f"<code>{escape(code.text)}</code></pre>\n"
@@ -148,7 +173,14 @@ def lines_html(code: ReportCode, key: str) -> str:
 
 
 def csv_link(frame: pl.DataFrame, name: str) -> str:
-    """Write a link that saves a table as CSV from the page itself, or a note if it is too large."""
+    """Write a link that saves a table as CSV; the link itself contains the CSV.
+
+    If the table is too large for the page, write a note with its number of rows instead.
+
+    Args:
+        name: name of the file without suffix; characters that do not suit a file name are replaced by hyphens.
+    """
+    # A table that takes more than 20 times the limit in memory is not even converted.
     if frame.estimated_size() <= 20 * CSV_UP_TO:
         data = csv_bytes(_flat(frame))
         if len(data) <= CSV_UP_TO:
@@ -162,7 +194,7 @@ def csv_link(frame: pl.DataFrame, name: str) -> str:
 
 
 def _flat(frame: pl.DataFrame) -> pl.DataFrame:
-    """Convert nested columns, which CSV cannot hold, to text."""
+    """Return a table with its nested columns, which CSV cannot hold, converted to text."""
     nested = [name for name, kind in frame.schema.items() if kind.is_nested()]
     return frame.with_columns(
         pl.Series(name, [None if value is None else str(value) for value in frame[name].to_list()])
@@ -181,9 +213,11 @@ class ReportTable(NotebookView):
     """A table of a section; missing values are dashes and are sorted last."""
 
     frame: pl.DataFrame
+    """The rows of the table, limits included."""
     columns: Mapping[str, Column] = field(default_factory=dict)
-    """By name; others are formatted as ``Column()``."""
+    """Formats of columns by name; columns without one are formatted as ``Column()``."""
     caption: str = ""
+    """Text above the table; empty: none."""
     name: str = "table"
     """File name of the CSV that can be saved, without suffix."""
     rows_up_to: int = 500
@@ -197,6 +231,7 @@ class ReportPicture(NotebookView):
     svg: str
     """An SVG document; ``vibroswarm.plots.Picture.svg()`` gives one that follows light and dark."""
     caption: str
+    """Text below the picture."""
     numbers: pl.DataFrame
     name: str = "picture"
     """File name of the CSV that can be saved, without suffix."""
@@ -204,11 +239,11 @@ class ReportPicture(NotebookView):
 
 @dataclass(frozen=True)
 class ReportCode(NotebookView):
-    """Text of a section that stands as it is, line by line: a file, a command."""
+    """Preformatted text of a section, such as a file or a command."""
 
     text: str
     name: str = "text"
-    """What it is, for those who do not see it."""
+    """What it is, for screen readers."""
 
 
 class _Drawn(Protocol):
@@ -220,8 +255,12 @@ class _Drawn(Protocol):
 
 
 def picture_of(drawn: _Drawn, name: str) -> ReportPicture:
-    """Return what a ``draw_*`` of ``vibroswarm.plots`` gave, for a report; ``name`` is that of its CSV."""
-    return ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, name)
+    """Return a picture for a report.
+
+    Args:
+        drawn: result of a function ``draw_*`` of ``vibroswarm.plots``. name: of its CSV file, without suffix.
+    """
+    return ReportPicture(svg=drawn.svg(), caption=drawn.caption, numbers=drawn.numbers, name=name)
 
 
 @dataclass(frozen=True)
@@ -234,9 +273,9 @@ class Section(NotebookView):
     parts: tuple[ReportTable | ReportPicture | ReportCode | ReportFrames, ...] = ()
     sections: tuple[Section, ...] = ()
     folded: bool = False
-    """Whether it is closed until it is asked for (in print it is open)."""
+    """Whether it is closed until the reader opens it (in print it is open)."""
     side_by_side: bool = False
-    """Whether its sections stand two in a row where there is room, but for folded ones."""
+    """Whether its subsections stand two in a row where there is room, except for folded ones."""
 
 
 @dataclass(frozen=True)
@@ -245,21 +284,21 @@ class Report(NotebookView):
 
     title: str
     lead: tuple[str, ...] = ()
-    """First paragraphs: what was asked, and what was found."""
+    """First paragraphs: the question and the findings."""
     warnings: tuple[str, ...] = ()
-    """What a reader must know before believing it; each stands in a frame above all else."""
+    """Reasons not to trust the findings; each stands in a frame above everything else."""
     sections: tuple[Section, ...] = ()
     details: Mapping[str, str] = field(default_factory=dict)
-    """How it was made: seed, versions, command; at the end."""
+    """How the report was made, such as seed, versions and command: texts by name, at the end of the page."""
     answers: tuple[ReportAnswer, ...] = ()
     """Comparisons that answer the question; they stand below the lead."""
 
 
 def write_report(path: Path | str, report: Report) -> None:
-    """Write ``report_html`` to ``path``, whole or not at all; a file that is there is replaced.
+    """Write a report as an HTML file to ``path``, completely or not at all; an existing file is replaced.
 
     Raises:
-        InputError: a picture is no plain SVG or too large, or the folder cannot be written.
+        InputError: a picture is not a plain SVG or too large, or the folder cannot be written.
         RunError: the disk is full or failed.
     """
     text = report_html(report)
@@ -268,14 +307,16 @@ def write_report(path: Path | str, report: Report) -> None:
 
 
 def report_html(report: Report) -> str:
-    """Return the report as a whole HTML document that needs nothing else: no server, no network, no other file.
+    """Return the report as a complete HTML document that needs no server, no network and no other file.
 
-    The same report gives the same text.
+    The same report always gives the same text.
 
     Raises:
-        InputError: a picture is no plain SVG, or too large.
+        InputError: a picture is not a plain SVG, or too large.
     """
     script = _asset("report.js")
+    # The page's content security policy allows only the script with this hash: the template's script element contains
+    # it between two line feeds.
     digest = base64.b64encode(hashlib.sha256(f"\n{script}\n".encode()).digest()).decode()
     parts = {
         "title": escape(report.title),
@@ -290,34 +331,44 @@ def report_html(report: Report) -> str:
         "lead": _paragraphs(report.lead, "lead"),
         "answers": answers_html(report.answers),
         "sections": "".join(
-            _section(section, f"s{place}", 2) for place, section in enumerate(report.sections, start=1)
+            _section(section, key=f"s{place}", level=2)
+            for place, section in enumerate(report.sections, start=1)
         ),
         "details": _details(report.details),
     }
+    # The template has a place ``{{name}}`` for each part.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("report.html"))
 
 
 def _asset(name: str) -> str:
+    """Read a file that is shipped with the reports, without white space around its text."""
     return files("vibroswarm.report").joinpath("assets", name).read_text(encoding="utf-8").strip()
 
 
 def _paragraphs(texts: tuple[str, ...], kind: str = "") -> str:
+    """Write paragraphs with the class ``kind``, if given."""
     opening = f'<p class="{kind}">' if kind else "<p>"
     return "".join(f"{opening}{code_html(text)}</p>\n" for text in texts)
 
 
 def _section(section: Section, key: str, level: int) -> str:
-    """Write a section with its parts and subsections."""
+    """Write a section with its parts and subsections.
+
+    Args:
+        key: id of its heading, from which the ids of its parts and subsections are made. level: of the heading, 2 to 4.
+    """
     heading = f'<h{level} id="{key}">{escape(section.title)}</h{level}>'
     body = _paragraphs(section.text)
     for place, part in enumerate(section.parts, start=1):
-        at = f"{key}p{place}"
+        part_key = f"{key}p{place}"
         if isinstance(part, ReportTable):
-            body += table_html(part, at)
+            body += table_html(part, part_key)
         elif isinstance(part, ReportFrames):
-            body += frames_html(part, at)
+            body += frames_html(part, part_key)
+        elif isinstance(part, ReportPicture):
+            body += picture_html(part, part_key)
         else:
-            body += picture_html(part, at) if isinstance(part, ReportPicture) else lines_html(part, at)
+            body += lines_html(part, part_key)
     below = "".join(
         _section(subsection, f"{key}-{place}", min(level + 1, 4))
         for place, subsection in enumerate(section.sections, start=1)
@@ -329,7 +380,7 @@ def _section(section: Section, key: str, level: int) -> str:
 
 
 def _contents(sections: tuple[Section, ...]) -> str:
-    """Write the table of contents; empty for a short report."""
+    """Write the table of contents; empty for a report of fewer than ``CONTENTS_FROM`` sections."""
     count = sum(1 + len(section.sections) for section in sections)
     if count < CONTENTS_FROM:
         return ""
@@ -341,17 +392,22 @@ def _contents(sections: tuple[Section, ...]) -> str:
 
 
 def _entries(sections: tuple[Section, ...], key: str) -> str:
-    """Write the entries of the table of contents."""
+    """Write the entries of the table of contents: sections and their subsections, but nothing below these.
+
+    Args:
+        key: beginning of the ids of the headings, to which the number of the section is added: "s" for the sections of
+            the report ("s1"), "s1-" for the subsections of its first section ("s1-1").
+    """
     lines = []
     for place, section in enumerate(sections, start=1):
-        at = f"{key}{place}"
-        below = _entries(section.sections, f"{at}-") if section.sections and key == "s" else ""
-        lines.append(f'<li><a href="#{at}">{escape(section.title)}</a>{below}</li>\n')
+        heading = f"{key}{place}"
+        below = _entries(section.sections, f"{heading}-") if section.sections and key == "s" else ""
+        lines.append(f'<li><a href="#{heading}">{escape(section.title)}</a>{below}</li>\n')
     return f"<ol>\n{''.join(lines)}</ol>\n"
 
 
 def _details(details: Mapping[str, str]) -> str:
-    """Write the details of how a report was made."""
+    """Write the section with the details of how a report was made; empty without details."""
     if not details:
         return ""
     rows = "".join(

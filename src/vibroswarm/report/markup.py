@@ -1,4 +1,4 @@
-"""Plain text and pictures as HTML: escaped text, code, minus signs; inline SVG whose ids clash with no other one."""
+"""Convert plain text and SVG pictures to HTML: escaped text, code, minus signs, and inline SVG with unique ids."""
 
 from __future__ import annotations
 
@@ -17,57 +17,64 @@ def escape(text: object) -> str:
 
 
 def code_html(text: str) -> str:
-    """Escape text, mark words between backticks as code, and keep numbers and units on one line."""
-    kept = re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm)(?!\w))", "\u00a0", text)
-    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(kept))
+    """Escape text, mark words between backticks as code, and keep a number and its unit on one line."""
+    unbroken = re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm)(?!\w))", "\u00a0", text)  # a space that does not break
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", escape(unbroken))
 
 
 def minus_signs(text: str) -> str:
-    """Replace hyphens before numbers by minus signs: ``[-1.0, +2.0]``, not ``2-3``."""
+    """Replace the hyphen of a negative number by a minus sign, as in ``[-1.0, +2.0]``, but not that of ``2-3``."""
     return re.sub(r"(?<![\w\])-])-(?=\d)", "\u2212", text)
 
 
 MOST_CHARACTERS: Final = 3_000_000
-"""Size of one picture; a larger one should be rasterised by whoever draws it."""
+"""Largest picture; the parts of a larger one should be rasterised when it is drawn."""
 
 DROPPED: Final = frozenset({"metadata", "style", "title", "desc", "script"})
+"""SVG elements that are left out."""
 
 
 def inline_svg(text: str, prefix: str, label: str) -> tuple[str, float]:
-    """Turn an SVG document into an element for HTML; return it with its natural width in CSS pixels.
+    """Convert an SVG document to an element for HTML; return the element and its natural width in CSS pixels.
 
-    Nothing outside the page is loaded: its content security policy forbids it, and scripts too.
+    References to outside the page and scripts need no check here: the page's content security policy blocks them.
 
     Args:
         text: the document; anything before its root element (such as a DTD) is ignored.
-        prefix: put before each id, so that no two pictures on a page share one.
-        label: what screen readers say in its place.
-
+        prefix: put before each id, so that no two pictures on a page have the same ids.
+        label: text that screen readers read in place of the picture.
     Raises:
         InputError: it is not SVG or too large.
     """
     if len(text) > MOST_CHARACTERS:
         raise InputError(f"has {len(text):,} characters; a page takes {MOST_CHARACTERS:,}", field="svg")
+    start = max(text.find("<svg"), 0)  # without "<svg" the whole text is parsed, and refused below
     try:
-        root = ElementTree.fromstring(text[max(text.find("<svg"), 0) :])
+        root = ElementTree.fromstring(text[start:])
     except ElementTree.ParseError as error:
         raise InputError(f"is not an SVG: {error}", field="svg") from None
     if _local(root.tag) != "svg" or not root.get("viewBox"):
         raise InputError("is not an SVG with a viewBox", field="svg")
+    # The viewBox is "x y width height" in points, of which 72 make an inch; an inch is 96 CSS pixels.
     width = float(re.split(r"[\s,]+", root.get("viewBox", "").strip())[2]) * 96 / 72
     drawing = _prefixed(root, prefix)
-    for name in ("width", "height"):
+    for name in ("width", "height"):  # the page sets the size
         drawing.attrib.pop(name, None)
     drawing.attrib.update({"role": "img", "aria-label": label, "class": "drawing"})
     return ElementTree.tostring(drawing, encoding="unicode"), width
 
 
 def _local(tag: str) -> str:
+    """Return the name of an element or attribute without its namespace."""
     return tag.rpartition("}")[2]
 
 
 def _prefixed(element: ElementTree.Element, prefix: str) -> ElementTree.Element:
-    """Copy an element without namespaces, with a prefix before its ids and references to them."""
+    """Copy an element and its children for a page: without namespaces and ``DROPPED`` elements, and with new ids.
+
+    ``prefix`` is put before each id, and before the id in each reference (``href="#id"``, ``url(#id)``). The attributes
+    ``version``, ``type`` and ``xml:space`` are left out.
+    """
     copy = ElementTree.Element(_local(element.tag))
     copy.text, copy.tail = element.text, element.tail
     for key, value in element.attrib.items():

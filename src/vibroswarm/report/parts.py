@@ -1,5 +1,7 @@
-"""What the parts of a report hold and how they are written: columns of tables, small photographs, and the answers of
-the first screen, for each comparison a headline, its differences side by side, and a sentence.
+"""Parts of a report and their HTML: formats of table columns, rows of photographs, and the answers at the top.
+
+An answer is a comparison: a headline, its differences side by side (each with a strip that draws its interval), and a
+sentence.
 """
 
 from __future__ import annotations
@@ -45,31 +47,41 @@ class Column(NotebookView):
 
 
 def decimals_of(values: Iterable[float | None], column: Column) -> int | None:
-    """Return the decimals that all numbers of a column get; None if no number of decimals suits all their sizes."""
+    """Return the number of decimals with which all numbers of a column are written.
+
+    Whole numbers have no decimals. Otherwise the largest number gets ``column.digits`` significant digits. Zeros at the
+    end that all numbers have in common are dropped.
+
+    Args:
+        values: numbers of the column and their limits; None and numbers that are not finite do not count.
+    Returns: the number of decimals; None if it would not suit all numbers: the largest is below 1e-4 or above 1e12, or
+        the smallest would be written as 0. Then each number is written with decimals of its own.
+    """
     if column.decimals is not None:
         return column.decimals
     if column.percent:
         return 1
     sizes = [abs(float(value)) for value in values if value is not None and math.isfinite(value)]
-    if all(size.is_integer() for size in sizes):
+    if all(size.is_integer() for size in sizes):  # also if there are no sizes
         return 0
     largest = max(sizes)
     if not 1e-4 <= largest < 1e12:
         return None
     decimals = max(column.digits - 1 - math.floor(math.log10(largest)), 0)
     smallest = min(size for size in sizes if size > 0)
-    if smallest < 0.5 * 10**-decimals:
+    if smallest < 0.5 * 10**-decimals:  # it would be written as 0
         return None
     while decimals and all(f"{size:.{decimals}f}".endswith("0") for size in sizes):
-        decimals -= 1  # settings such as 0.95 and 0.9 end there
+        decimals -= 1
     return decimals
 
 
 def number_text(value: float, column: Column, decimals: int | None = None) -> str:
-    """Write a number in the format of its column.
+    """Write a number in the format of its column, with minus signs in place of hyphens.
 
     Args:
-        decimals: of ``decimals_of`` the column; None: as many as this number needs.
+        decimals: number of decimals, from ``decimals_of``; None: as many as this number needs to have
+            ``column.digits`` significant digits.
     """
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
@@ -77,9 +89,11 @@ def number_text(value: float, column: Column, decimals: int | None = None) -> st
         return "< 0.001" if value < 0.001 else f"{value:.3f}"
     if column.percent:
         value, decimals = 100 * value, 1 if decimals is None else decimals
+    # Numbers of 10^12 and more are written with an exponent, by the last format. Smaller ones with more than
+    # ``column.digits`` digits before the point are written whole, since that format would give them an exponent too.
     if decimals is not None and abs(value) < 10**12:
         text = f"{value:.{decimals}f}"
-        text = text if float(text) else text.removeprefix("-")
+        text = text if float(text) else text.removeprefix("-")  # 0, not -0
     elif isinstance(value, int) or (float(value).is_integer() and abs(value) < 10**12):
         text = f"{int(value)}"
     elif abs(value) >= 10**column.digits and abs(value) < 10**12:
@@ -114,8 +128,10 @@ class ReportFrames(NotebookView):
 def frames_html(group: ReportFrames, key: str) -> str:
     """Write a row of photographs that wraps where the page is narrow.
 
+    Args:
+        key: id of the HTML element.
     Raises:
-        InputError: an address that is not a JPEG or PNG within the page.
+        InputError: the address of a photograph is not a data URI of a JPEG or PNG.
     """
     shots = []
     for frame in group.frames:
@@ -133,25 +149,29 @@ def frames_html(group: ReportFrames, key: str) -> str:
 ANSWERS_SHOWN: Final = 3
 """Answers that are not folded."""
 STRIP_WIDTH: Final = 200
-"""Of a strip, in units of its drawing."""
+"""Width of a strip, in units of its drawing."""
 
 
 @dataclass(frozen=True)
 class ReportEffect(NotebookView):
-    """A difference of one figure."""
+    """A difference in one figure between the two sides of a comparison."""
 
     title: str
+    """Name of the figure."""
     number: str
     """The difference with sign and unit."""
     limits: str
     """Its limits as text; empty: none."""
     estimate: float
+    """The difference as a number, from which the strip is drawn."""
     low: float
+    """Its lower limit."""
     high: float
+    """Its upper limit."""
     tone: str
-    """"good", "bad", or "open" where no difference is shown."""
+    """"good", "bad", or "open" if no difference is shown; sets the colour."""
     words: str
-    """What the tone means: "better"."""
+    """What the tone means, such as "better"."""
 
 
 @dataclass(frozen=True)
@@ -159,30 +179,35 @@ class ReportAnswer(NotebookView):
     """A comparison."""
 
     headline: str
+    """Heading of the answer."""
     sentence: str
+    """The answer in one sentence."""
     aside: str = ""
-    """What must be said beside it."""
+    """A further remark in small print; empty: none."""
     effects: tuple[ReportEffect, ...] = ()
 
 
 def answers_html(answers: Sequence[ReportAnswer]) -> str:
-    """Write the answers; those after the first few are folded."""
+    """Write the answers as HTML; those after the first ``ANSWERS_SHOWN`` are hidden until the reader unfolds them."""
     if not answers:
         return ""
     scales = _scales(answers)
     texts = [_answer(answer, scales) for answer in answers]
-    more = len(texts) - ANSWERS_SHOWN
+    rest = len(texts) - ANSWERS_SHOWN
     folded = (
-        f"<details>\n<summary>{more} more comparison{'s' * (more > 1)}</summary>\n"
+        f"<details>\n<summary>{rest} more comparison{'s' * (rest > 1)}</summary>\n"
         f'<div class="answers">\n{"".join(texts[ANSWERS_SHOWN:])}</div>\n</details>\n'
-        if more > 0
+        if rest > 0
         else ""
     )
     return f'<div class="answers">\n{"".join(texts[:ANSWERS_SHOWN])}</div>\n{folded}'
 
 
 def _scales(answers: Sequence[ReportAnswer]) -> dict[str, float]:
-    """Return the largest absolute value of each figure by its title: the strips of one figure share their scale."""
+    """Return for each figure, by its title, its largest finite absolute value over all answers, limits included.
+
+    The strips of a figure in all answers are drawn to this value, so that they have the same scale.
+    """
     scales: dict[str, float] = {}
     for answer in answers:
         for effect in answer.effects:
@@ -192,7 +217,7 @@ def _scales(answers: Sequence[ReportAnswer]) -> dict[str, float]:
 
 
 def _answer(answer: ReportAnswer, scales: dict[str, float]) -> str:
-    """Write one answer."""
+    """Write one answer as HTML; ``scales`` has for each figure, by title, the value at the right end of its strips."""
     effects = "".join(_effect(effect, scales[effect.title]) for effect in answer.effects)
     strip = f'<div class="effects">\n{effects}</div>\n' if effects else ""
     aside = f'<p class="aside">{code_html(minus_signs(answer.aside))}</p>\n' if answer.aside else ""
@@ -203,7 +228,11 @@ def _answer(answer: ReportAnswer, scales: dict[str, float]) -> str:
 
 
 def _effect(effect: ReportEffect, scale: float) -> str:
-    """Write one difference with its strip."""
+    """Write one difference of an answer as HTML: title, number, limits, strip, and the meaning of its tone.
+
+    Args:
+        scale: value at the right end of the strip.
+    """
     limits = f' <span class="limits">{escape(minus_signs(effect.limits))}</span>' if effect.limits else ""
     return (
         f'<div class="effect {escape(effect.tone)}">{escape(effect.title)}'
@@ -213,11 +242,15 @@ def _effect(effect: ReportEffect, scale: float) -> str:
 
 
 def _strip(effect: ReportEffect, scale: float) -> str:
-    """Draw the interval and the mean on a line with 0 in its middle."""
+    """Draw the interval and the estimate of a difference as SVG, on a line from -``scale`` to ``scale``.
+
+    A limit that is not finite is drawn at the estimate. The result is empty if the estimate is not finite.
+    """
     if not math.isfinite(effect.estimate):
         return ""
 
     def at(value: float) -> str:
+        """Return the horizontal position of a value in the drawing, cut off at the ends of the line."""
         value = max(min(value, scale), -scale)
         return f"{STRIP_WIDTH / 2 * (1 + (value / scale if scale else 0.0)):.1f}"
 

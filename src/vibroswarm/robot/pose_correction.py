@@ -1,4 +1,10 @@
-"""What rays tell a component of ``localisation``: a wall, another robot, or that no wall is near."""
+"""Corrections of a component of ``localisation`` by what rays saw: a wall, another robot, or nothing.
+
+``f`` is the mixture, changed in place; ``i`` is the index of a component. "Walls in x" are those at x = 0 and x =
+width, "walls in y" those at y = 0 and y = height. A distance q to a wall in x depends on x and heading only, so its
+derivative H has two entries, ``by_place`` and ``by_heading``; likewise for y. ``axis`` (X or Y) says which of the two
+it is.
+"""
 
 from __future__ import annotations
 
@@ -20,28 +26,34 @@ from vibroswarm.robot.pose_mixture import (
 )
 
 HALF_ROOT: Final = math.sqrt(0.5)
+"""The factor 1 / sqrt(2) with which ``erfc`` takes a number of standard deviations."""
 DENSITY: Final = 1.0 / math.sqrt(2.0 * math.pi)
+"""Maximum of the standard normal density."""
 UNSEEN_M: Final = 1e6
 """Distance of a wall that no ray points at."""
 SLANT: Final = 0.05
-"""A ray less inclined to a wall than this sine tells nothing of it."""
+"""A ray whose angle to a wall has a smaller sine than this is taken not to point at it."""
 LOST_SPREAD_M: Final = 0.1
+"""Standard deviation of the place that ``widen`` adds."""
 LOST_SPREAD_RAD: Final = math.radians(10.0)
+"""Standard deviation of the heading that ``widen`` adds."""
 LOST_SHARE: Final = 0.3
-"""What is added to the spread of a component that may be lost; for speed, bias and scale as a share of their law's."""
+"""Standard deviation of speed factor, gyro bias and gyro scale that ``widen`` adds, as a share of the initial one."""
 NEAR_WALL_M: Final = 0.02
-"""A component this near to touching a wall is corrected by being inside."""
+"""Components nearer than this to touching a wall are corrected by the knowledge that the robot is inside."""
 LEAST: Final = 1e-9
-"""Least factor of a weight."""
+"""Lower limit of the factors of weights, so that no weight becomes 0."""
 ROBOT_AT_0: Final = 0.3
-"""Weight of a robot if a ray begins inside of something, beside the probabilities of walls."""
+"""Weight of "another robot", relative to the probabilities of walls, if a ray begins inside an obstacle."""
 
 
 @inlined
 def wall_rays(f: Mixture, i: int, program: LocalisationProgram) -> tuple[float, ...]:
-    """Return the shortest distance of the rays to the walls in x, its derivatives by x and heading; the same in y.
+    """Return the shortest distance along the rays to the walls in x, with its derivatives; the same for the walls in y.
 
-    The distance is UNSEEN_M, with derivatives 0, if no ray points at such a wall.
+    Returns: six numbers: the distance (m) to the walls in x and its derivatives by x and by heading; the distance to
+        the walls in y and its derivatives by y and by heading. If no ray points at a wall in x, its distance is
+        UNSEEN_M and its derivatives are 0; likewise for y.
     """
     mean = f.means
     x_m, y_m = mean[i, X], mean[i, Y]
@@ -50,10 +62,13 @@ def wall_rays(f: Mixture, i: int, program: LocalisationProgram) -> tuple[float, 
     of_y, y_by_y, y_by_heading = UNSEEN_M, 0.0, 0.0
     for j in range(program.ray_side_m.size):
         side_m = program.ray_side_m[j]
+        # The ray begins at (from_x, from_y) from the robot's centre and points along (dx, dy).
         from_x = program.ray_forward_m * cosine - side_m * sine
         from_y = program.ray_forward_m * sine + side_m * cosine
         dx = cosine * program.ray_cos[j] - sine * program.ray_sin[j]
         dy = sine * program.ray_cos[j] + cosine * program.ray_sin[j]
+        # t: distance along the ray to the wall that it points at, from x + from_x + t dx = wall; the derivatives follow
+        # from this equation. Rays almost parallel to the wall are ignored.
         if abs(dx) > SLANT:
             t = ((program.width_m if dx > 0.0 else 0.0) - x_m - from_x) / dx
             if t < of_x:
@@ -67,8 +82,9 @@ def wall_rays(f: Mixture, i: int, program: LocalisationProgram) -> tuple[float, 
 
 @inlined
 def gain(f: Mixture, i: int, axis: int, by_place: float, by_heading: float) -> float:
-    """Write P H' to row ``axis`` of the scratch; return H P H'."""
+    """Write P H' to row ``axis`` of the scratch ``f.rows``; return H P H', the variance of the predicted distance."""
     row, covariance = f.rows, f.covariances
+    # H has only two entries that are not 0, so P H' needs two products per state variable.
     for j in range(STATES):
         row[axis, j] = covariance[i, j, axis] * by_place + covariance[i, j, HEADING] * by_heading
     return float(row[axis, axis] * by_place + row[axis, HEADING] * by_heading)
@@ -85,12 +101,19 @@ def correct(
     shift: float,
     share: float,
 ) -> None:
-    """Correct a component, and its past places, by a measured number of which ``gain`` was computed last.
+    """Correct a component and its past places by what was learnt about a distance q to a wall.
+
+    The caller calls ``gain`` for the same q first: it writes P H', which is read here, to row ``axis`` of ``f.rows``.
 
     Args:
-        variance: S. shift: change of the number's mean. share: reduction of its variance, as a share of S.
+        variance: S, the variance of the predicted q plus that of the noise. shift: the change of the mean of q plus
+            noise, m; for a measured q the innovation e.
+        share: the reduction of the variance of q plus noise, as a share of S: 1 for a measured q, less for a bound of
+            q.
     """
     row, covariance, cross = f.rows, f.covariances, f.past_covariances
+    # The mean grows by (P H') step, and P shrinks by (P H') (P H')' shrinks. For a past place ``with_number``, its
+    # covariance with q, stands for P H'.
     step, shrinks = shift / variance, share / variance
     for j in range(STATES):
         f.means[i, j] += row[axis, j] * step
@@ -114,17 +137,25 @@ def correct(
 def learn_beyond(
     f: Mixture, i: int, axis: int, by_place: float, by_heading: float, mean: float, least: float, noise: float
 ) -> float:
-    """Learn that a number is above ``least``: match the moments of its Gaussian cut off there.
+    """Correct a component by the fact that a distance is above ``least``; return how probable the component found that.
 
-    Returns: the probability that it is, at least LEAST; 1, with no correction, if this is beyond doubt.
+    The component becomes the Gaussian that has the moments of the one truncated at ``least``.
+
+    Args:
+        mean: the predicted distance, m. noise: standard deviation of the bound ``least``, m.
+    Returns: the probability, before the correction, that the distance is above ``least``; never below LEAST. If the
+        predicted distance is above ``least`` by 3 standard deviations, the result is 1 and nothing is corrected.
     """
     variance = gain(f, i, axis, by_place, by_heading) + noise * noise
     above = mean - least
     if above > 0.0 and above * above > 9.0 * variance:
         return 1.0
     spread = math.sqrt(variance)
-    cut = -above / spread
+    cut = -above / spread  # the bound, in standard deviations from the mean
     left = 0.5 * math.erfc(cut * HALF_ROOT)
+    # ratio: the normal density at the cut, divided by the probability beyond the cut. From 5 standard deviations on its
+    # asymptote is used, as ``left`` underflows farther out. The truncated Gaussian's mean is larger by spread * ratio,
+    # and its variance is smaller by the share ratio * (ratio - cut), at most 1; the asymptote would give slightly more.
     ratio = DENSITY * math.exp(-0.5 * cut * cut) / left if cut < 5.0 else cut + 1.0 / cut
     correct(f, i, axis, by_place, by_heading, variance, spread * ratio, min(ratio * (ratio - cut), 1.0))
     return max(left, LEAST)
@@ -132,9 +163,13 @@ def learn_beyond(
 
 @inlined
 def inside(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Learn that the robot is inside the arena; return how probable that was."""
+    """Correct a component by the fact that the robot is inside the arena; return how probable the component found that.
+
+    For walls that are not near, the component needs no correction and their probability counts as 1.
+    """
     near_m, left = program.radius_m + NEAR_WALL_M, 1.0
     for axis in range(2):
+        # at_m: distance of the robot's centre from the nearer of the two walls. by_place: its derivative by x or y.
         at_m, by_place = f.means[i, axis], 1.0
         beyond_m = (program.width_m if axis == X else program.height_m) - at_m
         if beyond_m < at_m:
@@ -146,8 +181,12 @@ def inside(f: Mixture, i: int, program: LocalisationProgram) -> float:
 
 @inlined
 def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Learn that no ray saw a wall; return how probable that was."""
+    """Correct a component by the fact that no ray saw a wall; return how probable the component found that.
+
+    If all walls are out of the rays' reach by this component, it needs no correction and the result is 1.
+    """
     spread_m = math.sqrt(max(f.covariances[i, X, X], f.covariances[i, Y, Y]))
+    # A wall beyond this is out of reach, with margins of 1 cm and of 2.5 standard deviations of the place.
     far_m = program.avoidance_threshold_m + program.ray_forward_m + 0.01 + 2.5 * spread_m
     x_m, y_m = f.means[i, X], f.means[i, Y]
     if min(min(x_m, program.width_m - x_m), min(y_m, program.height_m - y_m)) > far_m:
@@ -157,13 +196,15 @@ def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
 
 @inlined
 def saw_no_wall(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Compute ``saw_nothing`` for a component that may be near a wall."""
+    """Correct a component near walls by the fact that no ray saw a wall; return how probable it found that."""
     of_x, x_by_x, x_by_heading, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
     left = 1.0
     for axis in range(2):
         if axis == Y:
+            # left < 1: the walls in x have corrected the component, so the distances to the walls in y have changed.
             if left < 1.0:
                 _, _, _, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
+            # From here on the variables named after x are those of the walls in y.
             of_x, x_by_x, x_by_heading = of_y, y_by_y, y_by_heading
         left *= learn_beyond(
             f, i, axis, x_by_x, x_by_heading, of_x, program.avoidance_threshold_m, program.seen_noise_m
@@ -175,11 +216,17 @@ def saw_no_wall(f: Mixture, i: int, program: LocalisationProgram) -> float:
 def meet(
     f: Mixture, i: int, program: LocalisationProgram, ray_m: float, robots: float, lost_share: float
 ) -> tuple[float, float]:
-    """Choose a wall in x, one in y, or a robot for what a ray saw, and correct by it.
+    """Draw whether the shortest ray saw a wall in x, a wall in y or a robot, and correct the component accordingly.
+
+    A component that draws a wall is corrected by the wall's distance. One that draws a robot stays as it is, but may be
+    widened: it may be lost, and have taken a wall for a robot.
 
     Args:
-        lost_share: probability that the component widens if it chooses a robot.
-    Returns: the density of what the ray saw, 1/m, and that of a robot alone.
+        ray_m: length of the ray, m; 0 if the ray begins inside an obstacle. robots: density of meeting a robot, 1/m.
+        lost_share: probability that a component that draws a robot is widened.
+    Returns: the probability density of this ray length by the component, and the part of it that is due to robots, 1/m.
+        If ``ray_m`` is 0, the sum and its part are formed without densities: from the probabilities that each wall is
+        behind the ray's beginning, and from ROBOT_AT_0 for a robot.
     """
     of_x, x_by_x, x_by_heading, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
     noise = program.ray_noise_m * program.ray_noise_m
@@ -187,8 +234,12 @@ def meet(
     y_variance = gain(f, i, Y, y_by_y, y_by_heading) + noise
     x_error, y_error = ray_m - of_x, ray_m - of_y
     x_spread, y_spread = math.sqrt(x_variance), math.sqrt(y_variance)
+    # Probabilities that the wall in x, and that in y, is beyond ray_m.
     x_beyond = 0.5 * math.erfc(x_error / x_spread * HALF_ROOT)
     y_beyond = 0.5 * math.erfc(y_error / y_spread * HALF_ROOT)
+    # x_density: the wall in x is at ray_m, and the wall in y is beyond it. y_density: the wall in y is at ray_m, and
+    # the wall in x is beyond it. robot_density: a robot is at ray_m, and both walls are beyond it. The limit 1000 keeps
+    # exp from underflowing.
     if ray_m > 0.0:
         x_density = (
             DENSITY / x_spread * math.exp(-0.5 * min(x_error * x_error / x_variance, 1000.0)) * y_beyond
@@ -197,21 +248,23 @@ def meet(
             DENSITY / y_spread * math.exp(-0.5 * min(y_error * y_error / y_variance, 1000.0)) * x_beyond
         )
         robot_density = robots * x_beyond * y_beyond
-    else:  # a probability in place of a density
+    else:  # the ray has no length: probabilities that a wall is behind its beginning
         x_density, y_density, robot_density = 1.0 - x_beyond, 1.0 - y_beyond, ROBOT_AT_0
-    total = x_density + y_density + robot_density + LEAST
+    total = x_density + y_density + robot_density + LEAST  # never 0
     chosen = next_uniform(f) * total
-    if f.weights.size == 1:  # one component takes what is most probable
+    # ``chosen`` falls into the part of [0, total] of the wall in x, the wall in y or the robot, in this order. A single
+    # component does not draw, but takes what is most probable: ``chosen`` is set to the beginning or end of that part.
+    if f.weights.size == 1:
         chosen = 0.0 if x_density >= max(y_density, robot_density) else x_density
         if robot_density > max(x_density, y_density):
             chosen = total
     if chosen < x_density + y_density:
         axis = X if chosen < x_density else Y
-        if axis == Y:
+        if axis == Y:  # from here on the variables named after x are those of the wall in y
             of_x, x_by_x, x_by_heading, x_variance, x_error = of_y, y_by_y, y_by_heading, y_variance, y_error
         if ray_m > 0.0:
             correct(f, i, axis, x_by_x, x_by_heading, x_variance, x_error, 1.0)
-        else:
+        else:  # The wall is behind the ray's beginning: its distance along the ray is below 0, so minus it is above 0.
             learn_beyond(f, i, axis, -x_by_x, -x_by_heading, -of_x, 0.0, program.ray_noise_m)
     elif next_uniform(f) < lost_share:
         widen(f, i, program)
@@ -220,12 +273,12 @@ def meet(
 
 @inlined
 def widen(f: Mixture, i: int, program: LocalisationProgram) -> None:
-    """Add to the spread of a component that may be lost."""
-    covariance, share = f.covariances, LOST_SHARE * LOST_SHARE
+    """Increase the variances of a component that may be lost, so that later corrections can move it far."""
+    covariance, share = f.covariances, LOST_SHARE * LOST_SHARE  # variances grow by the squares
     covariance[i, X, X] += LOST_SPREAD_M * LOST_SPREAD_M
     covariance[i, Y, Y] += LOST_SPREAD_M * LOST_SPREAD_M
     covariance[i, HEADING, HEADING] += LOST_SPREAD_RAD * LOST_SPREAD_RAD
     covariance[i, BIAS, BIAS] += share * program.gyro_bias_spread_rad_s * program.gyro_bias_spread_rad_s
     covariance[i, SCALE, SCALE] += share * program.gyro_scale_spread * program.gyro_scale_spread
-    if not program.speed_redrawn:
+    if not program.speed_redrawn:  # a factor that is redrawn at each sample has its initial variance anyway
         covariance[i, SPEED, SPEED] += share * program.speed_spread * program.speed_spread

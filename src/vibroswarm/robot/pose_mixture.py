@@ -1,4 +1,7 @@
-"""Memory of a robot's localisation: a mixture of Gaussians over its pose, see ``localisation``."""
+"""Memory of a robot's localisation: a mixture of Gaussians over its pose (``localisation`` has the equations).
+
+``f`` is always the mixture (``Mixture``), which the functions change in place.
+"""
 
 from __future__ import annotations
 
@@ -11,131 +14,165 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import inlined, inner
 
 X: Final = 0
+"""Index of x in the state."""
 Y: Final = 1
+"""Index of y in the state."""
 HEADING: Final = 2
+"""Index of the heading in the state."""
 SPEED: Final = 3
+"""Index of the speed factor in the state."""
 BIAS: Final = 4
+"""Index of the gyro bias in the state."""
 SCALE: Final = 5
+"""Index of the gyro scale less 1 in the state."""
 STATES: Final = 6
+"""Number of state variables."""
 
 RANDOM: Final = 0
+"""Index of the state of the random number generator in ``Mixture.numbers``."""
 SAMPLES: Final = 1
-"""Indices into ``Mixture.numbers``: the state of the random numbers, and the samples so far."""
+"""Index of the number of samples so far in ``Mixture.numbers``."""
 
 UNEXPECTED: Final = 0
+"""Index in ``Mixture.monitor`` of the sum of what was unexpected at past obstacles, of which older ones count less."""
 OBSTACLES: Final = 1
-"""Indices into ``Mixture.monitor``."""
+"""Index in ``Mixture.monitor`` of the number of past obstacles, of which older ones count less."""
 KEPT: Final = 0.95
-"""What the monitor keeps of its sums at each obstacle: a memory of 20."""
+"""Factor of the monitor's sums at each obstacle: it remembers the last 1 / (1 - KEPT) = 20 obstacles."""
 USUAL: Final = 0.5
-"""What is usually unexpected per obstacle, at most: 0.25 to 0.45 in simulations whose robots know their laws."""
+"""Upper limit of what is normally unexpected per obstacle: 0.25 to 0.45 in simulations whose robots know their
+noise."""
 AT_START: Final = 0.4
-"""What is presumed for as many obstacles as are remembered."""
+"""Initial value of the unexpected per obstacle: as if the obstacles before the start had been usual."""
 
 ESTIMATE: Final = ("x_m", "y_m", "heading_rad", "spread_m", "lagged_sample", "lagged_x_m", "lagged_y_m",
                    "lagged_spread_x_m", "lagged_spread_y_m")  # fmt: skip
-"""What ``sampled`` gives: where the robot believes it is, the standard deviation of that (the root of the mean of those
-in x and in y), and the number (-1: none yet) and place of the sample ``lag`` ago, with standard deviations."""
+"""Columns that ``localisation.sampled`` writes: the estimated pose; the standard deviation of its place (root of the
+mean of the variances in x and y); number (-1: none yet), place and standard deviations of the sample ``lag`` ago."""
 
 UNKNOWN: Final = 0.4
-"""Standard deviation of a component at an unknown start, as a share of half the range: overlapping ones find more."""
+"""Standard deviation of a component at an unknown start, as a share of half the range. Components overlap, so that all
+starting poses are covered."""
 WORD: Final = 0xFFFFFFFF
+"""Mask of the lowest 32 bits."""
 
 
 class LocalisationProgram(NamedTuple):
-    """What the robot knows of itself and of the arena; units in the names."""
+    """What the robot knows about itself and the arena; units are in the names."""
 
     width_m: float
+    """Width of the arena."""
     height_m: float
+    """Height of the arena."""
     radius_m: float
+    """Radius of the robot's body."""
     ray_forward_m: float
+    """How far ahead of the robot's centre its rays begin."""
     ray_side_m: NDArray[np.float64]
+    """(rays,): how far to the left of the robot's axis each ray begins."""
     ray_cos: NDArray[np.float64]
+    """(rays,): cosine of the angle between the robot's heading and the ray, anticlockwise positive."""
     ray_sin: NDArray[np.float64]
-    """(rays,)."""
+    """(rays,): sine of that angle."""
     avoidance_threshold_m: float
+    """Length of a ray below which the robot avoids."""
     blind_s: float
-    """So long after a turn no ray is heeded."""
+    """For this time after a turn rays are ignored."""
     full_speed_m_s: float
+    """Speed at full power with a full battery and a speed factor of 1."""
     battery_life_s: float
+    """The speed falls linearly with time, to 0 at this time."""
     speed_factor: float
+    """Mean of the distribution of speed factors."""
     speed_spread: float
-    """Mean and standard deviation of the law of speed factors."""
+    """Standard deviation of the distribution of speed factors."""
     speed_redrawn: bool
-    """Whether the speed is another after each sample."""
+    """Whether a new speed factor is drawn after each sample."""
     speed_wander: float
+    """Standard deviation of the speed factor from sample to sample, as a share of the factor; 0: it is constant."""
     gyro_scale_spread: float
+    """Standard deviation of the gyro's scale."""
     gyro_bias_spread_rad_s: float
+    """Standard deviation of the gyro's bias."""
     turn_noise_rad: float
+    """Standard deviation of the noise of a measured turn in place."""
     gyro_walk_rad_sqrt_s: float
+    """Random walk of a measured angle: its standard deviation after 1 s."""
     start_spread_m: float
+    """Standard deviation of x and of y of a known start."""
     start_heading_spread_rad: float
+    """Standard deviation of the heading of a known start."""
     start_unknown: bool
+    """Whether the robot does not know where it starts."""
     robots_per_m: float
-    """Density of meeting another robot while driving, per m; after a turn in place twice as much per m of a ray."""
+    """Density of meeting another robot, per m of the drive; after a turn in place it is twice that, per m of a ray."""
     ray_noise_m: float = 0.004
+    """Standard deviation of the noise of a measured ray."""
     turn_shift_m: float = 0.002
     """Noise of the place in a turn, whose centre moves on a small circle."""
     seen_noise_m: float = 0.005
+    """Standard deviation of the bounds "no ray saw a wall" and "inside the arena"."""
     blocked_share: float = 0.02
     """Share of drives in which the robot is blocked."""
     lost_share: float = 0.05
-    """Share of meetings with a robot that may be no such thing, as the component is lost."""
+    """Share of seeming meetings with a robot in which the component is taken to be lost instead."""
     corrects: bool = True
-    """Whether rays are heeded; without, dead reckoning."""
+    """Whether rays correct the pose; if not, this is dead reckoning."""
     monitors: bool = True
-    """Whether spreads and ``lost_share`` grow while more is unexpected than usual."""
+    """Whether stated spreads and ``lost_share`` grow while more than usual is unexpected."""
 
 
 class Mixture(NamedTuple):
-    """The memory of one robot's filter, of ``components`` and ``lag``."""
+    """The memory of one robot's filter: ``components`` Gaussians, and the places of the last ``lag`` samples."""
 
     means: NDArray[np.float64]
-    """(components, 6)."""
+    """(components, 6): mean states, in the order X, Y, HEADING, SPEED, BIAS, SCALE."""
     covariances: NDArray[np.float64]
-    """(components, 6, 6)."""
+    """(components, 6, 6): covariance matrices of the state of each component."""
     weights: NDArray[np.float64]
-    """(components,)."""
+    """(components,): probability of each component; they sum to 1 except while an event is being evaluated."""
     past: NDArray[np.float64]
-    """(components, lag, 2): places of the last samples, the latest at ``samples - 1`` modulo lag."""
+    """(components, lag, 2): places of the last samples; sample n (from 0) is in slot n modulo lag."""
     past_variances: NDArray[np.float64]
-    """(components, lag, 2)."""
+    """(components, lag, 2): variances of x and y of these places."""
     past_covariances: NDArray[np.float64]
-    """(components, lag, 2, 6): of these places with the state."""
+    """(components, lag, 2, 6): covariances of these places with the state."""
     copies: NDArray[np.int64]
-    """(components,): scratch of ``resample``. With draws of paths (2 components,): then from which component at the
-    last sample each one descends."""
+    """(components,): scratch of ``resample``. With draws of paths it has shape (2 components,); the second half holds
+    the component at the last sample from which each component descends."""
     rows: NDArray[np.float64]
-    """(4, 6): scratch: P H' for walls in x and y, derivatives of a move."""
+    """(4, 6): scratch: P H' for walls in x (row 0) and y (row 1); in a move, derivatives of the new state."""
     numbers: NDArray[np.int64]
-    """(2,): see ``RANDOM``."""
+    """(2,): the random state (index RANDOM) and the number of samples so far (index SAMPLES)."""
     monitor: NDArray[np.float64]
-    """(2,): see ``UNEXPECTED``: what was unexpected, and obstacles, of which older ones count less."""
+    """(2,): faded sums over past obstacles: of what was unexpected (UNEXPECTED), and of their number (OBSTACLES)."""
 
 
 def empty_mixture(components: int, lag: int, with_paths: bool = False) -> Mixture:
-    """Allocate a robot's memory.
+    """Allocate a robot's memory; all numbers are 0 until ``begin`` is called.
 
     Args:
-        with_paths: also keep from which component each one descends (``place_draws``).
+        components: number of Gaussians. lag: number of past samples whose places are kept and corrected.
+        with_paths: whether to save also, for each component, from which component of the last sample it descends, as
+            ``place_draws`` needs.
     """
     return Mixture(
-        np.zeros((components, STATES)),
-        np.zeros((components, STATES, STATES)),
-        np.zeros(components),
-        np.zeros((components, lag, 2)),
-        np.zeros((components, lag, 2)),
-        np.zeros((components, lag, 2, STATES)),
-        np.zeros(2 * components if with_paths else components, dtype=np.int64),
-        np.zeros((4, STATES)),
-        np.zeros(2, dtype=np.int64),
-        np.zeros(2),
+        np.zeros((components, STATES)),  # means
+        np.zeros((components, STATES, STATES)),  # covariances
+        np.zeros(components),  # weights
+        np.zeros((components, lag, 2)),  # past
+        np.zeros((components, lag, 2)),  # past_variances
+        np.zeros((components, lag, 2, STATES)),  # past_covariances
+        np.zeros(2 * components if with_paths else components, dtype=np.int64),  # copies
+        np.zeros((4, STATES)),  # rows
+        np.zeros(2, dtype=np.int64),  # numbers
+        np.zeros(2),  # monitor
     )
 
 
 @inlined
 def next_word(f: Mixture) -> int:
-    """Return the next random word of 32 bits (xorshift; Marsaglia 2003, J. Stat. Softw. 8(14))."""
+    """Advance the random state, and return it: 32 bits (xorshift; Marsaglia 2003, J. Stat. Softw. 8(14))."""
     word: int = f.numbers[RANDOM]
     word ^= (word << 13) & WORD
     word ^= word >> 17
@@ -147,21 +184,22 @@ def next_word(f: Mixture) -> int:
 @inlined
 def next_uniform(f: Mixture) -> float:
     """Return the next random number in (0, 1)."""
-    return (next_word(f) + 0.5) / 4294967296.0
+    return (next_word(f) + 0.5) / 4294967296.0  # 2^32
 
 
 @inner
 def begin(
     f: Mixture, program: LocalisationProgram, random: int, x_m: float, y_m: float, heading_rad: float
 ) -> None:
-    """Start at a pose that the robot was told, or anywhere if ``program.start_unknown``.
+    """Set all components to time 0: at a given pose, or spread over the arena if ``program.start_unknown``.
 
     Args:
-        random: state of its random numbers, from 1 to 2^32 - 1.
+        random: initial state of the robot's random numbers, from 1 to 2^32 - 1. x_m, y_m, heading_rad: the pose at
+            which the robot assumes that it starts; not used if its start is unknown.
     """
     count = f.weights.size
     f.numbers[RANDOM], f.numbers[SAMPLES] = random, 0
-    f.monitor[OBSTACLES] = 1.0 / (1.0 - KEPT)
+    f.monitor[OBSTACLES] = 1.0 / (1.0 - KEPT)  # the value that the sum has after many obstacles
     f.monitor[UNEXPECTED] = AT_START * f.monitor[OBSTACLES]
     for i in range(count):
         for j in range(STATES):
@@ -172,7 +210,8 @@ def begin(
         f.means[i, SPEED] = program.speed_factor
         spread_x_m = spread_y_m = program.start_spread_m
         spread_rad = program.start_heading_spread_rad
-        if program.start_unknown:  # points of even density: powers of the root of r^4 = r + 1
+        # Evenly spread points in three dimensions (the R3 sequence): steps 1/r, 1/r^2, 1/r^3, where r^4 = r + 1.
+        if program.start_unknown:
             f.means[i, X] = program.width_m * ((0.5 + 0.8191725133961645 * i) % 1.0)
             f.means[i, Y] = program.height_m * ((0.5 + 0.6710436067037893 * i) % 1.0)
             f.means[i, HEADING] = 2.0 * math.pi * ((0.5 + 0.5497004779019703 * i) % 1.0)
@@ -194,7 +233,7 @@ def begin(
 
 @inlined
 def excess(f: Mixture, program: LocalisationProgram) -> float:
-    """Return by how much more is unexpected per obstacle than usual; 0 if it is not more, or without a monitor."""
+    """Return by how much the mean of "unexpected" per obstacle exceeds USUAL; 0 if it does not or is not monitored."""
     if not program.monitors:
         return 0.0
     return float(max(f.monitor[UNEXPECTED] / f.monitor[OBSTACLES] - USUAL, 0.0))
@@ -202,10 +241,10 @@ def excess(f: Mixture, program: LocalisationProgram) -> float:
 
 @inner
 def resample(f: Mixture) -> None:
-    """Scale the weights to a sum of 1 (all equal if they are all 0); redraw the components by weight if fewer than half
-    are effective.
+    """Scale the weights to a sum of 1; if fewer than half of the components are effective, redraw them by weight.
 
-    The effective number is 1 / sum of squared weights.
+    The effective number of components is 1 / (sum of squared weights). If all weights are 0, they become equal first.
+    The components are redrawn by systematic resampling; after it, all weights are equal.
     """
     weights, copies, count = f.weights, f.copies, f.weights.size
     total, squares = 0.0, 0.0
@@ -215,14 +254,18 @@ def resample(f: Mixture) -> None:
         weights[i] = weights[i] / total if total > 0.0 else 1.0 / count
         squares += weights[i] * weights[i]
         copies[i] = 0
+    # squares * count < 2: more than half of the components are effective
     if count == 1 or squares * count < 2.0:
         return
+    # copies[i] counts how often component i is drawn. The draws are ``count`` evenly spaced points with a common random
+    # offset ``at``; a point draws the component in whose part of the cumulative weights it falls.
     at, chosen, reached = next_uniform(f) / count, 0, weights[0]
     for i in range(count):
         while at + i / count > reached and chosen < count - 1:
             chosen += 1
             reached += weights[chosen]
         copies[chosen] += 1
+    # Overwrite each component that was not drawn (``free``) by a copy of one that was drawn more than once.
     free = 0
     for i in range(count):
         while copies[i] > 1:
@@ -237,7 +280,8 @@ def resample(f: Mixture) -> None:
 
 @inlined
 def copy_component(f: Mixture, i: int, to: int) -> None:
-    """Overwrite component ``to`` by component ``i``."""
+    """Overwrite component ``to`` by component ``i``, except for its weight."""
+    # In a mixture with paths (``empty_mixture``), copy also from which component this one descends.
     if f.copies.size > f.weights.size:
         f.copies[f.weights.size + to] = f.copies[f.weights.size + i]
     for j in range(STATES):

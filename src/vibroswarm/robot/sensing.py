@@ -7,9 +7,10 @@
 | energy | E | as measured | sqrt(mean of a^_i^2) over the n = rate * signal readings |
 | observation | O | 0, 1 | 1 if E > theta_E |
 
-The robots ran with alpha = (0.20, 0.60, -0.60) at 350 Hz, which is -3 dB at 65.5 Hz; the printed cutoff of 40 Hz
-would be (0.454, 0.727, -0.727) (``high_pass``). Started from zero, the filter takes gravity for a step, which alone
-adds an RMS of 0.45 in half a second; ``settled`` starts it as if the first reading had lasted for ever.
+The robots ran with alpha = (0.20, 0.60, -0.60) at 350 Hz, which has its -3 dB point at 65.5 Hz. The cutoff of 40 Hz
+that the paper states would need (0.454, 0.727, -0.727) (``high_pass``). A filter that starts from zero responds to
+gravity as to a step, which alone adds 0.45 to the RMS over half a second. With ``settled`` the filter starts as if all
+readings before the first had been equal to it.
 
 A robot stands for ``settle_ms``, then reads for ``signal_ms``: 500 ms each, which together are the scenario's
 ``sample.stop_ms``.
@@ -43,9 +44,13 @@ class SenseState(NamedTuple):
     """What the robot keeps between two readings."""
 
     magnitude: float
+    """a_(i-1), of the last reading."""
     filtered: float
+    """a^_(i-1), of the last reading."""
     squares: float
+    """Sum of a^_i^2 over the readings so far."""
     taken: int
+    """Number of readings so far."""
 
 
 @kernel
@@ -56,16 +61,16 @@ def begin_sense() -> SenseState:
 
 @kernel
 def readings(program: SenseProgram) -> int:
-    """Return n, the number of readings of a signal."""
+    """Return n, the number of readings of the accelerometer in the time ``signal_ms`` of a sample."""
     return round(program.rate_hz * program.signal_ms / 1000.0)
 
 
 @kernel
 def sense_step(state: SenseState, program: SenseProgram, ax: float, ay: float, az: float) -> SenseState:
-    """Process one reading of the accelerometer."""
+    """Return the state after one more reading (ax, ay, az) of the accelerometer."""
     magnitude = math.sqrt(ax * ax + ay * ay + az * az)
     last, filtered = state.magnitude, state.filtered
-    if state.taken == 0 and program.settled:
+    if state.taken == 0 and program.settled:  # start in the filter's steady state for this reading
         last = magnitude
         filtered = (program.forward + program.before) / (1.0 - program.feedback) * magnitude
     filtered = program.feedback * filtered + program.forward * magnitude + program.before * last  # Eq. 14
@@ -80,26 +85,32 @@ def energy(state: SenseState) -> float:
 
 @kernel
 def observation(state: SenseState, rms_threshold: float) -> int:
-    """Return O = (E > theta_E), strictly (Eq. 15)."""
+    """Return the observation O: 1 if E > ``rms_threshold`` (theta_E), else 0 (Eq. 15)."""
     return 1 if energy(state) > rms_threshold else 0  # Eq. 15
 
 
 def high_pass(cutoff_hz: float, rate_hz: float = 350.0) -> tuple[float, float, float]:
-    """Return (alpha_1, alpha_2, alpha_3) of a first-order Butterworth high-pass: -3 dB at the cutoff.
+    """Return (alpha_1, alpha_2, alpha_3) of a first-order Butterworth high-pass with -3 dB at ``cutoff_hz``.
 
     Args:
-        cutoff_hz: between 0 and half of ``rate_hz``.
+        cutoff_hz: between 0 and half of ``rate_hz``. rate_hz: readings per second.
     """
+    # The bilinear transform distorts frequencies; the tangent compensates this, so that the cutoff is exact.
     bend = math.tan(math.pi * cutoff_hz / rate_hz)
     forward = 1.0 / (1.0 + bend)
     return (1.0 - bend) / (1.0 + bend), forward, -forward
 
 
 def cutoff_hz(feedback: float, rate_hz: float = 350.0) -> float:
-    """Return the half-power frequency of a high-pass with alpha_3 = -alpha_2, Hz.
+    """Return the frequency (Hz) at which the gain of a high-pass with alpha_3 = -alpha_2 is half of its maximum.
 
-    Only alpha_1 matters: |H|^2 = b^2 (2 - 2 c) / (1 + a^2 - 2 a c), c the cosine of the angle of a reading.
+    It depends on alpha_1 only. With a = alpha_1, b = alpha_2 and c = cos(2 pi frequency / rate), the gain is
+    |H|^2 = b^2 (2 - 2 c) / (1 + a^2 - 2 a c). It is largest at c = -1. The result is
+    the frequency at which |H|^2 is half of that, the -3 dB point.
+
+    Args:
+        feedback: alpha_1, in [0, 1). rate_hz: readings per second.
     """
-    half = 2.0 / (1.0 + feedback) ** 2
+    half = 2.0 / (1.0 + feedback) ** 2  # half of the largest |H|^2, for b = 1
     cosine = (2.0 - half * (1.0 + feedback**2)) / (2.0 - 2.0 * feedback * half)
     return math.acos(cosine) * rate_hz / (2.0 * math.pi)

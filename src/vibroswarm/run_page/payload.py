@@ -1,4 +1,6 @@
-"""The content of a run's page: its tables and constants, as a dict for JSON with columns packed in base64.
+"""Convert a run to the data of its web page: its tables and constants, as a dict for JSON.
+
+Numeric columns are packed: their bytes are encoded in base64.
 
 | name | symbol | unit |
 |---|---|---|
@@ -24,9 +26,9 @@ from scipy.special import betainc
 
 from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.errors import InputError
-from vibroswarm.faults import fault_words
 from vibroswarm.floors.floor import Floor
 from vibroswarm.run_page.trajectory_thinning import Track, tracks
+from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
 
 COLUMNS = {
@@ -62,104 +64,133 @@ OUTCOMES = ("right", "wrong", "split", "incomplete", "truth_undefined")
 
 
 class MapsOverTime(NamedTuple):
-    """What robots believe of each tile as a run goes on."""
+    """Maps of the floor that robots keep, at several times of a run."""
 
     time_s: NDArray[np.float64]
-    """(times,), evenly spaced from 0."""
+    """(times,), two or more, evenly spaced from 0."""
     beliefs: NDArray[np.float64]
-    """(times, maps, tiles): that the tile vibrates; by robot and pooled, or pooled alone."""
+    """(times, maps, tiles): belief that the tile vibrates. The maps are those of each robot and the pooled map, or the
+    pooled map alone."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunRecord:
     """One run for a page. Lengths in m, times in s, angles in rad.
 
-    Args:
-        title: the page's heading; any text.
-        arena_width_m, arena_height_m: the walls are at 0 and here; x right, y up.
-        floor: the tiles, in arena coordinates.
-        t_end_s: when the run ended.
-        strategy: what robots sent ("none", "positive", "soft").
-        seed, run: these reproduce the run; seed None: it was recorded.
-        fill_ratio: the true share of tiles that vibrate.
-        consensus: one of ``OUTCOMES``.
-        consensus_time_s: when the last robot decided, or None.
-        motion, segments, observations, inference, robots: the run's tables (``COLUMNS``).
-        tick_s: the robots' control period.
-        gate: what ``min_observations`` counts; gate_counts_current: the current sample too.
-        gated: whether the strategy heeds ``min_observations``.
-        ray_forward_m, ray_sides_m, ray_angles_rad: where rays start and point, seen from the robot.
-        ray_disc_radius_m: radius of other robots as seen by rays.
-        readings_boundary: the share of ones that robots compare their readings with; None: ``decision_boundary``.
-        expected_ones: the expected share of ones on this floor, shown instead of the fill ratio if
-            ``readings_boundary`` differs from ``decision_boundary``; None: the fill ratio.
-        faults: of each fault of a robot: robot, kind in words, since when (s), whether the robot then stands for good.
-        details: further texts in the footer, by name.
+    The tables may have more columns than ``COLUMNS``. Arena coordinates begin at the lower left corner of the walls; x
+    points right, y up.
 
     Raises:
         InputError: a table lacks a column, or ``consensus`` is unknown.
     """
 
     title: str
+    """Heading of the page; any text."""
     arena_width_m: float
+    """Width of the arena, m: x of its right wall."""
     arena_height_m: float
+    """Height of the arena, m: y of its upper wall."""
     floor: Floor
+    """The tiles, in arena coordinates."""
     t_end_s: float
+    """End of the run, s."""
     strategy: str
+    """Name of the robots' strategy, such as "soft"."""
     seed: int | None
+    """Seed that reproduces the run, with ``run``; None: the run was recorded."""
     run: int
+    """Number of the run."""
     fill_ratio: float
+    """True share of tiles that vibrate."""
     consensus: str
+    """Outcome of the swarm, one of ``OUTCOMES``."""
     consensus_time_s: float | None
+    """Time at which the last robot decided, s; None without a consensus."""
     motion: pl.DataFrame
+    """The run's samples: robot, time and place."""
     segments: pl.DataFrame
+    """The arcs of the robots' paths."""
     observations: pl.DataFrame
+    """What each sample read."""
     inference: pl.DataFrame
+    """Belief, decision and messages of a robot after each of its samples."""
     robots: pl.DataFrame
+    """One row per robot: its outcome."""
     min_observations: int = 0
+    """Observations that a robot needs before it may decide."""
     gate: str = "total"
+    """What ``min_observations`` counts, as the scenario's ``decision.gate``."""
     gate_counts_current: bool = False
+    """Whether ``min_observations`` counts the current sample too."""
     gated: bool = True
+    """Whether the strategy waits for ``min_observations`` before it decides."""
     credible_threshold: float = 0.95
+    """p_c: belief in an answer at which a robot decides."""
     decision_boundary: float = 0.5
+    """Boundary of the fill ratio between decisions 0 and 1."""
     readings_boundary: float | None = None
+    """Share of ones that robots compare their readings with; None: ``decision_boundary``."""
     expected_ones: float | None = None
+    """Expected share of ones on this floor, shown instead of the fill ratio if ``readings_boundary`` differs from
+    ``decision_boundary``; None: the fill ratio."""
     prior_alpha: int = 1
+    """First parameter of the prior, see ``prior_beta``."""
     prior_beta: int = 1
+    """Parameters of the prior Beta(prior_alpha, prior_beta) of the share of ones."""
     tick_s: float = 0.02
+    """The robots' control period, s."""
     body_radius_m: float = 0.015
+    """Radius of a robot's body, m."""
     ray_forward_m: float = 0.008
+    """Distance in front of the robot's centre at which rays start, m."""
     ray_sides_m: tuple[float, ...] = (0.0, 0.0075, -0.0075)
+    """For each ray, the distance to the left at which it starts, m."""
     ray_angles_rad: tuple[float, ...] = (0.0, radians(27), -radians(27))
+    """For each ray, its angle to the robot's heading, rad."""
     ray_range_m: float = 0.15
+    """Length of the rays, m."""
     ray_disc_radius_m: float = 0.0055
+    """Radius of other robots as seen by rays, m."""
     avoidance_threshold_m: float = 0.055
+    """Distance at which a robot avoids an obstacle, m."""
     truth: int | None = None
     """The right decision; None: neither, or given by the fill ratio (without ``answers``)."""
     answers: tuple[str, str] | None = None
     """Meaning of decisions 0 and 1, if the question is not about the fill ratio."""
     faults: tuple[tuple[int, str, float, bool], ...] = ()
+    """For each fault: robot, kind in words, time at which it begins (s), whether it stops the robot for good."""
     details: dict[str, str] = field(default_factory=dict)
+    """Further texts in the page's footer, by name."""
     places: pl.DataFrame | None = None
     """Where robots believe they are at each sample: robot, sample, x_m, y_m, heading_rad, spread_m;
     and, if known, the smoothed place of an earlier sample (``LAGGED_COLUMNS``)."""
     maps: MapsOverTime | None = None
     """The robots' maps of the floor; None: they keep none."""
     radio: MessageLog | None = None
-    """The run's messages; None: all hear all, or it is not known who heard them."""
+    """The run's messages; None: every robot hears all messages, or it is not known which robots heard them."""
 
     def __post_init__(self) -> None:
+        """Check the columns of the tables, and the consensus.
+
+        Raises:
+            InputError: a table lacks a column, or ``consensus`` is unknown.
+        """
         for table, columns in COLUMNS.items():
             frame: pl.DataFrame = getattr(self, table)
             missing = [name for name in columns if name not in frame.columns]
             if missing:
                 raise InputError(f"the table has no column {', '.join(missing)}", field=table)
         if self.consensus not in OUTCOMES:
-            raise InputError(f"'{self.consensus}' is not one of {', '.join(OUTCOMES)}", field="consensus")
+            raise InputError(
+                f"'{self.consensus}' is not an outcome; give one of {', '.join(OUTCOMES)}", field="consensus"
+            )
 
     @property
     def true_decision(self) -> int | None:
-        """1 if most tiles vibrate, 0 if most are still, None where the fill ratio is the boundary."""
+        """The right decision: 1 if the fill ratio is above the boundary, 0 if it is below, None if it is the boundary.
+
+        For a question that is not about the fill ratio, it is ``truth``.
+        """
         if self.answers is not None:
             return self.truth
         if self.fill_ratio == self.decision_boundary:
@@ -168,23 +199,28 @@ class RunRecord:
 
 
 TIME_QUANTUM_S = 0.001
+"""Unit in which times of knots are packed."""
 POSITION_QUANTUM_M = 0.0001
+"""Unit in which positions of knots are packed."""
 HEADING_QUANTUM_RAD = 2 * np.pi / 3600
-"""Resolution of poses."""
+"""Unit in which headings of knots are packed."""
 
 
 def packed_column(values: NDArray[np.generic]) -> dict[str, str]:
-    """Return a column: its type (little-endian, as NumPy names it) and its bytes in base64."""
+    """Pack a column: its little-endian type in NumPy's notation without the byte order, and its bytes in base64."""
     column = np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"))
     return {"type": column.dtype.str.lstrip("<|"), "bytes": b64encode(column.tobytes()).decode("ascii")}
 
 
 def packed_track(track: Track) -> dict[str, int | str]:
-    """Return a track's knots: rounded differences between them, as variable-length integers in base64.
+    """Pack a track's knots as variable-length integers in base64.
 
-    Five integers per knot: time, x, y, heading (in quanta), kind (not a difference).
+    A knot has five integers: the differences of time, x, y and heading from the knot before (from 0 for the first
+    knot), in units of their quantum, and the kind itself.
     """
+    # Units of the columns of ``knots``: time, x, y, heading.
     quanta = [TIME_QUANTUM_S, POSITION_QUANTUM_M, POSITION_QUANTUM_M, HEADING_QUANTUM_RAD]
+    # Rounded before differences are taken, so that rounding errors do not add up.
     steps = np.diff(np.round(track.knots / quanta).astype(np.int64), axis=0, prepend=0)
     rows = np.column_stack([steps, track.kind])
     data = b64encode(varints(rows.ravel())).decode("ascii")
@@ -192,12 +228,17 @@ def packed_track(track: Track) -> dict[str, int | str]:
 
 
 def varints(values: NDArray[np.int64]) -> bytes:
-    """Encode integers as LEB128 of their zigzag form (0, -1, 1, -2 are 0, 1, 2, 3); small ones take one byte."""
+    """Encode integers as LEB128 of their zigzag form, in which numbers near 0 take one byte.
+
+    The zigzag form of 0, -1, 1, -2 is 0, 1, 2, 3. LEB128 writes groups of 7 bits, the lowest first, one per byte; bit 7
+    of a byte is set if another byte follows.
+    """
     rest = ((values << 1) ^ (values >> 63)).astype(np.uint64)
     groups = [rest & np.uint64(127)]
     while (rest := rest >> np.uint64(7)).any():
         groups.append(rest & np.uint64(127))
-    table = np.stack(groups, axis=1).astype(np.uint8)
+    table = np.stack(groups, axis=1).astype(np.uint8)  # (values, groups)
+    # Number of bytes that each value needs: up to its highest group that is not 0, but at least one.
     used = table.shape[1] - np.argmax(table[:, ::-1] != 0, axis=1)
     used[~table.any(axis=1)] = 1
     place = np.arange(table.shape[1])
@@ -232,11 +273,11 @@ SAMPLE_TYPES = {
 
 
 def payload(record: RunRecord) -> dict[str, Any]:
-    """Return the run as plain dicts, lists, text and finite numbers.
+    """Convert a run to dicts, lists, text and finite numbers, which the page's scripts read.
 
-    Samples are packed columns, sorted by robot and sample (``packed_column``); a missing energy is NaN, an unknown
-    message ``UNKNOWN``.
-    Poses are rounded and thinned (``trajectory_thinning``). All else is as in the record.
+    Samples are packed columns (``packed_column``), sorted by robot and sample; a missing energy is nan, an unknown
+    message ``UNKNOWN``. Trajectories are rounded and thinned (``trajectory_thinning``). Everything else is copied from
+    the record.
     """
     return {
         "format": FORMAT,
@@ -270,7 +311,10 @@ def payload(record: RunRecord) -> dict[str, Any]:
 
 
 def fault_rows(faults: pl.DataFrame) -> tuple[tuple[int, str, float, bool], ...]:
-    """Return the faults of a run as ``RunRecord`` takes them, from its table of faults."""
+    """Convert a run's table of faults to the field ``faults`` of ``RunRecord``.
+
+    Returns: for each fault: robot, kind in words, time at which it begins (s), whether it stops the robot for good.
+    """
     return tuple(
         (row["robot"], fault_words(row["fault"]), row["from_s"], row["fault"] in MOTION_FAULTS)
         for row in faults.to_dicts()
@@ -278,7 +322,7 @@ def fault_rows(faults: pl.DataFrame) -> tuple[tuple[int, str, float, bool], ...]
 
 
 def _floor(record: RunRecord) -> dict[str, Any]:
-    """Return the floor as the page reads it."""
+    """Return the floor for the page; its tiles are text of 1 (vibrating) and 0, row by row from the top."""
     floor = record.floor
     rows, columns = floor.tiles.shape
     return {
@@ -294,7 +338,7 @@ def _floor(record: RunRecord) -> dict[str, Any]:
 
 
 def _body(record: RunRecord) -> dict[str, Any]:
-    """Return the robots' geometry for the page."""
+    """Return the geometry of a robot's body and rays for the page."""
     return {
         "radius_m": float(record.body_radius_m),
         "ray_forward_m": float(record.ray_forward_m),
@@ -307,7 +351,7 @@ def _body(record: RunRecord) -> dict[str, Any]:
 
 
 def _rule(record: RunRecord) -> dict[str, Any]:
-    """Return the decision rule for the page."""
+    """Return the decision rule for the page: thresholds, boundaries, prior, gate and answers."""
     prior = (record.prior_alpha, record.prior_beta)
     tested = record.decision_boundary if record.readings_boundary is None else record.readings_boundary
     return {
@@ -316,6 +360,7 @@ def _rule(record: RunRecord) -> dict[str, Any]:
         "tested": float(tested),
         "prior_alpha": prior[0],
         "prior_beta": prior[1],
+        # Belief before the first sample: P(share of ones < tested).
         "prior_belief": float(betainc(*prior, tested)),
         "min_observations": int(record.min_observations),
         "gate": record.gate,
@@ -326,11 +371,14 @@ def _rule(record: RunRecord) -> dict[str, Any]:
 
 
 def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
-    """Join motion, observations and inference into columns for the page."""
+    """Return the columns ``SAMPLE_TYPES`` of the samples that have a row in motion, observations and inference.
+
+    The samples are sorted by robot and sample number; a missing energy is nan, an unknown message ``UNKNOWN``.
+    """
     table = record.motion
-    for more in (record.observations, record.inference):
-        new = [name for name in more.columns if name not in table.columns]
-        table = table.join(more.select("robot", "sample", *new), on=["robot", "sample"], how="inner")
+    for other in (record.observations, record.inference):
+        new = [name for name in other.columns if name not in table.columns]
+        table = table.join(other.select("robot", "sample", *new), on=["robot", "sample"], how="inner")
     table = (
         table.sort("robot", "sample")
         .cast({"energy": pl.Float32})
@@ -340,12 +388,16 @@ def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
 
 
 PLACE_COLUMNS = ("x_m", "y_m", "heading_rad", "spread_m")
+"""Where a robot believes that it is, and the standard deviation of this place."""
 LAGGED_COLUMNS = ("lagged_sample", "lagged_x_m", "lagged_y_m", "lagged_spread_x_m", "lagged_spread_y_m")
 """The smoothed place of an earlier sample; optional."""
 
 
 def _places(record: RunRecord, places: pl.DataFrame) -> dict[str, Any]:
-    """Return the estimates as packed columns, row by row those of the samples; NaN where there is none."""
+    """Return the estimated places as packed columns, one entry for each sample of the page; nan without an estimate.
+
+    The samples are those of ``_samples``, in the same order: those with a row in all three tables, by robot and sample.
+    """
     names = (*PLACE_COLUMNS, *(name for name in LAGGED_COLUMNS if name in places.columns))
     known = places.select("robot", "sample", *names)
     of_samples = record.motion.select("robot", "sample")
@@ -359,7 +411,10 @@ def _places(record: RunRecord, places: pl.DataFrame) -> dict[str, Any]:
 
 
 def _maps(maps: MapsOverTime) -> dict[str, Any]:
-    """Return the maps with beliefs in steps of 1/255, map by map of each time."""
+    """Return the maps for the page: beliefs as whole numbers from 0 to 255, ordered by time, then map, then tile.
+
+    ``count`` is the number of maps at each time; ``step_s`` the time between two of them, s.
+    """
     beliefs = np.rint(255.0 * maps.beliefs).astype(np.uint8)
     return {
         "step_s": float(maps.time_s[1] - maps.time_s[0]),
@@ -369,7 +424,10 @@ def _maps(maps: MapsOverTime) -> dict[str, Any]:
 
 
 def _radio(log: MessageLog) -> dict[str, Any]:
-    """Return the messages as packed columns: sender, time_s, and the state at each robot, message by message."""
+    """Return the messages as packed columns: sender, time_s, and state.
+
+    The state of each message at each robot (``MessageLog.state``) is ordered by message, then by robot.
+    """
     columns: dict[str, NDArray[np.generic]] = {
         "sender": log.sender.astype(np.uint16),
         "time_s": log.time_s,
@@ -379,7 +437,7 @@ def _radio(log: MessageLog) -> dict[str, Any]:
 
 
 def _poses(record: RunRecord) -> dict[str, Any]:
-    """Return the robots' thinned trajectories for the page."""
+    """Return the robots' thinned trajectories for the page, with the units of their packed integers."""
     robots, kinds = tracks(record.segments, record.t_end_s)
     return {
         "time_quantum_s": TIME_QUANTUM_S,

@@ -1,17 +1,17 @@
-"""Thin trajectories for a page: few knots with arcs in between.
+"""Thin trajectories for a page: a few knots, and circular arcs between them.
 
-A segment table has exact positions, but one row for each control tick of a turn's tail.
-It is thinned to *knots* (time, x, y, heading, kind) between which the page draws circular arcs:
-at the share u of the way from knot 0 to knot 1, with the heading difference d and the chord c,
+A table of segments has exact poses, but one row for each control tick in which a turn slows down. It is thinned to
+*knots* (time, x, y, heading, kind of segment), between which the page draws circular arcs. At the share u of the time
+from knot 0 (position p0, heading h0) to knot 1, with the heading difference d and the chord c between the positions,
 
     heading = h0 + d u
-    position = p0 + c rotated by d (u - 1) / 2, times sin(d u / 2) / sin(d / 2)
+    position = p0 + c, rotated by d (u - 1) / 2 and multiplied by sin(d u / 2) / sin(d / 2).
 
-which is exact on an arc of constant speed and turn rate, and off by no more than the tolerance elsewhere.
+This is exact for constant speed and turn rate. Elsewhere knots are chosen so that it errs by at most a tolerance.
 
 | name | unit | shape |
 |---|---|---|
-| knots | s, m, m, rad (unwrapped) | (n, 4): time, x, y, heading |
+| knots | s, m, m, rad | (n, 4): time, x, y, heading; a heading does not jump by whole turns ("unwrapped") |
 | kind | index into the names of kinds | (n,), holds from its knot to the next |
 """
 
@@ -24,16 +24,20 @@ import polars as pl
 from numpy.typing import NDArray
 
 POSITION_TOLERANCE_M = 0.0005
+"""Largest error of a position at the points that are compared; between them and with rounding, less than twice as
+large."""
 HEADING_TOLERANCE_RAD = np.radians(1.5)
-"""Largest thinning errors at compared points; with rounding, and elsewhere, less than twice as large."""
+"""Largest error of a heading at the points that are compared; between them and with rounding, less than twice as
+large."""
 
 WIDEST_RAD = 0.9 * np.pi
 """Largest turn of an arc between two knots."""
 
 PIECE_S, PIECE_M, PIECE_RAD = 0.5, 0.025, np.radians(15)
-"""Largest distances between compared points along an arc."""
+"""Largest time, distance and turn between points of a segment that are compared."""
 
 KINDS = ("drive", "turn", "avoid", "stop")
+"""Usual kinds of segments; a table may have others."""
 
 Floats = NDArray[np.float64]
 
@@ -54,12 +58,13 @@ class Track:
 
 
 def tracks(segments: pl.DataFrame, t_end_s: float) -> tuple[list[Track], list[str]]:
-    """Thin one run's segment table to knots.
+    """Thin one run's table of segments to knots.
 
     Args:
-        segments: robot, start_s, x_m, y_m, heading_rad, speed_m_s, turn_rate_rad_s, kind; any order.
+        segments: robot, start_s, x_m, y_m, heading_rad, speed_m_s, turn_rate_rad_s, kind; in any order.
         t_end_s: when each robot's last segment ends, s.
-    Returns: one track per robot that has a segment before ``t_end_s``, by robot; the kinds' names.
+    Returns: one track per robot that has a segment before ``t_end_s``, sorted by robot; and the names of the kinds,
+        into which ``Track.kind`` is an index.
     """
     names = [*KINDS, *sorted(set(segments["kind"].cast(pl.String)) - set(KINDS))]
     table = segments.filter(pl.col("start_s") < t_end_s).sort("robot", "start_s", maintain_order=True)
@@ -68,16 +73,16 @@ def tracks(segments: pl.DataFrame, t_end_s: float) -> tuple[list[Track], list[st
     robot, kind, knots = _points(table, t_end_s, names)
     keep = _thin(robot, kind, knots)
     robot, kind, knots = robot[keep], kind[keep], knots[keep]
-    first = np.flatnonzero(np.diff(robot, prepend=-1))
-    parts = zip(np.split(knots, first[1:]), np.split(kind, first[1:]), strict=True)
-    return [Track(int(robot[at]), *part) for at, part in zip(first, parts, strict=True)], names
+    first = np.flatnonzero(np.diff(robot, prepend=-1))  # first knot of each robot
+    parts = zip(first, np.split(knots, first[1:]), np.split(kind, first[1:]), strict=True)
+    return [Track(int(robot[row]), own_knots, own_kind) for row, own_knots, own_kind in parts], names
 
 
 def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
-    """Return the pose between two knots: a circular arc in time (see above).
+    """Return poses on the arcs between pairs of knots, by the equations of the module's docstring.
 
     Args:
-        start, end: (..., 4) time, x, y, heading of the knots around each time.
+        start, end: (..., 4) time, x, y, heading of the knots before and after each time.
         time_s: (...) times between them, s.
     Returns: (..., 4) time, x, y, heading.
     """
@@ -85,9 +90,12 @@ def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
     share = np.divide(time_s - start[..., 0], duration_s, out=np.zeros_like(duration_s), where=duration_s > 0)
     turned = end[..., 3] - start[..., 3]
     half = turned / 2
-    bent = (np.abs(half) > 1e-6) & (np.abs(half) <= np.pi / 2)  # beyond half a turn an arc is ill defined
-    reach = np.divide(np.sin(half * share), np.sin(half), out=share.copy(), where=bent)
-    tilt = np.where(bent, half * (share - 1), 0.0)
+    # A straight line is used in place of an arc that hardly turns (sin(half) is near 0), and of an arc that turns by
+    # more than half a turn, where the equation fails.
+    is_arc = (np.abs(half) > 1e-6) & (np.abs(half) <= np.pi / 2)
+    # The chord between the knots is multiplied by ``reach`` and rotated by ``tilt``.
+    reach = np.divide(np.sin(half * share), np.sin(half), out=share.copy(), where=is_arc)
+    tilt = np.where(is_arc, half * (share - 1), 0.0)
     across, up = end[..., 1] - start[..., 1], end[..., 2] - start[..., 2]
     cos, sin = reach * np.cos(tilt), reach * np.sin(tilt)
     x, y = start[..., 1] + across * cos - up * sin, start[..., 2] + across * sin + up * cos
@@ -97,32 +105,42 @@ def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
 def _points(
     table: pl.DataFrame, t_end_s: float, names: list[str]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Return the points along every segment, close enough to see all that it does: robot, kind, knots."""
+    """Divide each segment into points at most ``PIECE_S``, ``PIECE_M`` and ``PIECE_RAD`` apart.
+
+    The points of a segment are its start and points inside. Its end is a point too if the robot has no further segment,
+    or if the robot's next segment begins elsewhere.
+
+    Args:
+        table: segments sorted by robot and start. t_end_s: end of each robot's last segment, s. names: of the kinds.
+    Returns: robot, (points,); kind as an index into ``names``, (points,); time, x, y, heading, (points, 4).
+    """
     robot = table["robot"].to_numpy().astype(np.int64)
     kind = table["kind"].cast(pl.String).cast(pl.Enum(names)).to_physical().to_numpy().astype(np.int64)
     columns = ["start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s"]
     start, x, y, heading, speed, rate = table.select(columns).to_numpy().astype(np.float64).T
-    last = np.append(robot[1:] != robot[:-1], True)
+    last = np.append(robot[1:] != robot[:-1], True)  # whether a segment is the last of its robot
     duration_s = np.where(last, t_end_s, np.append(start[1:], t_end_s)) - start
     ends_at = _on_arc(x, y, heading, speed, rate, duration_s)
-    continued = _unwrapped(heading, ends_at[2], np.append(True, last[:-1]))
-    broken = last | _jumps(np.stack([x, y, continued]), ends_at + [[0], [0], [1]] * (continued - heading))
-    heading = continued
+    unwrapped = _unwrapped(heading, end=ends_at[2], first=np.append(True, last[:-1]))
+    ends_at[2] += unwrapped - heading  # the heading at the end is changed by the same whole turns
+    heading = unwrapped
+    needs_end = last | _jumps(np.stack([x, y, heading]), ends_at)
 
+    # Pieces of each segment: as many as its duration, its length and its turn require, and at least one.
     pieces = np.max(
         [duration_s / PIECE_S, np.abs(speed) * duration_s / PIECE_M, np.abs(rate) * duration_s / PIECE_RAD], 0
     )
     pieces = np.maximum(np.ceil(pieces), 1).astype(np.int64)
-    count = pieces + broken
-    row = np.repeat(np.arange(len(robot)), count)
-    nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    count = pieces + needs_end  # points of each segment
+    row = np.repeat(np.arange(len(robot)), count)  # the segment of each point
+    nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)  # its index in the segment
     elapsed_s = duration_s[row] * nth / pieces[row]
     pose = _on_arc(x[row], y[row], heading[row], speed[row], rate[row], elapsed_s)
     return robot[row], kind[row], np.stack([start[row] + elapsed_s, *pose], axis=1)
 
 
 def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, elapsed_s: Floats) -> Floats:
-    """Return (3, n) x, y, heading after ``elapsed_s`` at constant speed and turn rate."""
+    """Return x, y, heading, (3, n), after ``elapsed_s`` at constant speed and turn rate; arguments (n,) each."""
     half = rate * elapsed_s / 2
     chord = speed * elapsed_s * np.sinc(half / np.pi)  # sin(half) / half
     return np.stack(
@@ -131,45 +149,64 @@ def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, 
 
 
 def _jumps(starts: Floats, ends: Floats) -> NDArray[np.bool_]:
-    """Return whether the next segment begins elsewhere than this one ends: by 0.1 mm or half a degree."""
+    """Return whether the next segment begins more than 0.1 mm or half a degree from where this one ends, (segments,).
+
+    The last value has no meaning: it compares the last segment with the first.
+
+    Args:
+        starts, ends: x, y, heading of each segment's start and end, (3, segments).
+    """
     x, y, heading = np.abs(np.roll(starts, -1, axis=1) - ends)
     return np.asarray((np.hypot(x, y) > 1e-4) | (heading > np.radians(0.5)))
 
 
 def _unwrapped(heading: Floats, end: Floats, first: NDArray[np.bool_]) -> Floats:
-    """Return the headings at the starts of segments without jumps of whole turns from the end of the segment before.
+    """Return the headings at the starts of segments, changed by whole turns to follow the end of the segment before.
+
+    A robot's first heading stays as it is.
 
     Args:
-        heading, end: at the start and the end of each segment, rad. first: whether it is the first of its robot.
+        heading: heading at the start of each segment, rad. end: heading at its end, rad. first: whether the segment is
+            the first of its robot; (segments,) each.
     """
+    # Whole turns between the end of a segment and the start of the next, and their sum since the first segment of all.
     jumps = np.append(0.0, np.round((heading[1:] - end[:-1]) / (2 * np.pi)))
     turns: Floats = np.cumsum(np.where(first, 0.0, jumps))
-    since = np.maximum.accumulate(np.where(first, np.arange(len(turns)), 0))
-    return np.asarray(heading - 2 * np.pi * (turns - turns[since]))
+    # For each segment: the index of its robot's first segment.
+    robots_first = np.maximum.accumulate(np.where(first, np.arange(len(turns)), 0))
+    return np.asarray(heading - 2 * np.pi * (turns - turns[robots_first]))
 
 
 def _thin(robot: NDArray[np.int64], kind: NDArray[np.int64], knots: Floats) -> NDArray[np.bool_]:
-    """Return which points to keep, (points,).
+    """Choose the points to keep as knots.
 
-    These are the points where a track or kind begins or the robot jumps, and then the worst point between each two kept
-    ones, until arcs between kept points meet all others within the tolerances.
+    The first knots are: the first and last point of each track, each point at which the kind of segment changes, and
+    the points before and after each jump. Then, repeatedly, the point with the largest error between each two
+    neighbouring knots becomes a knot, until the arcs between knots pass all other points within the tolerances.
+
+    Args:
+        robot, kind: robot and kind of segment of each point, (points,). knots: time, x, y, heading of each point,
+            (points, 4), sorted by robot and time.
+    Returns: whether each point is kept, (points,).
     """
     first = np.diff(robot, prepend=-1) != 0
-    jump = np.diff(knots[:, 0], prepend=-1.0) <= 0
+    jump = np.diff(knots[:, 0], prepend=-1.0) <= 0  # two points at the same time
     keep: NDArray[np.bool_] = first | jump | (np.diff(kind, prepend=-1) != 0)
-    keep |= np.append((first | jump)[1:], True)
+    keep |= np.append((first | jump)[1:], True)  # the points before these, and the last point of all
+    point = np.arange(len(knots))
     while True:
         kept = np.flatnonzero(keep)
-        gap = np.cumsum(keep) - 1
-        after = kept[np.minimum(gap + 1, len(kept) - 1)]
-        off = knots - along(knots[kept[gap]], knots[after], knots[:, 0])
+        arc = np.cumsum(keep) - 1  # index in ``kept`` of the knot at, or before, each point
+        before, after = kept[arc], kept[np.minimum(arc + 1, len(kept) - 1)]
+        off = knots - along(knots[before], knots[after], knots[:, 0])
         badness = np.hypot(off[:, 1], off[:, 2]) / POSITION_TOLERANCE_M
         badness = np.maximum(badness, np.abs(off[:, 3]) / HEADING_TOLERANCE_RAD)
-        # Near half a turn, rounding could take an arc over the turn up to which ``along`` bends: halve it.
-        wide = np.abs(knots[after, 3] - knots[kept[gap], 3]) > WIDEST_RAD
-        halfway = np.minimum(np.arange(len(knots)) - kept[gap], after - np.arange(len(knots)))
-        badness = np.where(keep, 0.0, np.where(wide, 1e6 + halfway, badness))
-        worst = np.maximum.reduceat(badness, kept)[gap]
+        # ``along`` draws arcs of up to half a turn, which rounding may exceed. So an arc near half a turn is divided at
+        # its middle point: that has the largest badness there, above any error (in units of the tolerance).
+        is_wide = np.abs(knots[after, 3] - knots[before, 3]) > WIDEST_RAD
+        from_knot = np.minimum(point - before, after - point)
+        badness = np.where(keep, 0.0, np.where(is_wide, 1e6 + from_knot, badness))
+        worst = np.maximum.reduceat(badness, kept)[arc]
         new = (badness > 1) & (badness == worst)
         if not new.any():
             return keep

@@ -1,4 +1,4 @@
-"""Write a run's page: one file with the assets, the scripts and the run's data."""
+"""Write a run's web page: one HTML file with its style, font and scripts and the run's data."""
 
 from __future__ import annotations
 
@@ -73,6 +73,7 @@ def page_html(record: RunRecord) -> str:
     script = "\n".join(_asset(name) for name in SCRIPTS)
     document = _asset("page.html")
     parts = {
+        # Lone surrogates, which cannot be written as UTF-8, become question marks.
         "title": html.escape(record.title.encode("utf-8", "replace").decode("utf-8")),
         "style": _font_faces() + _asset("page.css"),
         "script": script,
@@ -83,11 +84,11 @@ def page_html(record: RunRecord) -> str:
 
 
 WEIGHTS: Final = {400: "100 500", 700: "501 900"}
-"""Files of the page's font by weight, with the range of weights that each stands for."""
+"""Weights of the page's font that are shipped, each with the range of weights that it is used for."""
 
 
 def _font_faces() -> str:
-    """Return the rules that hold the page's font, so that all machines show the same page."""
+    """Return the style rules with the page's font inside, so that all machines show the same page."""
     rules = []
     for weight, range_of in WEIGHTS.items():
         data = files("vibroswarm.run_page").joinpath("assets", f"roboto-{weight}.woff2").read_bytes()
@@ -100,14 +101,19 @@ def _font_faces() -> str:
 
 
 def _script_hash(document: str, script: str) -> str:
-    """Return the hash of the page's script element, so that no other script runs in the page."""
+    """Return the hash of the page's script element; the page's content security policy allows no other script.
+
+    Args:
+        document: the template, with one script element that contains "{{script}}". script: text that replaces
+            "{{script}}".
+    """
     (code,) = re.findall(r"<script>(.*?)</script>", document, flags=re.DOTALL)
     digest = hashlib.sha256(code.replace("{{script}}", script).encode()).digest()
     return f"sha256-{base64.b64encode(digest).decode()}"
 
 
 def write_page(record: RunRecord, path: Path) -> None:
-    """Write ``page_html`` to ``path``, completely or not at all; replaces an existing file.
+    """Write the page of a run to ``path``, completely or not at all; an existing file is replaced.
 
     Raises:
         InputError: the folder cannot be written.
@@ -119,12 +125,13 @@ def write_page(record: RunRecord, path: Path) -> None:
 
 
 def script_json(value: Any) -> str:
-    """Return JSON for a script element: nothing in it can end the element or open a comment.
+    """Return JSON that is safe in a script element: no text in it can end the element or open a comment.
 
     Raises:
         ValueError: a number is not finite.
     """
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))  # ASCII only: U+2028 is escaped too
+    # ASCII only, so that U+2028, a line end in older scripts, is escaped too.
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
@@ -133,10 +140,12 @@ def _asset(name: str) -> str:
 
 
 def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
-    """Make the content of the page of one run.
+    """Collect the content of the page of one run from a result.
 
+    Args:
+        run: number of the run. title: heading of the page; by default the number of robots and the name of the floor.
     Raises:
-        InputError: the result has no such run, or was made without segments.
+        InputError: the result has no such run, or was simulated without segments.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     if result.segments is None:
@@ -148,7 +157,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     boundary, tested = decision.decision_boundary, readings_boundary(scenario)
     of_run = pl.col("run") == run
     summary = result.runs.filter(of_run).to_dicts()[0]
-    names = ("vibroswarm", "python", "numpy", "numba", "architecture", "code")
+    version_names = ("vibroswarm", "python", "numpy", "numba", "architecture", "code")
     return RunRecord(
         title=title or f"{scenario.swarm.robots} robots on {floor.name}",
         arena_width_m=scenario.arena.width_m,
@@ -193,20 +202,22 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         details={
             "scenario": scenario.hash,
             "motion": result.source,
-            **{name: result.versions[name] for name in names if name in result.versions},
+            **{name: result.versions[name] for name in version_names if name in result.versions},
         },
     )
 
 
 MAP_TIMES: Final = 41
+"""Number of times of a run at which a page shows maps."""
 MAX_MAPS: Final = 1_000_000
-"""Times of a run at which a page shows maps, and the most numbers of all maps; beyond, the pooled map alone."""
+"""Largest number of values (times, maps, tiles) for which a page shows all maps, and not only the pooled map."""
 
 
 def _maps_of(result: Result, run: int, end_s: float) -> MapsOverTime | None:
-    """Return the maps of a run's robots at times of the run; None if robots keep none or these cannot be recomputed.
+    """Return the robots' maps and the pooled map of a run at ``MAP_TIMES`` times up to its end, ``end_s``.
 
-    If all maps would be too many for a page, only the pooled one is kept.
+    If all these maps would be too large for a page, only the pooled map is returned. The result is None if the robots
+    keep no maps, or if the maps cannot be recomputed (a recording, or a result without moves).
     """
     if result.scenario.strategy.name not in WITH_MAP or result.seed is None:
         return None
@@ -214,17 +225,19 @@ def _maps_of(result: Result, run: int, end_s: float) -> MapsOverTime | None:
         return None
     time_s = np.linspace(0.0, end_s, MAP_TIMES)
     beliefs = maps_over_time(result, run, time_s)
-    return MapsOverTime(time_s, beliefs if beliefs.size <= MAX_MAPS else beliefs[:, -1:])
+    pooled = beliefs[:, -1:]  # the last map at each time
+    return MapsOverTime(time_s, beliefs if beliefs.size <= MAX_MAPS else pooled)
 
 
 MAX_RADIO: Final = 4_000_000
-"""Messages times robots of which a page shows who heard them; one byte each."""
+"""Most messages times robots (one byte each) for which a page shows which robots heard each message."""
 
 
 def _radio_of(result: Result, run: int) -> MessageLog | None:
-    """Return a run's messages.
+    """Return the log of a run's messages, which tells which robots heard each of them.
 
-    None if every message is heard by all at once, if they cannot be recomputed, or if they are too many for a page.
+    The result is None if every message reaches all robots at once (the ideal network), if the messages cannot be
+    recomputed (a recording, or a result without the moves that the network reads), or if they are too many for a page.
     """
     network = network_of(result.scenario.network.name)
     if result.seed is None or network.name == "ideal" or (network.reads_positions and result.moves is None):
@@ -233,10 +246,10 @@ def _radio_of(result: Result, run: int) -> MessageLog | None:
 
 
 def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
-    """Write the page of one run: a single file that opens from disk.
+    """Write the page of one run: a single file that a browser opens from disk; an existing file is replaced.
 
     Raises:
-        InputError: the result has no such run, was made without segments, or ``path`` cannot be written.
+        InputError: the result has no such run, was simulated without segments, or ``path`` cannot be written.
     """
     path = path_of(path)
     write_page(record_of(result, run), path)

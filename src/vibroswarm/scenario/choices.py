@@ -1,4 +1,10 @@
-"""Sections of a scenario that select a strategy, a network or a task by name."""
+"""Sections of a scenario that select a strategy, a network or a task by name.
+
+An entry is a strategy, network or task that can be selected. Its table holds its parameters, such as
+``[strategy.soft]``. Its code is the reference to the user's file that defines it, with a hash (``plugins``); entries of
+this package have none. A scenario can be read, and shown, without loading the code of its entry; the table of such an
+entry is a plain dictionary that is not validated.
+"""
 
 from __future__ import annotations
 
@@ -17,23 +23,24 @@ from vibroswarm.tasks import known as known_tasks
 
 
 def field_error(error: ValidationError, suggest: Callable[[str], str], prefix: str = "") -> InputError:
-    """Turn the first validation error into an ``InputError`` in a user's words.
+    """Return an ``InputError``, in words for users, for the first of Pydantic's validation errors.
 
     Args:
-        suggest: returns a suggestion for an unknown field. prefix: of the field's name.
+        suggest: given an unknown field, returns text such as ", did you mean 'x'?". prefix: of the field's name.
     """
     first = error.errors(include_url=False)[0]
     name = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         return InputError(f"there is no such field{suggest(name)}", field=prefix + name)
     cause = first.get("ctx", {}).get("error")
-    if isinstance(cause, InputError):  # a check across fields; it names the field itself
+    if isinstance(cause, InputError):  # raised by a check across fields, which has named the field already
         return cause
     value, hint = first.get("input"), ""
-    if first["type"] == "literal_error" and isinstance(value, str):
+    if first["type"] == "literal_error" and isinstance(value, str):  # expected: "'a', 'b' or 'c'"
         words = first["ctx"]["expected"].replace(" or ", ", ").split(", ")
         hint = nearest(value, [word.strip("'") for word in words])
     message = first["msg"][0].lower() + first["msg"][1:]
+    # An error about the scenario as a whole names no field.
     return InputError(f"{shown(value)} is wrong: {message}{hint}", field=prefix + name or "scenario")
 
 
@@ -54,46 +61,33 @@ class Choice(FrozenModel):
     @model_validator(mode="before")
     @classmethod
     def _check_choice(cls, values: Any) -> Any:
-        """Resolve the selected entry and its code, and validate all tables."""
+        """Find the selected entry, load its code if allowed, and validate all tables.
+
+        Args:
+            values: the section as given: a name, perhaps a code, and tables by the names of entries.
+        Returns:
+            The section in one form: ``name`` without file, ``code`` with its hash (None for an entry of this package),
+            the table of the selected entry, and those tables of other entries that differ from the defaults.
+        Raises:
+            InputError: unknown entry, changed code, or a wrong table.
+        """
         if not isinstance(values, Mapping):
-            return values
+            return values  # which Pydantic refuses
         given = dict(values)
-        name = given.get("name", cls.model_fields["name"].default)
-        spec = name if plugins.is_code(name) else given.get("code")
-        if isinstance(spec, str) and plugins.is_code(spec):
-            if name in (spec, plugins.name_in(spec)):
-                given["code"] = spec = plugins.resolve_code(cls.kind, spec)
-                given["name"] = name = plugins.name_in(spec)
-            else:  # the code belongs to an entry that is no longer selected
-                spec = None
-        entries = plugins.known_for(cls.kind, name if spec is None else None)
-        if isinstance(name, str) and name in entries:
-            registered = entries[name].code or None
-            if isinstance(spec, str) and plugins.HASH in spec and spec != registered:
-                raise InputError(
-                    f"{spec.partition(plugins.HASH)[0]} has changed: its SHA-256 began with "
-                    f"{spec.partition(plugins.HASH)[2][:12]}, that of the one now loaded with "
-                    f"{(registered or '').partition(plugins.HASH)[2][:12] or 'nothing'}",
-                    field=f"{cls.kind}.code",
-                )
-            given["code"] = registered
-        elif spec is None or not isinstance(name, str) or not plugins.is_code_name(name):
-            given.pop("code", None)
-        if isinstance(name, str) and name not in entries and given.get("code") is None:
-            raise InputError(
-                f"there is no {cls.kind} {shown(name)}{nearest(name, entries)} (there are {', '.join(entries)})",
-                field=f"{cls.kind}.name",
-            )
-        for key in sorted(set(given) - {"name", "code"}):
+        name, entries = cls._resolve_entry(given), cls.known()
+        for key in sorted(set(given) - {"name", "code"}):  # all other keys are names of entries
             table = cls._table(key, given[key], is_chosen=key == name)
+            # A table is left out if it has no fields, or if its entry belongs to this package and is not selected, and
+            # the table holds only defaults.
             is_empty = not (type(table).model_fields if isinstance(table, BaseModel) else table)
             is_default = (
                 key != name and key in entries and not entries[key].code and table == entries[key].params()
             )
             if is_empty or is_default:
-                del given[key]  # equal scenarios are written alike
+                del given[key]  # so that scenarios of the same meaning have the same text
             else:
                 given[key] = table
+        # The table of the selected entry is always there, with its defaults if it was not given.
         if (
             isinstance(name, str)
             and name in entries
@@ -104,12 +98,67 @@ class Choice(FrozenModel):
         return given
 
     @classmethod
+    def _resolve_entry(cls, given: dict[str, Any]) -> Any:
+        """Set ``name`` and ``code`` of a section to those of the selected entry, and load its code if that is allowed.
+
+        Args:
+            given: the section; changed in place.
+        Returns:
+            The entry's name. A name that is not a string is returned as it is, and Pydantic refuses it later.
+        Raises:
+            InputError: unknown entry, or its code has changed.
+        """
+        # ``spec`` is the reference to code, or None. The name itself may be one, such as "voter.py:voter"; otherwise it
+        # is the section's ``code``.
+        name = given.get("name", cls.model_fields["name"].default)
+        spec = name if plugins.is_code(name) else given.get("code")
+        if isinstance(spec, str) and plugins.is_code(spec):
+            if name in (spec, plugins.name_in(spec)):  # the reference is to the selected entry
+                given["code"] = spec = plugins.resolve_code(cls.kind, spec)
+                given["name"] = name = plugins.name_in(spec)
+            else:  # the code belongs to an entry that is no longer selected
+                spec = None
+        # Installed packages are searched only for a name that does not refer to code.
+        entries = plugins.known_for(cls.kind, name if spec is None else None)
+        is_known = isinstance(name, str) and name in entries
+        if is_known:
+            registered = entries[name].code or None  # None: the entry belongs to this package
+            if isinstance(spec, str) and plugins.HASH in spec and spec != registered:
+                reference, _, wanted_hash = spec.partition(plugins.HASH)
+                loaded_hash = (registered or "").partition(plugins.HASH)[2]
+                raise InputError(
+                    f"{reference} has changed: its SHA-256 began with "
+                    f"{wanted_hash[:12]}, that of the one now loaded with "
+                    f"{loaded_hash[:12] or 'nothing'}",
+                    field=f"{cls.kind}.code",
+                )
+            given["code"] = registered
+        # Here ``name`` is not known. If a reference to its code is given, but the code must not be loaded, the
+        # reference stays in the section, so that the scenario can be shown. In all other cases it is removed.
+        elif spec is None or not isinstance(name, str) or not plugins.is_code_name(name):
+            given.pop("code", None)
+        if isinstance(name, str) and not is_known and given.get("code") is None:
+            raise InputError(
+                f"there is no {cls.kind} {shown(name)}{nearest(name, entries)} (there are {', '.join(entries)})",
+                field=f"{cls.kind}.name",
+            )
+        return name
+
+    @classmethod
     def _table(cls, name: str, table: Any, is_chosen: bool) -> Any:
-        """Return the parameters of an entry, validated if its code is loaded, else as given."""
+        """Return the parameters of an entry: a validated model, or a dictionary as given if its code is not loaded.
+
+        Args:
+            name: of the entry. table: its parameters as given. is_chosen: whether the entry is the selected one.
+        Raises:
+            InputError: there is no such entry, or a parameter is wrong.
+        """
         entries, section = cls.known(), f"{cls.kind}.{name}"
         if name not in entries:
             if isinstance(table, Mapping) and (is_chosen or plugins.is_code_name(name)):
                 return dict(table)
+            # A parameter may have been given without its table, such as strategy.eta: suggest strategy.soft.eta. Names
+            # without table are compared, because they are what the user wrote; then the full name replaces the match.
             fields = [
                 f"{entry}.{field}" for entry, known in entries.items() for field in known.params.model_fields
             ]
@@ -139,7 +188,8 @@ class Choice(FrozenModel):
         return self.table(self.name)
 
     def table(self, name: str) -> Any:
-        """Return the parameters of any entry: those given, or its defaults."""
+        """Return the parameters of an entry: those given, or its defaults; {} if neither is known."""
+        # Pydantic keeps the tables in its "extra" dictionary, because they are not declared as fields.
         own_table = (self.__pydantic_extra__ or {}).get(name)
         if own_table is not None:
             return own_table
@@ -148,14 +198,15 @@ class Choice(FrozenModel):
 
     @property
     def defaults(self) -> dict[str, Any]:
-        """Default parameters of the selected entry; those given if its code is not loaded."""
+        """Default parameters of the selected entry by name; if its code is not loaded, the parameters given."""
         known = type(self).known().get(self.name)
         values: dict[str, Any] = known.params().model_dump() if known is not None else dict(self.params)
         return values
 
     @model_serializer(mode="plain")
     def _as_tables(self) -> dict[str, Any]:
-        """Return name, code, and the tables in alphabetical order."""
+        """Return name, code if there is one, and the tables in alphabetical order, as a dictionary to write out."""
+        # Pydantic keeps the tables in its "extra" dictionary, because they are not declared as fields.
         tables: dict[str, Any] = {"name": self.name, "code": self.code}
         for name, table in sorted((self.__pydantic_extra__ or {}).items()):
             tables[name] = table.model_dump() if isinstance(table, BaseModel) else dict(table)
@@ -163,13 +214,13 @@ class Choice(FrozenModel):
 
     @property
     def effective(self) -> dict[str, Any]:
-        """The part that has an effect: the name, the code and the selected entry's parameters."""
+        """The part that has an effect: name, code and the table of the selected entry."""
         tables: dict[str, Any] = self._as_tables()
         return {key: value for key, value in tables.items() if key in ("name", "code", self.name)}
 
     @classmethod
     def field_names(cls) -> list[str]:
-        """Return all fields by their dotted names, without that of the section."""
+        """Return the dotted names, without the section, of all fields: "name" and, for example, "soft.eta"."""
         tables = [
             f"{name}.{field}" for name, entry in cls.known().items() for field in entry.params.model_fields
         ]
@@ -177,10 +228,10 @@ class Choice(FrozenModel):
 
     @classmethod
     def kind_of(cls, name: str) -> Any:
-        """Return the type of a field, by its dotted name without that of the section."""
+        """Return the type of a field, by its dotted name without the section: "name" or, for example, "soft.eta"."""
         table, separator, field = name.partition(".")
         if not separator:
-            return str
+            return str  # "name" is the only field without a table
         return cls.known()[table].params.model_fields[field].annotation
 
 

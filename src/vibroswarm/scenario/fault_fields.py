@@ -1,7 +1,8 @@
 """Fields of ``[faults]``: which robots fail, how, and from when on.
 
-A fault befalls a share of the swarm, or the robots that are listed; it begins at a time, or for each robot at a time
-drawn from a range. The default is nobody. ``vibroswarm.faults`` draws who fails; docs/faults.md describes the model.
+A fault affects a share of the swarm, or the robots that are listed. It begins at a given time, or for each robot at a
+time drawn from a range. By default no robot fails. ``vibroswarm.scenario.fault_draws`` draws which robots fail;
+docs/faults.md describes the model.
 """
 
 from __future__ import annotations
@@ -20,7 +21,9 @@ Affected = float | tuple[int, ...]
 Since = float | tuple[float, ...]
 """A time, s, or the two ends of the range in which each robot's own is uniform, s."""
 LATEST_S: Final = 1e9
+"""Latest time at which a fault may begin, s."""
 MOST_ROBOTS: Final = 10_000
+"""Largest number of robots in a swarm."""
 
 Shift = Annotated[float, Field(ge=-1, le=1)]
 Drift = Annotated[float, Field(ge=-1000, le=1000)]
@@ -42,13 +45,16 @@ SINCE: Final = {
 
 
 def _affected(value: object, field: str) -> Affected:
-    """Return a share, or robot numbers.
+    """Check which robots a fault affects; return a share from 0 to 1, or the listed robot numbers in ascending order.
 
+    Args:
+        field: name of the field, for errors.
     Raises:
-        InputError: neither.
+        InputError: the value is neither a share nor a list of robots, or a robot is listed twice.
     """
     if isinstance(value, list | tuple):
         for number in value:
+            # type() instead of isinstance(), because a bool is an int, too.
             if type(number) is not int or not 0 <= number < MOST_ROBOTS:
                 raise InputError(
                     f"{shown(list(value))} is wrong: {shown(number)} is not a robot; robots have whole numbers from 0",
@@ -69,14 +75,16 @@ def _affected(value: object, field: str) -> Affected:
         )
     if value < 0:
         raise InputError(f"{shown(value)} is below 0; give a share from 0 to 1", field=field)
-    return float(value) + 0.0
+    return float(value) + 0.0  # turns -0.0 into 0.0, so that equal scenarios have the same hash
 
 
 def _since(value: object, field: str) -> Since:
-    """Return a time, or two ends of a range.
+    """Check when a fault begins; return a time in s, or a range to draw the time from: its earlier and its later end.
 
+    Args:
+        field: name of the field, for errors.
     Raises:
-        InputError: neither.
+        InputError: the value is neither a time nor a range, or a time is out of bounds.
     """
     times: Sequence[object] = value if isinstance(value, list | tuple) else (value,)
     for time_s in times:
@@ -86,6 +94,7 @@ def _since(value: object, field: str) -> Since:
                 "for a time drawn between them",
                 field=field,
             )
+    # Adding 0.0 turns -0.0 into 0.0, so that equal scenarios have the same hash.
     numbers = tuple(float(time_s) + 0.0 for time_s in times)  # type: ignore[arg-type]
     if not isinstance(value, list | tuple):
         return numbers[0]
@@ -122,7 +131,7 @@ class MotionFaults(FrozenModel):
 
     @property
     def any_of_motion(self) -> bool:
-        """Whether a fault of motion befalls anyone."""
+        """Whether any robot has a fault of motion."""
         return any(getattr(self, kind) for kind in MOTION_FAULTS)
 
 
@@ -173,25 +182,27 @@ class Faults(MotionFaults):
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Kinds of faults that befall anyone."""
+        """Kinds of faults that at least one robot has, or a share above 0 of the swarm."""
         return tuple(kind for kind in FAULTS if getattr(self, kind))
 
 
 def robots_of_share(share: float, robots: int) -> int:
-    """Return the number of robots that a share of the swarm is, rounded half up."""
+    """Return the number of robots in a share of the swarm, rounded half up despite rounding errors of the product."""
     return math.floor(share * robots + 0.5 + 1e-9)
 
 
 def count_of(affected: Affected, robots: int) -> int:
-    """Return how many robots a fault befalls."""
+    """Return how many robots a fault affects."""
     return len(affected) if isinstance(affected, tuple) else robots_of_share(affected, robots)
 
 
 def check_faults(faults: Faults, robots: int) -> None:
-    """Refuse faults of robots that do not exist, and more sensors stuck than there are.
+    """Refuse faults of robots that do not exist, and robots stuck at 0 and at 1 at once.
 
+    Args:
+        faults: each field is valid by itself. robots: number of robots.
     Raises:
-        InputError: names the field.
+        InputError: a listed robot does not exist or is stuck at 0 and at 1, or more robots are stuck than there are.
     """
     for kind in FAULTS:
         affected = getattr(faults, kind)
@@ -199,11 +210,12 @@ def check_faults(faults: Faults, robots: int) -> None:
             continue
         if len(affected) > robots:
             raise InputError(f"lists {len(affected)} robots, and there are {robots}", field=f"faults.{kind}")
-        if affected and affected[-1] >= robots:
+        if affected and affected[-1] >= robots:  # the last is the greatest
             raise InputError(
                 f"there is no robot {affected[-1]}: {robots} robots have the numbers 0 to {robots - 1}",
                 field=f"faults.{kind}",
             )
+    # Robots listed as stuck at 0, and as stuck at 1.
     named = [
         set(value) if isinstance(value, tuple) else set() for value in (faults.stuck_at_0, faults.stuck_at_1)
     ]
@@ -218,10 +230,14 @@ def check_faults(faults: Faults, robots: int) -> None:
 
 
 def fault_warnings(faults: Faults, robots: int) -> list[str]:
-    """Return warnings about valid but probably unintended faults: shares that are no whole robots, biases of 0."""
+    """Return warnings about valid but probably unintended faults, empty if there are none.
+
+    They are shares that are not a whole number of robots, and biased sensors whose shifts and drifts are all 0.
+    """
     found = []
     for kind in faults.kinds:
         affected = getattr(faults, kind)
+        # Differences up to 1e-6 are rounding errors of the product.
         if isinstance(affected, float) and abs(affected * robots - robots_of_share(affected, robots)) > 1e-6:
             rounded = robots_of_share(affected, robots)
             found.append(

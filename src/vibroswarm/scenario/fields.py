@@ -89,18 +89,22 @@ class FloorField(FrozenModel):
     @model_validator(mode="before")
     @classmethod
     def _named(cls, values: Any) -> Any:
-        """Give unnamed tiles a name of their own, not that of the default random floor."""
+        """Give tiles without ``source`` the name "tiles" in place of the default, which names a random floor."""
         if isinstance(values, dict) and values.get("tiles") is not None and "source" not in values:
             return values | {"source": UNNAMED}
         return values
 
     @property
     def drawn_by_run(self) -> bool:
-        """Whether each run has a floor of its own."""
+        """Whether a new floor is drawn for each run."""
         return self.tiles is None and self.redraw == "run" and is_random(self.source)
 
     def placed_in(self, arena: Arena, seed: int, run: int) -> Floor:
-        """Return the floor of ``run`` in an arena: fixed, or the random one of (seed, run)."""
+        """Return the floor of ``run`` in an arena: a fixed floor, or the random floor of (seed, run).
+
+        Tiles without a width or height are stretched so that all columns or rows fill the arena.
+        """
+        # With redraw = "study" all runs share the floor of run 0.
         tiles, name = self.tiles_for(seed, run if self.redraw == "run" else 0)
         rows, columns = tiles.shape
         width_m, height_m = (
@@ -110,12 +114,16 @@ class FloorField(FrozenModel):
         return Floor(tiles, width_m, height_m, self.left_m, self.bottom_m, name)
 
     def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
-        """Return the tiles of ``run``, (rows, columns), and their name."""
+        """Return the tiles of ``run`` (uint8, (rows, columns), 1 vibrates, top row first), and the floor's name.
+
+        Raises:
+            InputError: ``tiles`` is not a grid of 0 and 1, or ``source`` names no floor.
+        """
         if self.tiles is not None:
             if len({len(row) for row in self.tiles}) > 1:
-                raise InputError("the rows are not of one length", field="floor.tiles")
+                raise InputError("the rows differ in length; give rows of equal length", field="floor.tiles")
             if set("".join(self.tiles)) - {"0", "1"}:
-                raise InputError("a row is a string of 0 and 1", field="floor.tiles")
+                raise InputError("a row has other characters than 0 and 1", field="floor.tiles")
             return as_tiles([[int(tile) for tile in row] for row in self.tiles]), self.source
         return named_tiles(self.source, self.rows, self.columns, seed, run), self.source
 

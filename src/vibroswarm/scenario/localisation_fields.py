@@ -59,15 +59,17 @@ class Odometry(FrozenModel):
 
     @property
     def errors(self) -> GyroErrors:
-        """The gyro's errors: those of ``level``, but for those that are given."""
-        given = (
+        """The gyro's errors: the fields that are given, and those of ``level`` for the others."""
+        given = (  # in the order of GyroErrors
             self.gyro_scale_spread,
             self.gyro_bias_spread_deg_s,
             self.turn_noise_deg,
             self.gyro_walk_deg_sqrt_s,
         )
         level = GYRO_LEVELS[self.level]
-        return GyroErrors(*(own if value is None else value for value, own in zip(given, level, strict=True)))
+        return GyroErrors(
+            *(default if value is None else value for value, default in zip(given, level, strict=True))
+        )
 
 
 class Localisation(FrozenModel):

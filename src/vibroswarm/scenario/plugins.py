@@ -1,7 +1,10 @@
-"""Strategies, networks, tasks and motion sources from files: ``voter.py:voter`` names an object in a file.
+"""Strategies, networks, tasks and motion sources from users' files: ``voter.py:voter`` names an object in a file.
 
-A file is code, and runs when it is loaded. So a file named by a data file is loaded only if the user trusts it;
-and a result keeps the text of the file and its hash, not a path.
+A reference to code is such a name, or the same with the hash of the file: ``voter.py:voter sha256:...``. A data file
+is a scenario or study file, which may contain references. Loading a Python file runs it, so a file that a data file
+refers to is loaded only inside ``trust_code``. A result keeps the text of the file and its hash, not a path.
+
+Loaded objects are registered by name, like those of this package. Their ``code`` is the reference with hash.
 """
 
 from __future__ import annotations
@@ -26,15 +29,19 @@ from vibroswarm.strategies import Strategy
 from vibroswarm.tasks import Task
 
 MODULE: Final = "vibroswarm_file"
+"""Beginning of the names of modules that are made of users' files."""
 HASH: Final = " sha256:"
+"""Between name and hash in a reference to code."""
 
 
 class Kind(NamedTuple):
-    """A kind of object that a file may define."""
+    """A kind of object that a file may define: its class, and its registry."""
 
     declared: type
     register: Callable[[Any], Any]
+    """Registers an object, and returns it."""
     known: Callable[[], Mapping[str, Any]]
+    """Returns all registered objects, by name."""
     group: str
     """Entry point group of installed packages."""
 
@@ -44,18 +51,24 @@ KINDS: Final[dict[str, Kind]] = {
     "network": Kind(Network, networks.register, networks.known, "vibroswarm.networks"),
     "task": Kind(Task, tasks.register, tasks.known, "vibroswarm.tasks"),
 }
+"""Kinds of objects that a file may define, by name."""
 
 _texts: dict[str, str] = {}
-"""Texts of the loaded files, by their code."""
+"""Texts of the loaded files, by the reference to code with hash."""
 _code_names: set[str] = set()
-"""Names that refer to code, loaded or not."""
+"""Names of objects that data files refer to as code, loaded or not."""
 _trusted: list[Path | None] = []
-"""Folders of the files that data files may name; empty while nothing is trusted."""
+"""Stack of ``trust_code``: the last is the folder in which trusted files are looked for (None: the working directory);
+empty while no file is trusted."""
 
 
 @contextmanager
 def trust_code(folder: Path | None = None) -> Iterator[None]:
-    """Load the files that data files name, from ``folder`` or the working directory, inside this context."""
+    """Allow files of code that data files name to be loaded, and so run, inside this context.
+
+    Args:
+        folder: folder that relative paths of code start from; None: the working directory.
+    """
     _trusted.append(folder)
     try:
         yield
@@ -65,7 +78,10 @@ def trust_code(folder: Path | None = None) -> Iterator[None]:
 
 @contextmanager
 def search_beside(folder: str | Path | None) -> Iterator[None]:
-    """Look for trusted files in this folder, inside this context."""
+    """Start relative paths of code from ``folder`` inside this context, if it lies inside ``trust_code``.
+
+    Outside of ``trust_code``, or with None, nothing changes.
+    """
     if not _trusted or folder is None:
         yield
         return
@@ -74,7 +90,7 @@ def search_beside(folder: str | Path | None) -> Iterator[None]:
 
 
 def is_code(text: object) -> bool:
-    """Return whether a name refers to an object in a file: ``folder/voter.py:voter``, with or without hash."""
+    """Return whether a value is a reference to code: ``folder/voter.py:voter``, with or without hash."""
     if not isinstance(text, str):
         return False
     path, separator, name = text.partition(HASH)[0].rpartition(":")
@@ -82,17 +98,20 @@ def is_code(text: object) -> bool:
 
 
 def name_in(code: str) -> str:
-    """Return ``voter`` of ``voter.py:voter sha256:...``."""
+    """Return the object's name in a reference to code: ``voter`` of ``voter.py:voter sha256:...``."""
     return code.partition(HASH)[0].rpartition(":")[2]
 
 
 def is_code_name(name: str) -> bool:
-    """Return whether code of this name is known, loaded or not."""
+    """Return whether some data file refers to code by this name, whether it is loaded or not."""
     return name in _code_names
 
 
 def remember_code_names(values: object) -> None:
-    """Remember the names of the code that values of a data file refer to."""
+    """Remember the names of all objects that values of a data file refer to with a hash, however deeply nested.
+
+    Tables of parameters of such an object are then accepted although its code is not loaded.
+    """
     if isinstance(values, str):
         if HASH in values and is_code(values):
             _code_names.add(name_in(values))
@@ -105,16 +124,19 @@ def remember_code_names(values: object) -> None:
 
 
 def resolve_code(kind: str, spec: str) -> str:
-    """Return a data file's reference to code, with its hash; load the code if it is trusted.
+    """Return a reference to code with its hash, and load the code if that is allowed.
 
-    A reference with a hash may stay unloaded.
+    If it is not allowed, a reference that has a hash already is returned unchanged.
 
+    Args:
+        kind: one of ``KINDS``. spec: the reference, with or without hash.
     Raises:
-        InputError: a file that is not trusted, cannot be loaded, or is not the one that was used.
+        InputError: the file may not be loaded, cannot be loaded, or has another hash.
     """
     name = name_in(spec)
     _code_names.add(name)
     known = KINDS[kind].known().get(name)
+    # Code that is loaded already is used again, if it has the hash required, or if no hash is required.
     if known is not None and known.code and (known.code == spec or HASH not in spec):
         return str(known.code)
     if _trusted:
@@ -125,15 +147,17 @@ def resolve_code(kind: str, spec: str) -> str:
 
 
 def resolve_codes(values: Any, path: str = "") -> Any:
-    """Return the values of a data file, with hashes added to references to code; see ``resolve_code``.
+    """Return the values of a data file with hashes added to references to code, and load the code if that is allowed.
 
     Args:
-        path: dotted name of the table that these are.
+        values: nested tables, lists and values. path: dotted name of ``values`` in the data file. Only fields such as
+            ``strategy.name`` are references; their section is the kind.
     """
     if isinstance(values, str):
-        kind = path.split(".")[-2:-1]
-        is_named = path.endswith(".name") and kind and kind[0] in KINDS
-        return resolve_code(kind[0], values) if is_named and is_code(values) else values
+        # A list with the last part but one, such as "strategy"; empty if there is none.
+        section = path.split(".")[-2:-1]
+        is_name = path.endswith(".name") and section and section[0] in KINDS
+        return resolve_code(section[0], values) if is_name and is_code(values) else values
     if isinstance(values, Mapping):
         return {key: resolve_codes(value, f"{path}.{key}") for key, value in values.items()}
     if isinstance(values, list | tuple):
@@ -142,12 +166,14 @@ def resolve_codes(values: Any, path: str = "") -> Any:
 
 
 def load_file(kind: str | None, spec: str, folder: Path | None = None) -> Any:
-    """Load and register the object named ``path.py:name``.
+    """Load a file, and register and return the object in it that ``path.py:name`` refers to.
 
     Args:
-        kind: one of ``KINDS``, or None: any. folder: where a relative path begins.
+        kind: required kind, one of ``KINDS``, or None: any. spec: the reference, with or without hash. folder: folder
+            that a relative path starts from; None: the working directory.
     Raises:
-        InputError: there is no such file or object, or it cannot be loaded: the file and line are named.
+        InputError: there is no such file or object, the file has another hash than ``spec``, or the file cannot be
+            loaded (the message names the file and the line).
     """
     path_text, _, name = spec.partition(HASH)[0].rpartition(":")
     path = Path(path_text) if folder is None else folder / path_text
@@ -156,46 +182,55 @@ def load_file(kind: str | None, spec: str, folder: Path | None = None) -> Any:
     expected = spec.partition(HASH)[2]
     if expected and expected != digest:
         raise InputError(
-            f"'{path}' is not the file that was used: its SHA-256 begins with {digest[:12]}, that of then with "
-            f"{expected[:12]}",
+            f"'{path}' is not the file that was used: its SHA-256 begins with {digest[:12]}, "
+            f"that of the file used with {expected[:12]}",
             field=f"{kind}.code" if kind else path_text,
         )
     return install(kind, f"{path.name}:{name}{HASH}{digest}", text, str(path))
 
 
 def text_of(code: str) -> str | None:
-    """Return the text of a loaded file."""
+    """Return the text of a loaded file, by its reference to code with hash; None if it is not loaded."""
     return _texts.get(code)
 
 
 def texts_of(codes: Iterable[str | None]) -> tuple[tuple[str, str], ...]:
-    """Return those of these codes that are loaded, with their texts: what a worker process needs."""
+    """Return references to code with the texts of their files, for ``install_all`` in a worker process.
+
+    References that are None or not loaded are left out. Each reference is returned once, in alphabetical order.
+    """
     return tuple((code, _texts[code]) for code in sorted({code for code in codes if code in _texts}))
 
 
 def install_all(texts: Iterable[tuple[str, str]]) -> None:
-    """Register what ``texts_of`` returned, in another process or on another machine."""
+    """Register the objects that ``texts_of`` returned in another process or on another machine."""
     for code, text in texts:
         install(None, code, text)
 
 
 def install(kind: str | None, code: str, text: str, file: str | None = None) -> Any:
-    """Register the object defined by a text: a user's file, or the copy that a worker was given.
+    """Register and return an object defined by the text of a file: of a user's file, or of a worker's copy of it.
 
     Args:
-        kind: one of ``KINDS``, or None: any.
+        kind: required kind, one of ``KINDS``, or None: any. code: reference to the object, with the hash of ``text``.
+            file: path of the file, for errors; None: as in ``code``.
+    Returns:
+        The registered object; if the same text has been registered before, that object.
     Raises:
-        InputError: the text cannot be loaded, or holds no such thing; the file and line are named.
+        InputError: the text has another hash, cannot be loaded, or defines no such object, or the object's name is
+            taken by a different object.
     """
     name, digest = name_in(code), hashlib.sha256(text.encode()).hexdigest()
     file = file or code.partition(HASH)[0].rpartition(":")[0]
     if code.partition(HASH)[2] != digest:
-        raise InputError(f"'{code}' is not what this text is", field=file)
+        raise InputError(f"the text is not that of '{code}': its SHA-256 is {digest}", field=file)
+    # The module is named by the hash, so that a text is executed only once, even if it defines several objects.
     module_name = f"{MODULE}_{digest[:16]}"
     module = sys.modules.get(module_name) or _module(module_name, text, file)
-    declared: Any = vars(module).get(name)
-    is_a = kind_of(declared)
-    if is_a is None or kind not in (None, is_a):
+    found: Any = vars(module).get(name)
+    found_kind = kind_of(found)
+    if found_kind is None or kind not in (None, found_kind):
+        # The error lists the names of all objects of the required kind in the file.
         classes = (
             tuple(kind_info.declared for kind_info in KINDS.values())
             if kind is None
@@ -208,29 +243,32 @@ def install(kind: str | None, code: str, text: str, file: str | None = None) -> 
             else f"is not there{nearest(name, names)}"
         )
         raise InputError(f"'{name}' {problem}; the file has {', '.join(names) or 'none'}", field=file)
-    if declared.name != name:
-        raise InputError(f"'{name}' calls itself '{declared.name}'; give both one name", field=file)
-    known = KINDS[is_a].known().get(name)
+    if found.name != name:
+        raise InputError(f"'{name}' calls itself '{found.name}'; give both one name", field=file)
+    known = KINDS[found_kind].known().get(name)
     if known is None:
-        known = KINDS[is_a].register(replace(declared, source=text, code=code))
+        known = KINDS[found_kind].register(replace(found, source=text, code=code))
     elif known.source != text:
         whose = "another file has been loaded with" if known.source else "vibroswarm has"
-        raise InputError(f"{whose} a {is_a} '{name}' already; give yours another name", field=file)
+        raise InputError(f"{whose} a {found_kind} '{name}' already; give yours another name", field=file)
     _texts[code] = text
     _code_names.add(name)
     return known
 
 
 def kind_of(found: object) -> str | None:
-    """Return the kind of an object (one of ``KINDS``), or None."""
+    """Return the kind of an object, one of ``KINDS``, or None if it is of no kind."""
     return next((kind for kind, info in KINDS.items() if isinstance(found, info.declared)), None)
 
 
 def known_for(kind: str, name: object) -> Mapping[str, Any]:
-    """Return all objects of a kind by name; search installed packages if ``name`` is missing.
+    """Return all registered objects of a kind, by name.
 
+    Args:
+        kind: one of ``KINDS``. name: if no object has this name, objects of installed packages are registered first;
+            None: they are not searched.
     Raises:
-        InputError: what an installed package offers cannot be loaded.
+        InputError: an object of an installed package cannot be loaded.
     """
     known = KINDS[kind].known
     if isinstance(name, str) and name not in known():
@@ -239,10 +277,12 @@ def known_for(kind: str, name: object) -> Mapping[str, Any]:
 
 
 def load_installed() -> None:
-    """Register the entry points of installed packages (groups ``vibroswarm.strategies``, ...).
+    """Register the objects that installed packages offer as entry points (groups ``vibroswarm.strategies``, ...).
+
+    An object whose name is taken already is left out.
 
     Raises:
-        InputError: one cannot be loaded, or is none.
+        InputError: an entry point cannot be loaded, or is not of its group's kind.
     """
     for kind, (declared, register, known, group) in KINDS.items():
         for point in entry_points(group=group):
@@ -254,22 +294,30 @@ def load_installed() -> None:
                 ) from None
             if not isinstance(loaded, declared):
                 raise InputError(f"is not a {kind}", field=point.value)
-            if vars(loaded)["name"] not in known():
+            if vars(loaded)["name"] not in known():  # objects of every kind have a name
                 register(loaded)
 
 
 def _module(name: str, text: str, file: str) -> ModuleType:
-    """Execute a text as a module; errors name the file and line."""
+    """Execute a text as a new module, and return it.
+
+    Args:
+        name: of the module. text: Python code. file: path of the file, for errors.
+    Raises:
+        InputError: the code raised an error; the file and the line are named.
+    """
     module = ModuleType(name)
     module.__file__ = file
+    # With the text in linecache, tracebacks and ``inspect.getsource`` work although a worker has no such file. None in
+    # place of the time of the file's last change keeps linecache from looking for the file.
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     sys.modules[name] = module
     try:
         exec(compile(text, file, "exec", dont_inherit=True), vars(module))  # noqa: S102  (the user asked for it by name)
     except KeyboardInterrupt:
-        del sys.modules[name]
+        del sys.modules[name]  # so that the text is executed again at the next attempt
         raise
-    except BaseException as error:
+    except BaseException as error:  # SystemExit too, which would end the program
         del sys.modules[name]
         message = (
             str(error)
@@ -281,7 +329,7 @@ def _module(name: str, text: str, file: str) -> ModuleType:
 
 
 def _line_of(error: BaseException, file: str) -> str:
-    """Return `` (line 12)``, the line of the file that raised the error, or an empty string."""
+    """Return the line of ``file`` at which an error was raised, as `` (line 12)``; "" if it was raised elsewhere."""
     if isinstance(error, SyntaxError) and error.filename == file:
         return f" (line {error.lineno})"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]

@@ -1,10 +1,11 @@
-"""Scenarios: frozen, validated, hashable, TOML in and out; and the names of their fields.
+"""Scenarios: frozen, validated and hashable, read from and written as TOML; and the names of their fields.
 
-A scenario consists of the sections of ``fields``. Every default is what the paper's simulations really did
+A scenario consists of the sections of the module ``fields``. Every default is what the paper's simulations really did
 (preset ``paper``), so a scenario file need only give what differs.
 
-Names of fields are attributes, which sessions complete: ``vibroswarm.fields.swarm.robots`` is "swarm.robots". They
-stand wherever a dotted name does: ``scenario.with_values({fields.swarm.robots: 8})``.
+The object ``fields`` has an attribute for each field, which interactive sessions complete: the value of
+``vibroswarm.fields.swarm.robots`` is "swarm.robots". It can be used wherever a dotted name is expected:
+``scenario.with_values({fields.swarm.robots: 8})``.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ from vibroswarm.scenario.fields import Sections
 from vibroswarm.scenario.presets import preset_text
 
 SCHEMA_VERSION = 2
+"""Version of the fields of scenarios; it is part of their hashes."""
 
 
 class Scenario(Sections, NotebookView):
@@ -43,6 +45,7 @@ class Scenario(Sections, NotebookView):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        """Run all checks across fields; each raises an ``InputError``."""
         for check in validation.ALL:
             check(self)
         return self
@@ -52,9 +55,9 @@ class Scenario(Sections, NotebookView):
         """Build a scenario from nested mappings, as TOML gives them; omitted fields are as in preset ``paper``.
 
         Args:
-            values: section to field to value.
+            values: {section: {field: value}}, or a scenario.
         Raises:
-            InputError: an unknown field, or a value that is wrong.
+            InputError: there is no such field, or a value is wrong.
         """
         check_kind(values, (Mapping, Scenario), "scenario", "sections by name")
         try:
@@ -64,14 +67,15 @@ class Scenario(Sections, NotebookView):
 
     @classmethod
     def from_toml(cls, text: str, *, name: str = "scenario", folder: str | Path | None = None) -> Scenario:
-        """Parse a scenario from TOML text; ``preset = "text"`` at the top makes that preset the base.
+        """Build a scenario from TOML text; ``preset = "NAME"`` at the top makes another preset than ``paper`` the base.
 
         Args:
-            text: TOML. name: what errors call it.
-            folder: ``floor.source`` may also name a floor file in this folder; its tiles are taken into the
-                scenario (``floor.rows`` and ``floor.columns`` are those of a coordinate list).
+            text: TOML. name: what errors call the text.
+            folder: ``floor.source`` may also name a floor file in this folder, and trusted code is looked for there.
+                The tiles of the floor file become part of the scenario. If the file is a list of coordinates,
+                ``floor.rows`` and ``floor.columns`` are its numbers of rows and columns.
         Raises:
-            InputError: not TOML, or a field, a value or a floor that is wrong.
+            InputError: the text is not TOML, there is no such field, or a value or the floor is wrong.
         """
         check_kind(text, str, name, "TOML text")
         try:
@@ -85,11 +89,12 @@ class Scenario(Sections, NotebookView):
 
     @classmethod
     def from_base(cls, values: Mapping[str, Any]) -> Scenario:
-        """Build a scenario as ``from_values`` does; ``preset = "text"`` among the ``values`` makes that preset the
-        base.
+        """Build a scenario from nested mappings; ``"preset": "NAME"`` makes another preset than ``paper`` the base.
 
+        Args:
+            values: {section: {field: value}}, and perhaps {"preset": name}; or a scenario.
         Raises:
-            InputError: an unknown preset or field, or a value that is wrong.
+            InputError: there is no such preset or field, or a value is wrong.
         """
         check_kind(values, (Mapping, Scenario), "scenario", "sections by name")
         values = dict(values)
@@ -102,7 +107,7 @@ class Scenario(Sections, NotebookView):
         for section, fields in values.items():
             if isinstance(fields, dict) and isinstance(merged.get(section), dict):
                 if section == "floor" and fields.get("tiles") is not None and "tiles" not in merged[section]:
-                    merged[section].pop("source")  # the floor of that name is replaced
+                    merged[section].pop("source")  # it names the floor that the tiles replace
                 merged[section] = _merged(merged[section], fields)
             else:
                 merged[section] = fields
@@ -110,10 +115,10 @@ class Scenario(Sections, NotebookView):
 
     @classmethod
     def read(cls, path: str | Path) -> Scenario:
-        """Read a scenario from the TOML file ``path``; a floor file that it names is looked for beside it.
+        """Read a scenario from the TOML file ``path``; a floor file that it names is looked for in the same folder.
 
         Raises:
-            InputError: it cannot be read, or something in it is wrong.
+            InputError: the file cannot be read, or something in it is wrong.
         """
         path = path_of(path)
         text = read_text(path, "a scenario")
@@ -129,9 +134,9 @@ class Scenario(Sections, NotebookView):
         """Return a copy with some fields replaced.
 
         Args:
-            values: by dotted name: ``{"walk.leg_min_ms": 500}``.
+            values: new values by dotted name: ``{"walk.leg_min_ms": 500}``; None resets a field to its default.
         Raises:
-            InputError: an unknown field (the nearest is named), or a value that is wrong.
+            InputError: there is no such field (the nearest is suggested), or a value is wrong.
         """
         check_kind(values, Mapping, "values", "a table of values by dotted name")
         data = self.model_dump(exclude_none=True)
@@ -145,26 +150,31 @@ class Scenario(Sections, NotebookView):
             if not field or not isinstance(data.get(section), dict):
                 raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
             *tables, last = field.split(".")
-            place = data[section]
+            parent = data[section]
             for table in tables:
-                place = place.setdefault(table, {})
-                if not isinstance(place, dict):
+                # The scenario may have no table of parameters of this strategy yet.
+                parent = parent.setdefault(table, {})
+                if not isinstance(parent, dict):
                     raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
             if value is None:
-                place.pop(last, None)
-            elif type(value) is int and isinstance(place.get(last), float) and abs(value) <= 2**53:
-                place[last] = float(value)  # also for code that is not loaded, whose types are unknown
+                parent.pop(last, None)
+            elif type(value) is int and isinstance(parent.get(last), float) and abs(value) <= 2**53:
+                # A field whose value is a float takes integers as floats, so that 2 and 2.0 give the same scenario.
+                # Pydantic does this for declared fields. Parameters of a strategy whose file is not loaded have no
+                # declared types; their present value shows the type. Integers up to 2^53 are exact as floats.
+                parent[last] = float(value)
             else:
-                place[last] = value
+                parent[last] = value
         if (
             values.get("floor.tiles") is not None
             and "floor.source" not in values
             and self.floor.tiles is None
         ):
-            data["floor"].pop("source")  # the floor of that name is replaced
+            data["floor"].pop("source")  # it names the floor that the tiles replace
         return Scenario.from_values(data)
 
     def __repr__(self) -> str:
+        """Return a summary in one line; the task is named only if it is not ``fill_ratio``."""
         robots, task = self.swarm.robots, self.task.name
         parts = [
             f"{robots} robot{'s' * (robots != 1)}",
@@ -183,14 +193,14 @@ class Scenario(Sections, NotebookView):
         return value_of(self, name)
 
     def _ipython_key_completions_(self) -> list[str]:
-        """Return what a notebook offers after ``scenario["``."""
+        """Return the names that a notebook offers after ``scenario["``: those of all fields."""
         return field_names()
 
     def floor_for(self, seed: int, run: int) -> Floor:
-        """Return the floor of ``run``: fixed, or the random one of (seed, run).
+        """Return the floor of ``run``: a fixed floor, or the random floor of (seed, run).
 
         Raises:
-            InputError: the ``seed`` or ``run`` is no whole number, or out of range.
+            InputError: ``seed`` or ``run`` is not a whole number, or is out of range.
         """
         seed, run = (
             whole_number_of(seed, "seed", 0, SEED_LIMIT - 1),
@@ -200,8 +210,13 @@ class Scenario(Sections, NotebookView):
 
     @property
     def hash(self) -> str:
-        """16 hexadecimal digits that change with any field, and with nothing else."""
+        """16 hexadecimal digits that identify the scenario: they differ if any field that has an effect differs.
+
+        Tables of strategies, networks and tasks that are not selected have no effect. A user's code is included by its
+        hash.
+        """
         data = {"schema": SCHEMA_VERSION, **_without_empty(self.model_dump(mode="json", exclude_none=True))}
+        # In the sections of strategy, network and task, only the table of the selected entry has an effect.
         data |= {choice.kind: choice.effective for choice in self.choices}
         text = json.dumps(_infinite_as_text(data), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
@@ -215,12 +230,15 @@ class Scenario(Sections, NotebookView):
 
     @property
     def codes(self) -> tuple[str, ...]:
-        """Users' files that it needs, as ``plugins`` names them."""
+        """References, with hash, to the users' files that the scenario needs; see ``plugins``."""
         return tuple(choice.code for choice in self.choices if choice.code is not None)
 
 
 def _without_empty(sections: dict[str, Any]) -> dict[str, Any]:
-    """Return the sections that are not empty: one in which all fields are optional and unset must not change a hash."""
+    """Return the sections that are not empty.
+
+    A section whose fields are all optional and unset is left out, so that a new section changes no hash.
+    """
     return {name: fields for name, fields in sections.items() if fields != {}}
 
 
@@ -228,7 +246,7 @@ def preset(name: str) -> Scenario:
     """Return the preset of that name.
 
     Raises:
-        InputError: there is no such preset; the nearest is named.
+        InputError: there is no such preset; the nearest name is suggested.
     """
     check_kind(name, str, "preset", "the name of a preset")
     return _preset(name)
@@ -240,7 +258,7 @@ def _preset(name: str) -> Scenario:
 
 
 def field_names() -> list[str]:
-    """Return the dotted names of all fields."""
+    """Return the dotted names of all fields, those of all strategies, networks and tasks included."""
     names_of = []
     for section, info in Scenario.model_fields.items():
         kind: Any = info.annotation
@@ -250,8 +268,10 @@ def field_names() -> list[str]:
 
 
 def value_of(scenario: Scenario, name: str) -> Any:
-    """Return the value of a field, by its dotted name.
+    """Return the value of a field, by its dotted name, such as "walk.leg_min_ms" or "strategy.soft.eta".
 
+    Returns:
+        The value. If the code of a strategy, network or task is not loaded, None for its parameters that are not given.
     Raises:
         InputError: there is no such field.
     """
@@ -259,9 +279,9 @@ def value_of(scenario: Scenario, name: str) -> Any:
     section, _, field = name.partition(".")
     node = getattr(scenario, section, None)
     table, separator, last = field.partition(".")
-    if isinstance(node, Choice) and separator:
+    if isinstance(node, Choice) and separator:  # a parameter of a strategy, network or task
         node, field = node.table(table), last
-    if isinstance(node, Mapping):
+    if isinstance(node, Mapping):  # the code that declares the parameters is not loaded
         return node.get(field)
     if not isinstance(node, BaseModel) or not hasattr(node, field):
         raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
@@ -278,7 +298,7 @@ def kind_of(name: str) -> Any:
 
 
 def _infinite_as_text(data: Any) -> Any:
-    """Return JSON data in which an infinite number, as a range may be, is a text."""
+    """Return a copy of data in which infinite numbers, such as a radio's range, are strings: JSON has no infinity."""
     if isinstance(data, dict):
         return {key: _infinite_as_text(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
@@ -287,7 +307,7 @@ def _infinite_as_text(data: Any) -> Any:
 
 
 def _merged(base: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """Return one table overlaid with another, nested tables included."""
+    """Return the table ``base`` with values replaced or added by those of ``more``; nested tables are merged too."""
     merged = dict(base)
     for key, value in more.items():
         nested = merged.get(key)
@@ -297,7 +317,13 @@ def _merged(base: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def parse_setting(text: str) -> tuple[str, Any]:
-    """Parse ``"walk.leg_min_ms=500"`` into name and value; the value is TOML, or a bare word."""
+    """Return name and value of a setting such as ``"walk.leg_min_ms=500"``.
+
+    The value is parsed as TOML. A value that is not TOML, such as a word without quotes, is taken as a string.
+
+    Raises:
+        InputError: the text is not of the form section.field=value, or sets more than one value.
+    """
     name, separator, value = text.partition("=")
     if not separator or not name.strip():
         raise InputError(f"'{text}' is not of the form section.field=value", field="--set")
@@ -305,29 +331,42 @@ def parse_setting(text: str) -> tuple[str, Any]:
         parsed = tomllib.loads(f"value = {value.strip()}")
     except (ValueError, RecursionError):  # not TOML, or a number with thousands of digits
         return name.strip(), value.strip()
-    if set(parsed) != {"value"}:
+    if set(parsed) != {"value"}:  # the text has further lines, with settings of their own
         raise InputError(f"'{text}' sets more than one value", field="--set")
     return name.strip(), parsed["value"]
 
 
 def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
-    """Replace a floor file named by ``floor.source`` by its tiles."""
+    """Replace, in place, a floor file that ``floor.source`` names by the file's tiles and name.
+
+    Nothing changes if ``source`` is a pattern or a random floor, or if ``values`` have tiles already. Values that are
+    wrong are left to later checks.
+
+    Raises:
+        InputError: there is no such file, or it is no floor.
+    """
     floor = values.get("floor")
     if not isinstance(floor, dict) or "tiles" in floor or not isinstance(floor.get("source"), str):
         return
     source = floor["source"]
     if is_random(source) or family(source) is not None:
         return
+    # Numbers of rows and columns: a file of coordinates needs them, and a picture is divided into them.
     size = (floor.get("rows"), floor.get("columns"))
     shape = size if isinstance(size[0], int) and isinstance(size[1], int) else None
     path = folder / source
+    # If the folder has no such file, the source is taken as a path from the working directory; ``resolve`` raises the
+    # error if there is no such file either.
     grid, name = resolve(str(path) if path.is_file() else source, shape)  # type: ignore[arg-type]
     floor["source"] = name
     floor["tiles"] = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
 
 
 def _nearest_field(name: str) -> str:
-    """Suggest the field that an unknown name may mean."""
+    """Return a suggestion such as ", did you mean 'x'?" for an unknown dotted name, or an empty string.
+
+    A field with the same last part comes first, then a table of that name, then a similar spelling.
+    """
     known = field_names()
     last = name.rpartition(".")[2]
     same = [k for k in known if k.rpartition(".")[2] == last] or [
@@ -337,10 +376,10 @@ def _nearest_field(name: str) -> str:
 
 
 class FieldNames(NotebookView):
-    """The fields below a section, or all: each attribute is a dotted name, or the fields below it.
+    """Names of the fields of a section as attributes: the value is the dotted name, or ``FieldNames`` of a table.
 
     Args:
-        section: dotted name; empty: all sections.
+        section: dotted name of a section or table; empty: all sections.
     """
 
     __slots__ = ("_section",)
@@ -349,19 +388,21 @@ class FieldNames(NotebookView):
         self._section = section
 
     def _below(self) -> list[str]:
-        """Return the dotted names below this section, without it."""
+        """Return the dotted names of the fields of this section, relative to it."""
         start = f"{self._section}." if self._section else ""
         return [name.removeprefix(start) for name in field_names() if name.startswith(start)]
 
     def __dir__(self) -> list[str]:
+        """Return the attributes that a session may complete, each once."""
         return list(dict.fromkeys(name.partition(".")[0] for name in self._below()))
 
     def __getattr__(self, name: str) -> str | FieldNames:
-        """Return the dotted name of a field, or the fields of a section.
+        """Return the full dotted name of a field, or the ``FieldNames`` of a section or table.
 
         Raises:
-            AttributeError: there is none; the nearest is named.
+            AttributeError: there is no field, section or table of that name; the nearest name is suggested.
         """
+        # Private names are looked up by Python's own tools, and are never fields.
         below = [] if name.startswith("_") else self._below()
         full = f"{self._section}.{name}" if self._section else name
         if name in below:

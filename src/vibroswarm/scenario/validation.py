@@ -1,4 +1,7 @@
-"""Checks across the fields of a scenario; each raises an ``InputError`` that names the field to fix."""
+"""Checks across the fields of a scenario: each takes its sections ``s``, and raises an ``InputError`` if they disagree.
+
+The error names the field to fix. Each field has been checked by itself before.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,13 @@ from vibroswarm.floors.source import shadows
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 
+# Fields of ``robot`` that add random numbers to a robot's misalignment.
 VARIATIONS = ("misalignment_wander", "misalignment_drift", "misalignment_run_spread")
+"""Fields of ``robot`` by which a misalignment varies."""
 
 
 def _check_ranges(s: Sections) -> None:
-    """Refuse lower bounds above upper bounds."""
+    """Refuse lower bounds above upper bounds, misalignments that could stop a wheel, and unequal lists of rays."""
     pairs = (
         ("robot.misalignment", s.robot.misalignment_min, s.robot.misalignment_max),
         ("robot.speed_factor", s.robot.speed_factor_min, s.robot.speed_factor_max),
@@ -22,10 +27,12 @@ def _check_ranges(s: Sections) -> None:
     )
     for name, low, high in pairs:
         if low > high:
-            unit = "_ms" if name == "walk.leg" else ""
+            unit = "_ms" if name == "walk.leg" else ""  # the names of both fields of legs end in _ms
             raise InputError(f"{low} is above {name}_max{unit}, which is {high}", field=f"{name}_min{unit}")
-    bent = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
-    if max(abs(factor) for factor in bent) + widest_veer_shift(s) >= 1.0:
+    misalignments = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
+    # The speeds of the wheels are proportional to 1 - misalignment and 1 + misalignment.
+    if max(abs(misalignment) for misalignment in misalignments) + widest_veer_shift(s) >= 1.0:
+        # The largest variation is the one to reduce.
         name = max(VARIATIONS, key=lambda name: getattr(s.robot, name) or 0.0)
         raise InputError(
             f"{getattr(s.robot, name):g} is too much: with the misalignments, a wheel could stand or turn backwards",
@@ -39,28 +46,33 @@ def _check_ranges(s: Sections) -> None:
 
 
 def start_region(s: Sections) -> tuple[float, float, float, float]:
-    """Return the range of the robots' centres at the start, m: x from, x to, y from, y to."""
+    """Return the region of the robots' centres at the start, m: least x, greatest x, least y, greatest y.
+
+    The least is above the greatest if the arena is too small.
+    """
     margin = max(s.swarm.start_margin_m, s.robot.body_radius_m)
     return margin, s.arena.width_m - margin, margin, s.arena.height_m - margin
 
 
 def lattice_sites(s: Sections) -> tuple[int, int]:
-    """Return the numbers of columns and rows of robots that fit side by side in the start region.
+    """Return how many columns and rows of robots fit side by side into the start region.
 
-    Robots start on this lattice if random placement fails. More robots than sites are refused, although tighter
+    Robots start on this lattice if random placement fails. More robots than lattice sites are refused, although tighter
     arrangements, such as offset rows, may hold a few more.
     """
     left, right, low, high = start_region(s)
+    # A little more than touching, so that rounding makes no overlap.
     pitch = 2 * s.robot.body_radius_m * (1 + 1e-9)
     return int((right - left) / pitch) + 1, int((high - low) / pitch) + 1
 
 
 def _check_each(s: Sections) -> None:
-    """Refuse per-robot lists that contradict other fields."""
+    """Refuse ``robot.speed_factors`` with a value out of bounds, or if speeds are drawn anew for each sample."""
     robot = s.robot
     if robot.speed_factors is not None and robot.speed_redraw == "sample":
         raise InputError(
-            'they are the robots\' own; set robot.speed_redraw to "robot"', field="robot.speed_factors"
+            'these factors hold for the whole run; set robot.speed_redraw to "robot"',
+            field="robot.speed_factors",
         )
     for value in robot.speed_factors or ():
         if not robot.speed_factor_min <= value <= robot.speed_factor_max:
@@ -72,18 +84,18 @@ def _check_each(s: Sections) -> None:
 
 
 def _check_places(s: Sections) -> None:
-    """Refuse a start region without room for the robots."""
+    """Refuse a start region that is too small for the robots: for one robot, or for all side by side."""
     left, right, low, high = start_region(s)
     size = f"{s.arena.width_m:g} m x {s.arena.height_m:g} m"
     if left > right or low > high:
-        shorter = min(s.arena.width_m, s.arena.height_m) / 2
-        if s.robot.body_radius_m > shorter:
+        most_m = min(s.arena.width_m, s.arena.height_m) / 2  # greatest radius or margin
+        if s.robot.body_radius_m > most_m:
             raise InputError(
                 f"a robot of radius {s.robot.body_radius_m:g} m does not fit into an arena of {size}",
                 field="arena.width_m" if s.arena.width_m <= s.arena.height_m else "arena.height_m",
             )
         raise InputError(
-            f"{s.swarm.start_margin_m:g} leaves no place in an arena of {size}; at most {shorter:g}",
+            f"{s.swarm.start_margin_m:g} leaves no place in an arena of {size}; at most {most_m:g}",
             field="swarm.start_margin_m",
         )
     columns, rows = lattice_sites(s)
@@ -97,8 +109,10 @@ def _check_places(s: Sections) -> None:
 
 
 def widest_veer_shift(s: Sections) -> float:
-    """Return an upper bound on how far wander, drift and differences between runs move a robot's misalignment."""
+    """Return how far wander, drift and differences between runs may move a robot's misalignment at most."""
     robot = s.robot
+    # Triangular numbers of standard deviation sd are within sqrt(6) sd. Those of the drift are interpolated, which
+    # lowers their variance to 2/3, and are drawn larger to make up for that.
     each = (
         robot.misalignment_wander or 0.0,
         math.sqrt(1.5) * (robot.misalignment_drift or 0.0),
@@ -109,23 +123,29 @@ def widest_veer_shift(s: Sections) -> float:
 
 def longest_step_m(s: Sections) -> float:
     """Return an upper bound on the distance a robot drives between two ticks, m."""
-    bent = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
-    wheel = 1 + max(abs(factor) for factor in bent) + widest_veer_shift(s)
+    misalignments = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
+    # Speed of the faster wheel relative to that of a robot without misalignment.
+    wheel = 1 + max(abs(misalignment) for misalignment in misalignments) + widest_veer_shift(s)
     return s.robot.full_speed_m_s * s.robot.speed_factor_max * wheel * s.tick_s
 
 
 def _check_time(s: Sections) -> None:
-    """Refuse times that do not fit together: battery life, number of control periods, sampling interval, and control
-    period."""
+    """Refuse times that do not fit together.
+
+    The battery must last longer than the run, the number of ticks must fit into 32 bits, time between two samples must
+    be at least one tick, and a robot must not drive farther than its radius in one tick.
+    """
     if s.run.t_end_s >= s.robot.battery_life_s:
         raise InputError(
             f"{s.robot.battery_life_s:g} s is not longer than the run ({s.run.t_end_s:g} s): "
             "the battery would be empty",
             field="robot.battery_life_s",
         )
+    # The tick of the end, and the one after it, must fit into 32 bits.
     if s.ticks > 2**31 - 2:
         raise InputError(
-            f"{s.run.t_end_s:g} s is over 2^31 control periods; make one of them larger", field="run.t_end_s"
+            f"{s.run.t_end_s:g} s is over 2^31 control periods; give a shorter run or a longer run.control_period_ms",
+            field="run.t_end_s",
         )
     if s.sample.sample_interval_ms + s.sample.stop_ms < s.run.control_period_ms:
         raise InputError(
@@ -143,7 +163,7 @@ def _check_time(s: Sections) -> None:
 
 
 def _check_signal(s: Sections) -> None:
-    """Refuse a signal longer than the stop."""
+    """Refuse a signal of the accelerometer that is longer than the stop in which it is read."""
     if s.sample.signal_ms is not None and s.sample.signal_ms > s.sample.stop_ms:
         raise InputError(
             f"{s.sample.signal_ms:g} is longer than the stop, which is sample.stop_ms = {s.sample.stop_ms:g}",
@@ -152,7 +172,7 @@ def _check_signal(s: Sections) -> None:
 
 
 def _check_sensor(s: Sections) -> None:
-    """Refuse a sensor without the parameters of its model."""
+    """Refuse a sensor that draws from measured energies without such energies."""
     if s.sensor.model == "energies":
         for field in ("vibrating_energies", "still_energies"):
             if getattr(s.sensor, field) is None:
@@ -162,17 +182,18 @@ def _check_sensor(s: Sections) -> None:
 
 
 def is_neutral_at_half_only(s: Sections) -> bool:
-    """Return whether a scenario's strategy works only for a boundary of 1/2."""
+    """Return whether a scenario's strategy works only for a boundary of 1/2; False if its code is not loaded."""
     known = strategies.known().get(s.strategy.name)
     return known is not None and known.boundary_half
 
 
 def _check_boundary(s: Sections) -> None:
-    """Refuse a boundary that the strategy cannot test, and assumed error rates without information."""
+    """Refuse a boundary that the strategy cannot test, and error rates at which readings carry no information."""
     decision = s.decision
     positive, negative = decision.assumed_false_positive, decision.assumed_false_negative
-    taken_at_word = decision.boundary_of == "readings"
-    if is_neutral_at_half_only(s) and taken_at_word and decision.decision_boundary != 0.5:
+    # At face value the share of ones itself is compared with decision_boundary, without allowing for error rates.
+    at_face_value = decision.boundary_of == "readings"
+    if is_neutral_at_half_only(s) and at_face_value and decision.decision_boundary != 0.5:
         raise InputError(
             f"{s.strategy.name} feedback is neutral at a boundary of 0.5 only, and decision.decision_boundary is "
             f"{decision.decision_boundary:g}; choose another strategy",
@@ -187,11 +208,13 @@ def _check_boundary(s: Sections) -> None:
 
 
 FACTOR_LIMIT = 10_000_000
-"""Limit on the sensor and tile factors of a run."""
+"""Greatest number of pairs of a robot and a tile whose energies have a factor of their own."""
 
 
 def _check_factors(s: Sections) -> None:
-    """Refuse more pairs of tiles and robots with factors of their own than ``FACTOR_LIMIT``."""
+    """Refuse more pairs of a robot and a tile with a factor of their own than ``FACTOR_LIMIT``."""
+    # Without a spread all robots, or all tiles, have the same factor. All runs have floors of one size, so that of run
+    # 0 is enough.
     robots = s.swarm.robots if s.sensor.robot_spread else 1
     tiles = s.floor.tiles_for(0, 0)[0].size if s.sensor.tile_spread else 1
     if robots * tiles > FACTOR_LIMIT:
@@ -202,8 +225,8 @@ def _check_factors(s: Sections) -> None:
 
 
 def _check_floor(s: Sections) -> None:
-    """Refuse tiles under the name of another floor, and a floor outside the arena."""
-    tiles = s.floor.tiles_for(0, 0)[0]
+    """Refuse tiles that have the name of another floor, and a floor that lies outside of the arena."""
+    tiles = s.floor.tiles_for(0, 0)[0]  # those of seed 0 and run 0: the size is that of all runs
     if s.floor.tiles is not None and shadows(s.floor.source, tiles):
         raise InputError(
             f"'{s.floor.source}' is the name of a pattern or of a random floor, and floor.tiles gives another; "
@@ -214,6 +237,7 @@ def _check_floor(s: Sections) -> None:
     width = s.floor.tile_width_m or s.arena.width_m / columns
     height = s.floor.tile_height_m or s.arena.height_m / rows
     right, top = s.floor.left_m + columns * width, s.floor.bottom_m + rows * height
+    # The arena reaches from 0 to its width and height.
     if right <= 0 or top <= 0 or s.floor.left_m >= s.arena.width_m or s.floor.bottom_m >= s.arena.height_m:
         raise InputError(
             "the floor lies outside the arena; no robot could sample a tile", field="floor.left_m"
@@ -221,14 +245,14 @@ def _check_floor(s: Sections) -> None:
 
 
 def _check_network(s: Sections) -> None:
-    """Refuse what the network itself refuses, such as more robots than it has been fitted to."""
+    """Refuse what the network's own check refuses, such as more robots than it was fitted to."""
     chosen = networks.known().get(s.network.name)
     if chosen is not None and chosen.check is not None:
         chosen.check(s.network.params, s.swarm.robots)
 
 
 def _check_faults(s: Sections) -> None:
-    """Refuse faults of robots that do not exist, and the opposite of messages that have none."""
+    """Refuse faults of robots that do not exist, and ``faults.opposite`` where messages have no opposite."""
     check_faults(s.faults, s.swarm.robots)
     known = strategies.known().get(s.strategy.name)
     if s.faults.opposite and known is not None and not known.has_opposite:
@@ -242,6 +266,7 @@ def _check_strategy(s: Sections) -> None:
     """Refuse parameters of the strategy that do not go together."""
     known = strategies.known().get(s.strategy.name)
     if known is not None and known.variant is not None:
+        # Sizes of 0 leave out the check of the message's size, which ``agents.strategy_used`` makes with true sizes.
         known.variant(s.strategy.params, {"tiles": 0, "longest_mm": 0})
 
 

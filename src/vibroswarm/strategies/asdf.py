@@ -4,22 +4,28 @@ Chin and Pinciroli 2024, arXiv 2410.21546; rules as in the authors' public code 
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| accuracy | b = w | - | assumed probability of a right reading, one for both kinds of tiles |
+| accuracy | b = w | - | assumed probability of a right reading, the same on vibrating and still tiles |
 | local, social, informed estimate | x, X, x' | - | as in ``mcp``, with the assumed accuracy |
-| mean, spread | m, s | - | mean and standard deviation (n - 1) of the local estimates of the n other robots |
+| mean, spread | m, s | - | mean and standard deviation (n - 1) of the local estimates x of the n robots heard |
 | limit | - | - | s (t_n / sqrt(n) + 1), with P(abs(T) < t_n) = beta for Student's T of n degrees of freedom |
 | calibration | - | - | every ``period`` readings, if abs(m - x) >= limit and n > 1: b = (h / t + X - 1) / (2 X - 1) |
 
-**Blind at a fill ratio of 1/2**: there half of the readings are ones whatever the accuracy; the correction is
-singular at X = 1/2 and wild near it. Use it far from 1/2. It also needs robots that differ: if all assume the same
-wrong accuracy, their estimates agree, and none corrects it.
+**Blind at a fill ratio of 1/2**: there half of the readings are ones whatever the accuracy is, so the correction is
+singular at X = 1/2 and unreliable near it. Use this strategy far from 1/2. It also needs robots whose assumed
+accuracies differ: if all robots assume the same wrong accuracy, their estimates agree, and no robot corrects it.
 
 - Message: as ``mcp``, 9 bytes.
-- Told to a robot: an accuracy, ``accuracy``, or ``flawed_accuracy`` for the first ``flawed_robots`` robots. Not its
-  error rates.
-- Typical: all 0.95, some robots 0.75, beta 0.05 to 0.1, every 250 to 1000 readings; a run here has some 200, so 50.
-- Ours: all hear all; the stopping rule of ``mcp``. b is kept in (1/2, 1). The authors' code keeps it in (0, 1) and,
-  for X < 1/2, always sets it to 1: their fill ratios are above 1/2.
+- What a robot is told about its task: the accuracy that it assumes at first, which is ``accuracy``, or
+  ``flawed_accuracy`` for the first ``flawed_robots`` robots. A robot is not told its error rates.
+- The authors use an accuracy of 0.95, or 0.75 for some robots, beta of 0.05 to 0.1, and a correction every 250 to
+  1000 readings. A run here has some 200 readings, so the default is every 50.
+- Differences from the original: each robot hears all others, and decides as in ``mcp``. b is kept in (1/2, 1). The
+  authors' code keeps b in (0, 1) and always sets it to 1 for X < 1/2, because their fill ratios are above 1/2.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
+whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -46,7 +52,7 @@ from vibroswarm.strategies.world import Draws, Reading, World
 __all__ = ["asdf", "belief", "decision", "on_message"]
 
 LOWEST: Final = 0.5 + 1e-6
-"""Smallest accuracy: at 1/2 readings tell nothing."""
+"""Smallest accuracy, just above 1/2: at 1/2 a reading carries no information."""
 
 
 class Params:
@@ -106,13 +112,18 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count, estimate, decide, send the own estimate, and correct the accuracy."""
+    """Count the reading, update the belief, decide, correct the accuracy if that is due, and send the own estimate.
+
+    Every ``period`` readings the accuracy is corrected, if the own estimate ``differs`` from those of the other robots.
+    """
     s.ones += x.reading
     s.samples += 1
+    # The accuracy takes the place of both rates of right readings, on vibrating and on still tiles.
     out.estimate = local_estimate(s.ones, s.samples, s.accuracy, s.accuracy)
     out.confidence = local_confidence(s.ones, s.samples, s.accuracy, s.accuracy)
     estimate, confidence = informed(out.estimate, out.confidence, a.estimate, a.confidence)
     decide_by(s, estimate, confidence, w)
+    # ``differs`` is False until two robots were heard, so ``social_estimate`` never divides by 0.
     if s.samples % p.period == 0 and differs(out.estimate, a.estimate, a.confidence, p.type_2_error):
         s.accuracy = calibrated(s.ones / s.samples, social_estimate(a.estimate, a.confidence), s.accuracy)
     return True
@@ -120,7 +131,12 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 @inlined
 def social_estimate(estimates: Row, confidences: Row) -> float:
-    """Return X."""
+    """Return X, the mean of the other robots' latest estimates, weighted by confidence.
+
+    Args:
+        estimates, confidences: (robots,); confidence is 0 for the robot itself and for robots not heard yet. At least
+            one confidence must be above 0.
+    """
     weighted, total = 0.0, 0.0
     for j in range(confidences.size):
         weighted += confidences[j] * estimates[j]
@@ -130,7 +146,14 @@ def social_estimate(estimates: Row, confidences: Row) -> float:
 
 @inlined
 def differs(estimate: float, estimates: Row, confidences: Row, type_2_error: float) -> bool:
-    """Return whether the own estimate differs from those of the others by the limit or more."""
+    """Return whether the own estimate lies at least ``limit`` (see the table) from the mean of the others' estimates.
+
+    Args:
+        estimate: the own estimate. estimates, confidences: (robots,), latest message of each robot. The confidence is 0
+            for the robot itself and for robots not heard yet; these are left out. type_2_error: beta of the limit.
+    Returns:
+        False if fewer than two robots were heard, because the spread of one estimate is unknown.
+    """
     n, total, squares = 0, 0.0, 0.0
     for j in range(confidences.size):
         if confidences[j] > 0.0:
@@ -148,7 +171,12 @@ def differs(estimate: float, estimates: Row, confidences: Row, type_2_error: flo
 
 @inner
 def calibrated(share: float, social: float, before: float) -> float:
-    """Return the accuracy at which the own share of ones agrees with the social estimate; ``before`` at X = 1/2."""
+    """Return the accuracy at which the own readings would give the social estimate, limited to [LOWEST, PERFECT].
+
+    Args:
+        share: h / t, own share of ones. social: X. before: the present accuracy. It is returned if X = 1/2, where the
+            equation has no solution.
+    """
     if social == 0.5:
         return before
     return min(max((share + social - 1.0) / (2.0 * social - 1.0), LOWEST), PERFECT)
@@ -156,9 +184,13 @@ def calibrated(share: float, social: float, before: float) -> float:
 
 @inner
 def student_central(t: float, n: int) -> float:
-    """Return P(abs(T) < t) of Student's T with n degrees of freedom: a sum of n / 2 terms, n a whole number."""
+    """Return P(abs(T) < t) of Student's T with n degrees of freedom, n a whole number.
+
+    It is the finite sum of Abramowitz and Stegun (1964), 26.7.3 for odd n and 26.7.4 for even n.
+    """
     angle = math.atan(t / math.sqrt(n))
     sine, cosine = math.sin(angle), math.cos(angle)
+    # The terms are powers of the cosine: the 0th, 2nd, ... for even n, the 1st, 3rd, ... for odd n.
     first = n % 2
     term, total = 1.0 if first == 0 else cosine, 0.0
     for k in range(first, n - 1, 2):
@@ -171,8 +203,15 @@ def student_central(t: float, n: int) -> float:
 
 @inner
 def student_quantile(central: float, n: int) -> float:
-    """Return t with P(abs(T) < t) = ``central``, by bisection."""
+    """Return t with P(abs(T) < t) = ``central``, for Student's T with n degrees of freedom.
+
+    It is found by bisection; 60 halvings exhaust double precision. A quantile above 1e12 is returned as about 1e12.
+
+    Args:
+        central: probability in (0, 1). n: degrees of freedom.
+    """
     low, high = 0.0, 1.0
+    # Double the upper end until the quantile lies below it.
     while student_central(high, n) < central and high < 1e12:
         high *= 2.0
     for _ in range(60):

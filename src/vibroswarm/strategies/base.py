@@ -1,7 +1,8 @@
-"""The protocol of strategies: what a robot remembers, and does when it hears, samples, or its timer is due.
+"""The protocol of strategies: what a robot remembers, and what it does at a message, a sample or a timer.
 
-A strategy is one file: a few classes that declare fields, a few plain functions, and one ``Strategy`` that names them.
-The functions change rows in place and are compiled by Numba; they allocate nothing, and all chance comes from ``u``.
+A strategy is one file: a few classes that declare fields, a few plain functions (hooks), and one ``Strategy`` that
+names them. A row is one record of a structured array, whose fields are read and written as attributes. The hooks change
+rows in place and are compiled by Numba. They allocate nothing, and draw random numbers by ``u`` only.
 
     class Params:                          # [strategy.NAME] of a scenario, one field per line, with bounds
         patience: Annotated[int, Field(ge=1)] = 3
@@ -10,18 +11,19 @@ The functions change rows in place and are compiled by Numba; they allocate noth
     class Message:                         # what it sends; if omitted: one ``bit``
         bit: int
 
-    def begin(s, a, d, p, w): ...                     # the state at time 0; it is all zeros before
-    def on_counts(s, ones, zeros, p, w): ...          # numbers of one-bit messages heard
-    def on_message(s, a, m, sender, t_s, d, p, w): ...  # one message was heard
-    def on_sample(s, a, x, out, d, p, w): ...         # an own sample: True sends ``out``
-    def on_timer(s, a, t_s, out, d, p, w): ...        # optional, due at s.next_s: True sends ``out``
-    def decision(s, a, p, w): ...                     # 0, 1; -1 undecided
-    def belief(s, a, p, w): ...                       # optional: that the share of ones lies below w.boundary
-    def steer(s, a, x, d, p, w): ...                  # optional, after the own sample: turn_deg, drive_ms
+    def begin(s, a, d, p, w): ...                     # fills in the state at time 0; all fields are 0 before
+    def on_counts(s, ones, zeros, p, w): ...          # takes numbers of one-bit messages heard
+    def on_message(s, a, m, sender, t_s, d, p, w): ...  # takes one message heard
+    def on_sample(s, a, x, out, d, p, w): ...         # takes an own sample; returns True to send ``out``
+    def on_timer(s, a, t_s, out, d, p, w): ...        # optional, called at s.next_s; returns True to send ``out``
+    def decision(s, a, p, w): ...                     # returns 0 or 1; -1 while undecided
+    def belief(s, a, p, w): ...                       # optional: P(share of ones < w.boundary)
+    def steer(s, a, x, d, p, w): ...                  # optional, after the own sample: returns turn_deg, drive_ms
     def opposite(m): ...                              # optional: turns a message into its opposite (faults.opposite)
 
-``s`` is the robot's State, ``a`` its arrays, ``m`` and ``out`` Messages, ``p`` the Params, ``w`` a ``World``, ``x`` a
-``Reading``; ``u(d, k)`` is the k-th uniform number of this call. ``decision`` is called after each sample and timer.
+``s`` is the robot's State, ``a`` its arrays, ``m`` a Message heard, ``out`` the Message to fill in, ``p`` the Params,
+``w`` a ``World``, ``x`` a ``Reading``, ``d`` the address of random numbers: ``u(d, k)`` is the k-th uniform number of
+this call. ``t_s`` is the time in s. ``decision`` is called after each sample and timer.
 """
 
 from __future__ import annotations
@@ -49,6 +51,7 @@ Hook = Callable[..., Any]
 MAX_BYTES: Final = 144
 """Capacity of a message of the robots' radio, bytes."""
 NAME: Final = re.compile(r"[a-z][a-z0-9_]*")
+"""A valid name of a strategy, network or task."""
 
 
 class NoParams:
@@ -74,8 +77,8 @@ class Plugin(NotebookView):
     """What strategies, networks and tasks have in common.
 
     Args:
-        name: as scenarios call it: lower-case letters, digits and underscores. params: class of annotated fields.
-        about: one line.
+        name: as in scenarios: lower-case letters, digits and underscores. params: class of annotated fields; replaced
+            by the Pydantic model made of it. about: description in one line.
     """
 
     name: str
@@ -88,11 +91,13 @@ class Plugin(NotebookView):
     """Name of that file, its name in it, and hash."""
 
     def __post_init__(self) -> None:
+        """Check the name, and replace the class of parameters by a Pydantic model with the same fields."""
         if not NAME.fullmatch(self.name):
             raise InputError(
                 f"{shown(self.name)} is not a valid name; use lower-case letters, digits and underscores",
                 field="name",
             )
+        # The dataclass is frozen, so the attribute is set past its own __setattr__.
         object.__setattr__(self, "params", as_params(self.params, self.name))
 
     @property
@@ -101,29 +106,30 @@ class Plugin(NotebookView):
         return row_type(self.params, "params")
 
     def params_row(self, values: object) -> tuple[Any, ...]:
-        """Return the parameters as a row of ``params_type``."""
+        """Return the parameters as a tuple in the order of ``params_type``; 0 for its unused field."""
         names: tuple[str, ...] = self.params_type.names or ()
         return tuple(getattr(values, name, 0) for name in names)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Strategy(Plugin):
-    """A strategy, see the module's docstring.
+    """A strategy: its classes of fields and its hooks, as the module's docstring describes them.
 
     Args:
-        state, message, arrays: classes of fields. begin to opposite: the functions; without ``opposite``, the opposite
-            of a message is that of its ``bit``.
-        decides: "once", or "opinion": opinions may change, and the swarm has decided when all have agreed for
+        state, message, arrays: classes of fields. begin to opposite: the hooks; without ``opposite``, the opposite of a
+            message has the other ``bit``.
+        decides: "once", or "opinion": opinions may change, and the swarm has decided when all robots have agreed for
             ``decision.hold_s``.
-        bytes_on_air: of one message, at most 144.
-        revises: decisions may change if ``decision.revise`` is set.
-        boundary_half: it works only for a boundary of readings of 1/2.
-        told: what its parameters tell a robot of the task, such as "accuracy"; the rest: ``static_analysis.told``.
-        knows_error_rates: its robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
-        reads_details: ``on_sample`` is given a ``DetailedReading``.
-        variant: given the parameters, and sizes (those that arrays may have, and the arena's ``longest_mm``), returns
-            the strategy that runs in this one's place: itself, or one with the same parameters and other functions, so
-            that what is off costs nothing.
+        bytes_on_air: size of one message, at most 144.
+        revises: whether decisions may change if ``decision.revise`` is set.
+        boundary_half: whether the strategy works only if the boundary of readings (``World.boundary``) is 1/2.
+        told: what its parameters tell a robot of the task, such as "accuracy"; ``static_analysis.told`` adds what the
+            hooks read.
+        knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
+        reads_details: whether ``on_sample`` is given a ``DetailedReading`` in place of a ``Reading``.
+        variant: a function of the parameters, and of sizes (those that arrays may have, and the arena's
+            ``longest_mm``). It returns the strategy that runs in place of this one: the same strategy, or one with the
+            same parameters and other hooks, so that options that are off cost no time.
     """
 
     state: type
@@ -148,9 +154,18 @@ class Strategy(Plugin):
     variant: Callable[[Any, Mapping[str, int]], Strategy] | None = None
 
     def __post_init__(self) -> None:
+        """Check the message size, and the arguments and fields that the hooks use.
+
+        A strategy without a hook for messages gets an ``on_message`` that does nothing, because the simulator calls
+        one.
+        """
         super().__post_init__()
         if not 0 <= self.bytes_on_air <= MAX_BYTES:
-            raise InputError(f"{self.bytes_on_air} is wrong; 0 to {MAX_BYTES}", field="bytes_on_air")
+            raise InputError(
+                f"{self.bytes_on_air} is out of range; a message has 0 to {MAX_BYTES} bytes",
+                field="bytes_on_air",
+            )
+        # Fields that a hook may use of each of its arguments, so that a misspelt field is found before compiling.
         rows = {
             "s": self.state_type.names,
             "out": self.message_type.names,
@@ -162,14 +177,16 @@ class Strategy(Plugin):
         }
         for hook in STRATEGY_HOOKS:
             if getattr(self, hook) is not None:
+                # "or ()" is for the type checker: NumPy's ``names`` may be None, but rows always have fields.
                 check_function(
                     hook, getattr(self, hook), {name: row_fields or () for name, row_fields in rows.items()}
                 )
         if self.on_timer is not None and "next_s" not in (rows["s"] or ()):
             raise InputError(
-                "has on_timer, but its State has no next_s: float", field=f"strategy '{self.name}'"
+                "has on_timer, so its State needs the field next_s: float", field=f"strategy '{self.name}'"
             )
         if self.on_counts is None and self.on_message is None:
+            # The dataclass is frozen, so the attribute is set past its own __setattr__.
             object.__setattr__(self, "on_message", _ignore_message)
 
     @property
@@ -179,7 +196,7 @@ class Strategy(Plugin):
 
     @property
     def has_opposite(self) -> bool:
-        """Whether its messages have an opposite."""
+        """Whether its messages have an opposite: by the hook, or because they have a ``bit``."""
         return self.opposite is not None or "bit" in (self.message_type.names or ())
 
     @property
@@ -190,36 +207,42 @@ class Strategy(Plugin):
 
 @dataclass(frozen=True)
 class Array:
-    """An array in a robot's state: ``array("float32", "robots*tiles")``."""
+    """An array in a robot's state, declared as ``array("float32", "robots*tiles")``; see ``array``."""
 
     kind: str
     of: str
 
     def size(self, sizes: Mapping[str, int]) -> int:
-        """Return the array's number of elements.
+        """Return the array's number of elements: the product that ``of`` names.
 
         Args:
-            sizes: robots, rows, columns, tiles.
+            sizes: value of each word that ``of`` may contain: robots, rows, columns, tiles; empty where only numbers
+                are allowed.
+        Raises:
+            InputError: ``of`` has a factor that is neither a number nor one of ``sizes``.
         """
         count = 1
         for factor in self.of.split("*"):
             word = factor.strip()
             if not word.isdigit() and word not in sizes:
-                raise InputError(
-                    f"{shown(word)} is not a size; a number or one of {', '.join(sizes)}", field="arrays"
-                )
+                factors = ", ".join(["whole numbers", *sizes])
+                raise InputError(f"{shown(word)} is not a size; use a product of {factors}", field="arrays")
             count *= int(word) if word.isdigit() else sizes[word]
         return count
 
 
 ARRAY_KINDS: Final = ("float64", "float32", "int64", "int32", "int16", "uint8")
+"""Types that elements of arrays may have."""
 
 
 def array(kind: str, of: str) -> Array:
     """Declare an array in a robot's state.
 
     Args:
-        kind: of its numbers, one of ``ARRAY_KINDS``. of: its size, a product such as "robots*tiles".
+        kind: type of its elements, one of ``ARRAY_KINDS``. of: number of its elements, a product such as
+            "robots*tiles"; arrays have one dimension.
+    Raises:
+        InputError: another type.
     """
     if kind not in ARRAY_KINDS:
         raise InputError(
@@ -229,28 +252,32 @@ def array(kind: str, of: str) -> Array:
 
 
 def arrays_of(declared: type) -> dict[str, Array]:
-    """Return the arrays of a class whose attributes, or those of the classes it inherits, are ``array(...)``."""
+    """Return the attributes of a class that were declared by ``array(...)``, inherited ones included, by name."""
     found: dict[str, Array] = {}
-    for of in reversed(declared.__mro__):
-        found |= {name: value for name, value in vars(of).items() if isinstance(value, Array)}
+    for base in reversed(declared.__mro__):  # from the oldest class on, so that a derived one overrides
+        found |= {name: value for name, value in vars(base).items() if isinstance(value, Array)}
     return found
 
 
+# Class in a strategy's module: argument of ``Strategy``.
 CLASSES: Final = {"Params": "params", "State": "state", "Message": "message", "Arrays": "arrays"}
+"""Names of classes in a module, and the arguments of ``Strategy`` that they become."""
 
 
 def strategy_in(module: str, name: str, **more: Any) -> Strategy:
-    """Build the strategy of a module from its classes and functions, named as in this module's docstring.
+    """Build a strategy from the classes and hooks in a module, found by the names in this module's docstring.
 
     Args:
-        module: ``__name__``. name, more: as of ``Strategy``.
+        module: ``__name__`` of the module. name: of the strategy. more: further arguments of ``Strategy``; they
+            override what is found in the module.
     Raises:
-        InputError: a class or a function that every strategy has is missing.
+        InputError: State, begin, on_sample or decision is missing, or ``Strategy`` refuses an argument.
     """
     space = vars(sys.modules[module])
+    # Only functions count as hooks: a module may use the name of a hook for something else.
     parts = {CLASSES[part]: space[part] for part in CLASSES if part in space}
     parts |= {part: space[part] for part in STRATEGY_HOOKS if isinstance(space.get(part), FunctionType)}
-    for part, word in (
+    for part, word in (  # argument of Strategy, and its name in the module
         ("state", "State"),
         ("begin", "begin"),
         ("on_sample", "on_sample"),
@@ -262,16 +289,17 @@ def strategy_in(module: str, name: str, **more: Any) -> Strategy:
 
 
 KINDS: Final[dict[type, Any]] = {int: np.int64, float: np.float64, bool: np.bool_}
+"""Types of fields, and the types that they have in a row."""
 
 
 def fields_of(declared: type) -> dict[str, type]:
-    """Return the fields of an annotated class, by name: int, float or bool.
+    """Return the type of each field of an annotated class, by name: int, float or bool.
 
     Raises:
-        InputError: another type.
+        InputError: a field has another type.
     """
     hints = get_type_hints(declared)
-    if issubclass(declared, BaseModel):
+    if issubclass(declared, BaseModel):  # leave out its other annotations, such as model_config
         hints = {name: hint for name, hint in hints.items() if name in declared.model_fields}
     for name, kind in hints.items():
         if kind not in KINDS:
@@ -281,31 +309,40 @@ def fields_of(declared: type) -> dict[str, type]:
 
 @cache
 def row_type(declared: type, what: str) -> np.dtype[np.void]:
-    """Return the row type of a class's fields, and of its arrays of fixed size.
+    """Return the structured dtype of a class's fields, followed by its arrays of fixed size.
 
+    Args:
+        declared: the class. what: its role, such as "state", for error messages.
     Raises:
-        InputError: a field of another type than int, float or bool, or with a name that NumPy's rows have.
+        InputError: a field is not int, float or bool, or has the name of an attribute of NumPy's records.
     """
     try:
         fields = fields_of(declared)
-    except (NameError, TypeError) as error:
+    except (NameError, TypeError) as error:  # an annotation is undefined, or ``declared`` is not a class
         raise InputError(f"{shown(declared)} declares no fields: {error}", field=what) from None
     for name in fields:
-        if hasattr(np.record, name):  # plain Python would find the row's method in place of the field
-            raise InputError(f"'{name}' is a word of NumPy's rows; choose another name", field=what)
+        if hasattr(np.record, name):  # without Numba, row.name would be NumPy's attribute, not the field
+            raise InputError(f"'{name}' is an attribute of NumPy's records; choose another name", field=what)
     parts: list[Any] = [(name, KINDS[kind]) for name, kind in fields.items()]
+    # Sizes are empty, so only arrays whose size is a number are allowed here.
     parts += [(name, value.kind, (value.size({}),)) for name, value in arrays_of(declared).items()]
-    # NumPy rows need a field: one that is not used if the class declares none.
+    # A row needs at least one field.
     return np.dtype(parts or [("unused", np.int64)])
 
 
 def as_params(declared: type, name: str) -> type[BaseModel]:
-    """Turn a class of annotated fields into a frozen, strict model."""
+    """Return the frozen, strict Pydantic model of a class of annotated fields; a model is returned unchanged.
+
+    Args:
+        declared: the class; an attribute without a value is a required field. name: of the strategy, network or task,
+            from which the model is named.
+    """
     if issubclass(declared, BaseModel):
         return declared
     hints = get_type_hints(declared, include_extras=True)
     definitions: dict[str, Any] = {
-        field: (hint, getattr(declared, field, ...)) for field, hint in hints.items()
+        field: (hint, getattr(declared, field, ...))  # Pydantic's ...: required
+        for field, hint in hints.items()
     }
     return create_model(
         f"{name.title()}Params", __base__=FrozenModel, __doc__=declared.__doc__, **definitions

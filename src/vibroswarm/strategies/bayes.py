@@ -1,10 +1,13 @@
-"""The common part of none, positive and soft: posterior of the fill ratio, and decision (Algorithm 1).
+"""The common part of none, positive and soft: posterior of the fill ratio, and decision (Algorithm 1 of the paper).
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | alpha, beta | alpha, beta | - | counts of ones and zeros, own and received, prior included (Eq. 10, 11) |
 | decision | d_f | - | 0 if p > p_c, 1 if 1 - p > p_c, and -1 while undecided (Eq. 13) |
 | min_observations | O_c | - | a robot may decide only with strictly more than O_c counted observations |
+
+Arguments: ``s`` is the robot's state, changed in place, ``a`` its arrays (none here), ``d`` random numbers, ``p`` the
+parameters, ``w`` what the robot knows: its task's settings.
 """
 
 from __future__ import annotations
@@ -18,8 +21,11 @@ Row = Any
 """A row of a structured array: its fields are attributes, changed in place."""
 
 GATE_TOTAL: Final = 0
+"""Value of ``World.gate``: own readings and observations received count towards O_c."""
 GATE_RECEIVED: Final = 1
+"""Value of ``World.gate``: only observations received count."""
 GATE_OWN: Final = 2
+"""Value of ``World.gate``: only own readings count."""
 GATES: Final = ("total", "received", "own")
 
 
@@ -33,7 +39,7 @@ class State:
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Set the prior, undecided."""
+    """Start with the prior, and undecided."""
     s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1
 
 
@@ -44,19 +50,19 @@ def on_counts(s: Row, ones: int, zeros: int, p: Row, w: World) -> None:
 
 
 def decision(s: Row, a: Row, p: Row, w: World) -> int:
-    """Return d_f."""
+    """Return the decision d_f: 0, 1, or -1 while undecided."""
     current: int = s.decision
     return current
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
-    """Return P(f < boundary) of the posterior (Eq. 12)."""
+    """Return p, the belief that f is below the boundary, by the posterior (Eq. 12)."""
     return belief_below(s.alpha, s.beta, w)
 
 
 @inlined
 def observe(s: Row, observation: int) -> None:
-    """Add an own reading to the posterior (Eq. 10)."""
+    """Add an own reading, 0 or 1, to the posterior (Eq. 10), and count it."""
     s.alpha += observation  # Eq. 10
     s.beta += 1 - observation
     s.own += 1
@@ -64,16 +70,19 @@ def observe(s: Row, observation: int) -> None:
 
 @inlined
 def is_enough(s: Row, w: World) -> bool:
-    """Return whether more than O_c observations are counted; ``s`` already includes the current sample."""
+    """Return whether ``s``, which includes the current sample, holds more than O_c observations, see ``enough``."""
     return enough(s.own, s.alpha + s.beta - w.prior_alpha - w.prior_beta - s.own, w)
 
 
 @inlined
 def enough(own: int, received: int, w: World) -> bool:
-    """Return whether more than O_c observations are counted.
+    """Return whether more than O_c observations are counted, so that the robot may decide.
+
+    ``w.gate`` says which observations are counted: own, received, or both. ``w.gate_counts_current`` says whether the
+    current own reading counts.
 
     Args:
-        own: readings, the current one included. received: observations of other robots.
+        own: number of own readings, the current one included. received: number of observations of other robots.
     """
     counted = own if w.gate_counts_current else own - 1
     if w.gate == GATE_OWN:
@@ -85,7 +94,11 @@ def enough(own: int, received: int, w: World) -> bool:
 
 @inlined
 def decided(p_below: float, before: int, w: World) -> int:
-    """Return d_f by Eq. 13, with strict inequalities; ``before`` if the belief decides nothing."""
+    """Return d_f by Eq. 13: 0 or 1 if the belief is strictly above p_c on that side, otherwise ``before``.
+
+    Args:
+        p_below: p. before: the decision so far, -1 if there is none.
+    """
     if p_below > w.credible_threshold:  # Eq. 13
         return 0
     if 1.0 - p_below > w.credible_threshold:
@@ -95,6 +108,6 @@ def decided(p_below: float, before: int, w: World) -> int:
 
 @inlined
 def decide_once(s: Row, w: World) -> None:
-    """Decide, if undecided and if there are enough observations."""
+    """Decide by the posterior, if the robot is undecided and has counted enough observations."""
     if s.decision == -1 and is_enough(s, w):
         s.decision = decided(belief_below(s.alpha, s.beta, w), -1, w)

@@ -1,4 +1,4 @@
-"""Bayes Bots: a robot counts its readings and those of others, and decides when its posterior is clear.
+"""Bayes Bots: a robot counts its readings and those of others, and decides once its belief is past p_c or 1 - p_c.
 
 Ebert, Gauci, Mallmann-Trenn and Nagpal 2020, ICRA; rules as in the authors' public controller for Kilobots.
 
@@ -6,20 +6,25 @@ Ebert, Gauci, Mallmann-Trenn and Nagpal 2020, ICRA; rules as in the authors' pub
 |---|---|---|---|
 | prior | a_0 | - | alpha = beta = a_0 at time 0; 1 in the controller, 10 in the comparison by Chin et al. |
 | alpha, beta | alpha, beta | - | prior, ones and zeros, own and received |
-| belief | p | - | P(Beta(alpha, beta) < 1/2), here < boundary |
-| decision | - | - | 0 if p > p_c, 1 if p < 1 - p_c, once; tested after each own and each received value |
+| belief | p | - | P(Beta(alpha, beta) < boundary); the boundary is 1/2 in the original |
+| decision | - | - | 0 if p > p_c, 1 if p < 1 - p_c, and then final; tested after each own and each received value |
 
 - Message: sender, value, and the sender's number of readings so far: 2 + 1 + 2 = 5 bytes. The value is the latest
-  reading or, with positive feedback, the decision once there is one. A value counts only if its number is new.
-- Told to a robot: the error rates, if ``decision.boundary_of`` is "tiles" (then p is tested at the share of ones
-  expected at the boundary; the original assumes perfect sensors). ``min_observations`` has no effect: the prior
-  delays decisions.
-- Ours: all hear all; a reading comes every few seconds. The controller counts a sender once, and again only 900 s
-  after that (``sender_timeout_s = 900``); here every new value counts by default. The controller repeats its value
-  all the time; here it is sent once, or every ``repeat_s``.
+  reading or, with positive feedback, the decision once there is one. A value counts only if its number differs from
+  that of the sender's last counted value.
+- What a robot is told about its task: the error rates, if ``decision.boundary_of`` is "tiles". The boundary of p is
+  then the share of ones expected at the task's boundary; the original assumes perfect sensors. ``min_observations`` has
+  no effect: the prior delays decisions.
+- Differences from the original: each robot hears all others, and reads every few seconds. The controller counts a
+  sender once, and again only 900 s later (``sender_timeout_s = 900``); here every new value counts by default. The
+  controller repeats its value all the time; here a value is sent once, or every ``repeat_s``.
 - Without feedback, with ``test_received = false`` and prior a_0, a robot decides as ``none`` does with
-  ``decision.prior_alpha = decision.prior_beta = a_0`` and ``decision.min_observations = 0``, for every p_c that one
-  reading cannot pass.
+  ``decision.prior_alpha = decision.prior_beta = a_0`` and ``decision.min_observations = 0``, for every p_c that a
+  single reading cannot pass.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -80,12 +85,16 @@ class Message:
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Set the prior, undecided."""
+    """Start with the prior, undecided, and without a timer until the first reading."""
     s.alpha, s.beta, s.decision, s.next_s = p.prior, p.prior, -1, math.inf
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Count a new value."""
+    """Count the sender's value if its number is new and its last counted value is at least ``sender_timeout_s`` old.
+
+    With ``test_received`` the robot then decides if its belief is past p_c or 1 - p_c. Numbers of values start at 1, so
+    0 in ``a.number`` means that no value of the sender has counted yet.
+    """
     before = a.number[sender]
     if m.number == before or (before > 0 and t_s < a.counted_s[sender] + p.sender_timeout_s):
         return
@@ -96,7 +105,7 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count, test, and send."""
+    """Count the reading, decide if the belief suffices, send a message, and set the timer that repeats it."""
     count(s, x.reading)
     decide(s, w)
     s.number += 1
@@ -108,7 +117,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Send again."""
+    """Send the last value again, under its old number, and set the next timer; ``t_s`` is the time."""
     s.next_s = t_s + p.repeat_s
     fill(s, out, p)
     return True
@@ -116,21 +125,21 @@ def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -
 
 @inlined
 def count(s: Row, value: int) -> None:
-    """Add a value to the posterior."""
+    """Add a value, 0 or 1, to the posterior."""
     s.alpha += value
     s.beta += 1 - value
 
 
 @inlined
 def decide(s: Row, w: World) -> None:
-    """Decide, if undecided."""
+    """Decide by the posterior, if undecided."""
     if s.decision == -1:
         s.decision = decided(belief_below(s.alpha, s.beta, w), -1, w)
 
 
 @inlined
 def fill(s: Row, out: Row, p: Row) -> None:
-    """Fill in the message."""
+    """Fill in the message: the decision with positive feedback, otherwise the latest reading, and its number."""
     out.bit = s.decision if p.positive_feedback and s.decision != -1 else s.bit
     out.number = s.number
 

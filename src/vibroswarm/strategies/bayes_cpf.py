@@ -4,24 +4,32 @@ Chin and Pinciroli 2025, arXiv 2504.04774; rules as in the authors' public code 
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| accuracy | b | - | probability of a right reading, one for both kinds of tiles; kept in (1/2, 1) |
-| window | t | - | the last readings, of which h are ones; estimates x, x' from them as in ``mcp`` |
+| accuracy | b | - | probability of a right reading, the same on vibrating and still tiles; kept in (1/2, 1) |
+| window | t, h | - | number of the last readings used, and of ones among them; they give x and x' as in ``mcp`` |
 | reference | f | - | weighted mean of the last t informed estimates, the oldest with weight t, the latest with 1 |
 | mean, variance | m, P | - | of b; at each reading: m - drift, P + drift_variance |
 | expected | - | - | t (f (2 m - 1) - m + 1) ones in the window |
 | slope, noise | C, Q | - | t (2 f - 1); t ((2 m - 1)^2 (f - f^2 - 1/4) + 1/4) |
-| gain | K | - | P C / (C^2 P + Q); m + K (h - expected), (1 - K C) P |
-| constrained | - | - | b = m inside of (1/2, 1), else the mean of Normal(m, P) truncated to it; not fed back |
+| gain | K | - | P C / (C^2 P + Q); Kalman update: m becomes m + K (h - expected), P becomes (1 - K C) P |
+| constrained | - | - | b = m inside of (1/2, 1), else the mean of Normal(m, P) truncated to it; m stays as it is |
 
-The update with the readings is left out while t m or t (1 - m) is below 5.
+The Kalman update is left out while t m or t (1 - m) is below 5, because the number of right readings is then far from
+normally distributed.
 
-**Blind at a fill ratio of 1/2**: the slope is 0 there, and the accuracy only drifts. Use it far from 1/2.
+**Blind at a fill ratio of 1/2**: the slope is 0 there, so the accuracy only drifts. Use this strategy far from 1/2.
 
 - Message: as ``mcp``, 9 bytes.
-- Told to a robot: accuracy and variance at time 0, and how fast they change. Not its error rates.
-- Typical: 0.99, 0.001, and per reading -2.5e-4 and 5e-4, windows up to 1000 readings.
-- Ours: all hear all; the stopping rule of ``mcp``; a window of fixed length, where the original shortens it while the
-  estimated accuracy changes fast. Sensors here do not drift.
+- What a robot is told about its task: accuracy and variance at time 0, and how fast they change. A robot is not told
+  its error rates.
+- The authors use an accuracy of 0.99 and a variance of 0.001 at time 0, changes per reading of -2.5e-4 and 5e-4, and
+  windows of up to 1000 readings.
+- Differences from the original: each robot hears all others, and decides as in ``mcp``. The window has a fixed length;
+  the original shortens it while the estimated accuracy changes fast. Sensors here do not drift.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
+whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -50,7 +58,7 @@ __all__ = ["bayes_cpf", "belief", "decision", "on_message"]
 
 LARGEST_WINDOW: Final = 1000
 LEAST_COUNT: Final = 5.0
-"""Expected right and wrong readings from which on their number is taken as normal."""
+"""Least expected number of right, and of wrong, readings for a Kalman update: fewer are far from normal."""
 
 
 class Params:
@@ -110,17 +118,24 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count, estimate, decide, send the own estimate, and filter the accuracy."""
+    """Put the reading into the window, update the belief, decide, send the own estimate, and filter the accuracy.
+
+    ``a.reading`` and ``a.informed`` are rings of ``window`` entries; entry ``here`` is the oldest, and is replaced.
+    ``s.ones`` is h, ``s.expected_accuracy`` and ``s.variance`` are m and P, ``s.accuracy`` is b.
+    """
     here = s.samples % p.window
+    # Once the window is full, the oldest reading leaves it.
     s.ones += x.reading - (a.reading[here] if s.samples >= p.window else 0)
     a.reading[here] = x.reading
     s.samples += 1
     count = min(s.samples, p.window)
+    # The accuracy takes the place of both rates of right readings, on vibrating and on still tiles.
     out.estimate = local_estimate(s.ones, count, s.accuracy, s.accuracy)
     out.confidence = local_confidence(s.ones, count, s.accuracy, s.accuracy)
     estimate, confidence = informed(out.estimate, out.confidence, a.estimate, a.confidence)
     decide_by(s, estimate, confidence, w)
     a.informed[here] = estimate
+    # Kalman filter of the accuracy: prediction, then update if there are enough readings.
     s.expected_accuracy -= p.drift
     s.variance += p.drift_variance
     if count * s.expected_accuracy >= LEAST_COUNT and count * (1.0 - s.expected_accuracy) >= LEAST_COUNT:
@@ -131,12 +146,15 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 @inlined
 def reference(estimates: Row, here: int, count: int) -> float:
-    """Return f.
+    """Return f, the weighted mean of the last informed estimates.
 
     Args:
-        estimates: a ring. here: index of the latest. count: of those that are used.
+        estimates: ring of informed estimates. here: index of the latest estimate. count: number of estimates in the
+            ring.
     """
     total = 0.0
+    # The latest estimate has age 0 and weight 1. The estimate of an age stands at index here - age. If that is
+    # negative, the ring is full, so ``count`` is its length, and the estimate stands that far from the end of the ring.
     for age in range(count):
         total += (age + 1) * estimates[here - age if age <= here else here - age + count]
     return total / (0.5 * count * (count + 1))
@@ -144,7 +162,11 @@ def reference(estimates: Row, here: int, count: int) -> float:
 
 @inlined
 def correct(s: Row, count: int, fill: float) -> None:
-    """Update the accuracy by the ones in the window."""
+    """Update mean m and variance P of the accuracy by the number of ones in the window (Kalman update).
+
+    Args:
+        count: t, number of readings in the window. fill: f.
+    """
     mean, variance = s.expected_accuracy, s.variance
     slope = count * (2.0 * fill - 1.0)
     noise = count * ((2.0 * mean - 1.0) ** 2 * (fill - fill * fill - 0.25) + 0.25)
@@ -155,13 +177,14 @@ def correct(s: Row, count: int, fill: float) -> None:
 
 @inner
 def constrained(mean: float, variance: float) -> float:
-    """Return the mean inside of the bounds, else that of the normal distribution truncated to them."""
+    """Return b: ``mean`` if it lies in [LOWEST, PERFECT], else the mean of Normal(mean, variance) truncated to it."""
     if LOWEST <= mean <= PERFECT:
         return mean
     spread = math.sqrt(variance)
     low, high = (LOWEST - mean) / spread, (PERFECT - mean) / spread
     mass = 0.5 * (math.erf(high / math.sqrt(2.0)) - math.erf(low / math.sqrt(2.0)))
-    if mass < 1e-12:  # far away: next to the bound
+    # Far outside of the bounds the quotient below would be inaccurate, and the nearest bound is close enough.
+    if mass < 1e-12:
         return LOWEST if mean < LOWEST else PERFECT
     density = (math.exp(-0.5 * low * low) - math.exp(-0.5 * high * high)) / math.sqrt(2.0 * math.pi)
     return min(max(mean + spread * density / mass, LOWEST), PERFECT)

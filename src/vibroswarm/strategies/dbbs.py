@@ -1,4 +1,4 @@
-"""DBBS, distributed Bayesian belief sharing: a robot sends its own belief and its social belief, apart.
+"""DBBS, distributed Bayesian belief sharing: a robot sends its own and its social belief separately.
 
 Shan and Mostaghim 2021, Swarm Intelligence 15, "Discrete collective estimation in swarm robotics with distributed
 Bayesian belief sharing"; rules as in the author's public code.
@@ -7,24 +7,31 @@ Bayesian belief sharing"; rules as in the author's public code.
 |---|---|---|---|
 | hypotheses | f_h | - | (h + 1/2) / H, h = 0 to H - 1; H = 10 in the author's code |
 | likelihood | l_h | - | P(1 at f_h) = FP + (1 - FP - FN) f_h; f_h in the original |
-| own belief | S_h | - | flat at first; each reading: S_h l_h or S_h (1 - l_h), normalised |
-| social belief | N_h | - | flat at first; from a robot j: N_h^lambda S_jh N_jh^mu, normalised |
+| own belief | S_h | - | flat at first; a reading of 1 makes it S_h l_h, a reading of 0 S_h (1 - l_h), normalised |
+| social belief | N_h | - | flat at first; beliefs of a robot j make it N_h^lambda S_jh N_jh^mu, normalised |
 | decay_own, decay_other | lambda, mu | - | 0.8 and 0.4 in the author's script |
-| memory | L | - | robots taken lately are not taken again; 10 of 20 in the author's script |
-| belief | p | - | share of S_h N_h at hypotheses below the boundary (ours) |
+| memory | L | - | readings after which a robot's beliefs may be used again; 10 for 20 robots in the author's script |
+| belief | p | - | share of S_h N_h at hypotheses below the boundary (not in the original) |
 
-At each reading one of the robots heard since the last is drawn; if it is among the last L drawn, nothing is taken.
+At each reading a robot draws one of the robots that it has heard since its last reading. It updates its social belief
+by the beliefs of that robot, unless it used that robot within the last L readings.
 
 S and N are products of powers of l_h and 1 - l_h, and so are all their products and powers: S has the exponents
-``ones`` and ``zeros``, N ``social_ones`` and ``social_zeros``. Four numbers hold what 2 H do, and nothing underflows.
+``ones`` and ``zeros``, N has ``social_ones`` and ``social_zeros``. So four exponents replace 2 H numbers, and no number
+underflows.
 
 - Message: ones, zeros (2 bytes each), exponents of N (4 bytes each) and the sender (1 byte): 13 bytes. The original
   sends 2 H numbers: 80 bytes at H = 10.
-- Told to a robot: its error rates, if ``decision.boundary_of`` is "tiles".
-- Ours: all hear all; one step at each reading instead of each second; L = 2 for five robots. The original decides for
-  the largest S_h N_h, and an observer sees a share of the robots agree. Here a robot decides once, if p > p_c or 1 -
-  p > p_c, and if more than O_c observations are counted, where each message counts as one.
+- What a robot is told about its task: its error rates, if ``decision.boundary_of`` is "tiles".
+- Differences from the original: each robot hears all others; beliefs are updated at each reading instead of each
+  second; L = 2 for five robots. In the original a robot decides for the largest S_h N_h, and an observer checks
+  whether a given share of the robots agree. Here a robot decides once, if p > p_c or 1 - p > p_c, and if more than O_c
+  observations are counted, where each message counts as one.
 - With lambda + mu > 1 the exponents of N grow at every step (at most to 1e12), and early readings weigh most.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -42,7 +49,8 @@ from vibroswarm.strategies.world import Draws, Reading, World, u
 __all__ = ["dbbs", "decision"]
 
 LARGEST: Final = 1e12
-"""Larger exponents leave one hypothesis with all of the belief, and would overflow in the end."""
+"""Limit of the sum of both social exponents. At this sum one hypothesis has all of the belief; without a limit the
+exponents would overflow."""
 
 
 class Params:
@@ -76,7 +84,8 @@ class State:
 
 
 class Arrays:
-    """The latest message of each robot, whether it came since the last reading, and the step at which it was taken."""
+    """The latest message of each robot, whether it came since the last reading (1), and the number of the own reading
+    at which it was last used (0: never)."""
 
     is_new = array("uint8", "robots")
     taken = array("int64", "robots")
@@ -107,7 +116,11 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Replace the sender's beliefs."""
+    """Store the beliefs in the message as the latest ones of the sender.
+
+    ``a.is_new`` marks the senders that this robot has heard since its last reading. ``s.heard`` is the number of these
+    senders: a sender heard twice is counted once.
+    """
     s.received += 1
     s.heard += 1 - a.is_new[sender]
     a.is_new[sender] = 1
@@ -116,9 +129,15 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Update both beliefs, decide, and send them."""
+    """Update both beliefs, decide, and send both beliefs as exponents.
+
+    The own belief is updated by the reading, the social belief by the beliefs of one robot j drawn from those heard
+    since the last reading, if j was not used within the last ``memory`` readings.
+    """
     s.ones += x.reading
     s.zeros += 1 - x.reading
+    # step: number of own readings; j: the robot drawn, -1 if no robot was heard; taken[j]: the step at which robot j
+    # was last used, 0 if never.
     step, j = s.ones + s.zeros, drawn_of(a.is_new, s.heard, u(d, 0))
     s.heard = 0
     if j >= 0 and (a.taken[j] == 0 or step - a.taken[j] > p.memory):
@@ -126,6 +145,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
         s.social_ones = p.decay_own * s.social_ones + a.ones[j] + p.decay_other * a.social_ones[j]
         s.social_zeros = p.decay_own * s.social_zeros + a.zeros[j] + p.decay_other * a.social_zeros[j]
         limit_exponents(s)
+    # The product of both beliefs has the sums of their exponents.
     s.below = mass_below(
         s.ones + s.social_ones, s.zeros + s.social_zeros, p.hypotheses, w.decision_boundary, w.false_positive,
         w.false_negative,
@@ -137,14 +157,14 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
-    """Return P(f < boundary) after the last reading."""
+    """Return p, the belief that f is below the boundary, after the last reading."""
     found: float = s.below
     return found
 
 
 @inlined
 def limit_exponents(s: Row) -> None:
-    """Shrink exponents that have become too large, in proportion."""
+    """Scale both social exponents down to a sum of ``LARGEST``, if their sum is larger."""
     total = s.social_ones + s.social_zeros
     if total > LARGEST:
         s.social_ones *= LARGEST / total
@@ -153,11 +173,16 @@ def limit_exponents(s: Row) -> None:
 
 @inlined
 def drawn_of(is_new: Row, count: int, number: float) -> int:
-    """Return one of the robots heard since the last reading, by a uniform number; -1 if there is none. Forget them.
+    """Draw one of the robots heard since the last reading, and set all of ``is_new`` to 0.
 
     Args:
-        is_new: (robots,), 1 for those heard. count: of them.
+        is_new: (robots,), 1 for robots heard since the last reading. count: number of these robots. number: uniform
+            number in (0, 1).
+    Returns:
+        The robot's number; -1 if no robot was heard.
     """
+    # wanted: position among the robots heard. min() is there because number * count may be rounded up to ``count``. If
+    # no robot was heard, no entry of ``is_new`` is 1, and ``drawn`` stays -1.
     wanted, drawn = min(int(number * count), count - 1), -1
     for j in range(is_new.size):
         if is_new[j] == 1:
@@ -179,7 +204,12 @@ def log_belief(ones: float, zeros: float, fill: float, false_positive: float, fa
 def mass_below(
     ones: float, zeros: float, hypotheses: int, boundary: float, false_positive: float, false_negative: float
 ) -> float:
-    """Return the share of the belief at hypotheses below the boundary; half of one that lies on it."""
+    """Return p: the share of the belief at hypotheses below the boundary, and half of that at the boundary itself.
+
+    Args:
+        ones, zeros: exponents of the belief. hypotheses: H.
+    """
+    # Beliefs are taken relative to the largest, so that exp() does not underflow for all hypotheses.
     most = -math.inf
     for h in range(hypotheses):
         most = max(most, log_belief(ones, zeros, (h + 0.5) / hypotheses, false_positive, false_negative))

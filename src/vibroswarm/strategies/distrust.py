@@ -1,20 +1,26 @@
-"""Distrust: no feedback, but bits of senders that are too improbable are left out; no place is needed.
+"""Distrust: no feedback; a robot leaves out senders whose bits are too improbable. It needs no places of samples.
 
-A robot keeps the bits of each sender apart, its own readings among them. Before it decides it compares each source with
-all others together: if so few or so many ones are too improbable under the posterior of the others, the source is left
-out, the most improbable first, until none is. Ours; it assumes that most sources are right.
+A robot counts the bits of each source separately; a source is a sender, or the robot's own sensor. At each own reading
+it compares each source with all others together. If the source's number of ones is too improbable under the posterior
+of the others, the source is left out. This is repeated, with the most improbable source first, until no source is too
+improbable. The strategy is our own; it assumes that most sources are right.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | source | k, n | - | ones and bits of one sender, or of the own sensor |
-| others | a, b | - | prior plus ones, zeros of all other sources not left out |
-| probability | P(K = k) | - | C(n, k) B(a + k, b + n - k) / B(a, b): beta-binomial |
+| others | a, b | - | prior plus ones, and plus zeros, of all other sources that are not left out |
+| probability | P(K = k) | - | C(n, k) B(a + k, b + n - k) / B(a, b): beta-binomial, given the others |
 | tail | q | - | min(1, 2 P(K >= k)) for k at or above the mean n a / (a + b), min(1, 2 P(K <= k)) below; exact |
-| left out | - | - | the source of the least q, if q < threshold; then all remaining ones are compared anew |
-| alpha, beta | - | - | prior plus ones, zeros of the sources not left out |
+| left out | - | - | the source of the least q, if q < threshold; then all remaining sources are compared again |
+| alpha, beta | - | - | prior plus ones, and plus zeros, of the sources not left out |
 
-Bits of one robot are alike because its samples lie side by side, so that sources that are right differ by more than
-chance. The threshold is to be far below the usual levels of tests; docs/faults.md says what it costs.
+Samples of one robot lie side by side, so its bits are correlated, and sources that are right differ by more than
+chance. The threshold must therefore be far below the usual levels of significance; docs/faults.md says what it costs.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
+whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -33,7 +39,7 @@ __all__ = ["belief", "decision", "distrust"]
 Row = Any
 
 SMALL: Final = 1e-17
-"""Terms below this share of a sum are neglected."""
+"""A sum stops at the first term below this share of it: smaller terms do not change a double."""
 
 
 class Params:
@@ -64,12 +70,15 @@ class Arrays:
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Set the prior, undecided."""
+    """Start with the prior, and undecided."""
     s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Count the sender's bit; those of a sender that is left out wait."""
+    """Count the sender's bit; add it to the posterior too, unless the sender is left out at present.
+
+    Counts of a sender left out are kept, because the next ``weigh`` compares all sources again.
+    """
     a.ones[sender] += m.bit
     a.bits[sender] += 1
     if a.is_out[sender] == 0:
@@ -78,12 +87,15 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count, leave out, decide, and send the reading."""
+    """Count the reading, leave out improbable sources, decide, and send the reading."""
     s.own += 1
     a.ones[w.robot] += x.reading
     a.bits[w.robot] += 1
     weigh(s, a.ones, a.bits, a.is_out, p.threshold, w)
     if s.decision == -1:
+        # Only observations of sources that are not left out count. The own sensor is one of the sources. The posterior
+        # without its prior is the number of these observations; without the own readings, it is the number of bits
+        # received.
         own = s.own if a.is_out[w.robot] == 0 else 0
         if enough(own, s.alpha + s.beta - w.prior_alpha - w.prior_beta - own, w):
             s.decision = decided(belief_below(s.alpha, s.beta, w), -1, w)
@@ -93,13 +105,21 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 @inlined
 def weigh(s: Row, ones: Row, bits: Row, is_out: Row, threshold: float, w: World) -> None:
-    """Leave out the sources that are too improbable, and set the posterior to that of the others."""
+    """Decide anew which sources are left out, and set the posterior to the prior plus the bits of all other sources.
+
+    Args:
+        s: its ``alpha``, ``beta`` and ``left_out``, the number of sources left out, are set. ones, bits: (robots,),
+            numbers of ones and of bits of each source. is_out: (robots,), set to 1 for the sources left out and to 0
+            for the others. threshold: a source is left out if its tail q is below this.
+    """
     s.alpha, s.beta, s.left_out = w.prior_alpha, w.prior_beta, 0
     for j in range(bits.size):
         is_out[j] = 0
         s.alpha += ones[j]
         s.beta += bits[j] - ones[j]
     while True:
+        # Find the source ``worst`` with the least tail, if that is below the threshold. Source j is compared with the
+        # posterior of all other sources that are not left out: s.alpha and s.beta without the bits of j.
         least, worst = threshold, -1
         for j in range(bits.size):
             if is_out[j] == 0 and bits[j] > 0:
@@ -117,19 +137,28 @@ def weigh(s: Row, ones: Row, bits: Row, is_out: Row, threshold: float, w: World)
 
 @inner
 def two_sided_tail(k: int, n: int, a: int, b: int) -> float:
-    """Return q, twice the tail on the side of the mean on which k lies, for n bits and Beta(a, b)."""
+    """Return q, twice the probability of k or a value farther from the mean on the same side, at most 1.
+
+    Args:
+        k, n: ones and bits of the source. a, b: prior plus ones, and plus zeros, of the other sources.
+    """
+    # Below the mean, P(ones <= k) is P(zeros >= n - k), so zeros and ones are exchanged.
     tail = upper_tail(k, n, a, b) if k * (a + b) >= n * a else upper_tail(n - k, n, b, a)
     return min(1.0, 2.0 * tail)
 
 
 @inner
 def upper_tail(k: int, n: int, a: int, b: int) -> float:
-    """Return P(K >= k), summed term by term, for k at or above the mean and a, b >= 1."""
+    """Return P(K >= k) for k at or above the mean, where terms fall from k on, so that the sum may stop early.
+
+    ``k``, ``n``, ``a`` and ``b`` are those of the table; a, b >= 1.
+    """
     term, total = math.exp(log_probability(k, n, a, b)), 0.0
     while term > SMALL * total:
         total += term
         if k == n:
             break
+        # P(K = k + 1) / P(K = k)
         term *= (n - k) * (a + k) / ((k + 1.0) * (b + n - k - 1.0))
         k += 1
     return total
@@ -137,8 +166,9 @@ def upper_tail(k: int, n: int, a: int, b: int) -> float:
 
 @inner
 def log_probability(k: int, n: int, a: int, b: int) -> float:
-    """Return ln P(K = k)."""
+    """Return ln P(K = k) of the beta-binomial law, with k, n, a and b as in the table."""
     choose = math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k + 1.0)
+    # "+ 0.0" turns the integers into floating-point numbers, which lgamma() takes.
     given = math.lgamma(a + b + 0.0) - math.lgamma(a + 0.0) - math.lgamma(b + 0.0)
     return (
         choose

@@ -1,20 +1,25 @@
-"""Explore: ``places``, whose robots drive to where their map is least sure.
+"""Explore: the strategy ``places``, with robots that drive to where their map is least certain.
 
-After each own sample a robot compares points as far away as it drives between two samples, ahead and all around, by its
-own map and its own estimate of where it is, and turns to the best. Each message names the tile that its sender drives
-to, which is worth less to the others. Map, messages, trust and decision are those of ``places``.
+After each own sample a robot compares points on a circle around its estimated place. The circle's radius is the
+distance that it drives between two samples. The robot turns to the point of the greatest worth by its own map. Each
+message names the tile that its sender drives to, and this tile is then worth less to the others. Map, messages, trust
+and decision are those of ``places``.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | map | p_t | - | as of ``places``, with the likeliest pair of error rates |
-| uncertainty of tile t | U_t | - | p_t (1 - p_t), halved for ``recent_s`` once a robot sampled or drives there |
-| step | d | m | mean distance between two samples so far, over 8 samples |
+| uncertainty of tile t | U_t | - | p_t (1 - p_t), halved for ``recent_s`` after a robot sampled there or chose it |
+| step | d | m | moving average of the distance between two samples, with a memory of 8 samples |
 | points | - | - | (x, y) + d (cos, sin) of the heading + 2 pi k / ``directions``, ``margin_m`` from walls or farther |
 | worth of a point | - | - | sum over tiles of U_t exp(-distance of the tile's middle / ``range_m``), \
-less the share ``turn_cost`` of it for a half turn |
+less the share ``turn_cost`` of it for a half turn, and proportionally less for smaller turns |
 
 - Message: as of ``places``, and the tile (1 byte): 9 bytes.
-- Told to a robot: as of ``places``, and the arena.
+- What a robot is told about its task: as in ``places``, and the size of the arena.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -37,12 +42,12 @@ from vibroswarm.strategies.world import Draws, Reading, World
 __all__ = ["belief", "decision", "explore"]
 
 STEP_MEMORY: Final = 0.125
-"""Weight of the last distance in the mean step."""
+"""Weight of the latest distance in the moving average of the step: 1 / 8."""
 UNTIL_SAMPLE_MS: Final = 1e6
-"""A leg that the next sample ends."""
+"""A drive longer than any time between samples: the next sample ends it."""
 
 
-# Own fields come first in the rows: Numba would take a row that begins as one of places for a row of places.
+# Fields of this module come first in the rows: Numba would take a row that begins like one of places for one of places.
 class Choice:
     """How to choose a direction."""
 
@@ -105,24 +110,33 @@ class Message(places.Message, Target):
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Begin with an empty map, undecided, without targets."""
+    """Begin with an empty map, undecided, without a target, and with all tiles not visited recently."""
     begin_map(s, a, d, p, w)
     s.target, s.step_m = -1, p.step_m
+    # A visit at -recent_s is no longer recent at time 0.
     for t in range(w.rows * w.columns):
         a.visited_s[t] = -p.recent_s
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Add another robot's sample to the map, and heed where it drives to."""
+    """Add another robot's sample to the map, and treat the tile that it drives to as visited now.
+
+    ``t_s`` is the time; ``m.target`` is that tile, -1 for none.
+    """
     if m.target >= 0:
         a.visited_s[m.target] = t_s
     add_heard(s, a, m, sender, t_s, d, p, w)
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Add and send the sample whose place is known by now, decide, and choose where to drive."""
+    """Add an earlier sample to the map and send it, decide, and choose where to drive.
+
+    That sample was taken ``localisation.lag`` samples ago, because its place is known better by now. Until the robot
+    has taken that many samples, nothing is added or sent.
+    """
     sends: bool = add_own(s, a, x, out, d, p, w)
     if x.number > 0:
+        # Update the moving average of the step by the distance from the place of the sample before.
         along_m, aside_m = x.x_m - s.last_x_m, x.y_m - s.last_y_m
         s.step_m += STEP_MEMORY * (math.sqrt(along_m * along_m + aside_m * aside_m) - s.step_m)
     s.last_x_m, s.last_y_m = x.x_m, x.y_m
@@ -133,7 +147,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def steer(s: Row, a: Row, x: Reading, d: Draws, p: Row, w: World) -> tuple[float, float]:
-    """Turn to the best point, if that is not ahead, and drive on until the next sample."""
+    """Return the turn to the best point in degrees (nan: none, it is straight ahead), and how long to drive in ms."""
     return math.nan if s.turn_rad == 0.0 else math.degrees(s.turn_rad), UNTIL_SAMPLE_MS
 
 
@@ -148,8 +162,11 @@ def middle_y_m(tile: int, w: World) -> float:
 
 
 def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
-    """Set the turn and the tile of the point of the greatest worth; go on as drawn if all are too near walls."""
-    likeliest = 0
+    """Set ``s.turn_rad`` and ``s.target``: the turn to the point of the greatest worth, and the tile of that point.
+
+    If all points are too close to walls, the robot goes on as its random walk would: no turn, and target -1.
+    """
+    likeliest = 0  # index of the likeliest pair of error rates
     for k in range(1, pairs_of(p)):
         if a.credence[k] > a.credence[likeliest]:
             likeliest = k
@@ -158,8 +175,9 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
         a.uncertainty[t] = probability * (1.0 - probability)
         if x.t_s - a.visited_s[t] < p.recent_s:
             a.uncertainty[t] *= 0.5
-    s.target, s.turn_rad, most = -1, 0.0, -1.0
+    s.target, s.turn_rad, most = -1, 0.0, -1.0  # most: greatest worth so far; no worth is negative
     for k in range(p.directions):
+        # The turn to point k, between -pi and pi, so that its size says how far the robot has to turn.
         turn_rad = 2.0 * math.pi * k / p.directions
         if turn_rad > math.pi:
             turn_rad -= 2.0 * math.pi
@@ -178,7 +196,10 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
 
 
 def tile_at(x_m: float, y_m: float, w: World) -> int:
-    """Return the tile at a place, or the nearest."""
+    """Return the tile at a place, or the nearest tile if the place is off the grid: row * columns + column.
+
+    Row 0 is at the top, where y is largest.
+    """
     column = min(max(int((x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
     row = min(max(int(w.rows - (y_m - w.bottom_m) / w.tile_height_m), 0), w.rows - 1)
     return row * w.columns + column

@@ -1,24 +1,30 @@
-"""Field: a robot estimates the share of the arena that vibrates from samples with places, and presumes no grid.
+"""Field: a robot estimates the share of the arena that vibrates by samples with places, without a grid of tiles.
 
-Block kriging (Matheron, "Principles of geostatistics", Economic Geology 58, 1963), updated sample by sample: a Gaussian
-process of the arena's parts, 8 x 8 blocks, whose correlation falls with distance, about a mean that is not known.
+Block kriging (Matheron, "Principles of geostatistics", Economic Geology 58, 1963), updated sample by sample. The arena
+is divided into 8 x 8 blocks. Their shares are a Gaussian process of unknown mean, whose correlation falls with
+distance.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| share of block b that vibrates | f_b | - | mean m_b, covariance P_bc |
-| at the start | m, P | - | 1/2; M + mean over points x of b, y of c of exp(-abs(x - y) / length) / 4, M = 1/12 |
-| share of a place on block b | q_b | - | normal in x and y about the mean, sum 1 |
+| share of block b that vibrates | f_b | - | estimated by mean m_b and covariance P_bc |
+| at the start | m, P | - | m_b = 1/2; P_bc = 1/12 + mean of exp(-distance / length) / 4 over points of b and c |
+| share of a place on block b | q_b | - | probability that the sample was taken on b: place normal in x and y, sum 1 |
 | reading as a share | y | - | (reading - a) / (1 - a - b), a and b the rates of false positives and negatives |
-| its noise | r | - | h (1 - h) / (1 - a - b)^2, h = a + (1 - a - b) (0.1 + 0.8 q'm), q'm cut off at 0 and 1 |
+| variance of the reading | r | - | h (1 - h) / (1 - a - b)^2, h = a + (1 - a - b) (0.1 + 0.8 q'm), q'm in [0, 1] |
 | gain | K, S | - | K = P q, S = q'K + r |
 | update | - | - | m += K (y - q'm) / S, P -= K K' / S |
-| mean of the arena | n, V | - | mean of m_b, of P_bc; updated with them |
-| score | z | - | (x - n) / sqrt(v V), x the boundary |
-| belief | - | - | normal distribution function of z: that less than x of the arena vibrates |
+| mean of the arena | n, V | - | estimate and its variance: means of m_b and of P_bc; updated along with m and P |
+| score | z | - | (boundary - n) / sqrt(v V), v ``variance_factor`` |
+| belief | - | - | that the share of the arena that vibrates is below the boundary: normal distribution function of z |
 
-- Message: as of ``places``, 8 bytes. Told to a robot: the arena, its error rates.
-- Memory: 2080 covariances, 64 means and 64 gains of 4 bytes: 8.8 kB. Operations: 2080 multiplications with additions a
-  reading heard, and 64 for each block near its place.
+- Message: as of ``places``, 8 bytes. What a robot is told about its task: the arena, its error rates.
+- Memory: 2080 covariances, 64 means and 64 gains of 4 bytes: 8.8 kB. Operations: for each reading 2080 multiplications
+  with additions, and 64 more for each block close to its place.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
+whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -37,11 +43,13 @@ from vibroswarm.strategies.world import Draws, Reading, World
 __all__ = ["Message", "decision", "field"]
 
 SIDE: Final = 8
+"""Blocks per side of the arena."""
 BLOCKS: Final = SIDE * SIDE
+"""Number of blocks."""
 POINTS: Final = 3
-"""Points a side by which the covariance of two blocks is averaged."""
+"""Points per side of a block: the covariance of two blocks is the average over POINTS^2 points in each."""
 MEAN_VARIANCE: Final = 1.0 / 12.0
-"""Of the unknown mean: as if any share were as probable."""
+"""Prior variance of the unknown mean: that of a uniform distribution of shares."""
 
 
 class Params:
@@ -60,8 +68,8 @@ class Params:
 
 
 class State:
-    """Own readings not sent yet (the latest is the lowest bit), readings heard, the share of the arena that vibrates
-    and its variance, and the decision."""
+    """The last own readings (the latest is the lowest bit), number of readings used, score needed, the share of the
+    arena that vibrates and its variance, and the decision."""
 
     bits: int
     heard: int
@@ -82,18 +90,22 @@ class Arrays:
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Begin with a mean of a half, undecided."""
+    """Begin undecided, with means of 1/2 and the prior covariances of the table ("at the start").
+
+    ``s.variance`` is V, the mean of all covariances, ``s.share`` is n, and ``s.needed`` is the score needed to decide.
+    """
     s.decision, s.needed, s.share = -1, score_at(w.credible_threshold), 0.5
-    for down in range(SIDE):  # a.gain: covariance by distance in blocks
+    # a.gain is used as scratch: covariance of two blocks by their distance in blocks, which takes only 64 values.
+    for down in range(SIDE):
         for across in range(SIDE):
             a.gain[down * SIDE + across] = block_covariance(across, down, p, w)
-    at, total = 0, 0.0
+    at, total = 0, 0.0  # at: index in a.covariance, which holds the lower triangle row by row
     for b in range(BLOCKS):
         a.mean[b] = 0.5
         for c in range(b + 1):
             blocks_across, blocks_down = abs(b % SIDE - c % SIDE), abs(b // SIDE - c // SIDE)
             a.covariance[at] = a.gain[blocks_down * SIDE + blocks_across]
-            total += a.covariance[at] * (1.0 if b == c else 2.0)
+            total += a.covariance[at] * (1.0 if b == c else 2.0)  # only the lower triangle is stored
             at += 1
     s.variance = total / (BLOCKS * BLOCKS)
 
@@ -104,7 +116,11 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Add and send the sample whose place is known by now, and decide."""
+    """Update the estimate by an earlier sample, send that sample, and decide.
+
+    That sample was taken ``localisation.lag`` samples ago, because its place is known better by now. Until the robot
+    has taken that many samples, nothing is added or sent.
+    """
     sends = fill_message(s, x, out)
     if sends:
         add_sample(s, a, out.bit, out.at_x_m, out.at_y_m, out.spread_x_m, out.spread_y_m, w)
@@ -116,19 +132,21 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
-    """Return the belief that less than the boundary's share of the arena vibrates."""
+    """Return the belief that the share of the arena that vibrates is below the boundary."""
     return 0.5 * math.erfc(-score(s, p, w) * math.sqrt(0.5))
 
 
 def score(s: Row, p: Row, w: World) -> float:
-    """Return z."""
+    """Return the score z, with the variance of the estimate kept above 0."""
     z: float = (w.decision_boundary - s.share) / math.sqrt(p.variance_factor * max(s.variance, 1e-12))
     return z
 
 
 def block_covariance(across: int, down: int, p: Row, w: World) -> float:
-    """Return the covariance of two blocks so many blocks apart."""
+    """Return the prior covariance of the shares of two blocks that are ``across`` columns and ``down`` rows apart."""
     total = 0.0
+    # Mean of exp(-distance / length) over all pairs of one point in each block. The sum is over differences i and j of
+    # the points' positions in their blocks, in units of 1 / POINTS block; ``pairs`` pairs have the same differences.
     for i in range(1 - POINTS, POINTS):
         for j in range(1 - POINTS, POINTS):
             x_m = (across + i / POINTS) * w.width_m / SIDE
@@ -139,7 +157,7 @@ def block_covariance(across: int, down: int, p: Row, w: World) -> float:
 
 
 def covariance_at(b: int, c: int) -> int:
-    """Return where the covariance of two blocks is stored."""
+    """Return the index in ``a.covariance`` of the covariance of two blocks."""
     high, low = max(b, c), min(b, c)
     return high * (high + 1) // 2 + low
 
@@ -147,8 +165,14 @@ def covariance_at(b: int, c: int) -> int:
 def add_sample(
     s: Row, a: Row, bit: int, x_m: float, y_m: float, spread_x_m: float, spread_y_m: float, w: World
 ) -> None:
-    """Add a reading at a place."""
+    """Update means, covariances and the estimate of the arena by a reading, 0 or 1, taken at an estimated place.
+
+    Args:
+        bit: the reading. x_m, y_m, spread_x_m, spread_y_m: mean and standard deviations of the place.
+    """
     s.heard += 1
+    # of_x_m, of_y_m: the spread of the place in x, and in y; all_x, all_y: the sums of its shares on columns and on
+    # rows.
     of_x_m, of_y_m = max(spread_x_m, LEAST_SPREAD_M), max(spread_y_m, LEAST_SPREAD_M)
     width_m, height_m, all_x, all_y = w.width_m / SIDE, w.height_m / SIDE, 0.0, 0.0
     for k in range(SIDE):
@@ -157,25 +181,30 @@ def add_sample(
         all_x += a.of_column[k]
         all_y += a.of_row[k]
     if all_x * all_y < 1e-9:
-        return  # beyond the arena
+        return  # practically all of the place is outside of the arena: no block has a share
+    # Compute K = P q in a.gain, and q'm in ``expected``.
     for b in range(BLOCKS):
         a.gain[b] = 0.0
     expected = 0.0
     for r in range(SIDE):
         for c in range(SIDE):
             share = a.of_row[r] * a.of_column[c] / (all_x * all_y)
-            if share > 1e-4:
+            if share > 1e-4:  # blocks with less are left out to save time
+                # at: index of the block in row r and column c.
                 at = r * SIDE + c
                 expected += share * a.mean[at]
                 for b in range(BLOCKS):
                     a.gain[b] += share * a.covariance[covariance_at(b, at)]
-    variance, total = 0.0, 0.0
+    variance, total = 0.0, 0.0  # ``variance`` becomes S = q'K + r, ``total`` the sum of K
     for b in range(BLOCKS):
         variance += a.of_row[b // SIDE] * a.of_column[b % SIDE] / (all_x * all_y) * a.gain[b]
         total += a.gain[b]
+    # r: ``ones`` is h, the probability of reading 1; 0.1 + 0.8 q'm keeps r above 0 if sensors make no errors.
+    # ``contrast`` is 1 - a - b, kept above 0 because it is divided by.
     contrast = max(1.0 - w.false_positive - w.false_negative, RATE)
     ones = w.false_positive + contrast * (0.1 + 0.8 * min(max(expected, 0.0), 1.0))
     variance += ones * (1.0 - ones) / (contrast * contrast)
+    # Update: m += K change, and likewise n, the mean of m, and V, the mean of P.
     change = ((bit - w.false_positive) / contrast - expected) / variance
     at = 0
     for b in range(BLOCKS):

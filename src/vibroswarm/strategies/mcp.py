@@ -13,12 +13,18 @@ Chin, Khaluf and Pinciroli 2023, IROS, arXiv 2209.12858; formulas as in the auth
 | belief | p | - | P(f < boundary) = Phi((boundary - x') sqrt(a + A)) (ours) |
 
 - Message: estimate and confidence (4 bytes each) and the sender (1 byte): 9 bytes.
-- Told to a robot: its error rates, if ``decision.boundary_of`` is "tiles"; otherwise it takes readings at face value.
-- Ours: the original never decides. Here a robot decides once, if p > p_c or 1 - p > p_c, and if more than O_c
-  observations are counted, where each message counts as one. It sends at each reading, to all; the original sends
-  every ten control periods, to its neighbours.
+- What a robot is told about its task: its error rates, if ``decision.boundary_of`` is "tiles"; otherwise it takes
+  readings at face value.
+- Differences from the original: a robot of the original never decides. Here a robot decides once, if p > p_c or
+  1 - p > p_c, and if more than O_c observations are counted, where each message counts as one. It sends at each
+  reading, to all robots; a robot of the original sends every ten control periods, to its neighbours.
 - The information-weighted mean is close to, but not, the estimate from pooled counts: both are equal where all robots
   read the same share of ones; otherwise robots whose share is nearer to 0 or 1 weigh more.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. These letters are not the symbols of the table. ``on_sample`` returns
+whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -34,8 +40,9 @@ from vibroswarm.strategies.world import Draws, Reading, World
 __all__ = ["decision", "mcp"]
 
 PERFECT: Final = 1.0 - 1e-6
-"""Largest accuracy: that of a perfect sensor makes the confidence infinite where all readings agree."""
+"""Largest accuracy: a perfect sensor would make the confidence infinite if all readings are the same."""
 LEAST_CONFIDENCE: Final = 1e-6
+"""Smallest confidence of an own estimate, so that the weights never sum to 0; 0 is for robots not heard yet."""
 
 
 class State:
@@ -79,7 +86,7 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count, estimate, decide, and send the own estimate."""
+    """Count the reading, update the belief by own and received estimates, decide, and send the own estimate."""
     s.ones += x.reading
     s.samples += 1
     true_positive, true_negative = min(1.0 - w.false_negative, PERFECT), min(1.0 - w.false_positive, PERFECT)
@@ -91,14 +98,18 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
-    """Return P(f < boundary) after the last reading."""
+    """Return p, the belief that f is below the boundary, after the last reading."""
     found: float = s.below
     return found
 
 
 @inlined
 def decide_by(s: Row, estimate: float, confidence: float, w: World) -> None:
-    """Update the belief by an informed estimate; decide, if undecided and if there are enough observations."""
+    """Set the belief ``s.below`` from an informed estimate; decide, if undecided and with enough observations.
+
+    Args:
+        estimate: x'. confidence: a + A.
+    """
     s.below = probability_below(estimate, confidence, w.decision_boundary)
     if s.decision == -1 and enough(s.samples, s.received, w):
         s.decision = decided(s.below, -1, w)
@@ -106,25 +117,39 @@ def decide_by(s: Row, estimate: float, confidence: float, w: World) -> None:
 
 @inner
 def raw_estimate(ones: int, samples: int, true_positive: float, true_negative: float) -> float:
-    """Return the fill ratio at which the readings are most likely; outside of [0, 1] if none explains them."""
+    """Return the estimate before clipping: the fill ratio whose expected share of ones is the share read.
+
+    It is outside of [0, 1] if no fill ratio has that share.
+
+    Args:
+        ones, samples: own readings so far. true_positive, true_negative: b and w of the table.
+    """
     return (ones / samples + true_negative - 1.0) / (true_positive + true_negative - 1.0)
 
 
 @inner
 def local_estimate(ones: int, samples: int, true_positive: float, true_negative: float) -> float:
-    """Return x."""
+    """Return x, the own estimate of the fill ratio, in [0, 1]."""
     return min(max(raw_estimate(ones, samples, true_positive, true_negative), 0.0), 1.0)
 
 
 @inner
 def local_confidence(ones: int, samples: int, true_positive: float, true_negative: float) -> float:
-    """Return a: minus the second derivative of the log-likelihood at x."""
+    """Return the confidence a in x: minus the second derivative of the log-likelihood of the readings at x.
+
+    The three cases are x clipped to 0, x clipped to 1, and x between 0 and 1, where the likelihood has its maximum.
+
+    Args:
+        ones, samples: own readings so far. true_positive, true_negative: b and w of the table.
+    """
     raw = raw_estimate(ones, samples, true_positive, true_negative)
     gain, zeros = (true_positive + true_negative - 1.0) ** 2, samples - ones
-    if raw <= 0.0:  # at x = 0
+    # At x = 0, where P(1) = 1 - w, the confidence is gain (ones / (1 - w)^2 + zeros / w^2), here over one denominator.
+    # At x = 1, where P(1) = b, it is gain (zeros / (1 - b)^2 + ones / b^2). Inside P(1) = ones / samples.
+    if raw <= 0.0:  # x = 0
         top = samples * true_negative**2 - 2.0 * zeros * true_negative + zeros
         found = gain * top / (true_negative**2 * (true_negative - 1.0) ** 2)
-    elif raw >= 1.0:  # at x = 1
+    elif raw >= 1.0:  # x = 1
         top = samples * true_positive**2 - 2.0 * ones * true_positive + ones
         found = gain * top / (true_positive**2 * (true_positive - 1.0) ** 2)
     else:
@@ -134,7 +159,12 @@ def local_confidence(ones: int, samples: int, true_positive: float, true_negativ
 
 @inlined
 def informed(estimate: float, confidence: float, estimates: Row, confidences: Row) -> tuple[float, float]:
-    """Return the informed estimate x' and its confidence a + A."""
+    """Return the informed estimate x' and its confidence a + A.
+
+    Args:
+        estimate, confidence: own x and a. estimates, confidences: (robots,), latest x_j and a_j of each robot; a_j is
+            0 for the robot itself and for robots not heard yet.
+    """
     weighted, total = confidence * estimate, confidence
     for j in range(confidences.size):
         weighted += confidences[j] * estimates[j]

@@ -1,4 +1,8 @@
-"""No feedback, u-: a robot sends what it has just read (Algorithm 3)."""
+"""No feedback, u-: a robot sends its latest reading (Algorithm 3 of the paper).
+
+``s`` is the robot's state, ``a`` its arrays (none), ``x`` its reading, ``out`` the message to fill in, ``d`` random
+numbers, ``p`` the parameters (none), ``w`` what the robot knows.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +12,7 @@ from vibroswarm.strategies.world import Draws, Reading, World
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Observe, decide, and send m = O."""
+    """Add the reading to the posterior, decide, and send the reading: m = O. Return True: a message is always sent."""
     observe(s, x.reading)
     decide_once(s, w)
     out.bit = x.reading

@@ -1,19 +1,29 @@
-"""The map of ``places``: shares of a place on tiles, log odds of tiles, pairs of error rates, and the score.
+"""The map of ``places``: share of a place on each tile, log odds of tiles, pairs of error rates, and the score.
 
-``places`` has the table of symbols; what is added here:
+``places`` defines the symbols; this module adds:
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| pair of rates | k | - | rates with log odds 0 or +- ``rate_step`` from those told; 0: as told |
+| pair of rates | k | - | error rates told to the robot, each as it is or shifted by +- ``rate_step`` in log odds; \
+pair 0 is as told |
 | evidence of a pair | e_k | - | sum over readings of w_j ln P(r), P(r) = sum over t of q_t m_t by that pair's map |
 | probability of a pair | c_k | - | exp(e_k) / sum |
 | vibrating tiles | n | - | sum over k of c_k n_k, n_k = sum p_t |
 | its variance | - | - | sum over k of c_k (v sum p_t (1 - p_t) + (n_k - n)^2) |
 | near an edge | - | - | within ``edge_reach_m`` of several tiles vibration is felt if any of them vibrates |
 
-With true places and one sender e_k is the exact log probability of all readings: the prior of each tile is a coin's.
+With true places and one sender e_k is the exact log probability of all readings, if each tile vibrates with
+probability 1/2.
 
-Functions here are compiled with each kernel, never cached alone: their arguments are of types of generated modules.
+A place is a normal distribution in x and y, so it has a share on each column and row. ``of_column[2 c]`` is its share
+on column c, ``of_column[2 c + 1]`` its share on the strip around the edge between columns c and c + 1, where vibration
+of either is felt. ``of_row`` is the same for rows, from the top. Products of both, divided by ``of_all[0]``, sum to 1.
+
+Arguments: ``a`` is the robot's arrays, changed in place, ``p`` the parameters, ``w`` what the robot knows. ``a.odds``
+holds the evidence l of ``places``: pair by pair, in each pair sender by sender, tiles last.
+
+Functions here are compiled with each kernel and never cached alone, because generated modules define the types of
+their arguments.
 """
 
 from __future__ import annotations
@@ -29,32 +39,40 @@ from vibroswarm.strategies.bayes import Row
 from vibroswarm.strategies.world import World
 
 PAIRS: Final = 9
+"""Number of pairs of error rates: three values of each of the two rates."""
 FAR: Final = 4.0
-"""Standard deviations at which places are cut off."""
+"""Standard deviations beyond which tiles have no share of a place."""
 LEAST_SPREAD_M: Final = 1e-4
+"""Least standard deviation of a place: true places have 0, by which shares cannot be computed."""
 RATE: Final = 1e-3
-"""Error rates are taken to be at least this."""
+"""Least error rate: with a rate of 0 one reading could outweigh all others."""
 LEAST_CREDENCE: Final = 1e-6
 """Pairs less probable than this are left out of the score."""
 
 
 @inlined_uncached
 def pairs_of(p: Row) -> int:
-    """Return the number of pairs of rates."""
+    """Return the number of pairs of error rates that are weighed."""
     return PAIRS if p.rate_pairs else 1
 
 
 @inlined_uncached
 def logistic(odds: float) -> float:
-    """Return the probability of log odds."""
+    """Return the probability that has these log odds, limited so that exp() does not overflow."""
     return 1.0 / (1.0 + math.exp(-min(max(odds, -500.0), 500.0)))
 
 
 @inlined_uncached
 def rate_of(told: float, third: int, p: Row) -> float:
-    """Return the rate told (``third`` 0), or the one a step above (1) or below it (2)."""
+    """Return one of the three values of an error rate that are compared: as told, a step higher, or a step lower.
+
+    Args:
+        told: the rate told to the robot. third: which value: 0: as told, 1: higher by ``p.rate_step`` in log odds, 2:
+            lower by ``p.rate_step``.
+    """
     if third == 0:
         return told
+    # Rates of 0 and 1 have no log odds.
     rate = min(max(told, RATE), 1.0 - RATE)
     steps = 1.0 if third == 1 else -1.0
     return logistic(math.log(rate / (1.0 - rate)) + p.rate_step * steps)
@@ -62,7 +80,8 @@ def rate_of(told: float, third: int, p: Row) -> float:
 
 @inlined_uncached
 def weigh_pairs(a: Row, pairs: int) -> None:
-    """Weigh the pairs of rates by their evidence."""
+    """Set ``a.credence``, the probabilities c_k of all ``pairs`` pairs of rates, from their evidence ``a.evidence``."""
+    # Evidence is taken relative to the largest, and limited, so that exp() neither overflows nor underflows.
     best, total = a.evidence[0], 0.0
     for k in range(1, pairs):
         best = max(best, a.evidence[k])
@@ -75,7 +94,7 @@ def weigh_pairs(a: Row, pairs: int) -> None:
 
 @inlined_uncached
 def total_odds(a: Row, pair: int, tile: int, w: World) -> float:
-    """Return the log odds of a tile."""
+    """Return the log odds that a tile vibrates, by the map of a pair of rates: the weighted evidence of all senders."""
     total, tiles = 0.0, w.rows * w.columns
     for j in range(w.robots):
         total += a.weight[j] * a.odds[(pair * w.robots + j) * tiles + tile]
@@ -84,7 +103,11 @@ def total_odds(a: Row, pair: int, tile: int, w: World) -> float:
 
 @inlined_uncached
 def score(a: Row, p: Row, w: World) -> float:
-    """Return z."""
+    """Return the score z, from the maps of all pairs of rates; z > 0 if fewer tiles than the boundary's share vibrate.
+
+    ``mean`` is n of the table. Its variance is the sum of two parts: ``inside``, the mean variance within a map, and
+    the variance of n_k between maps. ``inside`` is kept above 0, because the score is divided by the root of the sum.
+    """
     tiles = w.rows * w.columns
     mean, squares, inside, all_credence = 0.0, 0.0, 0.0, 0.0
     for k in range(pairs_of(p)):
@@ -96,7 +119,7 @@ def score(a: Row, p: Row, w: World) -> float:
             probability = logistic(total_odds(a, k, t, w))
             vibrating += probability
             variance += probability * (1.0 - probability)
-        # West (1979): mean and sum of squares, updated so that nothing cancels.
+        # West (1979): updates of weighted mean and sum of squares that lose no precision by cancellation.
         all_credence += credence
         step = (vibrating - mean) * credence / all_credence
         squares += credence * (vibrating - mean) * (vibrating - mean - step)
@@ -110,7 +133,7 @@ def score(a: Row, p: Row, w: World) -> float:
 
 @inlined_uncached
 def score_at(probability: float) -> float:
-    """Return the standard normal quantile of a probability from 1/2 to 1, at most 10, by bisection."""
+    """Return the standard normal quantile of a probability from 1/2 to 1, at most 10, by bisection (50 halvings)."""
     low, high = 0.0, 10.0
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -123,7 +146,7 @@ def score_at(probability: float) -> float:
 
 @inlined_uncached
 def share_below(edge_m: float, mean_m: float, spread_m: float) -> float:
-    """Return the share of a place's distribution below an edge."""
+    """Return the share of a place's distribution below an edge, in x or in y: a normal distribution function."""
     return 0.5 * math.erfc((mean_m - edge_m) / spread_m * math.sqrt(0.5))
 
 
@@ -131,15 +154,23 @@ def share_below(edge_m: float, mean_m: float, spread_m: float) -> float:
 def share_place(
     a: Row, x_m: float, y_m: float, spread_x_m: float, spread_y_m: float, p: Row, w: World
 ) -> tuple[int, int, int, int]:
-    """Write a place's shares of columns and rows, and of the edges between them; return first and last column and row.
+    """Write the shares of a place on columns, rows and the strips around edges to ``a.of_column`` and ``a.of_row``.
 
-    ``of_column[2 c]`` is the share of column c, ``[2 c + 1]`` of the edge between c and c + 1, up to the reach on
-    either side; likewise rows, from the top. Products of both have the sum ``of_all[0]``. The last column is before
-    the first if the place is beyond the floor.
+    A strip reaches ``edge_reach_m`` to either side of the edge, but at most half a tile. ``a.of_all[0]`` is set to the
+    sum of all products of an entry of ``a.of_column`` and one of ``a.of_row``, by which callers divide. Only entries of
+    the columns and rows returned are written.
+
+    Args:
+        x_m, y_m: mean of the place. spread_x_m, spread_y_m: its standard deviations; ``p.spread_factor`` scales them.
+    Returns:
+        First and last column, first and last row of the tiles that have a share. (0, -1, 0, -1) if the place is off
+        the floor; then the shares must not be used.
     """
     of_x_m = max(spread_x_m * p.spread_factor, LEAST_SPREAD_M)
     of_y_m = max(spread_y_m * p.spread_factor, LEAST_SPREAD_M)
     top_m = w.bottom_m + w.rows * w.tile_height_m
+    # Tiles farther than this from the mean have no share. Columns and rows are kept on the grid; a place off the floor
+    # is detected at the end, by its shares.
     far_x_m, far_y_m = FAR * of_x_m + p.edge_reach_m, FAR * of_y_m + p.edge_reach_m
     left = min(max(int((x_m - far_x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
     right = min(max(int((x_m + far_x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
@@ -150,6 +181,9 @@ def share_place(
         min(p.edge_reach_m, 0.5 * w.tile_height_m),
     )
     all_x, all_y = 0.0, 0.0
+    # Entry 2 c + 1 is the strip between columns c and c + 1. The share of a column ends where a strip begins; the first
+    # and last column have no strip on their outer side. Rows are treated in the same way. edge_m is the left edge of
+    # the column, and further below the upper edge of the row.
     for c in range(left, right + 1):
         edge_m = w.left_m + c * w.tile_width_m
         low_m = edge_m + (reach_x_m if c > left else 0.0)
@@ -174,7 +208,7 @@ def share_place(
             low_m += reach_y_m
         a.of_row[2 * r] = share_below(high_m, y_m, of_y_m) - share_below(low_m, y_m, of_y_m)
         all_y += a.of_row[2 * r] + a.of_row[2 * r + 1]
-    if all_x * all_y < 1e-9:
+    if all_x * all_y < 1e-9:  # practically all of the place is off the floor
         return 0, -1, 0, -1
     a.of_all[0] = all_x * all_y
     return left, right, upper, lower
@@ -184,13 +218,25 @@ def share_place(
 def add_reading(
     a: Row, j: int, bit: int, left: int, right: int, upper: int, lower: int, p: Row, w: World
 ) -> float:
-    """Add a reading of sender ``j``, whose place has been shared; return its probability under the map without j."""
+    """Add the evidence of a reading of sender ``j`` to the map of each pair of rates, and weigh the pairs again.
+
+    Call ``share_place`` first: it writes the shares of the sample's place to ``a``.
+
+    Args:
+        bit: the reading. left, right: first and last column that have a share of the place, as ``share_place`` returns
+            them. upper, lower: first and last row.
+    Returns:
+        Probability of the reading by the map without the evidence of ``j``, averaged over pairs of rates.
+    """
     total_before, pairs, tiles = 0.0, pairs_of(p), w.rows * w.columns
+    # Pair k has value k % 3 of the false-positive rate and value k // 3 of the false-negative rate. If there is only
+    # pair 0, both rates are as told.
     for k in range(pairs):
         false_positive, false_negative = (
             rate_of(w.false_positive, k % 3, p),
             rate_of(w.false_negative, k // 3, p),
         )
+        # Probability of the reading where vibration is felt, and where it is not.
         if_vibrating = max(1.0 - false_negative, RATE) if bit == 1 else max(false_negative, RATE)
         if_still = max(false_positive, RATE) if bit == 1 else max(1.0 - false_positive, RATE)
         of_sender = (k * w.robots + j) * tiles
@@ -200,6 +246,9 @@ def add_reading(
                 odds = total_odds(a, k, t, w)
                 a.p[t] = logistic(odds)
                 a.p_without[t] = logistic(odds - a.weight[j] * a.odds[of_sender + t])
+        # P(r), the probability of the reading at this place: ``expected`` by the map, ``before`` by the map without j.
+        # Even r and c are rows and columns, odd ones the strips around edges. The -1 of ``felt`` means that no tile is
+        # assumed to be still.
         expected, before = 0.0, 0.0
         for r in range(2 * upper, 2 * lower + 1):
             for c in range(2 * left, 2 * right + 1):
@@ -212,7 +261,10 @@ def add_reading(
         for row in range(upper, lower + 1):
             for column in range(left, right + 1):
                 t = row * w.columns + column
+                # Part of P(r) from places on tile t or its edges: by the map as it is (own), if t vibrates, and if t is
+                # still (``felt`` then takes t as still).
                 own, vibrating, still = 0.0, 0.0, 0.0
+                # Entries of the tile: its row and column, and the strips on both sides, as far as they have shares.
                 for r in range(max(2 * row - 1, 2 * upper), min(2 * row + 1, 2 * lower) + 1):
                     for c in range(max(2 * column - 1, 2 * left), min(2 * column + 1, 2 * right) + 1):
                         share = a.of_column[c] * a.of_row[r] / a.of_all[0]
@@ -220,7 +272,7 @@ def add_reading(
                             own += share * (if_still + (if_vibrating - if_still) * felt(a.p, r, c, -1, w))
                             vibrating += share * if_vibrating
                             still += share * (if_still + (if_vibrating - if_still) * felt(a.p, r, c, t, w))
-                rest = max(expected - own, 0.0)
+                rest = max(expected - own, 0.0)  # R_t, from all other places; rounding could make it negative
                 a.odds[of_sender + t] += math.log((vibrating + rest) / (still + rest))
     weigh_pairs(a, pairs)
     return total_before
@@ -228,15 +280,20 @@ def add_reading(
 
 @inlined_uncached
 def felt(p: NDArray[np.float64], r: int, c: int, still: int, w: World) -> float:
-    """Return the probability that vibration is felt at a column or an edge ``c``, a row or an edge ``r``.
+    """Return the probability that vibration is felt in region (r, c): entry r of ``of_row``, entry c of ``of_column``.
+
+    The region touches one tile, two tiles at an edge, or four at a corner. Vibration is felt if any of them vibrates.
 
     Args:
-        p: (tiles,). still: a tile that is presumed not to vibrate; -1: none.
+        p: (tiles,), probability that each tile vibrates. r, c: even for a row or column, odd for the strip around an
+            edge. still: a tile that is assumed not to vibrate; -1: none.
     """
     first = (r // 2) * w.columns + c // 2
     if r % 2 == 0 and c % 2 == 0:
         return 0.0 if first == still else p[first]
-    none = 1.0
+    none = 1.0  # becomes the probability that none of the tiles vibrates
+    # From r // 2 to (r + 1) // 2: one row if r is even, the rows on both sides of the edge if r is odd. Columns
+    # likewise.
     for row in range(r // 2, (r + 1) // 2 + 1):
         for column in range(c // 2, (c + 1) // 2 + 1):
             t = row * w.columns + column

@@ -1,18 +1,22 @@
-"""Variant of ``places`` whose messages hold the sender's own map in place of samples.
+"""Variant of ``places`` whose messages hold the sender's own map in place of single samples.
 
-A robot adds its own samples to its own map, and keeps the newest map of each other robot: a lost message is made good
-by the next. ``place_evidence`` has the evidence and the score.
+A robot adds its own samples to its own map, and stores the newest map of each other robot, so the next message makes
+up for a lost one. ``place_evidence`` defines the evidence and the score.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| own map | l_it | - | log odds by own samples; other tiles near a place count as the maps of all have them |
-| as sent | - | - | l_it in steps of 1/16, up to 7.9 either way: a byte a tile |
-| weight | w_i | - | as of ``places``, but of a robot's own readings by the maps of all others: it judges itself |
+| own map of robot i | l_it | - | log odds of tile t by own samples; R_t of ``places`` is by the maps of all robots |
+| own map as sent | - | - | l_it in steps of 1/16, from -7.9 to 7.9: one byte per tile |
+| weight of robot i | w_i | - | as of ``places``, but the robot computes it itself: own readings against others' maps |
 
-- Message: sender (1 byte), number (1), own samples in the map (2), weight in steps of 1/255 (1), a byte a tile: 30
-  bytes for 25 tiles, sent after each ``map_every`` own samples whose place is known.
-- Readings heard are those in the newest maps.
-- A robot that sends the opposite turns its map over.
+- Message: sender (1 byte), number (1), own samples in the map (2), weight in steps of 1/255 (1), one byte per tile: 30
+  bytes for 25 tiles, sent after every ``map_every`` own samples whose place is known.
+- ``min_samples`` counts own samples and the samples in the newest map of each other robot.
+- The opposite of a message (``faults.opposite``) has log odds of the opposite sign.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -42,11 +46,11 @@ __all__ = ["State", "begin", "decision"]
 HEADER_BYTES: Final = 5
 MOST_TILES: Final = 139
 KEPT: Final = 25
-"""Readings kept until the place is known: ``localisation.lag`` is at most 24."""
+"""Length of the ring of log ratios that wait until their place is known: ``localisation.lag`` is at most 24."""
 
 
 class Message:
-    """A map: samples in it, the sender's weight, and log odds of its tiles in steps."""
+    """A map: number of samples in it, the sender's weight, and log odds of its tiles in steps of ``RATIO_STEP``."""
 
     number: int
     samples: int
@@ -55,7 +59,7 @@ class Message:
 
 
 class Arrays:
-    """As of ``places``, and the samples in each sender's map, and the own log ratios that are not added yet."""
+    """As of ``places``, with one map, the number of samples in each robot's map, and the own log ratios that wait."""
 
     odds: Array
     surprise = array("float64", "robots")
@@ -74,7 +78,10 @@ class Arrays:
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Put a map in the place of the sender's last one."""
+    """Store the map, the weight and the number of samples in the message as the sender's latest ones.
+
+    ``s.heard``, the number of samples in all maps, grows by the samples that are new.
+    """
     tiles = w.rows * w.columns
     for t in range(tiles):
         a.odds[sender * tiles + t] = RATIO_STEP * m.steps[t]
@@ -84,49 +91,67 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 
 def on_sample(s: Row, a: Row, x: DetailedReading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Add the sample whose place is known by now, send the own map if it is its turn, and decide."""
-    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF
+    """Store the reading, add the sample taken ``localisation.lag`` samples ago to the own map, and decide.
+
+    A sample waits that long because its place is known well only by then; ``x.lagged_number`` is -1 while there is no
+    sample so old. ``s.bits`` holds the last 28 readings, the newest in the lowest bit. ``a.waiting`` is a ring of the
+    log ratios of the last ``KEPT`` readings. The own map is sent each time ``map_every`` more samples have been added.
+    """
+    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF  # 28 bits are enough: ``localisation.lag`` is at most 24
     a.waiting[x.number % KEPT] = rounded_ratio(x.log_ratio) if p.energies else ratio_of_bit(x.reading, w)
     sends = False
     if x.lagged_number >= 0:
+        # The lagged sample was taken (number - lagged_number) samples ago, so its bit is that far from the lowest bit.
         add_own(s, a, x, (s.bits >> (x.number - x.lagged_number)) & 1, p, w)
         sends = a.samples[w.robot] % p.map_every == 0
         if sends:
             fill_map(a, out, x.lagged_number, w)
     if s.decision == -1 and s.heard >= p.min_samples:
+        # Senders have one map each, so the score is that of 1 map, the weighted sum of all of them.
         decide(s, score_of_maps(a, 1, p.variance_factor, w), x.t_s, p.falls_from, w)
     return sends
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
-    """Return the belief that less than the boundary's share of the tiles vibrates."""
+    """Return the belief that the share of vibrating tiles is below the boundary."""
     return 0.5 * math.erfc(-score_of_maps(a, 1, p.variance_factor, w) * math.sqrt(0.5))
 
 
 def opposite(m: Row) -> None:
-    """Turn the map over."""
+    """Change the sign of all log odds of a map: vibrating and still tiles swap."""
     for t in range(MOST_TILES):
         m.steps[t] = -m.steps[t]
 
 
 def add_own(s: Row, a: Row, x: DetailedReading, bit: int, p: Row, w: World) -> None:
-    """Add the own sample whose place is known by now to the own map."""
+    """Add the own sample of ``localisation.lag`` samples ago to the own map, and update the robot's own weight.
+
+    Args:
+        x: the present reading; its ``lagged_`` fields describe the sample to add. bit: the reading, 0 or 1, of that
+            sample.
+    """
     s.heard += 1
     a.samples[w.robot] += 1
     left, right, upper, lower = share_place(
         a, x.lagged_x_m, x.lagged_y_m, x.lagged_spread_x_m, x.lagged_spread_y_m, p, w
     )
     if right < left:
-        return  # beyond the floor
+        return  # the place is off the floor
     log_ratio = a.waiting[x.lagged_number % KEPT]
+    # Map 0 is the only map.
     vibration = add_evidence(a, 0, w.robot, log_ratio, left, right, upper, lower, w)
     judge(a, w.robot, bit, chance_of_bit(bit, vibration, w), p)
 
 
 def fill_map(a: Row, out: Row, number: int, w: World) -> None:
-    """Fill in a message: the own map and weight as messages hold them."""
+    """Fill in the message ``out``: the own map and weight, rounded and limited to one byte each.
+
+    Args:
+        number: index of the latest sample in the map.
+    """
     tiles = w.rows * w.columns
     out.number, out.samples = number, a.samples[w.robot]
+    # floor(... + 0.5) rounds to the nearest whole step.
     out.weight = math.floor(a.weight[w.robot] * 255.0 + 0.5) / 255.0
     for t in range(tiles):
         steps = math.floor(a.odds[w.robot * tiles + t] / RATIO_STEP + 0.5)

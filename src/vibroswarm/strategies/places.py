@@ -1,33 +1,43 @@
-"""Places: a robot sends where it sampled, and keeps a map of the floor; it presumes that the grid of tiles is known.
+"""Places: a robot sends where it took each sample, and builds a map of the floor, whose grid of tiles it is told.
 
-With ``rate_pairs`` it weighs nine pairs of error rates by evidence, with a map for each: ``place_map``.
+With ``rate_pairs`` it compares nine pairs of error rates by evidence, with one map per pair: ``place_map``.
 
-The estimated places are those of ``localisation``: a sample is sent ``localisation.lag`` samples late, smoothed. With
-``localisation.method`` at "true" robots know their places, and the sample is sent at once.
+Estimated places are those of ``localisation``. A later estimate of a place is better, so a sample is sent
+``localisation.lag`` samples after it was taken. With ``localisation.method`` "true" robots know their places, and a
+sample is sent at once.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| share of a place on tile t | q_t | - | normal in x and y about the mean, cut off at 4 standard deviations, sum 1 |
-| map | p_t | - | 1 / (1 + exp(-sum over senders j of w_j l_jt)) |
-| expected on tile t | m_t | - | p_t P(r on a vibrating tile) + (1 - p_t) P(r on a still tile) |
-| evidence of reading r | l_jt | - | += ln((q_t P(r, vibrating) + R_t) / (q_t P(r, still) + R_t)) |
+| share of a place on tile t | q_t | - | probability that the sample was taken on t: \
+normal in x and y about the mean, cut off at 4 standard deviations, sum 1 |
+| map | p_t | - | probability that t vibrates: 1 / (1 + exp(-sum over senders j of w_j l_jt)) |
+| probability of reading r on tile t | m_t | - | p_t P(r, vibrating) + (1 - p_t) P(r, still), by the error rates |
+| evidence of sender j on tile t | l_jt | - | \
+each reading r adds ln((q_t P(r, vibrating) + R_t) / (q_t P(r, still) + R_t)) |
 | other tiles | R_t | - | sum over u other than t of q_u m_u |
-| surprise of sender j | s_j | - | (log probability of its readings under the map without them - expected) / std. dev. |
-| suspicion | b_j | - | log probability of j's readings if they show its own share of ones anywhere, less as above |
+| surprise of sender j | s_j | - | (L - mean) / standard deviation, L the log probability of j's readings \
+under the map without them |
+| suspicion of sender j | b_j | - | log probability of j's readings if they are ones in j's own share everywhere, \
+minus L |
 | weight of sender j | w_j | - | 1 / (1 + prior odds of being broken * exp(b_j)); 0 while s_j < -``trust_limit`` |
-| score | z | - | (x N - sum p_t) / sqrt(v sum p_t (1 - p_t)), x the boundary, N the number of tiles |
-| belief | - | - | normal distribution function of z: that less than x of the tiles vibrate |
-| decision | - | - | once the belief is past p_c on either side, with ``min_samples`` readings heard and own |
+| score | z | - | (boundary N - sum p_t) / sqrt(v sum p_t (1 - p_t)), N the number of tiles, v ``variance_factor`` |
+| belief | - | - | that the share of vibrating tiles is below the boundary: normal distribution function of z |
+| decision | - | - | once the belief is past p_c on either side, with ``min_samples`` own and heard readings |
 
-Of surprise and suspicion 1 / ``trust_memory`` is forgotten at each reading. From the share ``falls_from`` of the run
-on, the score needed falls to 0 at its end, so that nobody stays undecided.
+A sender whose readings do not depend on the place has a high suspicion. At each reading of a sender, its older
+readings lose the fraction 1 / ``trust_memory`` of their weight in surprise and suspicion. After the share
+``falls_from`` of the run, the score needed falls linearly to 0 at the end of the run, so that no robot stays undecided.
 
-- Message: sender and reading (1 byte), number (1), place to 1 mm (2 each), standard deviations to 1 mm (1 each): 8
-  bytes, sent once the place is known. With options: ``place_samples``, ``place_summaries``.
-- Told to a robot: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below 1, and how far
-  beyond edges vibration is felt if ``edge_reach_m`` is above 0.
-- The prior is that each tile vibrates or not as a coin falls. Floors near the boundary are harder than that: errors
-  there are more frequent than 1 - p_c. ``variance_factor`` above 1 is caution against them.
+- Message: sender and reading (1 byte), number (1), x and y to 1 mm (2 each), standard deviations to 1 mm (1 each): 8
+  bytes, sent once the place is known. For other messages see ``place_samples`` and ``place_summaries``.
+- What a robot is told about its task: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below
+  1, and how far beyond edges vibration is felt if ``edge_reach_m`` is above 0.
+- A priori each tile vibrates with probability 1/2, independently. Floors whose fill ratio is close to the boundary are
+  harder, and errors there are more frequent than 1 - p_c; ``variance_factor`` above 1 makes decisions more cautious.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -71,14 +81,18 @@ class Message:
 
 @inlined
 def fill_message(s: Row, x: Reading, out: Row) -> bool:
-    """Fill in the message of the sample whose place is known by now; return False if there is none yet.
+    """Store the reading ``x``, and fill in the message of the sample taken ``localisation.lag`` samples ago.
 
     Args:
-        s: its ``bits`` are the own readings not sent yet, the latest is the lowest; ``x`` is added.
+        s: its ``bits`` hold the last 28 own readings, the latest in the lowest bit; ``x.reading`` is added. x: the
+            present reading; its ``lagged_`` fields describe the earlier sample. out: the message to fill in.
+    Returns:
+        Whether there is a sample so old; if not, ``out`` is not filled in.
     """
-    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF
+    s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF  # 28 bits are enough: ``localisation.lag`` is at most 24
     if x.lagged_number < 0:
         return False
+    # The lagged sample was taken (number - lagged_number) samples ago, so its bit is that far from the lowest bit.
     out.bit = (s.bits >> (x.number - x.lagged_number)) & 1
     out.number = x.lagged_number
     out.at_x_m, out.at_y_m = rounded(x.lagged_x_m), rounded(x.lagged_y_m)
@@ -88,7 +102,7 @@ def fill_message(s: Row, x: Reading, out: Row) -> bool:
 
 @inlined
 def rounded(length_m: float) -> float:
-    """Return a length as messages hold it."""
+    """Return a length rounded to ``STEP_M``, as messages hold it."""
     return STEP_M * math.floor(length_m / STEP_M + 0.5)
 
 
@@ -171,7 +185,8 @@ class Params(MapParams, Options):
 
 
 class State:
-    """Own readings not sent yet (the latest is the lowest bit), readings in the map, and the decision."""
+    """The last own readings (the latest is the lowest bit), number of readings in the map, score needed, and
+    decision."""
 
     bits: int
     heard: int
@@ -200,7 +215,7 @@ class Arrays:
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Begin with an empty map, undecided."""
+    """Begin with an empty map, undecided, with equal weights of senders and equal probabilities of pairs of rates."""
     s.decision, s.needed = -1, score_at(w.credible_threshold)
     for j in range(w.robots):
         a.weight[j] = 1.0 - p.broken_prior
@@ -213,13 +228,19 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Add and send the sample whose place is known by now, and decide."""
+    """Store the reading, add the sample taken ``localisation.lag`` samples ago to the map and send it, and decide.
+
+    A sample waits that long because its place is known well only by then. Return whether there is a sample so old: then
+    ``out`` is sent. The score z is positive if the share of vibrating tiles is below the boundary, and then the
+    decision is 0.
+    """
     sends = fill_message(s, x, out)
     if sends:
         add_sample(s, a, w.robot, out.bit, out.at_x_m, out.at_y_m, out.spread_x_m, out.spread_y_m, p, w)
     if s.decision == -1 and s.heard >= p.min_samples:
         z, part = score(a, p, w), x.t_s / w.t_end_s
         needed = s.needed
+        # After the share falls_from of the run the score needed falls linearly, to 0 at the end of the run.
         if part > p.falls_from:
             needed *= max((1.0 - part) / (1.0 - p.falls_from), 0.0)
         if abs(z) > needed:
@@ -228,7 +249,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
-    """Return the belief that less than the boundary's share of the tiles vibrates."""
+    """Return the belief that the share of vibrating tiles is below the boundary."""
     return 0.5 * math.erfc(-score(a, p, w) * math.sqrt(0.5))
 
 
@@ -244,27 +265,43 @@ def add_sample(
     p: Row,
     w: World,
 ) -> None:
-    """Add a sample of sender ``j`` to the map."""
+    """Add a sample of sender ``j`` to the map, and update the trust in the sender.
+
+    Args:
+        j: number of the sender, which is the robot itself for an own sample. bit: the reading. x_m, y_m, spread_x_m,
+            spread_y_m: mean and standard deviations of the place.
+    """
     s.heard += 1
     left, right, upper, lower = share_place(a, x_m, y_m, spread_x_m, spread_y_m, p, w)
     if right < left:
-        return  # beyond the floor
+        return  # the place is off the floor
+    # ``add_reading`` returns the reading's probability by the map without the evidence of j, by which j is judged.
     judge(a, j, bit, add_reading(a, j, bit, left, right, upper, lower, p, w), p)
 
 
 def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:
-    """Weigh sender ``j`` anew after a reading of this probability under the map without it."""
-    kept = 1.0 - 1.0 / p.trust_memory
+    """Update surprise, suspicion and weight of sender ``j`` by one of its readings.
+
+    Args:
+        bit: the reading. probability: that of this reading, by the map without the evidence of ``j``.
+    """
+    kept = 1.0 - 1.0 / p.trust_memory  # weight that older readings keep
     chance = min(max(probability, RATE), 1.0 - RATE)
+    # A reading that has this value with probability ``chance``, and else the other value, has a log probability whose
+    # mean is ``by_chance``, and whose variance is added to a.variance. a.surprise is the sum of L - mean over the
+    # readings.
     by_chance = chance * math.log(chance) + (1.0 - chance) * math.log(1.0 - chance)
     ratio = math.log(chance / (1.0 - chance))
     a.surprise[j] = kept * a.surprise[j] + math.log(chance) - by_chance
     a.variance[j] = kept * kept * a.variance[j] + chance * (1.0 - chance) * ratio * ratio
+    # Probability of the reading if the sender is broken, so that the share of ones in its readings does not depend on
+    # the place. Half a one and half a zero are added to the counts, so that the probability is never 0.
     if_broken = (a.ones[j] + 0.5) / (a.readings[j] + 1.0)
     if bit == 0:
         if_broken = 1.0 - if_broken
     a.suspicion[j] = kept * a.suspicion[j] + math.log(if_broken / chance)
     a.ones[j], a.readings[j] = kept * a.ones[j] + bit, kept * a.readings[j] + 1.0
+    # Odds that the sender is broken; the limit of 500 keeps exp() from overflowing.
     broken = p.broken_prior / (1.0 - p.broken_prior) * math.exp(min(a.suspicion[j], 500.0))
     a.weight[j] = 1.0 / (1.0 + broken)
     if a.surprise[j] < -p.trust_limit * math.sqrt(a.variance[j]):
@@ -272,15 +309,16 @@ def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:
 
 
 def variant(p: Any, sizes: Mapping[str, int]) -> Strategy:
-    """Return the strategy that runs with these parameters: ``places``, or the one that has their functions.
+    """Return the strategy that runs with these parameters: ``places`` itself, or its variant with the options on.
 
     Args:
-        p: of ``Params``. sizes: tiles of the grid, and the arena's longer side, ``longest_mm``.
+        p: ``Params``. sizes: "tiles", number of tiles, and "longest_mm", longer side of the arena.
     Raises:
-        InputError: options that do not go together, or do not fit into a message.
+        InputError: options do not go together, or the message would be too large.
     """
     if not (p.energies or p.draws or p.share_map):
         return places
+    # Imported here because the modules of the options import this one.
     from vibroswarm.strategies.place_options import with_options
 
     return with_options(places, p, sizes)

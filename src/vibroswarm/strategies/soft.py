@@ -1,11 +1,14 @@
-"""Soft feedback, u^s: a robot sends a random bit between reading and belief (Algorithm 3).
+"""Soft feedback, u^s: a robot sends a random bit, drawn between its reading O and its belief p (Algorithm 3).
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | weight | delta | - | exp(-eta Gamma) abs(1/2 - p)^kappa, in [0, 0.5^kappa] (Eq. 18) |
-| probability | - | - | delta (1 - p) + (1 - delta) O (Eq. 16) |
+| probability that the message is 1 | - | - | delta (1 - p) + (1 - delta) O (Eq. 16) |
 
-With delta = 0 it sends O, as without feedback.
+Gamma is the variance of the posterior. With delta = 0 a robot sends O, as without feedback.
+
+``s`` is the robot's state, ``a`` its arrays (none), ``x`` its reading, ``out`` the message to fill in, ``d`` random
+numbers, ``p`` the parameters, ``w`` what the robot knows.
 """
 
 from __future__ import annotations
@@ -47,7 +50,10 @@ class Params:
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Observe, decide, and send a bit drawn from the posterior, which includes the own sample."""
+    """Add the reading to the posterior, decide, and send a random bit, drawn by the reading and the posterior.
+
+    A robot that has decided may change its decision if ``w.revise``. Return True: a message is always sent.
+    """
     observe(s, x.reading)
     below = belief_below(s.alpha, s.beta, w)
     if (s.decision == -1 or w.revise) and is_enough(s, w):
@@ -74,8 +80,16 @@ def probability(observation: int, alpha: int, beta: int, belief: float, eta: flo
 def message(
     observation: int, alpha: int, beta: int, belief: float, eta: float, kappa: float, u: float
 ) -> int:
-    """Draw m ~ Bernoulli(probability): 1 if the uniform number lies below it."""
-    # Most draws need neither exponential nor power: delta is at most |1/2 - p|^2, |1/2 - p| or 1.
+    """Draw the message m, 0 or 1: it is 1 if the uniform number ``u`` lies below ``probability``.
+
+    Args:
+        observation: O. belief: p. u: uniform number in (0, 1).
+    """
+    # Most messages equal O, and are drawn here without an exponential or a power, which take long. The message differs
+    # from O with probability delta * doubt (Eq. 16), where ``doubt`` is the belief against O. As |1/2 - p| is below 1,
+    # delta is at most ``most``: |1/2 - p|^2 for kappa >= 2, |1/2 - p| for kappa >= 1, and 1 for smaller kappa.
+    # u decides as in the last line: for O = 1 the message differs if 1 - u <= delta * doubt, for O = 0 if u < delta *
+    # doubt.
     distance = abs(0.5 - belief)
     most = distance * distance if kappa >= 2.0 else (distance if kappa >= 1.0 else 1.0)
     doubt = belief if observation == 1 else 1.0 - belief

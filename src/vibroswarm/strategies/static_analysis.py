@@ -1,11 +1,12 @@
-"""What the source of a strategy's or a network's functions shows: errors, and what a robot is told.
+"""Static analysis of the hooks of strategies and networks: errors, and what a robot is told about its task.
 
-Errors are found before the functions are compiled. Numba would refuse most of them too, but with messages about types.
-Messages here name the file and the line.
+A hook is a function that the simulator calls, such as ``on_sample``; its arguments are listed in ``PARAMETERS`` and
+explained in ``base``. Errors are found before the hooks are compiled. Numba would refuse most of them too, but with
+messages about types. Messages here name the file and the line.
 
-A strategy knows of its task what its functions read: fields of ``World``, and where a reading was taken. They are
-found in the functions and in all that these call, so that no strategy can forget to state one. A function whose source
-cannot be read counts as reading nothing.
+A robot counts as told everything that its hooks read: fields of ``World``, and the places of readings. These are found
+by reading the source of the hooks and of all functions that they call, so no author of a strategy can forget to state
+one. A function whose source cannot be read counts as reading nothing.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ STRATEGY_HOOKS: Final[dict[str, tuple[str, ...]]] = {
     "steer": ("s", "a", "x", "d", "p", "w"),
     "opposite": ("m",),
 }
+"""Arguments of the hooks of strategies, by name of the hook; ``base`` explains them."""
 NETWORK_HOOKS: Final[dict[str, tuple[str, ...]]] = {
     "lost": ("sender", "receiver", "d", "p", "w"),
     "send": (
@@ -51,24 +53,26 @@ NETWORK_HOOKS: Final[dict[str, tuple[str, ...]]] = {
     ),
 }
 PARAMETERS: Final = STRATEGY_HOOKS | NETWORK_HOOKS
-"""Arguments of each function, in this order; the names are free."""
+"""Arguments of each hook. Their number and order are checked; a hook may give them other names."""
 CHANCE: Final = ("random", "secrets", "uuid")
-"""Modules of random numbers that our seeds do not repeat."""
+"""Modules whose random numbers a seed of the simulation does not determine."""
 
 
 def where(function: Callable[..., Any], line: int | None = None) -> str:
-    """Return a place as ``voter.py, line 12, in on_sample``."""
+    """Return where a function, or one of its lines, stands: ``voter.py, line 12, in on_sample``."""
     code = function.__code__
     return f"{code.co_filename}, line {line or code.co_firstlineno}, in {function.__name__}"
 
 
 def check_function(name: str, function: Callable[..., Any], fields: Mapping[str, tuple[str, ...]]) -> None:
-    """Refuse certain errors in a function, and in those of its file that it calls.
+    """Refuse a hook that has errors, or that calls a function of its file with errors.
 
     Args:
-        name: of the hook. fields: fields of each row, by its name in ``PARAMETERS``, such as ``s``.
+        name: of the hook, such as "on_sample". fields: names of the fields of each argument that is a row, by the
+            argument's name in ``PARAMETERS``, such as ``s``.
     Raises:
-        InputError: wrong arguments, an unknown field of a row, a changed global, or random numbers of its own.
+        InputError: the number of arguments is wrong, the hook uses a field that a row does not have, or a function
+            changes a variable outside of itself or draws random numbers that the seed does not determine.
     """
     wanted, given = PARAMETERS[name], list(inspect.signature(function).parameters)
     if len(given) != len(wanted):
@@ -76,9 +80,9 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
             f"takes {len(given)} arguments ({', '.join(given)}); {name} is given {len(wanted)}: {', '.join(wanted)}",
             field=where(function),
         )
+    # Maps the name that each row has in this hook to its name in PARAMETERS.
     rows = {mine: ours for mine, ours in zip(given, wanted, strict=True) if ours in fields}
-    for attribute, line in _attributes(function):
-        row, field = attribute
+    for (row, field), line in _attributes(function):
         if row in rows and field not in fields[rows[row]]:
             known = fields[rows[row]]
             raise InputError(
@@ -86,19 +90,23 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
                 field=where(function, line),
             )
     for callee in _with_callees(function, set()):
-        _check_means(callee)
+        _refuse_side_effects(callee)
 
 
-def _check_means(function: Callable[..., Any]) -> None:
-    """Refuse changed globals and foreign random numbers in a function."""
+def _refuse_side_effects(function: Callable[..., Any]) -> None:
+    """Refuse a function that declares ``global`` or ``nonlocal`` names, or names a random number generator.
+
+    Runs could not be repeated if a hook had a memory of its own or random numbers of its own.
+    """
     tree = tree_of(function)
     if tree is None:
         return
-    first = function.__code__.co_firstlineno - 1
+    first = function.__code__.co_firstlineno - 1  # lines of the tree count from the function's own first line
     for node in ast.walk(tree):
         if isinstance(node, ast.Global | ast.Nonlocal):
+            kind = "global" if isinstance(node, ast.Global) else "nonlocal"
             raise InputError(
-                f"changes the global {', '.join(node.names)}; keep it in State",
+                f"changes the {kind} {', '.join(node.names)}; keep it in State",
                 field=where(function, first + node.lineno),
             )
         if isinstance(node, ast.Attribute | ast.Name) and _is_chance(node, function):
@@ -109,24 +117,33 @@ def _check_means(function: Callable[..., Any]) -> None:
 
 
 def _is_chance(node: ast.Attribute | ast.Name, function: Callable[..., Any]) -> bool:
-    """Return whether an expression calls a random number generator."""
-    names: list[str] = []
+    """Return whether an expression such as ``np.random.random`` names a random number generator.
+
+    Generators are those of the modules in ``CHANCE`` and of ``numpy.random``, whatever name they were imported under.
+    """
+    attributes: list[str] = []  # those after the first name of the expression
     root_node: ast.expr = node
     while isinstance(root_node, ast.Attribute):
-        names.append(root_node.attr)
+        attributes.append(root_node.attr)
         root_node = root_node.value
     if not isinstance(root_node, ast.Name) or root_node.id not in function.__globals__:
         return False
     value = function.__globals__[root_node.id]
-    module = getattr(value, "__module__", None) or getattr(value, "__name__", "")
-    root = str(getattr(value, "__name__", "")) if inspect.ismodule(value) else str(module)
-    if root.partition(".")[0] in CHANCE:
+    # ``module`` is the module that the first name of the expression means or, if that is another object, the module
+    # that defines this object.
+    defined_in = getattr(value, "__module__", None) or getattr(value, "__name__", "")
+    module = str(getattr(value, "__name__", "")) if inspect.ismodule(value) else str(defined_in)
+    if module.partition(".")[0] in CHANCE:
         return True
-    return root.startswith("numpy") and ("random" in names or root.startswith("numpy.random"))
+    # Either the expression names ``random`` after ``np``, or its first name was imported from ``numpy.random``.
+    return module.startswith("numpy") and ("random" in attributes or module.startswith("numpy.random"))
 
 
 def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Callable[..., Any]]:
-    """Yield the function and the plain ones of its file that it calls."""
+    """Yield the function, and the plain Python functions of its module that it calls, directly or through each other.
+
+    ``seen`` holds the functions already yielded; it grows in place.
+    """
     if function in seen:
         return
     seen.add(function)
@@ -138,9 +155,9 @@ def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Call
 
 
 def _attributes(function: Callable[..., Any]) -> list[tuple[tuple[str, str], int]]:
-    """Return every ``name.field`` of a function, with its line."""
+    """Return every expression ``name.field`` in a function as ((name, field), line in the file)."""
     tree = tree_of(function)
-    first = function.__code__.co_firstlineno - 1
+    first = function.__code__.co_firstlineno - 1  # lines of the tree count from the function's own first line
     return [
         ((node.value.id, node.attr), first + node.lineno)
         for node in (ast.walk(tree) if tree is not None else ())
@@ -149,7 +166,7 @@ def _attributes(function: Callable[..., Any]) -> list[tuple[tuple[str, str], int
 
 
 def tree_of(function: Callable[..., Any]) -> ast.AST | None:
-    """Return the syntax tree of a function; None if it was typed in, so that its source cannot be read."""
+    """Return the syntax tree of a function; None if its source cannot be read, because it was typed at a prompt."""
     try:
         return ast.parse(textwrap.dedent(inspect.getsource(function)))
     except (OSError, SyntaxError, TypeError):
@@ -163,25 +180,29 @@ FACTS: Final[dict[str, tuple[str, ...]]] = {
     "arena": ("width_m", "height_m"),
     "swarm size": ("robots",),
 }
-"""What a robot knows if its strategy reads one of these fields of ``World``."""
+"""What a robot is told, and the fields of ``World`` of which its strategy reads at least one in that case."""
 OF_RATES: Final = ("false_positive", "false_negative")
-"""Fields of error rates. The boundary of readings follows from them too."""
+"""Fields of error rates. ``boundary``, the boundary of readings, may be computed from error rates as well."""
 PLACE: Final = ("x_m", "y_m", "heading_rad", "spread_m", "lagged_x_m", "lagged_y_m")
-"""Fields of ``Reading`` that say where it, or an earlier one, was taken."""
+"""Fields of ``Reading`` that say where this reading, or the lagged one, was taken."""
 WORLD, READING = "w", "x"
+"""Names of these arguments in ``STRATEGY_HOOKS``."""
 
 
 def told(strategy: Strategy, boundary_of: str) -> tuple[str, ...]:
-    """Return what a robot is told.
+    """Return what a robot with this strategy is told about its task, such as "grid" or "error rates".
 
     Args:
-        boundary_of: ``decision.boundary_of``; error rates are told if it is "tiles", otherwise readings are taken at
-            face value.
+        boundary_of: ``decision.boundary_of``. With "tiles" the error rates are told if the strategy reads them, or the
+            boundary that is computed from them; otherwise readings are taken at face value.
     """
     read = fields_read(strategy)
+    # A fact is told if the strategy reads at least one of the fields that hold it.
     found = [fact for fact, fields in FACTS.items() if read & set(fields)]
-    if strategy.boundary_half and "boundary" not in found:
+    if strategy.boundary_half and "boundary" not in found:  # a boundary of 1/2 is built into its rules
         found.append("boundary")
+    # With "tiles" the boundary of readings, and the table ``beliefs`` for this boundary, are computed from the error
+    # rates.
     if strategy.knows_error_rates or (boundary_of == "tiles" and read & {*OF_RATES, "boundary", "beliefs"}):
         found.append("error rates")
     if read & set(PLACE):
@@ -190,28 +211,38 @@ def told(strategy: Strategy, boundary_of: str) -> tuple[str, ...]:
 
 
 def fields_read(strategy: Strategy) -> set[str]:
-    """Return the fields of ``World`` and ``Reading`` that its functions read."""
+    """Return the fields of ``World`` and ``Reading`` that the strategy's hooks, and functions called by them, read.
+
+    A hook may give its arguments any names, so the names under which it gets the world and the reading are found first.
+    """
     read: set[str] = set()
+    # Functions analysed already, each with the names of its arguments that are the world or the reading.
     seen: set[tuple[Any, frozenset[str]]] = set()
     for hook, parameters in STRATEGY_HOOKS.items():
         function = getattr(strategy, hook)
         if function is None:
             continue
         given = list(inspect.signature(_plain(function)).parameters)
+        # rows: the names that this hook gives to the world and to the reading, such as {"w", "x"}.
         rows = {mine for mine, ours in zip(given, parameters, strict=True) if ours in (WORLD, READING)}
         read |= set(_read(function, frozenset(rows), seen))
     return read
 
 
 def _plain(function: Any) -> Any:
-    """Return the Python function of one that may be compiled."""
+    """Return the Python function behind a function compiled by Numba; any other function unchanged."""
     return getattr(function, "py_func", function)
 
 
 def _read(
     function: Callable[..., Any], rows: frozenset[str], seen: set[tuple[Any, frozenset[str]]]
 ) -> Iterator[str]:
-    """Yield fields of the parameters ``rows`` that a function reads, or one to which it passes them."""
+    """Yield the fields that a function reads of its arguments ``rows``, itself or in functions that it passes them to.
+
+    Args:
+        rows: names of the function's arguments whose fields are wanted: those that are the world or the reading. seen:
+            functions analysed already, each with its ``rows``; it grows in place.
+    """
     plain = _plain(function)
     if not rows or (plain, rows) in seen:
         return
@@ -226,9 +257,11 @@ def _read(
             callee = plain.__globals__.get(node.func.id)
             if callee is not None and isinstance(_plain(callee), FunctionType):
                 names = list(inspect.signature(_plain(callee)).parameters)
+                # Arguments of the called function that are given the world or the reading: by position, then by
+                # keyword.
                 passed = {
                     name
-                    for name, given in [*zip(names, node.args, strict=False)]
+                    for name, given in zip(names, node.args, strict=False)
                     if isinstance(given, ast.Name) and given.id in rows
                 }
                 passed |= {

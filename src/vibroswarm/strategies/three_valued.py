@@ -1,4 +1,4 @@
-"""Three-valued beliefs: a robot believes one option, the other, or neither; it signals, then takes in a belief.
+"""Three-valued beliefs: a robot believes one option, the other, or neither; it signals, then combines beliefs.
 
 Crosscombe, Lawry, Hauert and Homer 2017, IROS; rules as in the authors' public program for Kilobots, with two
 options.
@@ -6,21 +6,28 @@ options.
 | name | symbol | unit | equation |
 |---|---|---|---|
 | truth | v | - | twice the truth value of "most vibrate": 0 false, 1 uncertain, 2 true |
-| combined | - | - | own and heard: v + v_j - 1, clipped to [0, 2] |
-| signal time | - | s | g times the share of own readings of the option signalled (ours) |
+| combined | - | - | of the own belief and one heard: v + v_j - 1, clipped to [0, 2] |
+| signal time | - | s | ``signal_s`` times the share of own readings that are of the option signalled (ours) |
 
-With two options each belief is (0, 1), (1/2, 1/2) or (1, 0): one number. Uncertain takes the other's value, uncertain
-heard changes nothing, 0 with 1 gives uncertain. A robot signals for its option (an uncertain one draws it), listens,
-takes in the belief of one of the robots it heard, drawn at random, and signals again. At time 0 the belief is one of
-the three, and a robot signals with probability 1/2.
+With two options each belief is (0, 1), (1/2, 1/2) or (1, 0), so one number v describes it. An uncertain robot takes the
+belief that it hears; an uncertain belief heard changes nothing; true combined with false gives uncertain. A robot
+signals for its option (an uncertain robot draws one), then listens, then combines its belief with that of one robot
+drawn from those heard, and signals again. At time 0 the belief is drawn from the three values, and a robot begins with
+signalling or with listening, with probability 1/2 each.
 
-- Message, every ``interval_s`` while signalling: sender and belief, 2 bytes (the original: 4, sent by all robots,
-  with the state and the option, which no receiver uses).
-- Told to a robot: nothing. Boundary 1/2 only.
-- Ours: all hear all. In the original nothing is sensed: robots signal for 7 or 9 ticks of 0.5 s, constants of the two
-  options, and listen for one tick; here the time is in proportion to the own readings so far (1/2 before the first).
-- Ours, the stopping rule, as in ``valentini``: a robot decides once its belief is certain and has stayed the same in
-  ``patience`` updates in a row in which it heard others.
+- Message, every ``interval_s`` while signalling: sender and belief, 2 bytes. Messages of the original have 4 bytes:
+  also the sender's state and option, which no receiver uses.
+- What a robot is told about its task: nothing. It works for a boundary of 1/2 only.
+- Differences from the original: each robot hears all others. In the original nothing is sensed: robots signal for 7 or
+  9 ticks of 0.5 s, constants of the two options, and listen for one tick. Here the signal time is in proportion to the
+  share of own readings so far (taken as 1/2 before the first reading).
+- The stopping rule is ours, as in ``valentini``: a robot decides once its belief is certain and has stayed the same in
+  ``patience`` consecutive updates. Updates in which it heard nobody do not count.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows, ``t_s`` the time. ``on_sample`` and ``on_timer`` return whether ``out`` is
+sent; ``on_timer`` is called at ``s.next_s``.
 """
 
 from __future__ import annotations
@@ -88,9 +95,9 @@ def opposite(m: Row) -> None:
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Draw a belief, and signal or listen."""
+    """Draw a belief, and draw whether to begin with signalling or with listening."""
     s.truth, s.decision = int(3.0 * u(d, 0)), -1
-    if u(d, 1) < 0.5:
+    if u(d, 1) < 0.5:  # next_s stays 0: the robot signals at once
         s.is_signalling, s.phase_end_s = True, signal_time(s, u(d, 2), p)
     else:
         s.phase_end_s = p.listen_s
@@ -98,21 +105,24 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Note the sender's belief, while listening."""
+    """Store the sender's belief if the robot is listening and has not heard this sender in this phase."""
     if not s.is_signalling and a.order[sender] == 0:
         s.heard += 1
         a.order[sender], a.truth[sender] = s.heard, m.truth
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count a reading."""
+    """Count a reading; nothing is sent, because ``on_timer`` sends."""
     s.readings += 1
     s.ones += x.reading
     return False
 
 
 def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Signal, listen, or update and signal again."""
+    """Send the belief while signalling, and change phase when a phase ends.
+
+    After signalling the robot listens, and sends nothing. After listening it updates its belief and signals again.
+    """
     if t_s >= s.phase_end_s - ROUNDING_S:
         if s.is_signalling:
             s.is_signalling = False
@@ -128,7 +138,11 @@ def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -
 
 @inlined
 def signal_time(s: Row, number: float, p: Row) -> float:
-    """Return how long to signal, s; an uncertain robot draws its option by a uniform number."""
+    """Return how long to signal, s, but at least ``interval_s``, so that one message is sent.
+
+    Args:
+        number: uniform number, by which an uncertain robot draws the option that it signals.
+    """
     share = s.ones / s.readings if s.readings > 0 else 0.5
     is_one = s.truth == 2 or (s.truth == 1 and number < 0.5)
     return float(max(p.signal_s * (share if is_one else 1.0 - share), p.interval_s))
@@ -136,8 +150,15 @@ def signal_time(s: Row, number: float, p: Row) -> float:
 
 @inlined
 def update(s: Row, order: Row, truths: Row, number: float, p: Row) -> None:
-    """Take in the belief of one robot heard, and decide if nothing has changed for long enough."""
-    j = heard_one(order, s.heard, s.heard, number)
+    """Combine the belief with that of one robot heard, forget who was heard, and decide by the stopping rule.
+
+    If nobody was heard, nothing changes.
+
+    Args:
+        order, truths: (robots,), the robot's arrays ``order`` and ``truth``: the position at which each robot was heard
+            (0: not heard), and its belief. number: uniform number that selects the robot.
+    """
+    j = heard_one(order, s.heard, s.heard, number)  # drawn from all robots heard, so ``most`` is their number
     if j < 0:
         return
     truth = combined(s.truth, truths[j])
@@ -145,12 +166,12 @@ def update(s: Row, order: Row, truths: Row, number: float, p: Row) -> None:
     s.truth, s.heard = truth, 0
     forget(order)
     if s.decision == -1 and s.unchanged >= p.patience:
-        s.decision = truth // 2
+        s.decision = truth // 2  # truth is 0 or 2 here: an uncertain belief sets ``unchanged`` to 0
 
 
 @inlined
 def combined(own: int, heard: int) -> int:
-    """Return the belief that two robots agree on."""
+    """Return the own belief combined with a belief heard: 0, 1 or 2, see the table."""
     return min(max(own + heard - 1, 0), 2)
 
 

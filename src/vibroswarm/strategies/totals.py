@@ -1,22 +1,27 @@
-"""Totals: a robot sends its counts, and decides by a threshold that falls to 0 at the end of the run.
+"""Totals: a robot sends its counts so far, and decides by a threshold that falls to 0 at the end of the run.
 
 Estimation from counts with known error rates is that of minimalistic collective perception (Chin, Khaluf and
 Pinciroli 2023, arXiv 2209.12858; ``mcp``); the test and its falling threshold are ours.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| ones, samples | h, n | - | ones and readings: own, and the latest totals of each sender |
-| boundary | q_0 | - | share of ones at the boundary: FP + (1 - FP - FN) / 2 for a boundary of 1/2 |
+| ones, samples | h, n | - | numbers of ones and of readings: own ones plus the latest totals of each sender |
+| boundary | q_0 | - | share of ones expected at the boundary: FP + (1 - FP - FN) / 2 for a boundary of 1/2 |
 | score | z | - | (h - q_0 n) / sqrt((n + 3) / 4) |
 | threshold | c | - | a robot decides if abs(z) > c (1 - t / T_end); typically 3 |
 
-The 3 keeps a robot from deciding on its first readings: at c = 3, no decision comes from fewer than 12.
+The 3 in the score keeps a robot from deciding on its first readings: at c = 3 and a boundary of 1/2, fewer than 12
+readings never suffice at time 0.
 
-- Message: own ones and readings (2 bytes each) and the sender (1 byte): 5 bytes. A lost message loses nothing that
-  the next one does not bring.
-- Told to a robot: T_end; its error rates, if ``decision.boundary_of`` is "tiles". Neither places nor
-  ``min_observations``.
-- Every robot decides by T_end, unless its counts lie on the boundary itself.
+- Message: own ones and readings (2 bytes each) and the sender (1 byte): 5 bytes. Totals include all earlier readings,
+  so the next message makes up for a lost one.
+- What a robot is told about its task: T_end; its error rates, if ``decision.boundary_of`` is "tiles". It needs no
+  places, and does not use ``min_observations``.
+- Every robot decides by T_end, unless its counts lie exactly on the boundary.
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`` is sent.
 """
 
 from __future__ import annotations
@@ -73,12 +78,15 @@ def opposite(m: Row) -> None:
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Set the prior, undecided."""
+    """Start with the prior, and undecided."""
     s.alpha, s.beta, s.decision = w.prior_alpha, w.prior_beta, -1
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Replace the sender's totals, unless a later message came first."""
+    """Store the totals of the message as the sender's latest ones, unless a later message of the sender came before.
+
+    A message with more readings is later. Only the difference from the sender's last totals is added to the counts.
+    """
     samples = m.samples - a.samples[sender]
     if samples <= 0:
         return
@@ -89,12 +97,13 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count, decide, and send the own totals."""
+    """Count the reading, decide by the threshold, and send the own totals."""
     s.ones += x.reading
     s.samples += 1
     s.alpha += x.reading
     s.beta += 1 - x.reading
     if s.decision == -1:
+        # Own and received readings, without the prior.
         ones, zeros = s.alpha - w.prior_alpha, s.beta - w.prior_beta
         limit = max(p.threshold * (1.0 - x.t_s / w.t_end_s), 0.0)
         z = score(ones, ones + zeros, w.boundary)
@@ -108,7 +117,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 @inner
 def score(ones: int, samples: int, boundary: float) -> float:
-    """Return z: how far the ones lie above the boundary, in standard deviations."""
+    """Return the score z: how far the share of ones lies above the boundary, in about standard deviations."""
     return (ones - boundary * samples) / math.sqrt((samples + 3) / 4.0)
 
 

@@ -1,36 +1,42 @@
-"""DC, DMVD and DMMD: robots explore, then disseminate their opinion, then take over one of those they heard.
+"""DC, DMVD and DMMD: robots explore, then disseminate their opinion, then adopt an opinion of those they heard.
 
-Valentini, Brambilla, Hamann and Dorigo 2016, ANTS; rules as in the public controller by Brambilla. Direct comparison,
-direct modulation of voter-based decisions, direct modulation of majority-based decisions.
+DC is direct comparison, DMVD direct modulation of voter-based decisions, DMMD direct modulation of majority-based
+decisions: Valentini, Brambilla, Hamann and Dorigo 2016, ANTS; rules as in the public controller by Brambilla.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
 | explore_s | sigma | s | mean of an exploration, exponential; 10 s in the original |
 | quality | q | - | share of the readings of an exploration that equal the own opinion |
-| disseminate_s | g | s | mean of a dissemination, exponential: g q; DC: g; 10 s in the original |
-| listen_s | - | s | 3: every dissemination is this much longer, and a robot listens only in this last part |
-| max_opinions | - | - | 2: the last opinions heard that count |
+| disseminate_s | g | s | the exponential part of a dissemination has mean g q, in DC g; g is 10 s in the original |
+| listen_s | - | s | 3: last part of each dissemination, added to the exponential part; a robot listens only then |
+| max_opinions | - | - | 2: number of last opinions heard that are used |
 
-At the end of a dissemination, of the last senders heard (each once):
+At the end of a dissemination a robot uses the last ``max_opinions`` opinions heard; each sender counts once:
 
 | strategy | rule |
 |---|---|
-| ``dc`` | one at random: take over its opinion if its quality is greater than the own |
-| ``dmvd`` | one at random: take over its opinion |
-| ``dmmd`` | majority of the heard opinions and the own one; a tie keeps the own one |
+| ``dc`` | draw one sender: adopt its opinion if its quality is greater than the own quality |
+| ``dmvd`` | draw one sender: adopt its opinion |
+| ``dmmd`` | adopt the majority of the opinions heard and the own one; a tie keeps the own one |
 
-Nobody heard: the opinion stays. At time 0 it is drawn, 1/2 each.
+If nobody was heard, the opinion stays. At time 0 it is drawn with probability 1/2 each.
 
 - Message, every ``interval_s`` while disseminating: sender and opinion, 2 bytes; DC adds the quality, 4 bytes.
-- Told to a robot: nothing. It asks which reading is more frequent: boundary 1/2 only.
-- Ours: all hear all. A reading comes every few seconds instead of at every control period, so that phases are longer:
-  60 s. If an exploration brought no reading, the quality stays (1/2 at first). DC: g, where the controller has g
-  times the share of the more frequent colour, which no robot knows. A tie (one heard, of the other opinion): the
-  controller gives it to one fixed colour.
-- Ours, the stopping rule: the original stops when an observer sees all robots agree. Here a robot decides once its
-  opinion has stayed the same in ``patience`` disseminations in a row in which it heard others; it then goes on as
-  before. With ``patience = 0`` the decision is the opinion, which may change to the end: the consensus time is then
-  that of an observer who watches to the end (``run.stop = "t_end"``).
+- What a robot is told about its task: nothing. It asks which reading is more frequent, so it works for a boundary of
+  1/2 only.
+- Differences from the original: each robot hears all others. A reading comes every few seconds instead of at every
+  control period, so phases are longer: 60 s. If an exploration brought no reading, the quality stays as before (1/2 at
+  first). In DC the mean is g; in the controller it is g times the share of the more frequent colour, which no robot
+  knows. A tie (one robot heard, of the other opinion) goes to one fixed colour in the controller.
+- The stopping rule is ours; the original stops when an observer sees all robots agree. Here a robot decides once its
+  opinion has stayed the same in ``patience`` consecutive disseminations, and then goes on as before. Disseminations in
+  which it heard nobody do not count. With ``patience = 0`` the decision is the present opinion, which may change to the
+  end: the consensus time is then that of an observer who watches to the end (``run.stop = "t_end"``).
+
+Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
+changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
+the parameters, ``w`` what the robot knows, ``t_s`` the time. ``on_sample`` and ``on_timer`` return whether ``out`` is
+sent; ``on_timer`` is called at ``s.next_s``.
 """
 
 from __future__ import annotations
@@ -48,7 +54,7 @@ from vibroswarm.strategies.world import Draws, Reading, World, u
 __all__ = ["dc", "dmmd", "dmvd"]
 
 ROUNDING_S: Final = 1e-6
-"""A timer may come this much early."""
+"""A timer this much before the end of a phase counts as the end: times are rounded."""
 
 
 class Params:
@@ -114,46 +120,47 @@ class OpinionWithQuality:
 
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
-    """Draw an opinion, and explore."""
+    """Draw an opinion and the duration of the first exploration; the timer is due at its end."""
     s.opinion, s.quality, s.decision = 1 if u(d, 0) < 0.5 else 0, 0.5, -1
-    s.phase_end_s = -p.explore_s * math.log(u(d, 1))
+    s.phase_end_s = -p.explore_s * math.log(u(d, 1))  # exponential, by inversion
     s.next_s = s.phase_end_s
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Note the sender's opinion, in the last part of a dissemination."""
+    """Store the sender's opinion, if the robot listens and has not heard this sender in this dissemination."""
     if listens(s, t_s, p) and a.order[sender] == 0:
         s.heard += 1
         a.order[sender], a.opinion[sender] = s.heard, m.bit
 
 
 def on_message_dc(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Note the sender's opinion and quality, in the last part of a dissemination."""
+    """Store the sender's opinion and quality, if the robot listens and this sender is new in this dissemination."""
     if listens(s, t_s, p) and a.order[sender] == 0:
         s.heard += 1
         a.order[sender], a.opinion[sender], a.quality[sender] = s.heard, m.bit, m.quality
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Count a reading, while exploring."""
+    """Count a reading while exploring; nothing is sent, because the function called at the timer sends."""
     if not s.is_disseminating:
         s.readings += 1
-        s.alike += 1 if x.reading == s.opinion else 0
+        s.alike += 1 if x.reading == s.opinion else 0  # readings that equal the own opinion
     return False
 
 
 def on_timer_dc(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Compare, explore or disseminate."""
+    """Direct comparison: apply the rule of DC at the end of a dissemination, change phase if it is over, and send."""
     if s.is_disseminating and is_over(s, t_s):
         j = heard_one(a.order, s.heard, p.max_opinions, u(d, 1))
         settle(s, a.order, a.opinion[j] if j >= 0 and a.quality[j] > s.quality else s.opinion, p)
-    sends = go_on(s, t_s, u(d, 0), 1.0, p)
+    sends = go_on(s, t_s, u(d, 0), 1.0, p)  # in DC the mean is g whatever the quality
+    # Filled in after ``go_on``, which may begin a dissemination and with it set the quality to send.
     out.bit, out.quality = s.opinion, quality(s)
     return sends
 
 
 def on_timer_dmvd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Take over an opinion, explore or disseminate."""
+    """Voter model: apply the rule of DMVD at the end of a dissemination, change phase if it is over, and send."""
     if s.is_disseminating and is_over(s, t_s):
         j = heard_one(a.order, s.heard, p.max_opinions, u(d, 1))
         settle(s, a.order, a.opinion[j] if j >= 0 else s.opinion, p)
@@ -162,7 +169,7 @@ def on_timer_dmvd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: Wor
 
 
 def on_timer_dmmd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Take over the majority's opinion, explore or disseminate."""
+    """Majority rule: apply the rule of DMMD at the end of a dissemination, change phase if it is over, and send."""
     if s.is_disseminating and is_over(s, t_s):
         settle(s, a.order, majority(a.order, a.opinion, s.heard - p.max_opinions, s.opinion), p)
     out.bit = s.opinion
@@ -170,7 +177,7 @@ def on_timer_dmmd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: Wor
 
 
 def decision(s: Row, a: Row, p: Row, w: World) -> int:
-    """Return the decision; the opinion if ``patience`` is 0."""
+    """Return the decision (0, 1, or -1 while undecided), or the present opinion if ``patience`` is 0."""
     found: int = s.opinion if p.patience == 0 else s.decision
     return found
 
@@ -189,19 +196,23 @@ def listens(s: Row, t_s: float, p: Row) -> bool:
 
 @inlined
 def quality(s: Row) -> float:
-    """Return q: of the exploration that goes on or, if it brought no reading, of the one before."""
+    """Return q of the latest exploration or, if that has no reading so far, of the exploration before it."""
     found: float = s.alike / s.readings if s.readings > 0 else s.quality
     return found
 
 
 @inlined
 def heard_one(order: Row, heard: int, most: int, number: float) -> int:
-    """Return one of the last senders heard, by a uniform number; -1 if there is none.
+    """Draw one of the last ``most`` robots heard; return its number, or -1 if nobody was heard.
 
     Args:
-        order: (robots,) in which they were heard, from 1; 0: not heard. heard: how many were. most: that count.
+        order: (robots,), position at which each robot was heard, from 1; 0: not heard. heard: number of robots heard.
+            most: number of robots, the last ones heard, of which one is drawn. number: uniform number in (0, 1).
     """
     count = min(heard, most)
+    # Position of the robot to return; the robot heard last has position ``heard``. The inner min() is there because
+    # number * count may be rounded up to ``count``. If nobody was heard, no robot has the position wanted. Position 0
+    # marks robots not heard, and must not match.
     wanted = heard - min(int(number * count), count - 1)
     for j in range(order.size):
         if order[j] == wanted and wanted > 0:
@@ -211,12 +222,14 @@ def heard_one(order: Row, heard: int, most: int, number: float) -> int:
 
 @inlined
 def majority(order: Row, opinions: Row, before: int, own: int) -> int:
-    """Return the opinion that most have, the own one included; the own one if there are as many of both.
+    """Return the majority of the opinions heard last and of the own opinion; the own opinion if there is a tie.
 
     Args:
-        before: those heard as this one or earlier do not count.
+        order: (robots,), position at which each robot was heard, from 1; 0: not heard. opinions: (robots,), 0 or 1.
+            before: opinions heard at this position or earlier are too old to count; 0 or less excludes none. own: the
+            own opinion.
     """
-    lead = 2 * own - 1
+    lead = 2 * own - 1  # opinions for 1 minus opinions for 0
     for j in range(order.size):
         if order[j] > max(before, 0):
             lead += 2 * opinions[j] - 1
@@ -225,7 +238,10 @@ def majority(order: Row, opinions: Row, before: int, own: int) -> int:
 
 @inlined
 def settle(s: Row, order: Row, opinion: int, p: Row) -> None:
-    """End a dissemination with this opinion, and decide if it has stayed the same for long enough."""
+    """End a dissemination: set the opinion, forget who was heard, and decide by the stopping rule.
+
+    ``s.unchanged`` counts the consecutive disseminations in which others were heard and the opinion stayed the same.
+    """
     if s.heard > 0:
         s.unchanged = s.unchanged + 1 if opinion == s.opinion else 0
     s.opinion = opinion
@@ -237,25 +253,29 @@ def settle(s: Row, order: Row, opinion: int, p: Row) -> None:
 
 @inlined
 def forget(order: Row) -> None:
-    """Forget who was heard."""
+    """Forget who was heard: set all positions to 0."""
     for j in range(order.size):
         order[j] = 0
 
 
 @inlined
 def go_on(s: Row, t_s: float, number: float, share: float, p: Row) -> bool:
-    """Disseminate, or change to the next phase; return whether the opinion is sent.
+    """Change to the next phase if the present one is over, and set the next timer.
 
     Args:
-        number: a uniform number. share: mean time of a dissemination by ``disseminate_s``.
+        t_s: the time. number: uniform number that gives the duration of the next phase. share: mean of the exponential
+            part of a dissemination, divided by ``disseminate_s``.
+    Returns:
+        Whether the opinion is sent now: True while disseminating.
     """
     if is_over(s, t_s):
         if s.is_disseminating:
             s.is_disseminating, s.readings, s.alike = False, 0, 0
-            s.phase_end_s = t_s - p.explore_s * math.log(number)
+            s.phase_end_s = t_s - p.explore_s * math.log(number)  # exponential, by inversion
             s.next_s = s.phase_end_s
             return False
         s.is_disseminating, s.quality = True, quality(s)
+        # An exponential time, by inversion, and then the time in which the robot listens.
         s.phase_end_s = t_s - p.disseminate_s * share * math.log(number) + p.listen_s
     s.next_s = min(t_s + p.interval_s, s.phase_end_s)
     return True

@@ -1,12 +1,13 @@
-"""Arguments of a strategy's functions: the world as a robot knows it, a reading, random numbers, and beliefs.
+"""Arguments of a strategy's hooks: the world as a robot knows it, a reading, random numbers, and beliefs.
 
-Names are those of the scenario's fields; see ``base`` for the functions.
+Names are those of the scenario's fields; see ``base`` for the hooks.
 
-Beliefs are cached in a table that all runs and threads share. A belief depends only on the counts and the boundary, so
-it does not matter who computed it first, nor whether two threads write the same number at once. Rows are distances of
-alpha from the boundary, columns are counts n = alpha + beta: a robot's counts grow one by one while the distance hardly
-changes, and so do the table entries that it reads. Beyond ``SURE`` no table is needed; beyond ``MAX_COUNTS`` beliefs
-are computed each time.
+A belief is P(share of ones < boundary) by a Beta(alpha, beta) posterior. Beliefs are cached in a table that all runs
+and threads share. A belief depends only on alpha, beta and the boundary, so it does not matter which thread computes it
+first, or whether two threads write the same number at once. Columns are counts n = alpha + beta, rows are distances
+alpha - boundary n. A robot's n grows by one at a time while the distance hardly changes, so entries read one after the
+other are close in memory. Farther than sqrt(``SURE`` n) from the boundary the belief is 0 or 1, and is not stored.
+Beyond ``MAX_COUNTS`` counts beliefs are computed each time.
 """
 
 from __future__ import annotations
@@ -30,37 +31,56 @@ class World(NamedTuple):
     robot: int
     """Its own number, from 0."""
     robots: int
+    """Number of robots."""
     t_end_s: float
+    """End of the run."""
     tick_s: float
+    """Length of a tick (control period)."""
     tick_ms: int
+    """Length of a tick, ms."""
     width_m: float
+    """Size of the arena in x."""
     height_m: float
+    """Size of the arena in y."""
     rows: int
     """Rows of the grid of tiles."""
     columns: int
+    """Columns of the grid of tiles."""
     tile_width_m: float
+    """Size of a tile in x."""
     tile_height_m: float
+    """Size of a tile in y."""
     left_m: float
+    """x of the left end of the grid."""
     bottom_m: float
+    """y of the lower end of the grid."""
     decision_boundary: float
     """The question: does more than this share of the tiles vibrate?"""
     boundary: float
     """Share of ones that readings are tested against (``decision.boundary_of``)."""
     credible_threshold: float
+    """p_c: a robot decides if its belief, or 1 minus its belief, is above this."""
     min_observations: int
+    """O_c: a robot decides only with more counted observations than this."""
     gate: int
     """Which observations count towards ``min_observations``: ``GATE_TOTAL``, ``GATE_RECEIVED``, ``GATE_OWN``."""
     gate_counts_current: bool
+    """Whether the own reading just taken counts towards ``min_observations``."""
     revise: bool
+    """Whether a robot may change its decision."""
     prior_alpha: int
+    """Ones of the prior."""
     prior_beta: int
+    """Zeros of the prior."""
     false_positive: float
     """Share of samples on still tiles expected to read 1; 0 if readings are taken at face value, unless the
     strategy ``knows_error_rates``."""
     false_negative: float
+    """Share of samples on vibrating tiles expected to read 0; 0 in the same cases as ``false_positive``."""
     hold_s: float
-    """How long opinions have to agree."""
+    """How long the opinions of all robots have to agree before the swarm has decided."""
     beliefs: Beliefs
+    """Table of the values of ``belief_below`` that have been computed so far."""
 
 
 class Reading(NamedTuple):
@@ -69,40 +89,61 @@ class Reading(NamedTuple):
     reading: int
     """0 or 1."""
     t_s: float
+    """Time of the sample."""
     number: int
     """Index among the robot's samples, from 0."""
     x_m: float
-    """Where the robot believes it is (``localisation``); its true position if ``localisation.method`` is "true"."""
+    """x of where the robot believes it is (``localisation``); true if ``localisation.method`` is "true"."""
     y_m: float
+    """y of where the robot believes it is."""
     heading_rad: float
+    """Heading that the robot believes it has, anticlockwise from x."""
     spread_m: float
     """Standard deviation of the position, m: the root of the mean of the variances in x and y."""
     lagged_number: int
-    """Index of the sample ``localisation.lag`` before, whose place is known better by now; -1: there is none yet. This
-    sample itself if robots know their true positions."""
+    """Index of the lagged sample: the one taken ``localisation.lag`` samples ago, whose place is known better by now.
+    -1: there is none yet. If robots know their true positions, this sample itself is the lagged one."""
     lagged_x_m: float
+    """x of where the robot now believes that the lagged sample was taken."""
     lagged_y_m: float
-    """Where the robot now believes that sample was taken."""
+    """y of where the robot now believes that the lagged sample was taken."""
     lagged_spread_x_m: float
+    """Standard deviation of ``lagged_x_m``, m."""
     lagged_spread_y_m: float
-    """Standard deviations of that, m."""
+    """Standard deviation of ``lagged_y_m``, m."""
 
 
 class DetailedReading(NamedTuple):
-    """An own sample for a strategy that ``reads_details``: a ``Reading``, its energy and draws of its place."""
+    """An own sample for a strategy that ``reads_details``: a ``Reading``, its energy and draws of its place.
+
+    The fields up to ``lagged_spread_y_m`` are those of ``Reading``.
+    """
 
     reading: int
+    """0 or 1."""
     t_s: float
+    """Time of the sample."""
     number: int
+    """Index among the robot's samples, from 0."""
     x_m: float
+    """x of where the robot believes it is."""
     y_m: float
+    """y of where the robot believes it is."""
     heading_rad: float
+    """Heading that the robot believes it has, anticlockwise from x."""
     spread_m: float
+    """Standard deviation of the position, m: the root of the mean of the variances in x and y."""
     lagged_number: int
+    """Index of the lagged sample: the one taken ``localisation.lag`` samples ago, whose place is known better by now.
+    -1: there is none yet. If robots know their true positions, this sample itself is the lagged one."""
     lagged_x_m: float
+    """x of where the robot now believes that the lagged sample was taken."""
     lagged_y_m: float
+    """y of where the robot now believes that the lagged sample was taken."""
     lagged_spread_x_m: float
+    """Standard deviation of ``lagged_x_m``, m."""
     lagged_spread_y_m: float
+    """Standard deviation of ``lagged_y_m``, m."""
     log_ratio: float
     """ln of the density of the sample's energy on vibrating over that on still tiles; nan if it is not computed."""
     draws_m: NDArray[np.float64]
@@ -112,23 +153,33 @@ class DetailedReading(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """Address of the random numbers of one call; see ``u``."""
+    """Address of the random numbers of one call; see ``u`` and ``core.rng.uniform``."""
 
     seed: int
+    """Seed of the simulation."""
     run: int
+    """Number of the run."""
     robot: int
+    """Number of the robot."""
     purpose: int
+    """What the numbers are used for: a value of ``core.rng.Purpose``."""
     address: int
+    """Index of the event, such as the sample or the message."""
     peer: int
+    """Number of the other robot, if there is one."""
     shift: int
+    """Bits by which k is shifted, so that ``peer`` and k fit into one word of the address."""
     first: float
-    """Number 0 if already known, else negative."""
+    """The number for k = 0 if it is known already, else negative."""
 
 
 @inlined
 def u(d: Draws, k: int) -> float:
-    """Return the k-th uniform number of this call, inside (0, 1); k from 0 to 65,535."""
-    if k == 0 and d.first > 0.0:
+    """Return the k-th uniform number of this call, in (0, 1); k from 0 to 65,535.
+
+    The number is a function of ``d`` and k: the same address always gives the same number.
+    """
+    if k == 0 and d.first > 0.0:  # the number is known already
         return d.first
     return uniform(d.seed, d.run, d.robot, d.purpose, d.address, d.peer + (k << d.shift))
 
@@ -140,10 +191,11 @@ def belief_below(alpha: int, beta: int, w: World) -> float:
 
 
 MIN_COUNTS: Final = 1024
+"""Least number of columns of a table; a table of this size has 2 MB."""
 MAX_COUNTS: Final = 8192
-"""Columns of a table: 2 to 55 MB if all of it were read; memory is allocated only where it is."""
+"""Greatest number of columns of a table; a table of this size has 55 MB, but only entries that are used take memory."""
 ASIDE: Final = 24
-"""Extra columns, so that neighbouring rows do not compete for the same lines of the processor's cache."""
+"""Extra columns: without them the rows, a power of 2 apart, would compete for the same lines of the cache."""
 
 
 class Beliefs(NamedTuple):
@@ -154,7 +206,10 @@ class Beliefs(NamedTuple):
 
 
 def beliefs(boundary: float, counts: int) -> Beliefs:
-    """Return the table for posteriors with alpha + beta up to ``counts``, or up to the largest table."""
+    """Return the table for posteriors with alpha + beta up to ``counts``, or up to ``MAX_COUNTS`` if that is less.
+
+    Sizes are powers of 2, so that scenarios of similar length share a cached table.
+    """
     room = MIN_COUNTS
     while room <= counts and room < MAX_COUNTS:
         room *= 2
@@ -163,18 +218,25 @@ def beliefs(boundary: float, counts: int) -> Beliefs:
 
 @lru_cache(maxsize=8)
 def _beliefs(boundary: float, room: int) -> Beliefs:
+    """Return an empty table of ``room`` counts, shared by all calls with the same arguments."""
     furthest = math.ceil(math.sqrt(SURE * room)) + 2
     return Beliefs(np.zeros((2 * furthest + 1, room + ASIDE)), boundary)
 
 
 @kernel
 def belief_of(beliefs: Beliefs, alpha: int, beta: int) -> float:
-    """Return ``robot.belief.belief_below``, computed once for each posterior."""
+    """Return P(share of ones < boundary) for a Beta(alpha, beta) share, from the table if possible.
+
+    An entry of 0 has not been computed yet; it is computed and stored. Posteriors outside of the table are computed
+    each time.
+    """
     values, boundary = beliefs
     counts = alpha + beta
+    # place: the row of the table; the middle row is that of distance 0 from the boundary.
     place = alpha - int(boundary * counts) + values.shape[0] // 2
     if counts >= values.shape[1] or place < 0 or place >= values.shape[0]:
         return posterior_below(alpha, beta, boundary)
+    # Compiled code checks signed indices for negative ones; unsigned indices save this time.
     row, column = unsigned(place), unsigned(counts)
     known: float = values[row, column]
     if known == 0.0:

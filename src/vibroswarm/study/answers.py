@@ -3,9 +3,10 @@
     soft against none: 127 s faster [102, 153], 11.9 points more right [8.4, 15.5], 6.7 points more wrong [3.9, 9.4];
     confirmed on other seeds.
 
-Shares are of robots. A difference is stated if its p-value, corrected over all comparisons of the study, is below
-0.05; it is confirmed if the other seeds show it too. A strategy that is faster and wrong more often is not called
-better: it is compared at equal error as well (``analysis.forced_error``).
+A pair is a cell and its reference; every difference is cell - reference. Shares are shares of robots, and "points" are
+percentage points. A difference is significant if its p-value, corrected over all comparisons of the study, is below
+0.05. It is confirmed if the study's second block of runs, from another seed, shows it too. A strategy that is faster
+and wrong more often is not called better: the pair is compared at equal error as well (``analysis.forced_error``).
 """
 
 from __future__ import annotations
@@ -24,81 +25,110 @@ from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
 SIGNIFICANT: Final = 0.05
+"""A difference is significant if its corrected p-value is below this."""
 EFFECTS: Final = {
     "decision_time_s": ("time", "slower", "faster"),
     "right_share": ("right", "more right", "fewer right"),
     "wrong_share": ("wrong", "more wrong", "fewer wrong"),
     "undecided_share": ("undecided", "more undecided", "fewer undecided"),
 }
-"""Figures of an answer: its heading, and what a higher and a lower value is called."""
+"""For each figure of an answer: its short name, and the words for a higher and for a lower value."""
 MOST_NAMES: Final = 6
-"""Cells of a question that are named."""
+"""The cells of a question are named if there are at most this many."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One figure of a comparison."""
+    """The difference of one figure between a cell and its reference."""
 
     figure: str
-    """Of ``EFFECTS``."""
+    """A key of ``EFFECTS``."""
     interval: Interval
-    """First - reference, in s or percentage points."""
+    """Cell - reference, in s or percentage points."""
     unit: str
+    """``s`` or ``points``."""
     significant: bool
     repeated: bool
-    """Whether it was compared on other seeds too."""
+    """Whether the figure was compared on the other seed too."""
     confirmed: bool
+    """Whether the other seed shows the same difference."""
 
     @property
     def better(self) -> bool | None:
-        """Whether the first cell is better in this figure; None where no difference is shown."""
-        return self.interval.estimate * DIRECTIONS[self.figure] > 0 if self.significant else None
+        """Whether the cell is better than its reference in this figure; None if the difference is not significant."""
+        if not self.significant:
+            return None
+        # The direction is 1 if higher is better, else -1.
+        return self.interval.estimate * DIRECTIONS[self.figure] > 0
 
     @property
     def words(self) -> str:
-        """The difference with its interval: ``127 s faster [102, 153]``."""
-        _, higher, lower = EFFECTS[self.figure]
-        value, low, high = self.interval[:3]
-        size, word = f"{self._text(abs(value))} {self.unit}", higher if value > 0 else lower
-        ends = (low, high) if value > 0 else (-high, -low)
-        return f"{size} {word} {self._brackets(*map(self._text, ends))}".strip()
+        """The size of the difference with its direction in words and its interval: ``127 s faster [102, 153]``.
+
+        The interval is left out if a limit is not finite.
+        """
+        _, word_if_higher, word_if_lower = EFFECTS[self.figure]
+        estimate, low, high = self.interval[:3]
+        # The word gives the sign, so a negative difference and its limits are written with their signs reversed.
+        if estimate > 0:
+            word = word_if_higher
+        else:
+            word, low, high = word_if_lower, -high, -low
+        brackets = self._brackets(self._text(low), self._text(high))
+        return f"{self._text(abs(estimate))} {self.unit} {word} {brackets}".strip()
 
     @property
     def number(self) -> str:
-        """The difference with its sign, unit and interval: ``-127 s [-153, -102]``."""
+        """The difference with its sign, unit and interval: ``-127 s [-153, -102]``; or ``not defined``.
+
+        The interval is left out if a limit is not finite.
+        """
         if math.isnan(self.interval.estimate):
             return "not defined"
-        value, low, high = (self._signed(v) for v in self.interval[:3])
-        return f"{value} {self.unit} {self._brackets(low, high)}".strip()
+        estimate, low, high = (self._signed(value) for value in self.interval[:3])
+        return f"{estimate} {self.unit} {self._brackets(low, high)}".strip()
 
     def _brackets(self, low: str, high: str) -> str:
+        """Put the two limits, given as text, in brackets; return an empty text if a limit is not finite."""
         finite = math.isfinite(self.interval.low) and math.isfinite(self.interval.high)
         return f"[{low}, {high}]" if finite else ""
 
     def _text(self, value: float) -> str:
-        """Write a number with the digits of the effect: whole seconds if it has two digits, else one decimal."""
+        """Write a value without ``+``, with as many decimals as the estimate and the limits of this effect need.
+
+        Times are written in whole seconds if the estimate or a limit rounds to 10 s or more. All other values have
+        one decimal.
+        """
+        # Estimate and limits; limits may be infinite, and all three may be nan.
         largest = max((abs(v) for v in self.interval[:3] if math.isfinite(v)), default=0.0)
-        text = f"{value:.{0 if self.unit == 's' and largest >= 9.95 else 1}f}"
-        return text if float(text) else text.removeprefix("-")
+        decimals = 0 if self.unit == "s" and largest >= 9.95 else 1  # 9.95 is written 10.0
+        text = f"{value:.{decimals}f}"
+        return text if float(text) else text.removeprefix("-")  # 0.0 instead of -0.0
 
     def _signed(self, value: float) -> str:
+        """Write a value as ``_text`` does, with ``+`` before a positive value; a value written as 0 has no sign."""
         text = self._text(value)
         return text if text.startswith("-") or not float(text) else f"+{text}"
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a comparison of two cells says."""
+    """What a comparison of a cell with its reference says."""
 
     cell: Cell
     reference: Cell
     first_name: str
+    """What the cell is called in this comparison."""
     reference_name: str
+    """What its reference is called."""
     rest: str
-    """What both cells have in common and others do not."""
+    """The varied values that both cells share, as text."""
     effects: tuple[Effect, ...]
+    """In the order of ``EFFECTS``, one for each figure that was compared."""
     pairs: int
+    """Number of runs that the first figure compares."""
     matched: MatchedError | None
+    """The comparison at equal error; None if there is none."""
 
     @property
     def name(self) -> str:
@@ -107,71 +137,93 @@ class Answer:
 
     @property
     def headline(self) -> str:
-        """Which is faster and which is wrong more often, in a few words."""
+        """Which of the two cells is faster and which is wrong more often, in a few words."""
         by_figure = {effect.figure: effect for effect in self.effects}
-        time, wrong = (self._says(by_figure[figure]) for figure in ("decision_time_s", "wrong_share"))
+        time, wrong = (self._comparative(by_figure[figure]) for figure in ("decision_time_s", "wrong_share"))
         if time is None and wrong is None:
             return (
                 f"{self.first_name} and {self.reference_name}: no difference shown in time or wrong decisions"
             )
         if time is None:
             return f"{self.first_name} is {wrong} than {self.reference_name}; no difference shown in time"
-        open_ = "; no difference shown in wrong decisions"
-        return f"{self.first_name} is {time} than {self.reference_name}{open_ if wrong is None else f', and {wrong}'}"
+        about_wrong = "; no difference shown in wrong decisions" if wrong is None else f", and {wrong}"
+        return f"{self.first_name} is {time} than {self.reference_name}{about_wrong}"
 
     @staticmethod
-    def _says(effect: Effect) -> str | None:
-        """Return the comparative of an effect; None if it is not significant."""
-        words = {
+    def _comparative(effect: Effect) -> str | None:
+        """Return ``slower``, ``wrong less often`` or the like for time or wrong share; None if not significant."""
+        if not effect.significant:
+            return None
+        word_if_higher, word_if_lower = {
             "decision_time_s": ("slower", "faster"),
             "wrong_share": ("wrong more often", "wrong less often"),
-        }
-        return words[effect.figure][int(effect.interval.estimate < 0)] if effect.significant else None
+        }[effect.figure]
+        return word_if_lower if effect.interval.estimate < 0 else word_if_higher
 
     @property
     def sentence(self) -> str:
-        """The comparison in one sentence."""
+        """All significant differences and whether they are confirmed; a second sentence lists the other differences."""
         shown = [effect for effect in self.effects if effect.significant]
-        open_ = [effect for effect in self.effects if not effect.significant]
+        others = [effect for effect in self.effects if not effect.significant]
         if not shown:
-            return f"{self.name}: no significant difference ({_listed(open_)})."
+            return f"{self.name}: no significant difference ({_listed(others)})."
         text = f"{self.name}: {', '.join(effect.words for effect in shown)}; {_confirmed(shown)}."
-        return text + (f" Not significant: {_listed(open_)}." if open_ else "")
+        return text + (f" Not significant: {_listed(others)}." if others else "")
 
     @property
     def at_equal_error(self) -> str:
-        """The comparison at equal error in one sentence; empty if there is none."""
+        """The comparison at equal error and what follows from it, in one or two sentences.
+
+        It is empty if the pair was not compared at equal error.
+        """
         found = self.matched
         if found is None:
             return ""
-        of = self.first_name if found.of_first else self.reference_name
-        where = f"At equal error ({100 * found.error:.1f} %, that of {of}), each with its best settings: "
+        # The strategies are compared at the error of the one that errs more as run: with other settings, the other
+        # strategy can reach this error too.
+        erring_more = self.first_name if found.of_first else self.reference_name
+        where = f"At equal error ({100 * found.error:.1f} %, that of {erring_more}), each with its best settings: "
         difference = found.time_difference_s
         if math.isnan(difference.estimate):
             return f"{where}not known, since one of the two never errs so seldom."
-        effect = Effect("decision_time_s", difference, "s", side(difference) != 0, False, False)
+        # There is no p-value at equal error: the difference is significant if its interval excludes 0.
+        effect = Effect(
+            figure="decision_time_s",
+            interval=difference,
+            unit="s",
+            significant=side(difference) != 0,
+            repeated=False,  # the comparison at equal error has no second block of runs
+            confirmed=False,
+        )
         if not effect.significant:
-            return f"{where}no significant difference in time, {effect.number}.{self._moral(None)}"
-        return f"{where}{self.first_name} {effect.words}.{self._moral(difference.estimate < 0)}"
+            return f"{where}no significant difference in time, {effect.number}.{self._conclusion(None)}"
+        return f"{where}{self.first_name} {effect.words}.{self._conclusion(difference.estimate < 0)}"
 
-    def _moral(self, faster_at_equal_error: bool | None) -> str:
-        """Return what equal error says about a strategy that is faster and wrong more often; empty if neither is both.
+    def _conclusion(self, first_is_faster_at_equal_error: bool | None) -> str:
+        """Write whether a strategy that is faster and wrong more often, as run, is faster at equal error too.
 
         Args:
-            faster_at_equal_error: whether the first strategy is faster there; None if no difference is shown.
+            first_is_faster_at_equal_error: None if the difference at equal error is not significant.
+        Returns: a sentence after a space. It is empty unless one of the two is significantly faster and also wrong
+            significantly more often.
         """
         better = {effect.figure: effect.better for effect in self.effects}
-        if better["decision_time_s"] is None or better["wrong_share"] is None:
-            return ""
-        if better["decision_time_s"] == better["wrong_share"]:
-            return ""
-        faster = self.first_name if better["decision_time_s"] else self.reference_name
-        if faster_at_equal_error is None or faster_at_equal_error != better["decision_time_s"]:
+        first_is_faster, first_errs_less = better["decision_time_s"], better["wrong_share"]
+        if first_is_faster is None or first_errs_less is None:
+            return ""  # a difference is not significant
+        if first_is_faster == first_errs_less:
+            return ""  # the faster strategy is also wrong less often
+        faster = self.first_name if first_is_faster else self.reference_name
+        if first_is_faster_at_equal_error is None or first_is_faster_at_equal_error != first_is_faster:
             return f" So {faster} is faster as run, but not shown to be better: it is wrong more often."
         return f" So {faster} is faster, and not only because it is wrong more often."
 
     def as_row(self) -> dict[str, float | int | str | None]:
-        """Return what was compared at equal error as a flat row."""
+        """Return the comparison at equal error as a flat row for a table; without it, only name and cell numbers.
+
+        A difference has three columns: the estimate, and its limits in ``..._low`` and ``..._high``. A value that is
+        not finite is None.
+        """
         found = self.matched
         row: dict[str, float | int | str | None] = {
             "name": self.name,
@@ -193,89 +245,120 @@ class Answer:
 def answers_of(
     compared: Sequence[Compared], matched: Mapping[tuple[int, int], MatchedError]
 ) -> tuple[Answer, ...]:
-    """Return an answer for each pair of cells; of pairs that share all else, the largest difference in time first.
+    """Return one answer for each pair of cells.
+
+    Answers with equal ``Answer.rest`` (the varied values that cell and reference share) stand together, in the order
+    in which the values of ``rest`` first appear. Within such a group, the largest difference in time comes first.
 
     Args:
-        compared: all figures of all pairs. matched: by the numbers of cell and reference
-            (``cell_comparison.at_equal_error``).
+        compared: all figures of all pairs.
+        matched: comparisons at equal error, by the numbers of cell and reference (``cell_comparison.at_equal_error``).
     """
+    # For each pair, its comparisons by figure. A pair is given by cell, reference and compared field.
     by_pair: dict[tuple[int, int, str], dict[str, Compared]] = {}
     for one in compared:
         key = (one.cell.number, one.reference.number, one.field)
         by_pair.setdefault(key, {})[one.first.figure] = one
-    found = [_answer(figures, matched.get(pair[:2])) for pair, figures in by_pair.items()]
-    groups: dict[str, int] = {}
+    found = [
+        _answer(figures, matched.get((cell, reference))) for (cell, reference, _), figures in by_pair.items()
+    ]
+    rank_of_rest: dict[str, int] = {}  # the position at which each ``rest`` first appears
     for answer in found:
-        groups.setdefault(answer.rest, len(groups))
-    return tuple(sorted(found, key=lambda answer: (groups[answer.rest], -_size(answer))))
+        rank_of_rest.setdefault(answer.rest, len(rank_of_rest))
+    return tuple(sorted(found, key=lambda answer: (rank_of_rest[answer.rest], -_time_difference(answer))))
 
 
-def _size(answer: Answer) -> float:
-    """Return the absolute difference in time; 0 if it is undefined."""
+def _time_difference(answer: Answer) -> float:
+    """Return the absolute difference in decision time, which is the first effect; 0 if it is undefined."""
     size = abs(answer.effects[0].interval.estimate)
     return 0.0 if math.isnan(size) else size
 
 
 def _answer(figures: Mapping[str, Compared], matched: MatchedError | None) -> Answer:
-    """Return the answer of one pair."""
-    any_ = next(iter(figures.values()))
+    """Return the answer of one pair of cells.
+
+    Args:
+        figures: the pair's comparisons by figure. matched: its comparison at equal error, None if there is none.
+    """
+    one = next(iter(figures.values()))  # all comparisons of the pair have the same cells and names
     effects = tuple(_effect(figures[figure]) for figure in EFFECTS if figure in figures)
-    first, reference, rest = any_.names
-    return Answer(any_.cell, any_.reference, first, reference, rest, effects, any_.first.pairs, matched)
+    first_name, reference_name, rest = one.names
+    return Answer(
+        cell=one.cell,
+        reference=one.reference,
+        first_name=first_name,
+        reference_name=reference_name,
+        rest=rest,
+        effects=effects,
+        pairs=one.first.pairs,
+        matched=matched,
+    )
 
 
 def _effect(one: Compared) -> Effect:
-    """Return an effect with shares in percentage points."""
-    share = one.first.figure != "decision_time_s"
+    """Return the comparison of one figure as an effect, with differences of shares in percentage points."""
+    is_share = one.first.figure != "decision_time_s"
     interval = one.first.difference
-    if share:
+    if is_share:
         interval = interval._replace(**{n: 100 * getattr(interval, n) for n in ("estimate", "low", "high")})
     return Effect(
-        one.first.figure,
-        interval,
-        "points" if share else "s",
-        one.first.p_holm < SIGNIFICANT,
-        one.replicate is not None,
-        one.replicate is not None and one.replicate.confirmed,
+        figure=one.first.figure,
+        interval=interval,
+        unit="points" if is_share else "s",
+        significant=one.first.p_holm < SIGNIFICANT,
+        repeated=one.replicate is not None,
+        confirmed=one.replicate is not None and one.replicate.confirmed,
     )
 
 
 def _confirmed(shown: Sequence[Effect]) -> str:
-    """Return which of the differences the other seeds confirm."""
+    """Write which of the significant differences ``shown`` the runs from the other seed confirm.
+
+    Returns: such as ``time confirmed on other seeds, wrong not confirmed``.
+    """
     if not any(effect.repeated for effect in shown):
         return "not repeated on other seeds"
-    missing = [EFFECTS[effect.figure][0] for effect in shown if not effect.confirmed]
-    if not missing:
-        return "confirmed on other seeds"
     confirmed = [EFFECTS[effect.figure][0] for effect in shown if effect.confirmed]
-    kept = f"{_joined(confirmed, 'and')} confirmed on other seeds, " if confirmed else ""
-    return f"{kept}{_joined(missing, 'and')} not confirmed" + ("" if confirmed else " on other seeds")
+    unconfirmed = [EFFECTS[effect.figure][0] for effect in shown if not effect.confirmed]
+    if not unconfirmed:
+        return "confirmed on other seeds"
+    if not confirmed:
+        return f"{_joined(unconfirmed, 'and')} not confirmed on other seeds"
+    return (
+        f"{_joined(confirmed, 'and')} confirmed on other seeds, {_joined(unconfirmed, 'and')} not confirmed"
+    )
 
 
 def _listed(effects: Sequence[Effect]) -> str:
+    """List effects with short name and difference: ``time -127 s [-153, -102], wrong +6.7 points [3.9, 9.4]``."""
     return ", ".join(f"{EFFECTS[effect.figure][0]} {effect.number}" for effect in effects)
 
 
 def _joined(names: Sequence[str], word: str) -> str:
-    """List names; between semicolons where they have commas of their own."""
+    """Join names as in ``a, b and c``, where ``word`` is ``and``; as in ``a; b; and c`` if a name contains a comma."""
     if len(names) == 1:
         return names[0]
-    comma = "; " if any(", " in name for name in names) else ", "
-    last = f"{comma.rstrip()} {word} " if comma == "; " else f" {word} "
-    return f"{comma.join(names[:-1])}{last}{names[-1]}"
+    has_commas = any(", " in name for name in names)
+    separator = "; " if has_commas else ", "
+    before_last = f"; {word} " if has_commas else f" {word} "
+    return f"{separator.join(names[:-1])}{before_last}{names[-1]}"
 
 
 def title(result: StudyResult) -> str:
-    """Return the study's name, or those of its cells."""
+    """Return the study's name; without one, the names of its selected cells, or their number if they are many."""
     names = [result.study.cells[number].name for number in result.selected]
     return result.study.name or (_joined(names, "and") if len(names) <= MOST_NAMES else f"{len(names)} cells")
 
 
 def question(result: StudyResult, compared: Sequence[Compared]) -> str:
-    """Say what was asked: what is compared, in which setting, in how many runs."""
+    """Write what the study asks: which cells are compared, in which setting, and in how many runs.
+
+    Without comparisons, the text is no question: it names the cells, the setting and the runs.
+    """
     cells = [result.study.cells[number] for number in result.selected]
     first = cells[0].scenario
     varied = result.study.varied
+    # The setting is what all cells share: a varied field is not part of it, but of the cells' names.
     robots = (
         "" if "swarm.robots" in varied else f"{first.swarm.robots} robot{'s' * (first.swarm.robots != 1)}"
     )
@@ -294,7 +377,7 @@ def question(result: StudyResult, compared: Sequence[Compared]) -> str:
 
 
 class Figures(Protocol):
-    """What is said of a cell that is not compared."""
+    """A cell with its figures, as ``cell_sentences`` needs them."""
 
     @property
     def cell(self) -> Cell:
@@ -303,22 +386,22 @@ class Figures(Protocol):
 
     @property
     def summary(self) -> CellSummary:
-        """Its figures."""
+        """The cell's figures."""
         ...
 
 
 def cell_sentences(cells: Sequence[Figures]) -> list[str]:
-    """Return what became of the robots of each cell, in a sentence."""
+    """Return one sentence for each cell: its shares of right, wrong and undecided robots, and its decision time."""
     sentences = []
     for one in cells:
-        found = one.summary
+        figures = one.summary
         shares = (
-            ("right", found.robots_right),
-            ("wrong", found.robots_wrong),
-            ("undecided", found.robots_undecided),
+            ("right", figures.robots_right),
+            ("wrong", figures.robots_wrong),
+            ("undecided", figures.robots_undecided),
         )
         words = [f"{_percent(share)} {word}" for word, share in shares if not math.isnan(share.estimate)]
-        time = found.decision_time_s
+        time = figures.decision_time_s
         limits = f" [{time.low:.0f}, {time.high:.0f}]" if math.isfinite(time.low) else ""
         sentences.append(
             f"{one.cell.name}: robots {', '.join(words)}; decision time {time.estimate:.0f} s{limits}."
@@ -327,5 +410,6 @@ def cell_sentences(cells: Sequence[Figures]) -> list[str]:
 
 
 def _percent(share: Interval) -> str:
+    """Write a share in percent with its limits: ``48.7 % [44.2, 53.1]``; without limits if they are not finite."""
     limits = f" [{100 * share.low:.1f}, {100 * share.high:.1f}]" if math.isfinite(share.low) else ""
     return f"{100 * share.estimate:.1f} %{limits}"

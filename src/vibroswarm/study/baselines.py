@@ -1,11 +1,15 @@
-"""Compute two references for every strategy, from some runs that are simulated again from the seed.
+"""Compute two references for every strategy, from some of the study's runs, which are simulated again from its seed.
 
-**Pooled counting** has all bits in one place at once and decides at the strategy's own error: it shows the cost of
-deciding as a swarm. **With positions** is the posterior over tiles from all bits and their positions: what could be
-known at a posterior error of 5 %, given the fill ratio but not the side ("mirror"), on floors from alternating sides.
-No rule that is as sure in every run decides sooner, if floors are drawn from that prior; on other floors it is a
-reference and not a bound, and a note says so. If it cannot be computed, a note says why. See
-``analysis.centralised_baseline`` and ``analysis.oracle_posterior``.
+**Pooled counting** is a central decision-maker that has all bits (0/1 samples) of all robots at once. It decides with
+the same share of errors as the strategy, so the difference in time is the cost of deciding as a swarm. See
+``analysis.centralised_baseline``.
+
+**With positions** (``known``) is the posterior over the tiles, given all bits and their positions. It gives the time
+at which the side of the boundary could be known with a posterior error of 5 %. Its prior "mirror" knows the distance
+of the fill ratio from the boundary but not the side, so even-numbered runs keep their floor and odd-numbered runs get
+one of the mirrored fill ratio. If floors are drawn from this prior, no rule that is as sure in every run decides
+sooner. On other floors it is a reference and not a bound, and a note says so. If it cannot be computed, a note says
+why. See ``analysis.oracle_posterior``.
 """
 
 from __future__ import annotations
@@ -32,12 +36,13 @@ from vibroswarm.study.study_result import StudyResult
 RUNS: Final = 200
 """Runs simulated again for each cell."""
 MIN_RUNS: Final = 20
-"""With fewer runs, one half is too few to tune on and the other too few to judge."""
+"""With fewer runs, the half on which pooled counting is tuned and the half on which it is judged are too small."""
 RUNS_BY_CHAINS: Final = 40
-"""Runs if the posterior must be sampled, which takes some tenths of a second a run; half as many on large floors."""
+"""Runs if the posterior must be sampled by Markov chains, some tenths of a second per run; half on large floors."""
 LARGE_FLOOR: Final = 50
-"""Number of tiles from which a run takes seconds."""
+"""Number of tiles from which on sampling a posterior takes seconds per run."""
 MOST_CELLS: Final = 60
+"""No references are computed for a study with more selected cells."""
 
 
 @dataclass(frozen=True)
@@ -46,19 +51,23 @@ class References:
 
     cell: Cell
     runs: int
+    """Number of runs that were simulated again."""
     pooled: PooledCounting | None
-    """None if no decision is right or runs ended early."""
+    """None if runs ended early, or if neither decision is right because the fill ratio is on the boundary."""
     known: Known | None
     """None if it cannot be computed."""
     says: tuple[str, ...]
-    """Why ``known`` is missing, or where its figures do not apply."""
+    """Notes in sentences: why ``known`` is missing, or where its figures do not apply."""
     lag_one: Interval
     """Correlation of one robot's consecutive bits."""
     packet_loss: Interval
     """Share of messages addressed to a robot that it did not receive; mean over runs."""
 
     def as_row(self) -> dict[str, Any]:
-        """Return a flat row for a table."""
+        """Return a flat row for a table; figures of a missing reference (None) are left out.
+
+        A figure with an interval has three columns: its name, and its limits in ``..._low`` and ``..._high``.
+        """
         row: dict[str, Any] = {"cell": self.cell.number, "name": self.cell.name, "runs": self.runs}
         figures = {"lag_one": self.lag_one, "packet_loss": self.packet_loss}
         if self.pooled is not None:
@@ -86,22 +95,32 @@ class References:
 def references_of(
     result: StudyResult, runs: int = RUNS, progress: Callable[[float], None] | None = None
 ) -> list[References]:
-    """Compute the references of the selected cells; none for more than ``MOST_CELLS`` cells or too few runs."""
+    """Compute the references of the selected cells, in the order of their numbers.
+
+    Cells with fewer than ``MIN_RUNS`` stored runs and cells whose task is not about the fill ratio are left out. The
+    list is empty if more than ``MOST_CELLS`` cells are selected.
+
+    Args:
+        runs: largest number of runs that are simulated again for each cell.
+        progress: called after each cell, with the share of the selected cells that are done.
+    """
     if len(result.selected) > MOST_CELLS:
         return []
     references = []
-    for done, (cell, simulated) in enumerate(_again(result, runs)):
+    for done, (cell, simulated) in enumerate(_simulated_again(result, runs), start=1):
         if simulated is not None:
             references.append(_references(cell, simulated))
         if progress is not None:
-            progress((done + 1) / len(result.selected))
+            progress(done / len(result.selected))
     return sorted(references, key=lambda reference: reference.cell.number)
 
 
-def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None]]:
-    """Yield each selected cell with its simulated runs; cells that share motion share its simulation.
+def _simulated_again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None]]:
+    """Yield each selected cell with at most ``runs`` of its runs, simulated again.
 
-    None takes the place of the runs if they are fewer than ``MIN_RUNS``, or if the task is not about the fill ratio.
+    Cells of a group share their motion. It is simulated for the first of them, and the others are replayed on it where
+    that is possible. A cell is yielded with None instead of its runs if fewer than ``MIN_RUNS`` can be used, or if its
+    task is not about the fill ratio.
     """
     for group in result.plan.groups:
         cells = [cell for cell in group.cells if cell.number in result.selected]
@@ -111,66 +130,91 @@ def _again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Result | None
             if len(chosen) < MIN_RUNS or cell.scenario.task.name != "fill_ratio":
                 yield cell, None
                 continue
+            # ``simulated`` still has the runs of the previous cell: this cell may be replayed on their motion.
             simulated = _runs_of_cell(result, group, cell, chosen, simulated)
             yield cell, simulated
 
 
 def _runs_of_cell(
-    result: StudyResult, group: Group, cell: Cell, runs: list[int], made: Result | None
+    result: StudyResult, group: Group, cell: Cell, runs: list[int], earlier: Result | None
 ) -> Result:
-    """Return a cell's runs: replayed on the motion of ``made``, runs of another cell, if possible; else simulated."""
-    if made is not None and _serves(made, group, cell, runs):
-        return replay(made, cell.scenario)
+    """Return runs of a cell, replayed on the motion of another cell's runs if that is possible, else simulated.
+
+    Args:
+        group: of the cell. runs: their numbers. earlier: runs of another cell of the group; None if there are none yet.
+    """
+    if earlier is not None and _has_motion_for(earlier, group, cell, runs):
+        return replay(earlier, cell.scenario)
     return result.result(cell.number, runs)
 
 
-def _serves(made: Result, group: Group, cell: Cell, runs: list[int]) -> bool:
-    """Return whether a cell can be replayed on the motion of ``made``, runs of another cell of its group."""
-    # Cells of a group may differ in their end, and in how many runs they have.
-    is_same = made.scenario.run == cell.scenario.run and made.runs["run"].to_list() == runs
-    # A run that ends when all have decided is as long as its own strategy needs.
-    is_whole = group.first.run.stop == "t_end"
-    return is_same and is_whole and (made.moves is not None or not needs_moves(cell.scenario))
+def _has_motion_for(earlier: Result, group: Group, cell: Cell, runs: list[int]) -> bool:
+    """Return whether a cell's runs can be replayed on the motion of ``earlier``, runs of another cell of the group.
+
+    Args:
+        runs: numbers of the cell's runs.
+    """
+    # Cells of a group share their motion, but may differ in the end of their runs and in the number of runs stored.
+    is_same = earlier.scenario.run == cell.scenario.run and earlier.runs["run"].to_list() == runs
+    # A run that stops when all robots have decided may be too short for another strategy.
+    runs_to_end = group.first.run.stop == "t_end"
+    has_moves = earlier.moves is not None or not needs_moves(cell.scenario)
+    return is_same and runs_to_end and has_moves
 
 
-def _references(cell: Cell, made: Result) -> References:
-    """Compute the references of one cell."""
+def _references(cell: Cell, simulated: Result) -> References:
+    """Compute the references of one cell from its simulated runs."""
     pooled = None
-    if not made.runs["stopped_early"].any() and made.runs["truth"].null_count() == 0:
-        pooled = pooled_counting(made)
-    known, says = _could_be_known(made)
-    loss = mean_interval(packet_loss(made)["packet_loss"].drop_nulls().to_numpy())
-    return References(cell, made.runs.height, pooled, known, says, lag_one(made), loss)
+    # Pooled counting needs all samples up to the end of each run, and a right decision in each run.
+    if not simulated.runs["stopped_early"].any() and simulated.runs["truth"].null_count() == 0:
+        pooled = pooled_counting(simulated)
+    known, notes = _could_be_known(simulated)
+    loss = mean_interval(packet_loss(simulated)["packet_loss"].drop_nulls().to_numpy())
+    return References(
+        cell=cell,
+        runs=simulated.runs.height,
+        pooled=pooled,
+        known=known,
+        says=notes,
+        lag_one=lag_one(simulated),
+        packet_loss=loss,
+    )
 
 
-def _could_be_known(made: Result) -> tuple[Known | None, tuple[str, ...]]:
-    """Compute what could be known, None if that is impossible, with notes on what is missing or limited."""
-    if made.runs["truth"].null_count():
+def _could_be_known(result: Result) -> tuple[Known | None, tuple[str, ...]]:
+    """Compute when the side of the boundary could be known from all bits and their positions.
+
+    Returns: the figures, or None if they cannot be computed; and notes in sentences, on why the figures cannot be
+        computed or on where they do not apply.
+    """
+    if result.runs["truth"].null_count():
         return None, ("What could be known is not computed: the fill ratio is on the boundary.",)
-    floor, sensor = made.scenario.floor, made.scenario.sensor
+    floor, sensor = result.scenario.floor, result.scenario.sensor
     try:
-        made = on_both_sides(made) if floor.drawn_by_run else made
-        if needs_chains(sensor):
-            large = made.floor(int(made.runs["run"][0])).tiles.size >= LARGE_FLOOR
-            some = RUNS_BY_CHAINS // 2 if large else RUNS_BY_CHAINS
-            made = replace(made, runs=made.runs.sort("run").head(some))
-        known = could_be_known(made, prior="mirror")
+        # Under the prior "mirror" the fill ratio lies on either side with equal probability. Half of the runs get a
+        # floor of the mirrored fill ratio, so that the floors agree with the prior; only drawn floors can be mirrored.
+        result = on_both_sides(result) if floor.drawn_by_run else result
+        if needs_chains(sensor):  # these are slow, so fewer runs are used
+            is_large = result.floor(int(result.runs["run"][0])).tiles.size >= LARGE_FLOOR
+            most_runs = RUNS_BY_CHAINS // 2 if is_large else RUNS_BY_CHAINS
+            result = replace(result, runs=result.runs.sort("run").head(most_runs))
+        known = could_be_known(result, prior="mirror")
     except InputError as error:
         return None, (f"What could be known is not computed: {error}.",)
-    says = []
+    notes = []
     if not floor.drawn_by_run:
-        says.append(
+        notes.append(
             "The prior takes all floors of this fill ratio as equally likely, which these floors are not: what could "
             "be known is no bound here (knowing the pattern may help), its error may exceed 5 %, and "
             "`known wrong` covers floors on this side of the boundary only."
         )
     elif sensor.tile_spread is not None or sensor.robot_spread is not None:
-        says.append("Tiles and robots are new in each run; their factors are not known, their spread is.")
+        notes.append("Tiles and robots are new in each run; their factors are not known, their spread is.")
     if known.unsettled:
-        says.append(
+        notes.append(
             f"In {known.unsettled} of {known.runs.height} runs a posterior stayed too uncertain to be used."
         )
-    return known, tuple(says)
+    return known, tuple(notes)
 
 
 def reference_table(references: list[References]) -> pl.DataFrame:

@@ -1,9 +1,11 @@
-"""Simulate batches, some runs of a group of cells, and check the tables that come back.
+"""Simulate batches, and check the tables that come back. A batch is a range of runs of a group of cells.
 
-Motion is simulated once, each floor and sensor is observed once, and each strategy is replayed on these.
+The cells of a group share their motion (see ``plan``). A batch simulates the motion once, takes the readings once for
+each floor and sensor, and replays each strategy on these readings.
 
-A worker may be a thread, a process, or on another machine: it gets text and numbers and returns bytes. Tables have one
-row for each cell, run and robot; columns of the run are repeated for each robot.
+A worker may be a thread, a process, or on another machine: it gets text and numbers (``Batch``) and returns Parquet
+files as bytes (``BatchResult``). The study stores the files of a batch as a shard. The main table has one row for each
+cell, run and robot; columns of the run are repeated for each robot.
 """
 
 from __future__ import annotations
@@ -60,7 +62,7 @@ SAMPLES: Final[dict[str, Any]] = {
     **{k: v for k, v in OBSERVATIONS.items() if k not in MOTION},
     **{k: v for k, v in INFERENCE.items() if k not in MOTION},
 }
-"""One row per cell and sample; saved on request."""
+"""Columns of the table of samples, saved on request: one row per cell and sample."""
 
 
 class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
@@ -68,26 +70,32 @@ class Cancelled(Exception):  # noqa: N818  (nothing went wrong)
 
 
 class BatchOutcomes(NamedTuple):
-    """Outcomes of some runs of some cells, as ``BatchRows.put`` takes them.
-
-    ``samples`` is empty unless samples are saved, ``failures`` unless runs failed.
-    """
+    """Outcomes of some runs of some cells, as ``BatchRows.put`` takes them. A row stands for one scenario."""
 
     cells: Sequence[Sequence[int]]
+    """For each row, the numbers of the cells with its scenario: one cell, or several with equal scenarios."""
     robots: Columns
+    """Columns of the robots, (rows, runs, robots) each."""
     runs: Columns
+    """Columns of the runs, (rows, runs) each, or (runs,) if all rows share the values."""
     samples: list[pl.DataFrame]
+    """The table of samples of each cell; empty unless samples are saved."""
     failures: list[pl.DataFrame]
+    """The failed runs of each cell; empty if no run failed."""
 
 
 class BatchRequest(NamedTuple):
     """Which runs to simulate, from which seed, with which source of motion, and whether to return samples."""
 
     runs: range
+    """Numbers of the runs."""
     seed: int
     motion: str
+    """Name of the source of motion."""
     samples: bool
+    """Whether the table of samples is returned too."""
     cancelled: Callable[[], bool] = lambda: False
+    """Returns whether the study was stopped."""
 
     def check(self) -> None:
         """Raise Cancelled if the study was stopped."""
@@ -96,40 +104,49 @@ class BatchRequest(NamedTuple):
 
 
 def simulate_batch(observed: Texts, request: BatchRequest) -> Iterator[BatchOutcomes]:
-    """Simulate the runs, floor by floor and sensor by sensor.
+    """Simulate runs of the cells of a group, and yield outcomes for each floor, sensor and end of the runs.
 
     Args:
-        observed: see ``Batch``.
+        observed: the cells and their scenarios. It has an entry for each floor, sensor and end of the runs, the longest
+            runs first. An entry has pairs: a scenario as TOML, and the numbers of the cells with this scenario.
+        request: which runs to simulate, and how.
     Raises:
         Cancelled: the study was stopped; checked between two steps.
     """
-    for inferences in observed:
-        for text, _ in inferences:
+    for entry in observed:
+        for text, _ in entry:
             check_scenario(scenario_of(text))
-    first = scenario_of(observed[0][0][0])
+    first_entry, *_ = observed
+    (text, cells), *_ = first_entry
+    first = scenario_of(text)
     if first.run.stop == "all_decided" or steers(first):
-        ((text, cells),) = observed[0]
-        yield _until_all_decided(scenario_of(text), cells, request)
+        # The motion depends on the decisions, so such a group has a single scenario (see ``plan.plan_of``).
+        yield _closed_loop(first, cells, request)
         return
     request.check()
-    moves = any(needs_moves(scenario_of(text)) for inferences in observed for text, _ in inferences)
-    full = source(request.motion).batch(first, request.seed, request.runs, False, moves)
+    moves = any(needs_moves(scenario_of(text)) for entry in observed for text, _ in entry)
+    segments = False  # no figure needs the paths between samples
+    full = source(request.motion).batch(first, request.seed, request.runs, segments, moves)
     motion, end_s = _SharedMotion(first, full, request), first.run.t_end_s
-    for inferences in observed:
-        scenario = scenario_of(inferences[0][0])
-        if scenario.run.t_end_s != end_s:
+    for entry in observed:
+        scenarios = [scenario_of(text) for text, _ in entry]
+        scenario = scenarios[0]  # all scenarios of an entry have the same floor, sensor and end
+        if scenario.run.t_end_s != end_s:  # shorter runs: they use the beginning of the longest motion
             motion, end_s = _SharedMotion(scenario, beginning(full, scenario), request), scenario.run.t_end_s
         request.check()
-        yield motion.outcomes(
-            [scenario_of(text) for text, _ in inferences], [cells for _, cells in inferences]
-        )
+        yield motion.outcomes(scenarios, [cells for _, cells in entry])
 
 
-def _until_all_decided(scenario: Scenario, cells: Sequence[int], request: BatchRequest) -> BatchOutcomes:
-    """Simulate runs that end when all robots have decided, of one cell or several equal ones."""
+def _closed_loop(scenario: Scenario, cells: Sequence[int], request: BatchRequest) -> BatchOutcomes:
+    """Simulate runs whose motion depends on decisions: runs end when all robots have decided, or the strategy steers.
+
+    Args:
+        scenario: of one cell, or of several cells with equal scenarios. cells: the numbers of these cells.
+    """
     result = simulate(scenario, request.seed, request.runs, motion=request.motion, energies=request.samples)
     tile, observation = (result.observations[name].to_numpy() for name in ("tile", "observation"))
-    walk = Walk(result.motion).figures(tile, observation, result.floor(request.runs[0]).tiles.size)
+    tiles = result.floor(request.runs[0]).tiles.size  # the same in all runs
+    walk = Walk(result.motion).figures(tile, observation, tiles)
     robots, of_runs = columns_of(result)
     tables = (result.motion, result.observations, result.inference)
     samples = samples_of(*tables, cells) if request.samples else []
@@ -138,118 +155,169 @@ def _until_all_decided(scenario: Scenario, cells: Sequence[int], request: BatchR
 
 
 class _SharedMotion:
-    """The motion of some runs, and what is computed once for all floors, sensors and strategies."""
+    """The motion of some runs, and what is computed once for all floors, sensors and strategies.
+
+    Args:
+        scenario: one of the scenarios that have this motion. motion: of the runs that ``request`` names.
+    """
 
     def __init__(self, scenario: Scenario, motion: Motion, request: BatchRequest) -> None:
         self.motion, self.request = motion, request
         self.timeline = timeline_of(scenario, motion)
         self.places, self.walk = Places(request.seed, motion.samples), Walk(motion.samples)
-        ends = motion.ends["end_s"].to_numpy().reshape(-1, self.timeline.robots)
-        self.end_s = ends.max(axis=1)
+        # Time at which each run ends, (runs,): a run ends with its last robot. ``ends`` has one row per run and robot.
+        self.end_s = motion.ends["end_s"].to_numpy().reshape(-1, self.timeline.robots).max(axis=1)
         self._floors: dict[Any, dict[int, Floor]] = {}
 
     def outcomes(self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]]) -> BatchOutcomes:
-        """Compute outcomes of scenarios that differ only in strategy, network and decision."""
-        seen, runs, seed = scenarios[0], self.request.runs, self.request.seed
-        floors = self._floors_of(seen)
-        energies = self.request.samples or any(map(reads_energies, scenarios))
-        read = self.places.read(seen, floors, energies)
-        energy = energies_read(seen, read) if energies else None
-        each = []
+        """Compute the outcomes of scenarios that have this motion and share floor, sensor and end of the runs.
+
+        Args:
+            cells: for each scenario, the numbers of its cells.
+        """
+        common, runs, seed = scenarios[0], self.request.runs, self.request.seed
+        floors = self._floors_of(common)
+        # Energies (besides bits) are computed only if the table of samples shows them or a strategy reads them.
+        with_energies = self.request.samples or any(map(reads_energies, scenarios))
+        readings = self.places.read(common, floors, with_energies)
+        energy = energies_read(common, readings) if with_energies else None
+        finals_by_scenario = []  # for each scenario, the columns of its robots at the end, (runs * robots,) each
         for scenario in scenarios:
             self.request.check()
-            each.append(final_columns(replay_to_end(scenario, seed, self.timeline, read.observation, energy)))
+            swarm = replay_to_end(scenario, seed, self.timeline, readings.observation, energy)
+            finals_by_scenario.append(final_columns(swarm))
+        # The same columns, (scenarios, runs, robots) each.
         shape = (len(runs), self.timeline.robots)
-        finals = {name: np.stack([columns[name].reshape(shape) for columns in each]) for name in each[0]}
-        fills = np.array(fill_ratios(floors, list(runs), seen.arena.width_m, seen.arena.height_m))
+        finals = {
+            name: np.stack([columns[name].reshape(shape) for columns in finals_by_scenario])
+            for name in finals_by_scenario[0]
+        }
+        fills = np.array(fill_ratios(floors, list(runs), common.arena.width_m, common.arena.height_m))
         truth = _truths_of(scenarios, floors, list(runs), fills)
-        decided = finals["decision"], finals["decision_time_s"]
-        walk = self.walk.figures(read.tile, read.observation, floors[runs[0]].tiles.size)
+        tiles = floors[runs[0]].tiles.size  # the same in all runs
+        walk = self.walk.figures(readings.tile, readings.observation, tiles)
+        decisions, times_s = finals["decision"], finals["decision_time_s"]
         of_runs = {
-            **run_columns(*decided, fills, truth, self.end_s, seen.run.t_end_s),
+            **run_columns(decisions, times_s, fills, truth, self.end_s, common.run.t_end_s),
             **walked(walk, runs),
         }
-        samples = self._samples(scenarios, cells, read) if self.request.samples else []
-        failures = failed_rows(self.motion.failures, cells, seen.run.t_end_s)
+        samples = self._samples(scenarios, cells, readings) if self.request.samples else []
+        failures = failed_rows(self.motion.failures, cells, common.run.t_end_s)
         return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples, failures)
 
     def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
-        """Return the floor of each run by its number; cached, since several sensors share a floor."""
+        """Return the floors by number of the run; cached by the scenario's floor, which several sensors may share."""
         if scenario.floor not in self._floors:
             self._floors[scenario.floor] = floors_of(scenario, self.request.seed, self.request.runs)
         return self._floors[scenario.floor]
 
     def _samples(
-        self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]], read: Readings
+        self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]], readings: Readings
     ) -> list[pl.DataFrame]:
-        """Return the samples tables of these scenarios."""
+        """Return the table ``SAMPLES`` of each cell, scenario by scenario.
+
+        Args:
+            cells: for each scenario, the numbers of its cells. readings: shared by all the scenarios.
+        """
         motion = self.motion.samples
-        observations = observation_frame(scenarios[0], motion, read, energies=True)
+        observations = observation_frame(scenarios[0], motion, readings, energies=True)
         tables = []
-        for scenario, same in zip(scenarios, cells, strict=True):
+        for scenario, equal_cells in zip(scenarios, cells, strict=True):
             inference, _ = infer(scenario, self.request.seed, self.timeline, observations)
-            tables += samples_of(motion, observations, inference, same)
+            tables += samples_of(motion, observations, inference, equal_cells)
         return tables
 
 
 def _truths_of(
     scenarios: Sequence[Scenario], floors: dict[int, Floor], runs: list[int], fills: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the truth for each scenario and run, (scenarios, runs); equal questions are answered once."""
-    known: dict[Any, NDArray[np.float64]] = {}
-    for scenario in scenarios:
-        question = (scenario.task.model_dump_json(), scenario.decision.decision_boundary)
-        if question not in known:
-            known[question] = truths(scenario, floors, runs, fills)
-    return np.stack(
-        [known[variant.task.model_dump_json(), variant.decision.decision_boundary] for variant in scenarios]
-    )
+    """Return the right decision for each scenario and run, (scenarios, runs); nan where neither decision is right.
+
+    Scenarios with the same task and boundary have the same truths, which are computed once.
+
+    Args:
+        floors: by number of the run. fills: fill ratio of each run's floor inside the arena, (runs,).
+    """
+    # By task and boundary, which determine the right decision.
+    truths_by_key: dict[Any, NDArray[np.float64]] = {}
+    keys = [(scenario.task.model_dump_json(), scenario.decision.decision_boundary) for scenario in scenarios]
+    for scenario, key in zip(scenarios, keys, strict=True):
+        if key not in truths_by_key:
+            truths_by_key[key] = truths(scenario, floors, runs, fills)
+    return np.stack([truths_by_key[key] for key in keys])
 
 
 def samples_of(
     motion: pl.DataFrame, observations: pl.DataFrame, inference: pl.DataFrame, cells: Sequence[int]
 ) -> list[pl.DataFrame]:
-    """Build the table ``SAMPLES`` for each of several equal cells."""
+    """Build the table ``SAMPLES`` for each of several cells with equal scenarios: they differ in column ``cell`` only.
+
+    Args:
+        motion, observations, inference: tables of the same samples in the same order. cells: numbers of the cells.
+    """
     others = (table.drop("run", "robot", "sample") for table in (observations, inference))
     rows = pl.concat([motion, *others], how="horizontal")
-    return [rows.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *list(SAMPLES)[1:]) for cell in cells]
+    columns = [name for name in SAMPLES if name != "cell"]
+    return [rows.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *columns) for cell in cells]
 
 
 def beginning(motion: Motion, scenario: Scenario) -> Motion:
-    """Cut a motion off at the end of a scenario that is shorter but otherwise moves in the same way.
+    """Cut a motion to the shorter runs of a scenario that moves in the same way.
 
-    A sample belongs to the tick before its time; a robot that took one at the last tick is still standing. Positions
-    at the end are null, since the table of samples does not contain them.
+    A sample or a stop that begins exactly at the end of the shorter runs is not part of them. The table of ends gets
+    new values. Its ``stop_start_s`` says since when a robot stands at the end: a robot stands if it sampled in the last
+    control period, or if the stop for its next sample has begun; otherwise the value is null. Positions at the end are
+    null, since they cannot be known from the samples. Moves and failures are not cut off, since nothing uses those
+    after the end.
+
+    Args:
+        motion: of the longer runs. scenario: with the shorter runs.
     """
+    # A tick is one control period, the step in which time goes on.
     tick_s, end_s = scenario.tick_s, scenario.ticks * scenario.run.control_period_ms / 1000.0
+    # Times are whole ticks up to rounding errors. So that these errors do not matter, the limits are not ticks: one is
+    # a quarter of a tick before the end, the other a quarter of a tick before the last tick that precedes the end.
+    before_end_s, before_last_tick_s = end_s - tick_s / 4, end_s - 1.25 * tick_s
     samples, ends = motion.samples, motion.ends
     time_s, stop_s = samples["time_s"].to_numpy(), samples["stop_start_s"].to_numpy()
-    place = _place_in(ends, samples, scenario.swarm.robots)
-    before = time_s < end_s - tick_s / 4
-    last, following = np.full(ends.height, np.nan), np.full(ends.height, np.nan)
-    latest, later = before & (time_s > end_s - 1.25 * tick_s), np.flatnonzero(~before)[::-1]
-    last[place[latest]] = stop_s[latest]
-    following[place[later]] = stop_s[later]  # from the end, so that the first one stays
-    under_way = np.where(np.isnan(following), ends["stop_start_s"].to_numpy(), following)
-    since = np.where(under_way < end_s - tick_s / 4, under_way, np.nan)
-    standing = pl.Series("stop_start_s", np.where(np.isnan(last), since, last), nan_to_null=True)
+    end_row = _end_rows_of(ends, samples, scenario.swarm.robots)
+    is_before = time_s < before_end_s
+    # Per robot (row of ``ends``): start of the stop for its sample in the last control period; nan if there is none.
+    last_stop = np.full(ends.height, np.nan)
+    in_last_tick = is_before & (time_s > before_last_tick_s)
+    last_stop[end_row[in_last_tick]] = stop_s[in_last_tick]
+    # Per robot: start of the stop for its first sample after the end; nan if there is none. Samples are assigned from
+    # the last one to the first, so that the first one of each robot is what remains.
+    next_stop = np.full(ends.height, np.nan)
+    after_end = np.flatnonzero(~is_before)[::-1]
+    next_stop[end_row[after_end]] = stop_s[after_end]
+    # A robot without a later sample may have begun a stop that lasts to the end of the longer motion.
+    next_stop = np.where(np.isnan(next_stop), ends["stop_start_s"].to_numpy(), next_stop)
+    begun = np.where(next_stop < before_end_s, next_stop, np.nan)  # only stops that begin before the end
+    standing = pl.Series("stop_start_s", np.where(np.isnan(last_stop), begun, last_stop), nan_to_null=True)
     unknown = {name: pl.lit(None, dtype=pl.Float64) for name in ("x_m", "y_m", "heading_rad")}
     ends = ends.with_columns(standing, end_s=pl.lit(end_s), **unknown)
     return Motion(
-        samples.filter(pl.Series(before)), ends.select(list(ENDS)), None, motion.moves, motion.failures
+        samples=samples.filter(pl.Series(is_before)),
+        ends=ends.select(list(ENDS)),
+        segments=None,  # no figure needs the paths between samples
+        moves=motion.moves,
+        failures=motion.failures,
     )
 
 
-def _place_in(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDArray[np.int64]:
-    """Return for each sample the row of its run and robot in the table of ends, (rows,)."""
-    runs = ends["run"].to_numpy()[::robots]
-    run = np.searchsorted(runs, samples["run"].to_numpy())
-    place: NDArray[np.int64] = run * robots + samples["robot"].to_numpy()
-    return place
+def _end_rows_of(ends: pl.DataFrame, samples: pl.DataFrame, robots: int) -> NDArray[np.int64]:
+    """Return for each sample the row of its run and robot in the table of ends, (samples,)."""
+    runs = ends["run"].to_numpy()[::robots]  # the table has a row for each run and robot, in this order
+    run = np.searchsorted(runs, samples["run"].to_numpy())  # position of each sample's run in ``runs``
+    row: NDArray[np.int64] = run * robots + samples["robot"].to_numpy()
+    return row
 
 
 ROWS_AT_A_TIME: Final = 200_000
 """Approximate number of samples in memory at a time."""
+STANDING_MS: Final = 1000.0
+"""Typical time that a robot stands for a sample, ms; added to the sample interval, which alone may be 0."""
 
 
 @dataclass(frozen=True)
@@ -257,9 +325,10 @@ class Batch:
     """A batch in plain values, to be sent to a worker.
 
     Args:
-        study: hash of the study. group: its number.
-        observed: for each floor and sensor, for each way to decide: the scenario as TOML, and the cells it stands for.
-        first, last: runs, the last not included. seed, motion, keep: those of the study.
+        study: hash of the study. group: number of the group.
+        observed: scenarios as TOML and the cells that they stand for, see ``plan.Texts``.
+        first, last: number of the first run, and one past the last.
+        seed, motion, keep: the study's seed, its source of motion, and the further tables that it saves (``samples``).
     """
 
     study: str
@@ -271,11 +340,11 @@ class Batch:
     motion: str
     keep: tuple[str, ...]
     code: tuple[tuple[str, str], ...] = ()
-    """User code that the cells need, and its text."""
+    """The files of user code that the cells need: name and text of each."""
 
     @property
     def name(self) -> str:
-        """The name of the batch, as ``--batch`` takes it."""
+        """The name of the batch, as ``--batch`` takes it: ``GROUP:FIRST-LAST``, the last run not included."""
         return f"{self.group}:{self.first}-{self.last}"
 
 
@@ -285,39 +354,60 @@ class BatchResult:
 
     work: Batch
     files: dict[str, bytes]
+    """Each table as a Parquet file, by the table's name."""
     rows: int
+    """Number of rows of the table ``robots``."""
     versions: dict[str, str]
+    """``simulation.versions`` of the worker."""
 
 
 def batch_of(study: Study, group: Group, first: int, last: int) -> Batch:
-    """Make the batch of some runs of a group."""
-    code = plugins.texts_of(study.codes)
+    """Make the batch of the runs ``first`` to ``last`` - 1 of a group."""
     return Batch(
-        study.hash, group.number, group.texts, first, last, study.seed, study.motion, study.keep, code
+        study=study.hash,
+        group=group.number,
+        observed=group.texts,
+        first=first,
+        last=last,
+        seed=study.seed,
+        motion=study.motion,
+        keep=study.keep,
+        code=plugins.texts_of(study.codes),
     )
 
 
 def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> BatchResult:
-    """Run a batch, some of its runs at a time so that memory use stays bounded.
+    """Run a batch, a few of its runs at a time so that memory use stays bounded.
 
+    Args:
+        cancelled: called between two steps; if it returns true, the batch is given up.
+    Returns: the tables as Parquet files: ``robots``, ``samples`` if the study saves them, ``failures`` if runs failed.
     Raises:
-        Cancelled: ``cancelled`` returned true; checked between two steps.
+        Cancelled: ``cancelled`` returned true.
         RunError: this process was forked after polars had begun its threads.
     """
     check_threads()
     plugins.install_all(work.code)
-    first = scenario_of(work.observed[0][0][0])
-    a_run = max(
-        first.swarm.robots * first.run.t_end_s * 1000.0 / (first.sample.sample_interval_ms + 1000.0), 1.0
-    )
-    step = max(int(ROWS_AT_A_TIME / a_run), 1)
-    cells = [cell for inferences in work.observed for _, same in inferences for cell in same]
+    # Pairs of a scenario's TOML and the numbers of the cells with this scenario.
+    pairs = [pair for entry in work.observed for pair in entry]
+    first_text, _ = pairs[0]
+    first = scenario_of(first_text)  # has the longest runs
+    sample_ms = first.sample.sample_interval_ms + STANDING_MS
+    # At least 1, so that the division below stays finite for runs that are shorter than one sample.
+    samples_per_run = max(first.swarm.robots * first.run.t_end_s * 1000.0 / sample_ms, 1.0)
+    runs_at_a_time = max(int(ROWS_AT_A_TIME / samples_per_run), 1)
+    cells = [cell for _, equal_cells in pairs for cell in equal_cells]
     rows = BatchRows(cells, range(work.first, work.last), first.swarm.robots)
     samples: list[pl.DataFrame] = []
     failures: list[pl.DataFrame] = []
-    for low in range(work.first, work.last, step):
-        some = range(low, min(low + step, work.last))
-        request = BatchRequest(some, work.seed, work.motion, "samples" in work.keep, cancelled)
+    for low in range(work.first, work.last, runs_at_a_time):
+        request = BatchRequest(
+            runs=range(low, min(low + runs_at_a_time, work.last)),
+            seed=work.seed,
+            motion=work.motion,
+            samples="samples" in work.keep,
+            cancelled=cancelled,
+        )
         for outcomes in simulate_batch(work.observed, request):
             rows.put(outcomes.cells, low, outcomes.robots, outcomes.runs)
             samples += outcomes.samples
@@ -329,33 +419,39 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     if failures:
         tables[FAILED_TABLE] = pl.concat(failures).sort("cell", "run")
     files = {name: _parquet(table, work) for name, table in tables.items()}
-    return BatchResult(work, files, tables["robots"].height, versions())
+    return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=versions())
 
 
 def _parquet(table: pl.DataFrame, work: Batch) -> bytes:
+    """Return a table as a Parquet file that names the study's hash in its metadata."""
     buffer = io.BytesIO()
     table.write_parquet(buffer, compression="zstd", metadata={"vibroswarm_study": work.study})
     return buffer.getvalue()
 
 
 NEVER_NULL: Final = frozenset({"decision", "messages_received", "consensus", "right", "wrong", "undecided"})
-"""Columns that a simulation always fills; others may be null, such as the posterior that not every strategy has."""
+"""Nullable columns of a result that a simulation always fills; the others may be null in a shard as well."""
 _NULLABLE: Final = (NULLABLE["robots"] | NULLABLE["runs"] | frozenset(WALK)) - NEVER_NULL
+"""Columns of the table ``robots`` that may be null."""
 ROBOTS: Final = Schema(ROWS, _NULLABLE, ("cell", "run", "robot"))
+"""Schema of the table ``robots`` of a shard."""
 _OF_SAMPLES: Final = frozenset({"energy", "message", "alpha", "beta", "belief_below"})
+"""Columns of the table ``samples`` that may be null."""
 SAMPLE_ROWS: Final = Schema(SAMPLES, _OF_SAMPLES, ("cell", "run", "robot", "sample"))
+"""Schema of the table ``samples`` of a shard."""
 
 
 def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: range, rows: int) -> None:
-    """Check that tables are those of a batch.
+    """Check that the files of a shard are the tables of a batch: names, number of rows, columns, cells, runs, robots.
 
     Args:
-        files: by table. group, runs: of the batch. rows: the number that its description gives.
+        files: path of each table by its name. group, runs: those of the batch.
+        rows: number of rows of the table ``robots`` that the shard's description gives.
     Raises:
         InputError: a table is missing, unexpected or wrong; it names file and column.
     """
-    required = {"robots", *study.keep}
-    if set(files) - {FAILED_TABLE} != required:
+    required = {"robots", *study.keep}  # ``keep`` names the further tables that the study saves
+    if set(files) - {FAILED_TABLE} != required:  # the table of failures exists only if a run failed
         raise InputError(
             f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
         )
@@ -366,27 +462,34 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
             f"describes {rows} rows; {len(cells)} cells, {len(runs)} runs and {robots} robots make {expected}"
         )
     for table, path in files.items():
+        # After the check of names above, any other table is ``samples``.
         schema = {"robots": ROBOTS, FAILED_TABLE: FAILED_ROWS}.get(table, SAMPLE_ROWS)
         frame = read_frame(path, table)
         frame = check_table(frame, schema, path.name, table)
         if table == "robots" and frame.height != expected:
             raise InputError(f"has {frame.height} rows, not {expected}", field=path.name)
         for column, allowed in (("cell", set(cells)), ("run", set(runs)), ("robot", set(range(robots)))):
-            if column not in frame.columns:
+            if column not in frame.columns:  # the table of failures has no column ``robot``
                 continue
-            strange = set(frame[column].unique().to_list()) - allowed
-            if strange:
+            foreign = set(frame[column].unique().to_list()) - allowed
+            if foreign:
                 raise InputError(
-                    f"column '{column}' names {min(strange)}, which is not of this batch", field=path.name
+                    f"column '{column}' names {min(foreign)}, which is not of this batch", field=path.name
                 )
         if table == "robots":
             _check_outcomes(frame, robots, path.name)
 
 
 def _check_outcomes(frame: pl.DataFrame, robots: int, name: str) -> None:
-    """Check that decisions, times and beliefs of a shard agree."""
-    timed = frame["decision_time_s"].is_not_null()
-    if (frame["decision"].is_in([0, 1]) != timed).any():
+    """Check that exactly the robots that decided have a decision time, and that no count exceeds the number of robots.
+
+    Args:
+        frame: the table ``robots`` of a shard. robots: number of robots in a run. name: of the file, for messages.
+    Raises:
+        InputError: a column is wrong; it names the file and the column.
+    """
+    has_time = frame["decision_time_s"].is_not_null()
+    if (frame["decision"].is_in([0, 1]) != has_time).any():
         raise InputError(
             "column 'decision_time_s' must be given for robots that decided, and for no others", field=name
         )

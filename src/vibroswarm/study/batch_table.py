@@ -1,11 +1,11 @@
-"""The tables of a batch: rows of robots, and the runs that the source of motion gave up.
+"""The tables of a batch: one with a row for each cell, run and robot, and one of the runs that failed.
 
 Rows are collected in arrays of shape (cells, runs, robots), and turned into one table at the end: making a table for
-each cell and joining them takes many times as long.
+each cell and joining these takes many times as long.
 
-The source of motion gives up runs such as those of MuJoCo at numbers that are not finite. Their robots stand from then
-on and count as undecided in every figure, so a study lists and counts them. A shard has that table only if a run of it
-failed.
+A run fails if its source of motion gives it up; MuJoCo does so when a number is no longer finite. The robots of a
+failed run stand from then on and count as undecided in every figure, so a study lists and counts these runs. The files
+of a batch (its shard) contain the table of failures only if a run failed.
 """
 
 from __future__ import annotations
@@ -26,46 +26,52 @@ from vibroswarm.result import Result
 from vibroswarm.study.spec import Cell
 
 Columns = Mapping[str, NDArray[Any]]
+"""Arrays by the names of columns."""
 
 WALK: Final = {name: kind for name, kind in OF_WALK.items() if name not in ("run", "samples")}
-"""How the robots of a run sampled, see ``analysis.sampling``."""
+"""Columns of the run about how its robots sampled, see ``analysis.sampling``."""
 OF_ROBOTS: Final = {name: kind for name, kind in ROBOTS.items() if name not in ("run", "robot")}
+"""Columns with a value for each robot."""
 OF_RUNS: Final = {**{name: kind for name, kind in RUNS.items() if name != "run"}, **WALK}
+"""Columns with a value for each run."""
 
 ROWS: Final[dict[str, Any]] = {"cell": pl.UInt32, **ROBOTS, **OF_RUNS}
-"""One row for each cell, run and robot, in this order: columns of the robot, then of its run."""
+"""Columns of the table with one row for each cell, run and robot: those of the robot, then those of its run."""
 
-_KEPT_AS: Final = {
+_ARRAY_TYPES: Final = {
     pl.Float64: np.float64, pl.UInt32: np.uint32, pl.UInt16: np.uint16, pl.Int8: np.int8, pl.Boolean: np.bool_,
 }  # fmt: skip
-_UNKNOWN: Final = dict.fromkeys(("truth", "alpha", "beta"), np.float64)
-"""Columns of whole numbers that may be missing, and therefore stored as floats; not every strategy has a posterior."""
+"""Type of the array in which a column of a polars type is collected; Enum columns are not listed."""
+_FLOAT_COLUMNS: Final = dict.fromkeys(("truth", "alpha", "beta"), np.float64)
+"""Columns of whole numbers that may be missing, and are therefore collected as floats with nan."""
 
 
 class BatchRows:
-    """The rows of some cells and runs.
+    """Collects the rows of a batch, and makes a table of them.
 
     Args:
-        cells: their numbers. runs: all of the batch. robots: of a swarm.
+        cells: numbers of all cells of the batch. runs: all runs of the batch. robots: number of robots in a run.
     """
 
     def __init__(self, cells: Sequence[int], runs: range, robots: int) -> None:
         self.cells, self.runs, self.robots = sorted(cells), runs, robots
-        self._place = {cell: place for place, cell in enumerate(self.cells)}
+        self._index_of = {cell: index for index, cell in enumerate(self.cells)}  # along the first axis
         shape = (len(self.cells), len(runs))
         self._of_robots = _empty(OF_ROBOTS, (*shape, robots))
         self._of_runs = _empty(OF_RUNS, shape)
 
     def put(self, cells: Sequence[Sequence[int]], first_run: int, robots: Columns, runs: Columns) -> None:
-        """Fill in the outcomes of some runs, from ``first_run`` on.
+        """Store the outcomes of some cells in consecutive runs, of which ``first_run`` is the first.
 
         Args:
-            cells: for each row of the arrays, the cells to which it applies.
-            robots: ``OF_ROBOTS``, (rows, runs, robots) each. runs: ``OF_RUNS``, (rows, runs) or (runs,) each.
+            cells: for each row of the arrays, the numbers of the cells to which the row applies.
+            robots: columns ``OF_ROBOTS``, (rows, runs, robots) each.
+            runs: columns ``OF_RUNS``, (rows, runs) each, or (runs,) if all cells share the values.
         """
-        place = [self._place[cell] for same in cells for cell in same]
-        row = [k for k, same in enumerate(cells) for _ in same]
-        low = first_run - self.runs.start
+        # For each cell, its index along the first axis of the stored arrays, and the row that applies to it.
+        place = [self._index_of[cell] for equal_cells in cells for cell in equal_cells]
+        row = [k for k, equal_cells in enumerate(cells) for _ in equal_cells]
+        low = first_run - self.runs.start  # index of the first run in the stored arrays
         for name, array in self._of_robots.items():
             array[place, low : low + robots[name].shape[-2]] = robots[name][row]
         for name, array in self._of_runs.items():
@@ -73,34 +79,38 @@ class BatchRows:
             array[place, low : low + values.shape[-1]] = values if values.ndim == 1 else values[row]
 
     def table(self) -> pl.DataFrame:
-        """Return all rows as a table, ``ROWS``."""
-        count, of_swarm = len(self.cells) * len(self.runs), np.arange(self.robots)
-        of_run = {name: np.repeat(array, self.robots) for name, array in self._of_runs.items()}
+        """Return the table ``ROWS``, sorted by cell, run and robot; ``put`` must have stored all cells and runs."""
+        cells, runs, robots = len(self.cells), len(self.runs), self.robots
+        run_numbers = np.arange(self.runs.start, self.runs.stop)
         columns: dict[str, NDArray[Any]] = {
-            "cell": np.repeat(np.array(self.cells, dtype=np.uint32), len(self.runs) * self.robots),
-            "run": np.tile(
-                np.repeat(np.arange(self.runs.start, self.runs.stop), self.robots), len(self.cells)
-            ),
-            "robot": np.tile(of_swarm, count),
+            "cell": np.repeat(np.array(self.cells, dtype=np.uint32), runs * robots),
+            "run": np.tile(np.repeat(run_numbers, robots), cells),
+            "robot": np.tile(np.arange(robots), cells * runs),
             **{name: array.ravel() for name, array in self._of_robots.items()},
-            **of_run,
+            **{name: np.repeat(array, robots) for name, array in self._of_runs.items()},
         }
         return pl.DataFrame([as_series(name, columns[name], kind) for name, kind in ROWS.items()])
 
 
 def _empty(kinds: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, NDArray[Any]]:
-    kept = {name: _UNKNOWN.get(name, _KEPT_AS.get(kind, np.uint8)) for name, kind in kinds.items()}
-    return {name: np.empty(shape, dtype=kind) for name, kind in kept.items()}
+    """Return an uninitialised array for each column; an Enum column stores the index of its word (uint8)."""
+    types = {name: _FLOAT_COLUMNS.get(name, _ARRAY_TYPES.get(kind, np.uint8)) for name, kind in kinds.items()}
+    return {name: np.empty(shape, dtype=kind) for name, kind in types.items()}
 
 
 def columns_of(result: Result) -> tuple[Columns, Columns]:
-    """Return a result's columns of robots, (1, runs, robots) each, and of runs without ``WALK``, (runs,) each."""
-    robots = {name: values_of(result.robots[name]).reshape(1, result.runs.height, -1) for name in OF_ROBOTS}
-    return robots, {name: values_of(result.runs[name]) for name in RUNS if name != "run"}
+    """Return the columns of a result as ``BatchRows.put`` takes them for one row of outcomes.
+
+    Returns: the columns ``OF_ROBOTS``, (1, runs, robots) each; and ``OF_RUNS`` without ``WALK``, (runs,) each.
+    """
+    shape = (1, result.runs.height, -1)
+    robots = {name: values_of(result.robots[name]).reshape(shape) for name in OF_ROBOTS}
+    runs = {name: values_of(result.runs[name]) for name in RUNS if name != "run"}
+    return robots, runs
 
 
 def values_of(column: pl.Series) -> NDArray[Any]:
-    """Return a column of ``ROWS`` as numbers, (rows,): nan for null, and an Enum's words by their index."""
+    """Return a column of ``ROWS`` as numbers, (rows,): nan in place of null, and an Enum's words as their index."""
     if isinstance(column.dtype, pl.Enum):
         return column.to_physical().to_numpy()
     return column.cast(pl.Float64).to_numpy() if column.null_count() else column.to_numpy()
@@ -109,18 +119,20 @@ def values_of(column: pl.Series) -> NDArray[Any]:
 def arrays_of(
     rows: pl.DataFrame, cells: Sequence[int], runs: int, robots: int
 ) -> tuple[dict[str, NDArray[Any]], dict[str, NDArray[Any]]]:
-    """Sort columns of ``ROWS`` by cell, run and robot.
+    """Turn rows in any order into arrays by cell, run and robot.
 
     Args:
-        rows: of all runs of these cells, each once; cell, run, robot and any others. cells: by number, ascending.
-    Returns: those of robots, (cells, runs, robots) each, and those of runs, (cells, runs) each; nan in place of null,
-        the consensus by its index in ``outcomes.CONSENSUS``.
+        rows: the columns cell, run and robot, and any others of ``ROWS``; each cell, run and robot has one row.
+        cells: their numbers, ascending. runs: number of runs, which are numbered from 0. robots: number of robots.
+    Returns: the columns of robots, (cells, runs, robots) each, and the columns of runs, (cells, runs) each. Null is
+        nan; the consensus is its index in ``outcomes.CONSENSUS``.
     """
     shape = (len(cells), runs, robots)
     cell, run, robot = (rows[name].to_numpy().astype(np.int64) for name in ("cell", "run", "robot"))
+    # Index of each row after sorting by cell, run and robot.
     place = (np.searchsorted(np.array(cells), cell) * runs + run) * robots + robot
     if rows.height != math.prod(shape):
-        raise ValueError(f"{rows.height} rows of {shape} cells, runs and robots")
+        raise ValueError(f"{rows.height} rows for {shape} cells, runs and robots; one row for each is needed")
     of_robots: dict[str, NDArray[Any]] = {}
     of_runs: dict[str, NDArray[Any]] = {}
     for column in rows.drop("cell"):
@@ -129,13 +141,18 @@ def arrays_of(
         sorted_[place] = values
         if column.name in ROBOTS:
             of_robots[column.name] = sorted_.reshape(shape)
-        else:
+        else:  # a column of the run, the same for all robots; a copy, so that the values of all robots are freed
             of_runs[column.name] = sorted_.reshape(shape)[:, :, 0].copy()
     return of_robots, of_runs
 
 
 def walked(figures: Columns, runs: range) -> dict[str, NDArray[np.float64]]:
-    """Align figures of ``Walk.figures`` with all runs, (runs,) each; nan for runs in which no robot sampled."""
+    """Return the columns ``WALK`` with a value for each run, (runs,) each; nan for runs in which no robot sampled.
+
+    Args:
+        figures: the result of ``Walk.figures``: columns with values only for the runs in which a robot sampled.
+        runs: the numbers of all runs, consecutive.
+    """
     place = np.asarray(figures["run"], dtype=np.int64) - runs.start
     columns = {name: np.full(len(runs), np.nan) for name in WALK}
     for name, column in columns.items():
@@ -146,36 +163,40 @@ def walked(figures: Columns, runs: range) -> dict[str, NDArray[np.float64]]:
 FAILED_TABLE: Final = "failures"
 """Name of the table in a shard."""
 FAILED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **FAILURES}
-"""One row per cell and failed run: since when its robots stand, and why."""
+"""Columns of the table of failures, one row per cell and failed run: since when the robots stand, and why."""
 FAILED_ROWS: Final = Schema(FAILED_RUNS, frozenset(), ("cell", "run"))
+"""Schema of the table of failures of a shard; no column may be null."""
 
 
 def failed_rows(
     failures: pl.DataFrame | None, cells: Sequence[Sequence[int]], end_s: float
 ) -> list[pl.DataFrame]:
-    """Return the failed runs of some cells with the same motion, a table for each cell; empty if no run failed.
+    """Return the failed runs of some cells with the same motion: a table for each cell, or [] if no run failed.
 
     The motion may be longer than the runs of these cells: a run that fails after ``end_s`` has not failed for them.
 
     Args:
-        failures: of the motion, None if no run failed. cells: as ``BatchOutcomes`` has them. end_s: of their runs.
+        failures: the motion's table ``FAILURES``, None if no run failed.
+        cells: for each scenario, the numbers of the cells with this scenario.
+        end_s: end of the runs of these cells, s.
+    Returns: the tables in the order of ``cells``. All cells have the same failed runs, since they share the motion.
     """
     if failures is None:
         return []
-    known = failures.filter(pl.col("time_s") < end_s)
+    failed = failures.filter(pl.col("time_s") < end_s)
     return [
-        known.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *FAILURES)
-        for same in cells
-        for cell in same
-        if known.height > 0
+        failed.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *FAILURES)
+        for equal_cells in cells
+        for cell in equal_cells
+        if failed.height > 0
     ]
 
 
 def failed_words(cell: Cell, failed: pl.DataFrame, runs: int) -> str:
-    """Write how many runs of a cell failed, with the first cause.
+    """Write how many runs of a cell failed, with time and cause of the first failed run.
 
     Args:
-        failed: ``FAILED_RUNS`` of the cell. runs: of the cell.
+        failed: the cell's rows of ``FAILED_RUNS``, at least one. runs: number of all runs of the cell.
     """
     first = failed.sort("run").row(0, named=True)
     return (

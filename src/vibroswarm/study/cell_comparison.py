@@ -1,11 +1,14 @@
-"""Compare cells in pairs, run by run, and again on a second block of seeds; strategies at equal error too.
+"""Compare cells in pairs, run by run, and again in a second block of runs from another seed; also at equal error.
 
-Each cell is compared with those that differ from it in a single field: strategies in all pairs, other fields with their
-first value; or with a named reference only. Compared are fields whose values are words (strategies, presets,
-labels); numeric fields only if nothing else is varied, since several of them make a curve; floors never, since nobody
-chooses them. The p-values are corrected over all comparisons of a study.
+A pair is a cell and its reference, which differ in a single field. Every two strategies are compared. In another
+field, each value is compared with the field's first value. The user may name a reference: a value with which the other
+values of its field are compared instead.
 
-For a comparison at equal error the cells are replayed with other settings (``analysis.forced_error``).
+The compared fields are those whose values are words: strategies, presets, labels and the like. A numeric field is
+compared only if no other field is varied and it has few values, since many values make a curve. The floor is never
+compared, since it is not a choice of the user of a swarm. The p-values are corrected over all comparisons of a study.
+
+Strategies are also compared at equal error: their cells are replayed with other settings (``analysis.forced_error``).
 """
 
 from __future__ import annotations
@@ -31,30 +34,37 @@ from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, c
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.simulation import steers
 from vibroswarm.study.factors import LABEL, flat
+from vibroswarm.study.run import run
 from vibroswarm.study.runner import Progress
 from vibroswarm.study.spec import SOURCE, Cell, Study
-from vibroswarm.study.study_result import StudyResult, run
+from vibroswarm.study.study_result import StudyResult
 
 SECOND: Final = "second-block"
+"""Name of the folder of the second block, inside the study's own."""
 STRATEGY: Final = "strategy.name"
+"""The field of which every two values are compared."""
 MOST_AGAIN: Final = 1000
 """Most runs of the second block, which only has to confirm a difference."""
 MOST_VALUES: Final = 8
 """A field with more values makes a curve and is not compared value by value."""
 MOST_PAIRS: Final = 200
+"""If a study has more pairs, none is compared."""
 KEPT: Final = 3
 """Number of cells whose figures are cached."""
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One figure compared between two cells, with its second block if there is one."""
+    """One figure compared between a cell and its reference."""
 
     cell: Cell
     reference: Cell
     field: str
+    """The field in which they differ."""
     first: Paired
+    """The comparison in the study's own runs: cell - reference."""
     replicate: Confirmation | None
+    """The comparison in the second block, and whether it confirms the first; None without a second block."""
 
     @property
     def name(self) -> str:
@@ -64,7 +74,12 @@ class Compared:
 
     @property
     def names(self) -> tuple[str, str, str]:
-        """What the cell and its reference are called, and the varied values that they share."""
+        """What the cell and its reference are called here, and the varied values that they share, as text.
+
+        Each cell is called by its value of the compared field (``-`` if the cell does not set it). If the values are
+        labels, or are written the same, the names of the cells are used instead. A cell's name includes the shared
+        values, so the third text is then empty.
+        """
         rest = self.cell.words_of(k for k in self.cell.point if k != self.field)
         first, reference = (cell.words_of([self.field]) or "-" for cell in (self.cell, self.reference))
         if self.field == LABEL or first == reference:
@@ -72,7 +87,12 @@ class Compared:
         return first, reference, rest
 
     def as_row(self) -> dict[str, Any]:
-        """Return a flat row for a table; with a second block also its difference and whether it confirms."""
+        """Return a flat row for a table.
+
+        With a second block, the row also has: the difference there as ``again_difference``, ``again_difference_low``
+        and ``again_difference_high``; ``again_pairs``, the number of runs; ``confirmed``, whether it confirms the first
+        difference; and ``says``, a sentence about that.
+        """
         row: dict[str, Any] = {
             "name": self.name,
             "cell": self.cell.number,
@@ -80,6 +100,7 @@ class Compared:
         }
         row |= self.first.as_row()
         if self.replicate is not None:
+            # The difference and its two limits, whose names all begin with "difference".
             replicate = {
                 f"again_{k}": v
                 for k, v in self.replicate.second.as_row().items()
@@ -95,11 +116,14 @@ class Compared:
 
 
 def pairs_of(study: Study, reference: str | None = None) -> list[tuple[Cell, Cell, str]]:
-    """List cells with their references and the field in which they differ; none if there are too many pairs.
+    """List the pairs of a study: cell, its reference, and the field in which they differ.
 
     Args:
-        reference: a value of a compared field, or a label, with which all others are compared; by default all pairs
-            of strategies are compared, and the values of other fields with the first.
+        reference: a value of a compared field, or a label, as text. In the field that has this value, cells are
+            compared with the cells of this value; in any other field, with the cells of the field's first value. If
+            ``reference`` is None, every two strategies are compared, and in other fields cells are compared with the
+            cells of the first value, or with those that do not set the field if there are any.
+    Returns: an empty list if there are more than ``MOST_PAIRS`` pairs.
     Raises:
         InputError: no compared field has this value.
     """
@@ -107,28 +131,34 @@ def pairs_of(study: Study, reference: str | None = None) -> list[tuple[Cell, Cel
         _check_reference(study, reference)
     by_point: dict[str, Cell] = {}
     for cell in study.cells:
-        by_point.setdefault(_key(cell.point), cell)  # of equal points the first
+        by_point.setdefault(_key(cell.point), cell)  # the first of several cells with equal points
     pairs = []
     for name in _compared_fields(study):
+        # Cells with different labels may also differ in the fields that the labels stand for.
         fields = _fields_of_labels(study) if name == LABEL else {name}
-        groups: dict[str, list[Cell]] = {}  # cells that are equal in all else
+        groups: dict[str, list[Cell]] = {}  # cells that are equal in all other fields
         for cell in by_point.values():
             groups.setdefault(_key({k: v for k, v in cell.point.items() if k not in fields}), []).append(cell)
-        named = reference in {cell.words.get(name) for cell in study.cells}
-        of_strategies = STRATEGY in fields and reference is None
+        # A cell that does not set the field has None here. So if no reference is given, such a cell is the reference.
+        is_reference_here = reference in {cell.words.get(name) for cell in study.cells}
+        all_pairs = STRATEGY in fields and reference is None
         for group in groups.values():
-            chosen = [cell for cell in group if named and cell.words.get(name) == reference]
-            if not named:
-                first = study.cells[0].point.get(name)
-                chosen = group[:1] if name == LABEL else [c for c in group if c.point.get(name) == first]
-            for place, cell in enumerate(group):
-                others = group[:place] if of_strategies else chosen[:1]
+            if is_reference_here:
+                references = [cell for cell in group if cell.words.get(name) == reference]
+            elif name == LABEL:
+                references = group  # so the first cell of the group is the reference
+            else:
+                first_value = study.cells[0].point.get(name)
+                references = [cell for cell in group if cell.point.get(name) == first_value]
+            for index, cell in enumerate(group):
+                # All pairs: each cell with every earlier cell. Otherwise: each cell with the group's one reference.
+                others = group[:index] if all_pairs else references[:1]
                 pairs += [(cell, other, name) for other in others if other is not cell]
     return pairs if len(pairs) <= MOST_PAIRS else []
 
 
 def _check_reference(study: Study, reference: str) -> None:
-    """Refuse a reference that no compared field has as a value."""
+    """Raise InputError if no compared field has this value."""
     fields = _compared_fields(study)
     values = list(dict.fromkeys(cell.words[k] for cell in study.cells for k in fields if k in cell.words))
     if not values:
@@ -139,36 +169,43 @@ def _check_reference(study: Study, reference: str) -> None:
 def _compared_fields(study: Study) -> list[str]:
     """List the fields whose values are compared pairwise.
 
-    These are labels and the fields whose values are words. Without any, it is the varied field if there is only one,
-    unless that is the floor or has too many values.
+    These are labels and the fields whose values are words, except fields that a label sets. If there are no such
+    fields, and a single field is varied, that field is compared; but not if it is the floor, or if it has more than
+    ``MOST_VALUES`` values. Otherwise the list is empty.
     """
     if LABEL in study.varied:
         fields = [name for name in _word_fields(study) if name not in _fields_of_labels(study)]
         return [LABEL, *fields]
-    values = {name: {repr(cell.point.get(name)) for cell in study.cells} for name in study.varied}
-    several = [name for name, choices in values.items() if 1 < len(choices) <= MOST_VALUES and name != SOURCE]
-    return _word_fields(study) or (
-        several if len([name for name, choices in values.items() if len(choices) > 1]) == 1 else []
-    )
+    if words := _word_fields(study):
+        return words
+    # A field that is listed as varied may have the same value in all cells; such a field does not count.
+    counts = {name: len({repr(cell.point.get(name)) for cell in study.cells}) for name in study.varied}
+    differing = [name for name, count in counts.items() if count > 1]
+    comparable = [name for name in differing if counts[name] <= MOST_VALUES and name != SOURCE]
+    return comparable if len(differing) == 1 else []
 
 
 def _word_fields(study: Study) -> list[str]:
-    """List the varied fields whose few values are words; the floor is not one of them."""
+    """List the varied fields with 2 to ``MOST_VALUES`` values that are words, or true and false.
+
+    The floor and labels are left out. The value in the first cell stands for the kind of a field's values.
+    """
     fields = []
     for name in study.varied:
-        values = {repr(cell.point.get(name)) for cell in study.cells}
-        if name not in (SOURCE, LABEL) and 1 < len(values) <= MOST_VALUES:
-            fields += [name] if isinstance(study.cells[0].point.get(name), str | bool) else []
+        count = len({repr(cell.point.get(name)) for cell in study.cells})
+        is_of_words = isinstance(study.cells[0].point.get(name), str | bool)
+        if name not in (SOURCE, LABEL) and 1 < count <= MOST_VALUES and is_of_words:
+            fields.append(name)
     return fields
 
 
 def _fields_of_labels(study: Study) -> set[str]:
-    """Return ``label`` and the fields that the ``list`` block sets: differences in these belong to the label."""
+    """Return ``label`` and the fields that the ``list`` block sets: a label stands for the values of these fields."""
     return {LABEL} | {name for entry in study.vary.get("list", ()) for name in flat(entry)}
 
 
 def second_seed(seed: int) -> int:
-    """Derive the seed of the second block."""
+    """Derive the seed of the second block from the study's own: 56 bits of a hash, since seeds are below 2^63."""
     return int.from_bytes(hashlib.sha256(f"second block of {seed}".encode()).digest()[:7])
 
 
@@ -181,8 +218,18 @@ def second_block(
     progress: Progress | None = None,
     allow_failures: bool = False,
 ) -> StudyResult:
-    """Run the study on another seed, with fresh motion, floors and noise, in a folder inside its own."""
-    runs = min(min(result.runs_of(cell) for cell in result.selected), MOST_AGAIN)
+    """Run a study again from another seed, with fresh motion, floors and noise: the second block of its runs.
+
+    It is saved in the folder ``SECOND`` inside the study's folder, or continued if it is there. Every cell gets as many
+    runs as the selected cell with fewest runs, and at most ``MOST_AGAIN``. No samples are saved.
+
+    Args:
+        result: the study. executor, workers, mixed, progress, allow_failures: see ``runner.run_study``.
+    Returns: the result of the second block, for the cells that ``result`` selects.
+    """
+    fewest_runs = min(result.runs_of(cell) for cell in result.selected)
+    runs = min(fewest_runs, MOST_AGAIN)
+    # ``until=None``: the number of runs is given, so a precision that the study may have does not apply.
     study = replace(result.study, seed=second_seed(result.study.seed), runs=runs, until=None, keep=())
     folder: Path = result.store.folder / SECOND
     replicate = run(
@@ -200,31 +247,49 @@ def second_block(
 def comparisons(
     result: StudyResult, replicate: StudyResult | None = None, reference: str | None = None
 ) -> list[Compared]:
-    """Compare all pairs of the selected cells in all figures.
+    """Compare all pairs of the selected cells in all figures, with p-values corrected over all comparisons (Holm).
 
     Args:
-        reference: as of ``pairs_of``.
+        replicate: the second block, None if there is none. reference: as of ``pairs_of``.
+    Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.FIGURES``, then the forced
+        error.
     """
+    selected = set(result.selected)
     pairs = [
-        p for p in pairs_of(result.study, reference) if {p[0].number, p[1].number} <= set(result.selected)
+        (cell, other, name)
+        for cell, other, name in pairs_of(result.study, reference)
+        if {cell.number, other.number} <= selected
     ]
     if not pairs:
         return []
-    first, second = _Figures(result), None if replicate is None else _Figures(replicate)
-    compared = []
+    figures, figures_again = _Figures(result), None if replicate is None else _Figures(replicate)
+    entries = []  # cell, reference, compared field, comparison in the own runs, comparison in the second block
     for cell, other, name in pairs:
-        blocks = [_pair(figures, cell, other) for figures in (first, second)]
-        for k, paired in enumerate(blocks[0] or ()):
-            compared.append((cell, other, name, paired, blocks[1][k] if blocks[1] else None))
-    corrected = holm([paired.p_value for *_, paired, _ in compared])
-    return [_compared(*entry, p) for entry, p in zip(compared, corrected, strict=True)]
+        own = _pair(figures, cell, other)
+        if own is None:
+            continue
+        # One entry per figure, as in ``own``; all None if the pair has no comparison in a second block.
+        again: Sequence[Paired | None] = _pair(figures_again, cell, other) or [None] * len(own)
+        for paired, paired_again in zip(own, again, strict=True):
+            entries.append((cell, other, name, paired, paired_again))
+    corrected = holm([paired.p_value for *_, paired, _ in entries])
+    return [
+        _compared(cell, other, name, paired, paired_again, p)
+        for (cell, other, name, paired, paired_again), p in zip(entries, corrected, strict=True)
+    ]
 
 
-def _pair(of: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] | None:
-    """Compare two cells in all figures; None if ``of`` is None or lacks one of them, or they have no run in common."""
-    if of is None or not {cell.number, reference.number} <= set(of.result.selected):
+def _pair(figures: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Paired] | None:
+    """Compare two cells in all figures.
+
+    Args:
+        figures: of the study's own runs or of the second block; None if there is no second block.
+    Returns: a comparison per figure; None if ``figures`` is None, if one of the cells is not selected in its result, or
+        if the cells have no run in common.
+    """
+    if figures is None or not {cell.number, reference.number} <= set(figures.result.selected):
         return None
-    figures_of_cell, figures_of_reference = of(cell), of(reference)
+    figures_of_cell, figures_of_reference = figures(cell), figures(reference)
     if figures_of_cell.join(figures_of_reference, on="run", how="semi").is_empty():
         return None
     return compare(figures_of_cell, figures_of_reference, (*FIGURES, "forced_error"))
@@ -238,44 +303,56 @@ def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
 def _compared(
     cell: Cell, reference: Cell, name: str, paired: Paired, replicate: Paired | None, p: float
 ) -> Compared:
-    """Return a comparison with its corrected p-value and its replicate."""
-    paired = replace(paired, p_holm=p)
-    return Compared(
-        cell, reference, name, paired, None if replicate is None else confirmed(paired, replicate)
-    )
+    """Return the comparison of one figure of a pair.
+
+    Args:
+        name: the compared field. paired: the comparison in the study's own runs.
+        replicate: the comparison in the second block; None if there is none. p: the corrected p-value of ``paired``.
+    """
+    first = replace(paired, p_holm=p)
+    confirmation = None if replicate is None else confirmed(first, replicate)
+    return Compared(cell=cell, reference=reference, field=name, first=first, replicate=confirmation)
 
 
 class _Figures:
-    """Figures of runs by cell; the last few cells are cached, since pairs share their reference."""
+    """Computes the figures of a cell's runs; caches those of the last ``KEPT`` cells, since pairs share a reference."""
 
     def __init__(self, result: StudyResult) -> None:
-        self.result, self.found = result, dict[int, pl.DataFrame]()
+        # The cache is by number of the cell; the most recently used cell is the last one.
+        self.result, self._cache = result, dict[int, pl.DataFrame]()
 
     def __call__(self, cell: Cell) -> pl.DataFrame:
-        figures = self.found.pop(cell.number, None)
+        """Return ``cell_summary.run_figures`` of a cell with its ``forced_error``, one row per run."""
+        figures = self._cache.pop(cell.number, None)
         if figures is None:
             robots, runs = self.result.tables(cell.number)
             figures = run_figures(robots, runs, cell.scenario.run.t_end_s).join(
                 forced_error_by_run(robots, runs), on="run", how="left", maintain_order="left"
             )
-        self.found[cell.number] = figures  # the newest is last
-        if len(self.found) > KEPT:
-            del self.found[next(iter(self.found))]
+        self._cache[cell.number] = figures  # taken out above and inserted again, so that it is the last one
+        if len(self._cache) > KEPT:
+            least_recently_used = next(iter(self._cache))
+            del self._cache[least_recently_used]
         return figures
 
 
 def _key(point: dict[str, Any]) -> str:
+    """Return a text that is equal for equal points, whatever the order of their fields."""
     return repr(sorted((k, repr(v)) for k, v in point.items()))
 
 
 MATCHED_CELLS: Final = 12
 """With more cells nothing is compared at equal error."""
 MATCHED_RUNS: Final = 1000
+"""Most runs of a cell that are replayed with each setting."""
 MATCHED_ROBOTS: Final = 5000
-"""Most robots in all runs that are replayed with each setting, unless that is less than 100 runs."""
+"""Most robots, summed over these runs; but ``MATCHED_ANYWAY`` runs are replayed even if they have more robots."""
+MATCHED_ANYWAY: Final = 100
+"""Number of runs that are replayed whatever the number of their robots."""
 LEAST_RUNS: Final = 20
+"""With fewer runs in common nothing is compared at equal error."""
 ENGINES: Final = ("event", "fixed-step")
-"""Sources of the motion that strategies are replayed on at other settings: both give the same."""
+"""Sources of motion for which strategies are compared at equal error: both give the same motion."""
 
 
 def at_equal_error(
@@ -283,14 +360,14 @@ def at_equal_error(
 ) -> dict[tuple[int, int], MatchedError]:
     """Compare each pair of cells with different strategies at equal error, by replay with other settings.
 
-    Left out are strategies that steer, since their motion changes with the settings, and cells in which no decision is
-    right in some run. The result is empty if more than ``MATCHED_CELLS`` cells remain, if these have fewer than
-    ``LEAST_RUNS`` runs in common, or if the study's source of motion is not one of ``ENGINES``: the motion is simulated
-    again by an engine.
+    Strategies that steer are left out, since their motion changes with the settings. A cell is also left out if neither
+    decision is right in one of its runs, or if its scenario cannot be run. The result is empty if more than
+    ``MATCHED_CELLS`` cells have to be compared, or if they have fewer than ``LEAST_RUNS`` runs in common. It is also
+    empty if the study's source of motion is not one of ``ENGINES``, since an engine simulates the motion again.
 
     Args:
-        progress: called with the share done.
-    Returns: comparisons by the numbers of the two cells, the reference second.
+        compared: result of ``comparisons``. progress: called with the share of cells done.
+    Returns: the comparison of each pair, by the numbers of cell and reference.
     """
     if result.study.motion not in ENGINES:
         return {}
@@ -305,6 +382,7 @@ def at_equal_error(
     if len(cells) > MATCHED_CELLS:
         return {}
     runs = {number: _runs(result, cell) for number, cell in cells.items()}
+    # The runs that all these cells have.
     common = sorted(set.intersection(*map(set, runs.values()))) if runs else []
     if len(common) < LEAST_RUNS:
         return {}
@@ -313,14 +391,17 @@ def at_equal_error(
         try:
             found[number] = reached(cell.scenario, result.study.seed, common)
         except InputError:
-            continue
+            continue  # the scenario cannot be run, or neither decision is right in a run: the cell is left out
         if progress is not None:
             progress((done + 1) / len(cells))
-    return {(a, b): matched_error(found[a], found[b]) for a, b in pairs if a in found and b in found}
+    return {
+        (cell, reference): matched_error(found[cell], found[reference])
+        for cell, reference in pairs
+        if cell in found and reference in found
+    }
 
 
 def _runs(result: StudyResult, cell: Cell) -> list[int]:
-    """List the runs of a cell that are replayed."""
-    return result.runs_there(
-        cell.number, min(MATCHED_RUNS, max(MATCHED_ROBOTS // cell.scenario.swarm.robots, 100))
-    )
+    """List the runs of a cell that are replayed: the first stored ones, up to the limits of runs and robots."""
+    most_by_robots = max(MATCHED_ROBOTS // cell.scenario.swarm.robots, MATCHED_ANYWAY)
+    return result.runs_there(cell.number, min(MATCHED_RUNS, most_by_robots))

@@ -1,4 +1,9 @@
-"""The page of ``detect``: which floors are told from the boundary, by how many robots, and how soon."""
+"""The page of the command ``detect``: which fill ratios are recognised, by how many robots, and how soon.
+
+A floor with a fill ratio above the boundary is *missed* in a run without a right consensus. A *false alarm* is a wrong
+consensus on "more" on a floor below the boundary. A floor above is *distinguished* from a floor below at a time when
+misses on the one and false alarms on the other are both rare enough (``analysis.detection``).
+"""
 
 from __future__ import annotations
 
@@ -14,20 +19,28 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions
 
 MOST_CURVES: Final = 8
+"""Most numbers of robots with a picture of their own."""
 
 
 def best(distinguished: pl.DataFrame) -> pl.DataFrame:
-    """Select, for each floor above the boundary and number of robots, the fullest floor below that is distinguished.
+    """Select one row for each floor above the boundary and number of robots: the hardest pair they distinguish.
 
-    If none is distinguished by the end, the row is that of the fullest floor below, with null in ``time_s``.
+    Of the floors below the boundary that the robots distinguish from the floor above, the row has the one with the
+    highest fill ratio. If they distinguish none by the end, the row has the floor below the boundary with the highest
+    fill ratio, and null in ``time_s``.
 
     Args:
-        distinguished: of ``analysis.detection.pairs``.
+        distinguished: table of ``analysis.detection.pairs``; the result has its columns.
     """
-    reached = pl.col("time_s").is_not_null()
+    is_distinguished = pl.col("time_s").is_not_null()
+    # Distinguished pairs come first, and among them the highest fill ratio below the boundary.
     return (
         distinguished.sort(
-            "fill_ratio", "robots", reached, "fill_ratio_below", descending=[False, False, True, True]
+            "fill_ratio",
+            "robots",
+            is_distinguished,
+            "fill_ratio_below",
+            descending=[False, False, True, True],
         )
         .group_by("fill_ratio", "robots", maintain_order=True)
         .first()
@@ -35,35 +48,40 @@ def best(distinguished: pl.DataFrame) -> pl.DataFrame:
 
 
 def answer(distinguished: pl.DataFrame, scenario: Scenario, error: float, false_alarms: float) -> list[str]:
-    """Say what was asked, and for each number of robots the floors nearest to the boundary that they tell apart.
+    """Return the question, and for each number of robots a sentence on the fill ratios that they recognise.
+
+    A sentence names, of the recognised fill ratios above the boundary, the nearest to the boundary and the farthest
+    from it; then the fill ratios that are not recognised by the end. If all floors are on one side of the boundary,
+    one sentence says so instead.
 
     Args:
-        distinguished: of ``analysis.detection.pairs``. error, false_alarms: tolerated probabilities.
+        distinguished: table of ``analysis.detection.pairs``. scenario: of the runs behind the table.
+        error, false_alarms: tolerated probabilities of a miss and of a false alarm.
     """
     boundary, t_end_s = scenario.decision.decision_boundary, scenario.run.t_end_s
-    asked = (
+    question = (
         f"Does more than {100 * boundary:g} % vibrate? With at most {100 * error:g} % misses and "
         f"{100 * false_alarms:g} % false alarms (upper limits, 95 %)."
     )
     if distinguished.is_empty():
         return [
-            asked,
+            question,
             f"All floors are on one side of {100 * boundary:g} %: no pairs of misses and false alarms.",
         ]
-    sentences = [asked]
+    sentences = [question]
     for (robots,), rows in best(distinguished).group_by("robots", maintain_order=True):
         who = f"{robots} robot{'s' * (robots != 1)}"
         found = rows.filter(pl.col("time_s").is_not_null()).sort("fill_ratio")
         if found.is_empty():
             sentences.append(f"{who} find none of these floors within {t_end_s:g} s.")
             continue
-        nearest, easiest = found.row(0, named=True), found.row(-1, named=True)
+        nearest, farthest = found.row(0, named=True), found.row(-1, named=True)
         sentence = (
             f"{who} find a fill ratio of {nearest['fill_ratio']:.4g} within {nearest['time_s']:.0f} s, without false "
             f"alarms on floors up to {nearest['fill_ratio_below']:.4g}"
         )
-        if easiest["fill_ratio"] != nearest["fill_ratio"]:
-            sentence += f"; {easiest['fill_ratio']:.4g} within {easiest['time_s']:.0f} s"
+        if farthest["fill_ratio"] != nearest["fill_ratio"]:
+            sentence += f"; {farthest['fill_ratio']:.4g} within {farthest['time_s']:.0f} s"
         missed = rows.filter(pl.col("time_s").is_null())["fill_ratio"].sort().to_list()
         if missed:
             sentence += f"; not {', '.join(f'{fill:.4g}' for fill in missed)} by {t_end_s:g} s"
@@ -74,7 +92,15 @@ def answer(distinguished: pl.DataFrame, scenario: Scenario, error: float, false_
 def pictures_of(
     curve: pl.DataFrame, boundary: float, tolerated: float, style: str = "column"
 ) -> Iterator[tuple[str, Picture]]:
-    """Yield names and pictures, from ``analysis.detection.detection_curve``."""
+    """Yield names and pictures of misses against the fill ratio: one per number of robots, and one of all at the end.
+
+    A picture of one number of robots has a line for each time; the picture of all has a line for each number of robots.
+    Nothing is yielded if no share of misses is known.
+
+    Args:
+        curve: table of ``analysis.detection.detection_curve``. boundary: of the fill ratio.
+        tolerated: tolerated probability of a miss. style: of the pictures.
+    """
     drawable = curve.filter(pl.col("missed").is_not_null())
     if drawable.is_empty():
         return
@@ -94,7 +120,14 @@ def pictures_of(
 def _draw(
     part: pl.DataFrame, series: pl.Expr, boundary: float, tolerated: float, style: str, title: str
 ) -> Picture:
-    """Draw misses against the fill ratio, one line for each series."""
+    """Draw misses against the fill ratio, one line for each value of the expression ``series``.
+
+    Lines are in the order in which their values first appear in ``part``, so that 900 s comes before 1200 s, which it
+    would not in the order of the text. Within a line, points are in the order of the fill ratio.
+
+    Args:
+        part: rows of ``analysis.detection.detection_curve``. tolerated: tolerated probability of a miss.
+    """
     frame = part.select(
         "fill_ratio", "missed", "runs", low="missed_low", high="missed_high", series=series
     ).sort("series", "fill_ratio", maintain_order=True)
@@ -120,10 +153,11 @@ def report_of(
     """Lay out the page.
 
     Args:
-        tables: detection, needed and pairs, of ``analysis.detection``. scenario, seed: of which they are; floors and
-            robots vary. error, false_alarms: tolerated probabilities. warnings: shown first.
+        tables: ``detection``, ``needed`` and ``pairs``, of ``analysis.detection``.
+        scenario, seed: those of the runs behind the tables, in which floor and number of robots vary.
+        error, false_alarms: tolerated probabilities. warnings: shown first.
     """
-    asked, *found = answer(tables["pairs"], scenario, error, false_alarms)
+    lead = answer(tables["pairs"], scenario, error, false_alarms)
     pictures = tuple(
         Section(
             "By time" if name != "detection-robots" else "By robots, at the end",
@@ -134,16 +168,18 @@ def report_of(
         )
     )
     pairs = best(tables["pairs"]) if tables["pairs"].height else tables["pairs"]
-    parts = (ReportTable(pairs, _PAIRS, "A dash: not by the end.", "pairs"),) if pairs.height else ()
+    table = ReportTable(pairs, _PAIRS, caption="A dash: not by the end.", name="pairs")
+    parts = (table,) if pairs.height else ()
+    needed = ReportTable(tables["needed"], _NEEDED, name="needed")
     return Report(
-        "How many robots, and how much time?",
-        (asked, *found),
-        tuple(warnings),
-        (
-            Section("Which floors are told apart", _TEXT, parts, pictures),
-            Section("Every floor", (), (ReportTable(tables["needed"], _NEEDED, name="needed"),)),
+        title="How many robots, and how much time?",
+        lead=tuple(lead),
+        warnings=tuple(warnings),
+        sections=(
+            Section("Which floors are told apart", text=_TEXT, parts=parts, sections=pictures),
+            Section("Every floor", parts=(needed,)),
         ),
-        {"scenario": scenario.hash, "seed": str(seed), **versions()},
+        details={"scenario": scenario.hash, "seed": str(seed), **versions()},
     )
 
 
@@ -152,6 +188,7 @@ _TEXT: Final = (
     "(95 %, Wilson over runs) must be below what is tolerated, so that with few runs nothing is enough. Each holds "
     "separately.",
 )
+"""Paragraphs above the table of pairs."""
 _PAIRS: Final = {
     "fill_ratio": Column("fill ratio", decimals=2),
     "fill_ratio_below": Column("without false alarms on floors up to", decimals=2),
@@ -159,6 +196,7 @@ _PAIRS: Final = {
     "time_s": Column("found within", "s", decimals=0),
     "fewest": Column("fewest robots"),
 }
+"""Columns of the table of pairs (a floor above the boundary and one below), with their headings."""
 _NEEDED: Final = {
     "fill_ratio": Column("fill ratio", decimals=2),
     "truth": Column("more than the boundary (1: yes)"),
@@ -170,3 +208,4 @@ _NEEDED: Final = {
     "false_alarm_high": Column("upper limit", percent=True),
     "clear_until_s": Column("clear until (dash: the end)", "s", decimals=0),
 }
+"""Columns of the table of all floors, with their headings."""

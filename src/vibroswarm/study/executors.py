@@ -1,7 +1,7 @@
 """Run batches on threads, processes, a Dask cluster, or any executor of ``concurrent.futures``.
 
-Threads are the default, since the kernels release the GIL. Each worker process is a pool of its own, so that one that
-dies is replaced and stops no other. A worker runs ``batch.do_batch``; no result depends on the executor.
+Threads are the default, since the kernels release the GIL. Each worker process has a process pool of its own, so a
+process that dies is replaced and stops no other. A worker runs ``batch.do_batch``; no result depends on the executor.
 """
 
 from __future__ import annotations
@@ -38,15 +38,19 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 NAMES: Final = ("threads", "processes")
+"""Executors that are given by a name."""
 MOST_WORKERS: Final = 4096
+"""Largest number of workers that is accepted."""
 CONNECT_S: Final = 10.0
-"""Time limit for a scheduler to answer."""
+"""Time limit for a Dask scheduler to answer."""
 CLOSE_S: Final = 5.0
+"""Time limit for closing the connection to a Dask scheduler."""
 WITHOUT_WORKERS_S: Final = 30.0
-"""Time limit for a cluster to have no worker."""
+"""A cluster that has had no worker for longer than this is an error."""
 ASK_EVERY_S: Final = 5.0
 """Interval at which the number of a cluster's workers is updated."""
 GO_ON: Final = "finished work is saved; run the same command again to continue"
+"""End of messages about workers that are gone: how to go on."""
 
 
 class WorkerDied(RuntimeError):  # noqa: N818  (the name is what is shown)
@@ -59,12 +63,15 @@ class Workers:
 
     executor: Executor
     count: int
+    """Number of batches that run at a time, as long as no workers join or leave."""
     name: str
+    """Number and kind of the workers in words: ``4 threads``."""
     cancel: Any = None
-    """Event that, once set, stops running batches; None if they cannot be stopped."""
+    """An event (of threading or multiprocessing); setting it stops running batches. None: they cannot be stopped."""
 
     def submit(self, work: Batch) -> Future[BatchResult]:
-        """Submit a batch."""
+        """Submit a batch. A thread also gets the function that returns whether the study was stopped."""
+        # Such a function cannot be sent to another process: workers in other processes are stopped in other ways.
         if isinstance(self.executor, ThreadPoolExecutor) and self.cancel is not None:
             return self.executor.submit(do_batch, work, self.cancel.is_set)
         return self.executor.submit(do_batch, work)
@@ -82,19 +89,23 @@ class Workers:
 def workers_for(
     executor: str | Executor = "threads", count: int | None = None, mixed: bool = False
 ) -> Iterator[Workers]:
-    """Start workers by name, or use an executor of the caller, which is not shut down.
+    """Context manager: start workers and stop them at the end. An executor of the caller is used and not shut down.
 
     Args:
-        executor: ``threads``, ``processes``, ``dask://HOST:PORT``, a Dask scheduler file, or an ``Executor``.
-        count: threads or processes; all processors by default. mixed: workers may have other versions.
+        executor: ``threads``, ``processes``, ``dask://HOST:PORT`` (also ``tcp://`` or ``tls://``), the path of a Dask
+            scheduler file (``.json``), or an ``Executor``.
+        count: number of threads or processes, or of batches that an ``Executor`` runs at a time; by default as many as
+            there are processors, or as the executor has workers. Dask does not use it.
+        mixed: whether Dask workers may have other versions of vibroswarm and its libraries.
     Raises:
-        InputError: no such executor or file, or no scheduler answers.
+        InputError: no such executor or file, or no scheduler answers, or a Dask worker has other versions.
+        RunError: the Dask scheduler has no workers.
     """
     if count is not None:
         count = whole_number_of(count, "workers", 1, MOST_WORKERS)
     check_kind(executor, (str, Executor), "executor", "the name of an executor, or an Executor")
     if isinstance(executor, Executor):
-        yield Workers(executor, count or _width(executor), type(executor).__name__)
+        yield Workers(executor, count=count or _width(executor), name=type(executor).__name__)
     elif executor == "threads":
         yield from _threads(count or processors())
     elif executor == "processes":
@@ -119,11 +130,16 @@ def do_all(
     progress: Callable[[], None],
     rescue: Callable[[Future[R]], None] = lambda future: None,
 ) -> None:
-    """Submit tasks, starting with the last of the list, and process results in the order in which they finish.
+    """Submit tasks and process their results in the order in which they finish.
 
     Args:
-        take: handles a finished future; returns the tasks to submit again. ahead: how many tasks to have submitted.
-        rescue: called with each future that is done but not yet taken when an exception ends the work.
+        workers: checked if no task has finished for a second.
+        tasks: emptied in place. The last one is submitted first.
+        submit: starts a task. take: processes a finished future, and returns the tasks to submit again.
+        ahead: returns how many tasks should be submitted and unfinished now; it may change while the work runs.
+        progress: called each time that tasks have finished, and at least once a second.
+        rescue: if an exception ends the work, called with each future that is finished but was not yet given to
+            ``take``, so that its result can be saved.
     Raises:
         RunError: the executor is closed, or no worker is left.
     """
@@ -134,7 +150,7 @@ def do_all(
                 task = tasks.pop()
                 try:
                     pending[submit(task)] = task
-                except Exception as error:  # an executor that is closed or cut off may raise anything
+                except Exception as error:  # an executor that is closed or disconnected may raise anything
                     raise workers_gone(error) from error
             finished = wait(pending, timeout=1.0, return_when=FIRST_COMPLETED).done
             if not finished:
@@ -147,14 +163,15 @@ def do_all(
             progress()
     except BaseException:
         for future in pending:
-            if not future.cancel() and future.done():
+            was_cancelled = future.cancel()  # impossible if it runs or is done
+            if not was_cancelled and future.done():
                 with suppress(Exception):
                     rescue(future)
         raise
 
 
 def workers_gone(error: BaseException) -> RunError:
-    """Explain that an executor broke or was closed."""
+    """Return the error to raise when an executor broke or was closed."""
     cause = f"{type(error).__name__}: {error}".rstrip(": ")
     return RunError(f"the workers are gone ({cause}); {GO_ON}")
 
@@ -165,17 +182,18 @@ def processors() -> int:
 
 
 def _width(executor: Executor) -> int:
+    """Return an executor's number of workers, as ``concurrent.futures`` stores it; 16 if it is not stored there."""
     return int(getattr(executor, "_max_workers", None) or 16)
 
 
 def _threads(count: int) -> Iterator[Workers]:
-    """Yield workers that are threads."""
+    """Yield workers that are threads, once, and stop them afterwards."""
     pool, cancel = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm"), threading.Event()
     wait_for_threads = True
     try:
-        yield Workers(pool, count, f"{count} thread{'s' * (count > 1)}", cancel)
+        yield Workers(pool, count, name=f"{count} thread{'s' * (count > 1)}", cancel=cancel)
     except KeyboardInterrupt:
-        wait_for_threads = False  # one that compiles cannot be stopped, and may take a minute
+        wait_for_threads = False  # a thread that compiles cannot be stopped, and may take a minute
         raise
     finally:
         cancel.set()
@@ -183,13 +201,17 @@ def _threads(count: int) -> Iterator[Workers]:
 
 
 class SingleProcessPools(Executor):
-    """Worker processes, each a pool of its own: one that dies is replaced, and only its batch is lost."""
+    """An executor of worker processes, each in a pool of its own.
+
+    A pool whose process dies can no longer be used. With a pool for each process, only the call in the dead process is
+    lost, and a new pool replaces it. For each process there is a thread that waits for its results.
+    """
 
     def __init__(self, count: int) -> None:
         self._context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
         self.cancel = self._context.Event()
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm-process")
-        self._own = threading.local()
+        self._own = threading.local()  # in each thread, ``pool``: its process
         self._pools: list[ProcessPoolExecutor] = []
         self._lock = threading.Lock()
 
@@ -198,7 +220,12 @@ class SingleProcessPools(Executor):
         return self._threads.submit(self._in_process, function, arguments, named)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Stop the processes when they have finished their calls."""
+        """Stop running batches, and end the processes when their calls have returned.
+
+        Args:
+            wait: whether to wait until the processes have ended. cancel_futures: whether to drop the calls that have
+                not begun.
+        """
         self.cancel.set()
         self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
         with self._lock:
@@ -216,22 +243,30 @@ class SingleProcessPools(Executor):
         try:
             return pool.submit(function, *arguments, **named).result()
         except BrokenProcessPool:
-            self._own.pool = None
+            self._own.pool = None  # so that this thread's next call starts a new process
             pool.shutdown(wait=False)
             raise WorkerDied("the worker process died (out of memory, killed, or crashed)") from None
 
 
 def _hold_off_ctrl_c() -> None:
-    """Block Ctrl-C in this thread: processes that it starts inherit the block, until they ignore Ctrl-C themselves."""
+    """Block Ctrl-C (SIGINT) in this thread, so that the processes that the thread starts inherit the block.
+
+    Without the block, Ctrl-C could end a process that has started but does not yet ignore Ctrl-C (``_begin_process``).
+    """
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
 
 _cancel: Any = None
+"""In a worker process, the event that stops its batch. An event can be sent only when a process starts, not later."""
 
 
 def _begin_process(cancel: Any) -> None:
-    """Initialise a worker process: it ignores Ctrl-C and ends when its parent ends."""
+    """Initialise a worker process: it saves the event ``cancel``, ignores Ctrl-C, and ends when its parent ends.
+
+    Args:
+        cancel: event that is set when running batches have to stop; it becomes ``_cancel`` of this module.
+    """
     global _cancel
     _cancel = cancel
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -239,58 +274,76 @@ def _begin_process(cancel: Any) -> None:
 
 
 def _end_with_parent() -> None:
+    """Wait until the parent process ends, then end this process at once, with whatever it is computing."""
     parent = multiprocessing.parent_process()
-    if parent is not None:
+    if parent is not None:  # it is None only in a process that multiprocessing did not start
         parent.join()
-        os._exit(1)
+        os._exit(1)  # ends the process without waiting for its other threads
 
 
 def _do_in_process(work: Batch) -> BatchResult:
+    """Run a batch in a worker process; it is given up if the event that the process got at its start is set."""
     return do_batch(work, _cancel.is_set)
 
 
 @dataclass(frozen=True)
 class _ProcessWorkers(Workers):
+    """Workers that are processes."""
+
     def submit(self, work: Batch) -> Future[BatchResult]:
+        """Submit a batch."""
         return self.executor.submit(_do_in_process, work)
 
 
 def _processes(count: int) -> Iterator[Workers]:
-    """Yield workers that are processes."""
+    """Yield workers that are processes, once, and stop them afterwards."""
     pool = SingleProcessPools(count)
     wait_for_processes = True
     try:
-        yield _ProcessWorkers(pool, count, f"{count} process{'es' * (count > 1)}", pool.cancel)
+        yield _ProcessWorkers(pool, count, name=f"{count} process{'es' * (count > 1)}", cancel=pool.cancel)
     except KeyboardInterrupt:
-        wait_for_processes = False
+        wait_for_processes = False  # a process that compiles cannot be stopped, and may take a minute
         raise
     finally:
         pool.shutdown(wait=wait_for_processes, cancel_futures=True)
 
 
 class _ClusterState:
-    """Last known number of threads of a cluster, with the times of the last check and of the last one with workers."""
+    """What the last check of a Dask cluster found.
+
+    It is an object of its own, so that it can change although ``_DaskWorkers`` is frozen.
+
+    Args:
+        threads: number of threads of all workers of the cluster.
+    """
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
+        # Times of the last check, and of the last check that found a worker.
         self.checked_s = self.with_workers_s = time.monotonic()
 
 
 @dataclass(frozen=True)
 class _DaskWorkers(Workers):
-    """Workers of a cluster, which may join and leave; the study stops if there is none for a while."""
+    """Workers of a Dask cluster, which may join and leave; the study stops if there is no worker for a while."""
 
     client: Any = None
+    """``distributed.Client``."""
     seen: _ClusterState = field(default_factory=lambda: _ClusterState(1))
+    """Number of threads and time of the last check of the cluster."""
 
     @property
     def width(self) -> int:
+        """Number of batches that run at a time: the cluster's threads, counted again every ``ASK_EVERY_S``."""
         if time.monotonic() - self.seen.checked_s > ASK_EVERY_S:
             self.check()
         return max(self.seen.threads, 1)
 
     def check(self) -> None:
-        """Raise ``RunError`` if the scheduler is gone or has had no worker for ``WITHOUT_WORKERS_S``."""
+        """Count the cluster's threads again; raise ``RunError`` if it has had no worker for ``WITHOUT_WORKERS_S``.
+
+        ``RunError`` is also raised if the scheduler does not answer.
+        """
         try:
             threads = sum(self.client.nthreads().values())
         except Exception as error:  # a closed or disconnected client may raise anything
@@ -303,7 +356,14 @@ class _DaskWorkers(Workers):
 
 
 def _dask(address: str, mixed: bool) -> Iterator[Workers]:
-    """Connect to the workers of a running Dask cluster, which need the same version of vibroswarm."""
+    """Connect to a running Dask cluster, yield its workers once, and close the connection afterwards.
+
+    Args:
+        address: ``dask://HOST:PORT``, or a scheduler file. mixed: whether workers may have other versions.
+    Raises:
+        InputError: Dask is not installed, no scheduler answers, or a worker has other versions.
+        RunError: the scheduler has no workers.
+    """
     try:
         import distributed
     except ImportError:
@@ -318,16 +378,24 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
                 f"the Dask scheduler at '{address}' has no workers; start some, and run the same command again"
             )
         _check_dask_versions(client, mixed)
+        # ``pure=False``: equal calls are run again, instead of sharing one result.
+        # At least 1, so that batches are submitted even if the workers report no threads.
         pool, count = client.get_executor(pure=False), max(sum(threads.values()), 1)
         yield _DaskWorkers(
-            pool, count, f"{len(threads)} Dask workers", client=client, seen=_ClusterState(count)
+            pool, count, name=f"{len(threads)} Dask workers", client=client, seen=_ClusterState(count)
         )
     finally:
         client.close(timeout=CLOSE_S)
 
 
 def _connected(connect: Any, address: str) -> Any:
-    """Connect to the scheduler at an address, or the one that a file names."""
+    """Connect to a Dask scheduler.
+
+    Args:
+        connect: ``distributed.Client``. address: of the scheduler, or the path of its scheduler file.
+    Raises:
+        InputError: no such file, or no scheduler answers.
+    """
     if address.endswith(".json") and not Path(address).is_file():
         raise InputError(f"there is no scheduler file '{address}'", field="executor")
     address_or_file = (
@@ -339,12 +407,16 @@ def _connected(connect: Any, address: str) -> Any:
         return connect(**address_or_file, timeout=CONNECT_S, set_as_default=False)
     except Exception as error:  # an address or a file may be wrong in many ways
         cause = str(error).splitlines()[0] if str(error) else type(error).__name__
-    gc.collect()  # of the failed client; if it ran later, while another client starts, Dask would deadlock
+    # The failed client is freed now. If Python freed it later, while another client starts, Dask would deadlock.
+    gc.collect()
     raise InputError(f"no Dask scheduler answers at '{address}' ({cause})", field="executor")
 
 
 def _check_dask_versions(client: Any, mixed: bool) -> None:
-    """Refuse workers without vibroswarm or with another version; those that join later are checked by their batches."""
+    """Refuse a cluster if a worker has no vibroswarm, or other versions unless they may be ``mixed``.
+
+    Workers that join later are checked when their first batch comes back.
+    """
     for worker, reply in client.run(versions, on_error="return").items():
         if isinstance(reply, Exception):
             raise InputError(
@@ -355,7 +427,13 @@ def _check_dask_versions(client: Any, mixed: bool) -> None:
 
 
 def check_worker(theirs: Mapping[str, str], mixed: bool, worker: str = "a worker") -> None:
-    """Refuse a worker with other versions, unless they may be mixed."""
+    """Refuse a worker with other versions than this process, unless versions may be ``mixed``.
+
+    Args:
+        theirs: ``simulation.versions`` of the worker. worker: what the message calls it.
+    Raises:
+        InputError: the versions differ; the message names them.
+    """
     if not mixed and (different := _different_versions(theirs)):
         raise InputError(
             f"{worker} has other versions than this process ({different}); install the same, or add --mixed",
@@ -366,6 +444,8 @@ def check_worker(theirs: Mapping[str, str], mixed: bool, worker: str = "a worker
 def check_begun_by(theirs: Mapping[str, str], folder: Path) -> None:
     """Refuse to continue a study that other versions began: no single version could repeat all of its runs.
 
+    Args:
+        theirs: ``simulation.versions`` with which the study in ``folder`` was begun.
     Raises:
         InputError: the versions differ; the message names them.
     """
@@ -378,6 +458,7 @@ def check_begun_by(theirs: Mapping[str, str], folder: Path) -> None:
 
 
 def _different_versions(theirs: Mapping[str, str]) -> str:
+    """List what differs between ``theirs`` and the ``simulation.versions`` of this process; empty if nothing does."""
     own = versions()
     return "; ".join(f"{k} {theirs.get(k)} there, {own[k]} here" for k in own if theirs.get(k) != own[k])
 

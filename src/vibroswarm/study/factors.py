@@ -1,15 +1,19 @@
 """Turn the blocks of varied fields and values into points, one for each cell; name the cells.
 
-| block | gives |
-|---|---|
-| ``grid`` | every combination of the values |
-| ``zip`` | the first values together, then the second, ...; all lists equally long |
-| ``list`` | one point for each table, which may have a ``label`` |
-| ``random``, ``sobol`` | ``points`` between bounds, uniform or evenly spread |
+A point maps the dotted names of varied fields to their values in one cell: ``{"strategy.soft.eta": 1250.0}``. A study's
+file lists the varied fields in blocks:
 
-Several blocks are combined in all ways. A field's values are a list, or a range
-``{from = 40, to = 80, steps = 5, scale = "log", whole = true}`` (``scale`` and ``whole`` as needed; ``steps`` only in
-a grid or zip). Besides the fields of a scenario, ``preset`` may be varied.
+| block | its points |
+|---|---|
+| ``grid`` | every combination of the fields' values |
+| ``zip`` | the first values of all fields, the second values of all fields, ...; all lists are equally long |
+| ``list`` | one point for each table of the list; a table may have a ``label`` |
+| ``random``, ``sobol`` | as many as ``points`` says, between bounds: random, or evenly spread (a Sobol sequence) |
+
+The points of several blocks are combined in all ways. A field's values are a list, or a range
+``{from = 40, to = 80, steps = 5, scale = "log", whole = true}``. ``scale`` and ``whole`` may be left out. ``steps``
+is the number of values in a grid or zip, and is not used in the other blocks. Besides the fields of a scenario,
+``preset`` may be varied.
 
 The name of a cell contains what distinguishes it from the other cells, with no more digits than needed.
 """
@@ -19,7 +23,7 @@ from __future__ import annotations
 import hashlib
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from typing import Any, Final, TypeGuard
 
@@ -32,10 +36,14 @@ from vibroswarm.scenario.plugins import is_code, name_in
 from vibroswarm.scenario.scenario import field_names
 
 Point = dict[str, Any]
+"""The values of the varied fields in one cell, by the dotted names of the fields."""
 
 BLOCKS: Final = ("grid", "zip", "list", "random", "sobol")
+"""Names of the blocks of varied fields."""
 LABEL: Final = "label"
+"""Key of a table of a ``list`` that names its cells."""
 PRESET: Final = "preset"
+"""The preset as a varied field."""
 LARGEST: Final = 100_000
 """Most cells of a study."""
 LARGEST_NUMBER: Final = 1e150
@@ -43,14 +51,15 @@ LARGEST_NUMBER: Final = 1e150
 
 
 def points_of(blocks: Mapping[str, Any]) -> list[Point]:
-    """Combine the points of all blocks, in the order in which they are written, the last varying fastest.
+    """Return every combination of the points of all blocks; the points of the last block vary fastest.
 
     Args:
-        blocks: as TOML gives them, by the names of ``BLOCKS``.
+        blocks: as TOML gives them, by the names of ``BLOCKS``, in the order in which they are written.
     Raises:
-        InputError: an unknown field, an empty list, a field in two blocks, lists of unequal length, too many.
+        InputError: an unknown block or field, an empty list, a field in two blocks, lists of unequal length, or more
+            than ``LARGEST`` cells.
     """
-    columns: list[list[Point]] = []
+    points_of_blocks: list[list[Point]] = []
     seen: set[str] = set()
     for name, block in blocks.items():
         if name not in BLOCKS:
@@ -60,14 +69,17 @@ def points_of(blocks: Mapping[str, Any]) -> list[Point]:
         if both := sorted(fields & seen):
             raise InputError("is varied in two blocks", field=f"{name}.{both[0]}")
         seen |= fields
-        columns.append(points)
-    if math.prod(len(points) for points in columns) > LARGEST:
+        points_of_blocks.append(points)
+    if math.prod(len(points) for points in points_of_blocks) > LARGEST:
         raise InputError(f"has more than {LARGEST} cells; vary less", field="study")
-    return [{k: v for part in parts for k, v in part.items()} for parts in product(*columns)]
+    return [{k: v for part in parts for k, v in part.items()} for parts in product(*points_of_blocks)]
+
+
+# Each reader of a block takes the block as TOML gives it, and its name for messages. It returns the block's points.
 
 
 def _lists_in(block: Any, name: str) -> dict[str, list[Any]]:
-    """Read the values of each field of a grid or zip."""
+    """Return the list of values of each field of a grid or zip; a range becomes the list of its values."""
     values = {field: _values(choices, f"{name}.{field}") for field, choices in fields_in(block, name).items()}
     if not values:
         raise InputError("is empty; name at least one field", field=name)
@@ -75,6 +87,7 @@ def _lists_in(block: Any, name: str) -> dict[str, list[Any]]:
 
 
 def _grid(block: Any, name: str) -> list[Point]:
+    """Return every combination of the fields' values."""
     values = _lists_in(block, name)
     if math.prod(len(v) for v in values.values()) > LARGEST:
         raise InputError(f"has more than {LARGEST} cells; vary less", field=name)
@@ -82,7 +95,7 @@ def _grid(block: Any, name: str) -> list[Point]:
 
 
 def _zip(block: Any, name: str) -> list[Point]:
-    """Combine the first values, the second values, and so on."""
+    """Return a point with the first value of each field, a point with the second value of each, and so on."""
     values = _lists_in(block, name)
     if len({len(choices) for choices in values.values()}) > 1:
         lengths = ", ".join(f"{field} has {len(choices)}" for field, choices in values.items())
@@ -91,64 +104,92 @@ def _zip(block: Any, name: str) -> list[Point]:
 
 
 def _list(block: Any, name: str) -> list[Point]:
+    """Return one point for each table of a list."""
     if not isinstance(block, Sequence) or isinstance(block, str) or not block:
-        raise InputError("is a list of tables, at least one: [[list]]", field=name)
+        raise InputError("must be a list of one or more tables: [[list]]", field=name)
     return [fields_in(entry, f"{name}[{k}]", may_have=(LABEL,)) for k, entry in enumerate(block)]
 
 
 def _random(block: Any, name: str) -> list[Point]:
-    return _spread(block, name, lambda seed, d, n: np.random.Generator(np.random.Philox(seed)).random((n, d)))
+    """Return points with uniform random values between the bounds."""
+
+    def draw(seed: int, dimensions: int, count: int) -> np.ndarray[Any, Any]:
+        """Return uniform random points in the unit cube, (count, dimensions)."""
+        return np.random.Generator(np.random.Philox(seed)).random((count, dimensions))
+
+    return _between_bounds(block, name, draw)
 
 
 def _sobol(block: Any, name: str) -> list[Point]:
-    """Draw points of a scrambled Sobol sequence."""
+    """Return points of a scrambled Sobol sequence between the bounds."""
 
     def draw(seed: int, dimensions: int, count: int) -> np.ndarray[Any, Any]:
         """Return the first points of a scrambled Sobol sequence in the unit cube, (count, dimensions)."""
         from scipy.stats import qmc
 
-        size = 1 << max(count - 1, 0).bit_length()  # a Sobol sequence is balanced at powers of two
+        # SciPy warns unless the number of drawn points is a power of two, since the points are balanced only then. To
+        # avoid the warning, the next power of two is drawn, and the first ``count`` points are the same as without it.
+        power_of_two = 1 << (count - 1).bit_length()  # smallest power of two that is at least ``count``
         sampler = qmc.Sobol(dimensions, scramble=True, rng=np.random.Generator(np.random.Philox(seed)))
-        points: np.ndarray[Any, Any] = sampler.random(size)[:count]
+        points: np.ndarray[Any, Any] = sampler.random(power_of_two)[:count]
         return points
 
-    return _spread(block, name, draw)
+    return _between_bounds(block, name, draw)
 
 
-def _spread(block: Any, name: str, draw: Any) -> list[Point]:
-    """Draw points in the unit cube and scale them to the bounds of the fields."""
+def _between_bounds(
+    block: Any, name: str, draw: Callable[[int, int, int], np.ndarray[Any, Any]]
+) -> list[Point]:
+    """Draw points in the unit cube and scale them to the bounds of the fields.
+
+    Args:
+        block: ``points`` (how many), ``seed`` (0 if missing), and the range or list of choices of each field.
+        draw: called with seed, number of fields and number of points; returns numbers in [0, 1), (points, fields).
+    """
     if not isinstance(block, Mapping):
-        raise InputError("is a table of fields with bounds", field=name)
+        raise InputError("must be a table of fields with their bounds", field=name)
     count = whole_number_of(block.get("points"), f"{name}.points", 1, LARGEST)
     seed = whole_number_of(block.get("seed", 0), f"{name}.seed", 0, SEED_LIMIT - 1)
-    fields = fields_in({k: v for k, v in block.items() if k not in _OF_SPREAD}, name)
+    fields = fields_in({k: v for k, v in block.items() if k not in _NOT_FIELDS}, name)
     if not fields:
         raise InputError("is empty; name at least one field", field=name)
     for field, choices in fields.items():
         if isinstance(choices, Mapping) and "steps" in choices:
             raise InputError(
-                "is of a grid or zip; here 'points' says how many", field=f"{name}.{field}.steps"
+                "belongs to a grid or zip; here 'points' sets the number of values",
+                field=f"{name}.{field}.steps",
             )
-    unit = draw(seed, len(fields), count)
+    # A row for each point, with a number in [0, 1) for each field.
+    in_unit_cube = draw(seed, len(fields), count)
     return [
         {
             field: _at(choices, float(u), f"{name}.{field}")
             for (field, choices), u in zip(fields.items(), row, strict=True)
         }
-        for row in unit
+        for row in in_unit_cube
     ]
 
 
 _READERS: Final = {"grid": _grid, "zip": _zip, "list": _list, "random": _random, "sobol": _sobol}
+"""For each block, the function that returns its points."""
 
-_OF_SPREAD: Final = ("points", "seed")
+_NOT_FIELDS: Final = ("points", "seed")
+"""Keys of the blocks ``random`` and ``sobol`` that are not names of fields."""
 _RANGE: Final = ("from", "to", "steps", "scale", "whole")
+"""Keys of a range."""
 
 
 def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str, Any]:
-    """Map dotted field names to their values; nested tables become dotted names."""
+    """Return the fields of a block by their dotted names; nested tables are flattened.
+
+    Args:
+        block: as TOML gives it. name: of the block, for messages.
+        may_have: keys that are allowed besides ``preset`` and the fields of a scenario.
+    Raises:
+        InputError: the block is not a table, or a field does not exist.
+    """
     if not isinstance(block, Mapping):
-        raise InputError("is a table of fields and their values", field=name)
+        raise InputError("must be a table of fields and their values", field=name)
     known, fields = {*field_names(), PRESET, *may_have}, {}
     for key, value in block.items():
         if key in known or _is_of_code(key):
@@ -156,45 +197,57 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
         elif isinstance(value, Mapping) and any(k.startswith(f"{key}.") for k in known):
             fields |= fields_in({f"{key}.{k}": v for k, v in value.items()}, name, may_have)
         else:
+            # A user who leaves out the section gets the field with this last part as a hint.
             last = key.rpartition(".")[2]
-            same = [k for k in known if k.rpartition(".")[2] == last]
-            hint = f", did you mean '{same[0]}'?" if same else nearest(key, known)
+            same_last = [k for k in known if k.rpartition(".")[2] == last]
+            hint = f", did you mean '{same_last[0]}'?" if same_last else nearest(key, known)
             raise InputError(f"there is no such field{hint}", field=f"{name}.{key}")
     return fields
 
 
 def _is_of_code(name: str) -> bool:
-    """Tell whether a field is a parameter of code that is not loaded: ``strategy.voter.phase_s``."""
+    """Return whether a field belongs to user code of a known name, as ``strategy.voter.phase_s`` belongs to ``voter``.
+
+    The code need not be loaded: without it, the names of its parameters cannot be checked.
+    """
     parts = name.split(".")
     return len(parts) == 3 and parts[0] in plugins.KINDS and plugins.is_code_name(parts[1])
 
 
 def with_whole(block: Any, name: str = "") -> Any:
-    """Add ``whole = true`` to ranges of whole-number parameters of user code: without the code the type is unknown."""
-    if not isinstance(block, Mapping):
+    """Return a copy of blocks in which ranges of whole-number parameters of user code have ``whole = true``.
+
+    The type of such a parameter is known only while the code is loaded. A range with ``whole = true`` gives the same
+    points where the code is not loaded, for instance when a stored study is shown.
+
+    Args:
+        block: blocks as TOML gives them, or a part of them. name: dotted name of that part; empty for all blocks.
+    """
+    if not isinstance(block, Mapping):  # a list of values or of tables, or a single value
         return [with_whole(value, name) for value in block] if isinstance(block, list | tuple) else block
-    if {"from", "to"} <= set(block):
-        is_whole = "whole" not in block and _is_of_code(name) and _is_whole_field(name)
-        return (
-            {**block, "whole": True}
-            if is_whole and _is_whole(block["from"]) and _is_whole(block["to"])
-            else block
-        )
+    if {"from", "to"} <= set(block):  # a range
+        is_open = "whole" not in block  # the range itself does not say whether its numbers are whole
+        has_whole_ends = _is_whole(block["from"]) and _is_whole(block["to"])
+        if is_open and has_whole_ends and _is_of_code(name) and _is_whole_field(name):
+            return {**block, "whole": True}
+        return block
     return {key: with_whole(value, f"{name}.{key}".strip(".")) for key, value in block.items()}
 
 
 def flat(entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Flatten a block, or an entry of a ``list``, to dotted names."""
-    return fields_in(entry, "list", may_have=(LABEL, *_OF_SPREAD))
+    """Return the entries of a block, or of a table of a ``list``, by their dotted names."""
+    return fields_in(entry, "list", may_have=(LABEL, *_NOT_FIELDS))
 
 
 def _values(given: Any, name: str) -> list[Any]:
-    """List the values of a list or a range."""
+    """Return the values of a field of a grid or zip, which are given as a list or as a range with ``steps``."""
     if isinstance(given, Mapping):
         steps = whole_number_of(given.get("steps"), f"{name}.steps", 2, LARGEST)
         values = [_at(given, k / (steps - 1), name) for k in range(steps)]
         if len(set(values)) < steps:
-            raise InputError("its steps are smaller than 1, and it is of whole numbers", field=name)
+            raise InputError(
+                "has more steps than whole numbers; give fewer steps, or a wider range", field=name
+            )
         return values
     if not isinstance(given, Sequence) or isinstance(given, str):
         raise InputError(f"{given!r} is not a list; write [{given!r}]", field=name)
@@ -204,27 +257,45 @@ def _values(given: Any, name: str) -> list[Any]:
 
 
 def _at(given: Any, u: float, name: str) -> Any:
-    """Return the value at the fraction ``u`` of a range, or of a list of choices."""
+    """Return the value at the fraction ``u``, 0 to 1, of a range or of a list of choices.
+
+    Args:
+        given: range or list, as TOML gives it. In a range with ``steps``, u is a step between the ends; in a range
+            without ``steps``, u is a random number.
+        name: of the field, for messages.
+    """
     if isinstance(given, Sequence) and not isinstance(given, str):
         if not given:
             raise InputError("is empty; give at least one value", field=name)
-        return given[min(int(u * len(given)), len(given) - 1)]
+        return given[min(int(u * len(given)), len(given) - 1)]  # for u = 1, the last choice
     low, high, scale, is_whole = bounds_of(given, name)
+    # Without steps, u is a random number: each whole number from low to high has the same probability. For u = 1 the
+    # formula would give high + 1.
     if is_whole and "steps" not in given:
         return int(min(math.floor(low + u * (high - low + 1)), high))
-    if u in (0.0, 1.0):  # the ends as they are written
-        return rounded((low, high)[int(u)], is_whole)
+    # The ends exactly as they are written, without the rounding error of the formula below.
+    if u in (0.0, 1.0):
+        return rounded(low if u == 0.0 else high, is_whole)
     value = low * (high / low) ** u if scale == "log" else low + u * (high - low)
     return rounded(value, is_whole)
 
 
 def rounded(value: float, whole: bool) -> float | int:
-    """Round a value to a whole number, or to 15 digits."""
+    """Round to a whole number, or else to 15 significant digits, so that 0.1 + 0.2 is written 0.3."""
     return round(value) if whole else float(f"{value:.15g}")
 
 
 def bounds_of(given: Any, name: str) -> tuple[float, float, str, bool]:
-    """Return the ends of a range of the field ``name``, its scale, and whether its numbers are whole."""
+    """Return the ends of a range, its scale (``linear`` or ``log``), and whether its numbers are whole.
+
+    If the range does not say ``whole``, its numbers are whole if both ends are integers and the field holds integers.
+
+    Args:
+        given: the range as TOML gives it.
+        name: dotted name that ends with the name of the field; it gives the field's type, and is shown in messages.
+    Raises:
+        InputError: it is not a range, or a part of it is wrong.
+    """
     if not isinstance(given, Mapping):
         raise InputError(f"{given!r} is not a range; write {{from = 1, to = 2}}", field=name)
     for key in given:
@@ -237,31 +308,37 @@ def bounds_of(given: Any, name: str) -> tuple[float, float, str, bool]:
         raise InputError(f"{low} is not below {high}", field=f"{name}.from")
     scale = given.get("scale", "linear")
     if scale not in ("linear", "log") or (scale == "log" and low <= 0):
-        raise InputError(f"{scale!r}: linear, or log from above 0", field=f"{name}.scale")
+        raise InputError(
+            f"{scale!r} must be 'linear', or 'log' if the range begins above 0", field=f"{name}.scale"
+        )
     is_whole = given.get("whole", isinstance(low, int) and isinstance(high, int) and _is_whole_field(name))
     if not isinstance(is_whole, bool):
-        raise InputError(f"{is_whole!r}: true or false", field=f"{name}.whole")
+        raise InputError(f"{is_whole!r} is neither true nor false", field=f"{name}.whole")
     return low, high, scale, is_whole
 
 
 def _is_whole(value: Any) -> TypeGuard[int]:
+    """Return whether a value is an integer; True and False, which Python counts as integers, are none."""
     return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _is_whole_field(name: str) -> bool:
-    """Tell whether the field at the end of ``name`` holds whole numbers."""
+    """Return whether the field at the end of ``name`` (``grid.swarm.robots``) holds whole numbers."""
     from vibroswarm.scenario.scenario import kind_of
 
+    # The name may begin with the block's name, which may contain dots itself: every ending of the name is tried.
     parts = name.split(".")
     return any(kind_of(".".join(parts[first:])) is int for first in range(len(parts)))
 
 
 PLAIN: Final = ("floor.source", "strategy.name", "network.name", PRESET, LABEL)
-"""Fields whose values need no name beside them."""
+"""Fields whose values are written without the name of the field."""
 DIGITS: Final = 6
+"""Significant digits of a value, if these distinguish it from the other values of its field."""
 MOST_DIGITS: Final = 17
-"""Digits with which different numbers are always written differently."""
+"""Significant digits with which different floats are always written differently."""
 LONGEST: Final = 60
+"""Longer values are written as a hash."""
 
 
 def fields_in_words(words: Mapping[str, str]) -> str:
@@ -270,8 +347,12 @@ def fields_in_words(words: Mapping[str, str]) -> str:
 
 
 def value_in_words(value: Any, digits: int = DIGITS) -> str:
-    """Write one value; a long one as its length and a hash."""
-    if is_code(value):
+    """Write one value; a text of more than ``LONGEST`` characters is replaced by its number of elements and a hash.
+
+    Args:
+        digits: number of significant digits of a float.
+    """
+    if is_code(value):  # FILE.py:NAME is written as NAME
         return name_in(value)
     text = f"{value:.{digits}g}" if isinstance(value, float) else str(value)
     if len(text) <= LONGEST:
@@ -281,27 +362,32 @@ def value_in_words(value: Any, digits: int = DIGITS) -> str:
 
 
 def words_of_points(points: Sequence[Point]) -> list[dict[str, str]]:
-    """Write each value of each point, so that different values of a field look different."""
-    texts: dict[str, dict[str, str]] = {}
+    """Write the values of each point, with enough digits that different numbers of a field look different.
+
+    Returns: for each point, the text of each value by the name of its field.
+    """
+    texts: dict[str, dict[str, str]] = {}  # for each field, the text of each value by the value's repr
     for name in dict.fromkeys(name for point in points for name in point):
         values = {repr(point[name]): point[name] for point in points if name in point}
+        floats = {key for key, value in values.items() if isinstance(value, float)}
         for digits in range(DIGITS, MOST_DIGITS + 1):
             texts[name] = {key: value_in_words(value, digits) for key, value in values.items()}
-            numbers = {key for key, value in values.items() if isinstance(value, float)}
-            if len({texts[name][key] for key in numbers}) == len(numbers):
+            if len({texts[name][key] for key in floats}) == len(floats):
                 break
     return [{name: texts[name][repr(value)] for name, value in point.items()} for point in points]
 
 
 def names_of(words: Sequence[Mapping[str, str]], strategies: Sequence[str]) -> list[str]:
-    """Name cells by their labels, and by their varied values if the label is missing or shared.
+    """Name the cells of a study.
 
-    Cells with equal points are distinguished by their numbers.
+    A cell's name is its label. If the label is shared, the values in which the cells with this label differ follow in
+    brackets. A cell without a label is named by its varied values, or by its strategy if nothing is varied. The cell's
+    number is added if names are still equal.
 
     Args:
-        words: of each cell (``words_of_points``). strategies: of each cell's scenario.
+        words: the varied values of each cell as text (``words_of_points``). strategies: name of each cell's strategy.
     """
-    labels = Counter(point.get(LABEL) for point in words)
+    cells_with = Counter(point.get(LABEL) for point in words)
     names = []
     for point, strategy in zip(words, strategies, strict=True):
         label = point.get(LABEL)
@@ -309,11 +395,15 @@ def names_of(words: Sequence[Mapping[str, str]], strategies: Sequence[str]) -> l
             names.append(fields_in_words(point) or strategy)
             continue
         rest = fields_in_words({k: v for k, v in point.items() if k != LABEL and _differs(words, label, k)})
-        names.append(f"{label} ({rest})" if labels[label] > 1 and rest else label)
+        names.append(f"{label} ({rest})" if cells_with[label] > 1 and rest else label)
     count = Counter(names)
     return [f"{name} (cell {k})" if count[name] > 1 else name for k, name in enumerate(names)]
 
 
 def _differs(words: Sequence[Mapping[str, str]], label: str, name: str) -> bool:
-    """Tell whether a field differs between the cells of a label."""
+    """Return whether the value of the field ``name`` differs between the cells with this label.
+
+    Args:
+        words: the varied values of each cell as text.
+    """
     return len({point.get(name) for point in words if point.get(LABEL) == label}) > 1

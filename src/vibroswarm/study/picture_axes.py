@@ -1,4 +1,8 @@
-"""Lay out the cells of a study in a picture: along a numeric field, in series, or one by one."""
+"""Lay out the cells of a study in a picture.
+
+If a numeric field is varied, it is the x axis, and cells that are equal in all other fields make a series (one line).
+Otherwise each cell stands for itself.
+"""
 
 from __future__ import annotations
 
@@ -15,45 +19,54 @@ from vibroswarm.study.spec import SOURCE, Cell
 
 @dataclass(frozen=True)
 class Layout:
-    """The position of each cell.
-
-    ``x`` is a value for each cell by its number, or None if no varied field is numeric; ``series`` names its other
-    varied values.
-    """
+    """The position of each cell in a picture; cells are given by their numbers."""
 
     field: str | None
+    """The numeric field along x, None if there is no such field."""
     label: str
+    """Label of the x axis."""
     x: dict[int, float] | None
+    """The value of ``field`` in each cell, None if there is no such field."""
     series: dict[int, str]
+    """The name of each cell's line: its other varied values, as text."""
 
 
 def layout_of(cells: Sequence[Cell]) -> Layout:
-    """Put the numeric field with most values along x and everything else into series."""
+    """Put the numeric field with most values along x; cells that are equal in all other fields are one series.
+
+    If no varied field is numeric, there is no x, and each cell is a series under its own name.
+    """
     numeric = {name: values for name in _varied(cells) if (values := _numbers(cells, name)) is not None}
-    several = {name: values for name, values in numeric.items() if len(set(values.values())) > 1}
-    if not several:
-        return Layout(None, "", None, {cell.number: name_of(cell) for cell in cells})
-    field = max(several, key=lambda name: len(set(several[name].values())))
-    x = several[field]
+    # A number that is the same in all cells makes no axis.
+    with_several_values = {name: values for name, values in numeric.items() if len(set(values.values())) > 1}
+    if not with_several_values:
+        series = {cell.number: name_of(cell) for cell in cells}
+        return Layout(field=None, label="", x=None, series=series)
+    field = max(with_several_values, key=lambda name: len(set(with_several_values[name].values())))
+    x = with_several_values[field]
     series = {cell.number: _words(cell, [k for k in cell.point if k != field]) or "all" for cell in cells}
-    places = Counter((x[number], words) for number, words in series.items())
-    twice = {number for number, words in series.items() if places[x[number], words] > 1}
-    series |= {number: f"{series[number]} (cell {number})" for number in twice}
-    return Layout(field, label_of(field), x, series)
+    # Two cells of a series with the same x would be two points of a line at one place: each gets a line of its own.
+    cells_at = Counter((x[number], words) for number, words in series.items())
+    equal_cells = {number for number, words in series.items() if cells_at[x[number], words] > 1}
+    series |= {number: f"{series[number]} (cell {number})" for number in equal_cells}
+    return Layout(field=field, label=label_of(field), x=x, series=series)
 
 
 def plane_of(cells: Sequence[Cell]) -> tuple[str, str] | None:
-    """Return the two numeric fields with at least three values each; None unless there are exactly two."""
-    many = [
+    """Return the names of the two numeric fields with at least three values each, for the axes of a map.
+
+    Returns: None unless there are exactly two such fields.
+    """
+    axes = [
         name
         for name in _varied(cells)
-        if (v := _numbers(cells, name)) is not None and len(set(v.values())) > 2
+        if (values := _numbers(cells, name)) is not None and len(set(values.values())) > 2
     ]
-    return (many[0], many[1]) if len(many) == 2 else None
+    return (axes[0], axes[1]) if len(axes) == 2 else None
 
 
 def number_of(cell: Cell, field: str) -> float:
-    """Return the value of a numeric field in a cell; for a floor, its fill ratio."""
+    """Return the value of a numeric field in a cell; for a floor, its fill ratio: 0.48 of ``random:0.48``."""
     value = cell.point[field]
     return float(value.rpartition(":")[2]) if field == SOURCE else float(value)
 
@@ -64,14 +77,18 @@ def label_of(field: str) -> str:
 
 
 def name_of(cell: Cell) -> str:
-    """Name a cell in a picture: with symbols and units in place of the fields' names, unless it has a label."""
-    return (
-        _words(cell, list(cell.point)) if cell.point and cell.name == cell.words_of(cell.point) else cell.name
-    )
+    """Name a cell in a picture: by its varied values with symbols and units, unless it is named otherwise (a label)."""
+    # A cell without a label has its varied values, in words, as its name.
+    is_named_by_values = cell.point and cell.name == cell.words_of(cell.point)
+    return _words(cell, list(cell.point)) if is_named_by_values else cell.name
 
 
 def _words(cell: Cell, fields: Sequence[str]) -> str:
-    """Write varied values as in ``Cell.words_of``, with symbols and units."""
+    """Write a cell's values of these fields, with symbols and units: ``random:0.44, soft, η 1250``.
+
+    Values of the fields ``PLAIN``, such as the floor and the strategy, speak for themselves: they have no symbol.
+    Fields that the cell does not set are left out.
+    """
     return ", ".join(
         cell.words[field]
         if field in PLAIN
@@ -82,12 +99,17 @@ def _words(cell: Cell, fields: Sequence[str]) -> str:
 
 
 def _varied(cells: Sequence[Cell]) -> list[str]:
+    """List the fields whose values differ between these cells."""
     names = dict.fromkeys(name for cell in cells for name in cell.point)
     return [name for name in names if len({repr(cell.point.get(name)) for cell in cells}) > 1]
 
 
 def _numbers(cells: Sequence[Cell], field: str) -> dict[int, float] | None:
-    """Return a field's values by cell; None unless all are finite numbers, or fill ratios of one family of floors."""
+    """Return a field's numeric value for each cell, by the cell's number; None if the field is not numeric.
+
+    A field is numeric if it has a finite number in all cells. The floor is numeric if its sources differ only in the
+    fill ratio after the colon: ``random:0.46`` and ``random:0.48``.
+    """
     values: dict[int, Any] = {cell.number: cell.point.get(field) for cell in cells}
     if field == SOURCE:
         parts = {number: str(value).rpartition(":") for number, value in values.items()}

@@ -1,6 +1,8 @@
 """Choose and draw the pictures that fit a study.
 
-Pictures of samples come from some runs that are simulated again from the seed; their captions say from how many.
+A picture is chosen here together with the function that draws it, and drawn later, in the style of a page or a paper.
+Most pictures are drawn from the figures of the study's cells. The pictures of samples need the samples themselves,
+which a study rarely saves: some of its runs are simulated again from the seed, and the picture says how many.
 """
 
 from __future__ import annotations
@@ -29,12 +31,17 @@ from vibroswarm.study.spec import SOURCE
 from vibroswarm.study.summary import CellOutcome, Outcome
 
 MOST_ROWS: Final = 48
-"""Most cells in a picture with one row for each."""
+"""Most cells in a picture with one row for each cell."""
 MOST_SERIES: Final = 8
+"""Most lines in a picture."""
 MOST_PANELS: Final = 6
+"""Most pictures of a kind."""
 SIMULATED_RUNS: Final = 100
-"""Runs simulated again for pictures of samples."""
+"""Most runs of a cell simulated again for a picture of samples."""
+MOST_POINTS: Final = 400
+"""Most points of the picture of detection."""
 TIMES: Final = 121
+"""Number of points of a curve over time."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +55,11 @@ class NamedPicture:
 
 
 def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
-    """Yield all pictures that fit the study, the most informative first."""
+    """Yield all pictures that fit the study, the most informative first.
+
+    A picture with a row for each cell is left out if there are more than ``MOST_ROWS`` cells. The names of pictures are
+    file names; the user calls a picture by its name.
+    """
     cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
     if len(cells) <= MOST_ROWS:
         yield NamedPicture("outcomes", "Outcomes of the swarms", partial(_outcomes, cells))
@@ -67,20 +78,23 @@ def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
     yield from _samples(outcome)
 
 
+# For each figure (a field of ``CellSummary``): title of its picture, label of its axis, and whether it is in percent.
 _FIGURES: Final = (
     ("decision_time_s", "Decision time (restricted mean)", "decision time (s)", False),
     ("belief_in_truth", "Belief in the truth (the paper's accuracy)", "belief in the truth", False),
     ("robots_right", "Robots that decided rightly", "robots right", True),
     ("robots_wrong", "Robots that decided wrongly", "robots wrong", True),
 )
+"""Figures with a picture: field of ``CellSummary``, title, label of the axis, and whether the figure is a share."""
 
 
 def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
-    """Draw the outcomes of swarms by cell."""
+    """Draw how many swarms of each cell ended with each kind of consensus."""
     kinds = ("right", "wrong", "split", "incomplete", "truth_undefined")
     rows = []
     for cell_outcome in cells:
         shares = {kind: getattr(cell_outcome.summary, f"swarm_{kind}") for kind in kinds}
+        # The share of ``n`` runs, times ``n``, is a number of runs; a share of no runs is undefined (nan).
         counts = {kind: round(share.estimate * share.n) if share.n else 0 for kind, share in shares.items()}
         limits = {"right_low": shares["right"].low, "right_high": shares["right"].high}
         rows.append({"cell": name_of(cell_outcome.cell), **counts, **limits})
@@ -90,7 +104,14 @@ def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
 def _bars(
     cells: Sequence[CellOutcome], layout: Layout, figure: str, label: str, percent: bool
 ) -> Callable[..., Picture]:
-    """Return the function that draws a figure along ``layout.x``; by cell if there is none, or too many lines."""
+    """Return the function that draws a figure with its intervals.
+
+    It is drawn along ``layout.x`` with a line for each series. If there is no x, or if there are more than
+    ``MOST_SERIES`` lines, each cell has a row of its own instead, up to ``MOST_ROWS`` cells.
+
+    Args:
+        figure: name in ``CellSummary``. label: of its axis. percent: whether it is a share, shown in percent.
+    """
     rows = []
     for cell_outcome in cells:
         estimated, number = getattr(cell_outcome.summary, figure), cell_outcome.cell.number
@@ -99,8 +120,8 @@ def _bars(
         interval = {"estimate": estimated.estimate, "low": estimated.low, "high": estimated.high}
         rows.append({"x": x, **series, **interval, "runs": cell_outcome.summary.runs})
     frame = _frame(rows)
-    many = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
-    if many:  # too many lines: one row per cell
+    too_many_lines = layout.x is not None and frame["series"].n_unique() > MOST_SERIES
+    if too_many_lines:  # each cell gets a row under its own name
         frame = frame.select(
             pl.Series("x", [name_of(cell_outcome.cell) for cell_outcome in cells]),
             pl.all().exclude("x", "series"),
@@ -109,7 +130,7 @@ def _bars(
     return partial(
         draw_error_bars,
         frame,
-        x_label="" if many else layout.label,
+        x_label="" if too_many_lines else layout.label,
         label=label,
         interval="95 % interval",
         percent=percent,
@@ -117,15 +138,20 @@ def _bars(
 
 
 def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
-    """Yield maps over the two fields of ``plane_of``, for each combination of the others; none if it finds none."""
+    """Yield maps (heat maps) over two numeric fields, for each combination of the values of the other varied fields.
+
+    Nothing is yielded unless exactly two fields fit (``plane_of``).
+    """
     plane = plane_of([cell_outcome.cell for cell_outcome in cells])
     if plane is None:
         return
-    panels: dict[str, list[CellOutcome]] = {}
+    panels: dict[str, list[CellOutcome]] = {}  # the cells of each map, by the other values as text
     for cell_outcome in cells:
         rest = ", ".join(f"{v}" for k, v in cell_outcome.cell.point.items() if k not in plane)
         panels.setdefault(rest, []).append(cell_outcome)
-    for number, (rest, part) in enumerate(list(panels.items())[:MOST_PANELS]):
+    for number, (rest, part) in enumerate(
+        list(panels.items())[:MOST_PANELS]
+    ):  # ``part``: the cells of this map
         for figure, label, best in (
             ("decision_time_s", "decision time (s)", "low"),
             ("swarm_right", "swarms right", "high"),
@@ -140,7 +166,11 @@ def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
 def _heat(
     cells: Sequence[CellOutcome], plane: tuple[str, str], figure: str, label: str, best: str
 ) -> Callable[..., Picture]:
-    """Return the function that draws a figure as a map over two fields."""
+    """Return the function that draws a figure as a map over the two fields of ``plane``.
+
+    Args:
+        figure: name in ``CellSummary``. label: of its colours. best: whether ``low`` or ``high`` values are better.
+    """
     rows = [
         {
             "x": number_of(cell_outcome.cell, plane[0]),
@@ -155,16 +185,18 @@ def _heat(
 
 
 def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
-    """Yield pictures of decisions over time, of robots and of swarms.
+    """Yield pictures of decisions over time, each once for robots and once for swarms.
 
-    There is one of each for all cells if they are few, else one for each value along x. Cells in which no decision can
-    be right are left out. Nothing is yielded if there are many cells and no numeric field.
+    In a picture each cell has two lines: right decisions upwards and wrong decisions downwards. If there are at most
+    ``MOST_SERIES // 2`` cells, one picture shows all of them, with at most ``MOST_SERIES`` lines. Otherwise there is a
+    picture for each value of x, the numeric field along the axis; without such a field there is none. A picture for one
+    value may show up to ``MOST_SERIES`` cells, and is left out if the value has more. Of the pictures that remain, the
+    first ``MOST_PANELS`` are yielded. Cells in which no decision can be right are left out.
     """
-    cells = [
-        cell_outcome for cell_outcome in outcome.cells if cell_outcome.summary.swarm_right.n
-    ]  # where a decision can be right
+    # ``swarm_right.n`` counts the runs in which a decision is right; 0: the cell has no such run.
+    cells = [cell_outcome for cell_outcome in outcome.cells if cell_outcome.summary.swarm_right.n]
     if 0 < len(cells) <= MOST_SERIES // 2:
-        panels = {"": cells}
+        panels = {"": cells}  # the cells of each picture, by the words that its title adds
     elif layout.x is not None:
         panels = {}
         for cell_outcome in cells:
@@ -173,18 +205,25 @@ def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
             )
     else:
         return
+    # Here ``MOST_SERIES`` limits the cells of a picture, so the lines in either direction.
     panels_shown = [(words, part) for words, part in panels.items() if len(part) <= MOST_SERIES][:MOST_PANELS]
     for number, (words, part) in enumerate(panels_shown):
         for unit in ("robot", "swarm"):
             name = f"incidence-{unit}s" + (f"-{number + 1}" if len(panels_shown) > 1 else "")
             title = f"Decisions of {unit}s over time" + (f": {words}" if words else "")
+            # ``words`` is empty for the picture of all cells, in which curves are named by cell and not by series.
             yield NamedPicture(name, title, _incidence(outcome, part, layout if words else None, unit))
 
 
 def _incidence(
     outcome: Outcome, cells: Sequence[CellOutcome], layout: Layout | None, unit: str
 ) -> Callable[..., Picture]:
-    """Return the function that draws decisions over time, one series for each cell."""
+    """Return the function that draws decisions over time, with the curves of each cell.
+
+    Args:
+        layout: names the curves by their series; None: they are named by their cells.
+        unit: ``robot`` or ``swarm``, whose decisions are drawn.
+    """
     frames = []
     for cell_outcome in cells:
         robots, runs = outcome.result.tables(cell_outcome.cell.number)
@@ -193,12 +232,10 @@ def _incidence(
         incidence = robot_incidence if unit == "robot" else swarm_incidence
         series = name_of(cell_outcome.cell) if layout is None else layout.series[cell_outcome.cell.number]
         frames.append(incidence(robots, runs, t_end_s, times_s).with_columns(series=pl.lit(series)))
-    count, t_end_s = (
-        min(cell_outcome.summary.runs for cell_outcome in cells),
-        max(cell_outcome.summary.t_end_s for cell_outcome in cells),
-    )
+    # The caption gives one number of runs and one of robots for all cells. The smallest of each is what every cell has.
+    count = min(cell_outcome.summary.runs for cell_outcome in cells)
     size = min(cell_outcome.cell.scenario.swarm.robots for cell_outcome in cells)
-
+    t_end_s = max(cell_outcome.summary.t_end_s for cell_outcome in cells)
     return partial(
         draw_incidence,
         pl.concat(frames),
@@ -210,13 +247,15 @@ def _incidence(
 
 
 def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Picture]:
-    """Return the function that draws the distribution of consensus times by cell."""
-    frames = [
-        outcome.result.tables(cell_outcome.cell.number)[1].select(
-            cell=pl.lit(name_of(cell_outcome.cell)), value="consensus_time_s"
-        )
-        for cell_outcome in outcome.cells
-    ]
+    """Return the function that draws the distribution of consensus times for each cell.
+
+    Args:
+        draw: ``draw_boxes`` or ``draw_violins``.
+    """
+    frames = []
+    for cell_outcome in outcome.cells:
+        _, runs = outcome.result.tables(cell_outcome.cell.number)
+        frames.append(runs.select(cell=pl.lit(name_of(cell_outcome.cell)), value="consensus_time_s"))
     t_end_s = max(cell_outcome.summary.t_end_s for cell_outcome in outcome.cells)
     return partial(
         draw, pl.concat(frames), label="time of consensus (s)", t_end=t_end_s, missing="without consensus"
@@ -224,7 +263,11 @@ def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Pic
 
 
 def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
-    """Yield time against error for each floor: floors are given, so cells on different ones are no alternatives."""
+    """Yield a picture of decision time against error for each floor.
+
+    A front shows alternatives from which a user can choose. The floor is not such a choice, so cells on different
+    floors are in different pictures.
+    """
     floors: dict[str, list[CellOutcome]] = {}
     for cell_outcome in cells:
         floors.setdefault(str(cell_outcome.cell.point.get(SOURCE, "")), []).append(cell_outcome)
@@ -236,7 +279,7 @@ def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
 
 
 def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
-    """Draw time against error of the cells."""
+    """Draw decision time against forced error, one point for each cell."""
     rows = []
     for cell_outcome in cells:
         time, error = cell_outcome.summary.decision_time_s, cell_outcome.forced_error
@@ -268,7 +311,7 @@ def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
             "low",
         ),
     ):
-        scale = 1.0 if figure == "decision_time_s" else 100.0
+        scale = 1.0 if figure == "decision_time_s" else 100.0  # shares are shown in percentage points
         rows = [
             {
                 "comparison": comparison.name,
@@ -289,8 +332,12 @@ def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
 
 
 def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Picture]:
-    """Return the function that draws the share of runs without a right consensus against the fill ratio."""
-    assert layout.x is not None
+    """Return the function that draws the share of runs without a right consensus against the fill ratio.
+
+    Args:
+        layout: with the fill ratio along x.
+    """
+    assert layout.x is not None  # x is the fill ratio
     rows = []
     for cell_outcome in cells:
         right = cell_outcome.summary.swarm_right
@@ -299,17 +346,23 @@ def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Pi
                 "fill_ratio": layout.x[cell_outcome.cell.number],
                 "series": layout.series[cell_outcome.cell.number],
                 "missed": 1 - right.estimate,
+                # The share of misses is 1 - the share of right consensus, so the two limits change places.
                 "low": 1 - right.high,
                 "high": 1 - right.low,
                 "runs": cell_outcome.summary.runs,
             }
         )
     boundary = cells[0].cell.scenario.decision.decision_boundary
-    return partial(draw_detection, _frame(rows).head(400), boundary=boundary)
+    return partial(draw_detection, _frame(rows).head(MOST_POINTS), boundary=boundary)
 
 
 def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
-    """Yield pictures of where the robots of each group of cells sampled, and one of beliefs; none if too many."""
+    """Yield pictures from samples: where robots sampled, and beliefs over time.
+
+    Cells of a group share their motion, so each group has one picture of where robots sampled. These pictures are left
+    out if there are more than ``MOST_PANELS`` groups. The picture of beliefs is left out if there are more than
+    ``MOST_SERIES`` cells.
+    """
     groups = outcome.result.plan.groups
     if len(groups) <= MOST_PANELS:
         for group in groups:
@@ -325,40 +378,41 @@ def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
 
 
 def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
-    """Draw where the robots of a cell sampled."""
+    """Draw where the robots of a cell sampled, with the tiles of the floor if it is the same in all runs."""
     chosen = outcome.result.runs_again(one.cell.number, SIMULATED_RUNS)
     result, runs = outcome.result.result(one.cell.number, chosen), len(chosen)
     arena, floor = one.cell.scenario.arena, result.floor(chosen[0])
-    fixed = not one.cell.scenario.floor.drawn_by_run
+    fixed = not one.cell.scenario.floor.drawn_by_run  # the floor is the same in all runs
     return draw_density(
         result.motion.select("x_m", "y_m"),
         width_m=arena.width_m,
         height_m=arena.height_m,
         tiles=floor.tiles if fixed else None,
         tile_size_m=(floor.tile_width_m, floor.tile_height_m) if fixed else None,
-        corner_m=(floor.left_m, floor.bottom_m) if fixed else (0.0, 0.0),
+        corner_m=(floor.left_m, floor.bottom_m) if fixed else (0.0, 0.0),  # not used without tiles
         title=f"{runs} of {one.summary.runs} runs" if runs < one.summary.runs else "",
         style=style,
     )
 
 
 def _belief(outcome: Outcome, style: str) -> Picture:
-    """Draw the beliefs of each cell over time."""
+    """Draw quantiles of the robots' belief over time for each cell, from runs that are simulated again."""
     frames, runs = [], SIMULATED_RUNS
     for cell_outcome in outcome.cells:
         number = cell_outcome.cell.number
         chosen = outcome.result.runs_again(number, min(cell_outcome.summary.runs, SIMULATED_RUNS))
-        result, runs = outcome.result.result(number, chosen), len(chosen)
+        result = outcome.result.result(number, chosen)
+        runs = len(chosen)  # the caption gives one number for all cells: that of the last one
         robots = cell_outcome.cell.scenario.swarm.robots
         frames.append(
             _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, cell_outcome)
         )
-    decision = outcome.cells[0].cell.scenario.decision
+    decision = outcome.cells[0].cell.scenario.decision  # boundary and threshold are those of the first cell
     return draw_belief(
         pl.concat(frames),
         label=f"belief in a fill below {decision.decision_boundary:g}",
         thresholds=(decision.credible_threshold, 1 - decision.credible_threshold),
-        boundary=None,
+        boundary=None,  # the boundary is a fill ratio, not a belief
         runs=runs,
         unit="robot",
         style=style,
@@ -366,27 +420,36 @@ def _belief(outcome: Outcome, style: str) -> Picture:
 
 
 def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.DataFrame:
-    """Tabulate the 5, 25, 50, 75 and 95 % quantiles over robots of the belief, at ``TIMES`` times.
+    """Tabulate the 5, 25, 50, 75 and 95 % quantiles of the belief over all robots and runs, at ``TIMES`` times.
 
-    A robot's belief at a time is that after its last sample until then; before its first sample it is the prior's.
+    A robot's belief at a time is the belief after its latest sample up to that time. Before its first sample, and if
+    the strategy gives no belief, it is the belief of the prior.
+
+    Args:
+        samples: run, robot, time_s and belief_below of each sample. robots: number of robots in a run.
+    Returns: time_s, series (the cell's name), and the quantiles q05, q25, q50, q75 and q95.
     """
     times = np.linspace(0.0, one.summary.t_end_s, TIMES)
-    start = one.cell.scenario.decision
+    decision = one.cell.scenario.decision
     runs = samples["run"].n_unique()
-    belief = np.full((runs * robots, TIMES), np.nan)
+    belief = np.full((runs * robots, TIMES), np.nan)  # a row for each robot and run, in any order
     keyed = samples.sort("run", "robot", "time_s").group_by("run", "robot", maintain_order=True)
     for row, (_, of_robot) in enumerate(keyed):
-        index = np.searchsorted(of_robot["time_s"].to_numpy(), times, side="right") - 1
+        # Index of the robot's latest sample up to each time; -1: no sample yet.
+        latest = np.searchsorted(of_robot["time_s"].to_numpy(), times, side="right") - 1
         robot_beliefs = of_robot["belief_below"].to_numpy()
-        belief[row] = np.where(index >= 0, robot_beliefs[np.maximum(index, 0)], np.nan)
-    prior = betainc(start.prior_alpha, start.prior_beta, readings_boundary(one.cell.scenario))
+        # ``np.maximum`` only keeps the index valid where there is no sample yet; there the value is nan.
+        belief[row] = np.where(latest >= 0, robot_beliefs[np.maximum(latest, 0)], np.nan)
+    # Rows of robots that never sampled stay nan too. The belief before any sample is the probability that the Beta
+    # prior gives to fill ratios below the boundary: the regularised incomplete Beta function.
+    prior = betainc(decision.prior_alpha, decision.prior_beta, readings_boundary(one.cell.scenario))
     belief[np.isnan(belief)] = float(prior)
     columns = {f"q{q:02d}": np.quantile(belief, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}
     return pl.DataFrame({"time_s": times, "series": [name_of(one.cell)] * TIMES, **columns})
 
 
 def _frame(rows: Sequence[dict[str, object]]) -> pl.DataFrame:
-    """Make a table in which numbers that are not finite are null."""
+    """Return the rows as a table, with null in place of floats that are not finite: these are not drawn."""
     frame = pl.DataFrame(list(rows), infer_schema_length=None)
     floats = (pl.col(name) for name, kind in frame.schema.items() if kind == pl.Float64)
     return frame.with_columns(pl.when(column.is_finite()).then(column) for column in floats)

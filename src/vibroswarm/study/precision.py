@@ -1,8 +1,10 @@
-"""Run until a figure is precise enough: looks at 100, 200, 400, ... runs, corrected for repeated looks.
+"""Run until a figure is precise enough: its interval is computed ("a look") after 100, 200, 400, ... runs.
 
-The interval of look k has the level 1 - a_k with a_k = (1 - level) 6 / (pi k)^2 (1). The a_k sum to 1 - level, so all
-intervals hold together at the level, whatever the number of looks; the last one is valid although it was chosen for
-being the first that is narrow enough. A group of cells is settled once the figure is precise enough in all of them.
+Looking repeatedly is corrected for. The interval of look k = 1, 2, ... has the level 1 - a_k with
+a_k = (1 - level) 6 / (pi k)^2 (1). The a_k sum to 1 - level, so all intervals together hold at the level, whatever the
+number of looks. So the last interval is valid, although it was chosen because it was the first that is narrow enough.
+A group of cells needs no more runs ("is settled") once the figure is precise enough in each of its cells, or once it
+has the most runs that are allowed.
 """
 
 from __future__ import annotations
@@ -26,11 +28,16 @@ if TYPE_CHECKING:
     from vibroswarm.study.store import Store
 
 FIRST_LOOK: Final = 100
+"""Number of runs at the first look; it doubles from look to look."""
 MOST: Final = 100_000
+"""Most runs of a cell unless the study says otherwise."""
 
 TIMES: Final = ("decision_time_s", "consensus_time_s")
+"""Figures that are times: their half-width is relative."""
 SHARES: Final = ("right", "wrong", "undecided", "consensus_right", "consensus_wrong", "belief_in_truth")
+"""Figures that are shares or probabilities: their half-width is absolute."""
 FIGURES: Final = (*TIMES, *SHARES)
+"""Figures for which a precision can be wanted."""
 
 
 @dataclass(frozen=True)
@@ -53,24 +60,31 @@ class Precision(NotebookView):
                 f"{self.half_width!r} is not a precision; give a percentage such as 2%", field="until"
             )
         check_choice(self.figure, "figure", FIGURES)
-        whole_number_of(self.max_runs, "max_runs", FIRST_LOOK, 10**9)
+        whole_number_of(self.max_runs, "max_runs", low=FIRST_LOOK, high=10**9)
 
     @classmethod
     def from_words(cls, text: Any, figure: Any = None, max_runs: Any = None) -> Precision:
-        """Parse ``"2%"``, with an optional figure and limit of runs."""
+        """Make a precision from its half-width as text (``"2%"``).
+
+        Args:
+            figure, max_runs: as in ``Precision``; None: the default.
+        """
         share = share_from(text, "until")
         return cls(
-            share, "decision_time_s" if figure is None else figure, MOST if max_runs is None else max_runs
+            half_width=share,
+            figure="decision_time_s" if figure is None else figure,
+            max_runs=MOST if max_runs is None else max_runs,
         )
 
     def as_values(self) -> dict[str, Any]:
-        """Return the entries of a study's file."""
+        """Return the precision as entries of a study's file: ``{"until": "2%", "figure": ..., "max_runs": ...}``."""
+        # The decimal is made from the float's shortest text, so that 0.07 is 7 % and not 7.000000000000001 %.
         per_cent = f"{100 * Decimal(repr(self.half_width)):f}"
         short = per_cent.rstrip("0").rstrip(".") if "." in per_cent else per_cent
         return {"until": f"{short}%", "figure": self.figure, "max_runs": self.max_runs}
 
     def looks(self) -> Iterator[int]:
-        """Yield 100, 200, 400, ... and finally ``max_runs``."""
+        """Yield the number of runs at each look: 100, 200, 400, ... and finally ``max_runs``."""
         runs = FIRST_LOOK
         while runs < self.max_runs:
             yield runs
@@ -78,24 +92,26 @@ class Precision(NotebookView):
         yield self.max_runs
 
     def level_at(self, look: int) -> float:
-        """Return the level of the interval at look 0, 1, ..., equation (1) with k = look + 1."""
+        """Return the level of the interval at a look, which is counted from 0 here: equation (1) with k = look + 1."""
         return 1.0 - (1.0 - self.level) * 6.0 / (math.pi * (look + 1)) ** 2
 
     def reached(self, estimate: float, low: float, high: float) -> bool:
-        """Tell whether the interval is narrow enough; one of width 0 never is, since it comes from too few data."""
+        """Return whether [low, high] is narrow enough; an interval of width 0 is not, as it comes from too few data."""
         target = self.half_width * abs(estimate) if self.figure in TIMES else self.half_width
         return 0.0 < (high - low) / 2.0 <= target
 
 
 def share_from(text: Any, field: str) -> float:
-    """Parse a share such as ``"2%"``.
+    """Parse a percentage: ``"2%"`` is 0.02.
 
+    Args:
+        field: name of the field or option, for the message.
     Raises:
         InputError: it is no number with a percent sign, or not between 0 % and 100 %.
     """
     share = math.nan
     if isinstance(text, str) and text.strip().endswith("%"):
-        with suppress(InvalidOperation):  # 21.9 hundredths are 0.219
+        with suppress(InvalidOperation):  # divided as a decimal, so that 21.9 % is the float 0.219
             share = float(Decimal(text.strip()[:-1]) / 100)
     if not 0 < share < 1:
         raise InputError(f"{text!r} is not a percentage; give one such as 2%", field=field)
@@ -103,57 +119,74 @@ def share_from(text: Any, field: str) -> float:
 
 
 class Settled(NamedTuple):
-    """A group that needs no more runs, or has reached the limit."""
+    """A group that needs no more runs: it is precise enough, or has reached the limit of runs."""
 
     look: int
+    """The look at which it was settled, counted from 0."""
     runs: int
+    """Number of runs at that look."""
     level: float
     """Level of the interval at that look, which is the one to report."""
     reached: bool
+    """Whether it is precise enough."""
 
     def _repr_html_(self) -> str:
         return html_view(self)
 
 
 def settled(store: Store, group: Group, precision: Precision) -> Settled | None:
-    """Find the look at which a group is precise enough in all cells; None if it needs runs that do not exist yet.
+    """Find the first look at which a group is precise enough in all cells, or else the last look that is allowed.
 
-    It depends only on the first runs, so that a study that was interrupted, or extended by others, stops at the same
-    look as an uninterrupted one.
+    The result depends only on the runs up to that look, so a study that was interrupted, or extended, stops at the
+    same look as an uninterrupted one.
+
+    Returns: None if the group needs runs that are not stored yet.
     """
-    available, look, runs = store.runs(group.number), 0, 0
+    available = store.runs(group.number)
+    look = runs = 0  # set by the loop, which has at least one look
     for look, runs in enumerate(precision.looks()):
         if runs > available:
             return None
         if _is_precise(store, group, precision, look, runs):
-            return Settled(look, runs, precision.level_at(look), True)
-    return Settled(look, runs, precision.level_at(look), False)
+            return Settled(look, runs, level=precision.level_at(look), reached=True)
+    # No look was precise enough: ``look`` and ``runs`` are those of the last one.
+    return Settled(look, runs, level=precision.level_at(look), reached=False)
 
 
 def _is_precise(store: Store, group: Group, precision: Precision, look: int, runs: int) -> bool:
-    """Return whether the interval is narrow enough in each cell of the group."""
+    """Return whether the figure's interval from the first ``runs`` runs is narrow enough in each cell of the group.
+
+    Args:
+        look: number of the look, counted from 0, which sets the level of the interval.
+    """
     rows, level = store.scan(group.number, runs), precision.level_at(look)
-    assert rows is not None
-    # Equal cells have equal rows: the first of each is enough.
-    for cell in (equal_cells[0] for observed in group.observed for equal_cells in observed):
-        interval = figure_of(
-            rows.filter(pl.col("cell") == cell.number), precision.figure, cell.scenario.run.t_end_s, level
-        )
+    assert rows is not None  # all ``runs`` runs are stored
+    # Cells with equal scenarios have equal rows, so one cell of each scenario is enough.
+    for cell in (equal_cells[0] for entry in group.observed for equal_cells in entry):
+        rows_of_cell = rows.filter(pl.col("cell") == cell.number)
+        interval = figure_of(rows_of_cell, precision.figure, cell.scenario.run.t_end_s, level)
         if not precision.reached(interval.estimate, interval.low, interval.high):
             return False
     return True
 
 
 def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> Interval:
-    """Compute a figure of one cell with its interval; the run is the unit.
+    """Compute a figure of one cell with its interval over runs.
+
+    A share of runs has a Wilson interval. For any other figure, the values of a run's robots are averaged, and the
+    interval is that of the mean over runs.
 
     Args:
-        rows: as in the store. figure: one of ``FIGURES``.
+        rows: the cell's rows of the store, one for each run and robot. figure: one of ``FIGURES``.
+        t_end_s: end of the runs, s. It stands for the missing time of a robot that never decided, or of a run without
+            consensus.
+        level: of the interval.
     """
     from vibroswarm.analysis.intervals import mean_interval, wilson
 
     if figure.startswith("consensus_") and figure != "consensus_time_s":
         outcome = figure.removeprefix("consensus_")
+        # Columns of the run are repeated for each robot: robot 0 stands for the run.
         of_runs = (
             rows.filter(pl.col("robot") == 0).select(hit=pl.col("consensus") == outcome).collect()["hit"]
         )
@@ -168,17 +201,22 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
     }[figure]
     values = rows.select("run", "robot", value=of_robot.cast(pl.Float64)).sort("run", "robot").collect()
     robots = values["robot"].n_unique()
-    # Summed robot by robot, so that the last bit does not depend on how runs are divided into shards.
+    # Summed in the order of robots, so that the last bit does not depend on how runs are divided into shards.
+    # (runs, robots); nan where null. ``max``: without any run, the empty table still needs a width.
     table = values["value"].to_numpy().reshape(-1, max(robots, 1))
     known = np.isfinite(table)
     count, total = known.sum(axis=1), np.where(known, table, 0.0).sum(axis=1)
-    return mean_interval(total[count > 0] / count[count > 0], level)
+    has_values = count > 0  # runs of which no robot has the figure are left out
+    return mean_interval(total[has_values] / count[has_values], level)
 
 
 def runs_that_count(store: Store, group: Group, precision: Precision) -> int:
-    """Return the number of runs at which a group was settled; if it is not, that of the last complete look.
+    """Return from how many runs the figures of a group are computed: the first ones, up to a look.
 
-    Before the first look is complete, all runs from 0 to the first gap count.
+    If the group is settled, it is the look at which it was settled. Otherwise it is the last look whose runs are all
+    stored. If the first look has missing runs, all runs before the first missing one count.
     """
-    stop, done = settled(store, group, precision), store.runs(group.number)
-    return stop.runs if stop else max((runs for runs in precision.looks() if runs <= done), default=done)
+    done_with, stored = settled(store, group, precision), store.runs(group.number)
+    if done_with is not None:
+        return done_with.runs
+    return max((runs for runs in precision.looks() if runs <= stored), default=stored)

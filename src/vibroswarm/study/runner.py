@@ -1,6 +1,9 @@
-"""Run a study: submit what is missing in its store to workers, and save what they return.
+"""Run a study: submit the batches whose runs are missing in its store to workers, and save what they return.
 
-The duration of a study is estimated from a few trial runs.
+A batch that fails is tried again, ``TRIES`` times in all. A batch in which user code fails is halved instead, so that
+only the runs in which it fails are lost. A study with a precision runs up to a number of runs (a look, see
+``precision``), and adds runs until the figure is precise enough. Another part estimates the duration of a study from a
+few trial runs.
 """
 
 from __future__ import annotations
@@ -25,31 +28,32 @@ from vibroswarm.study.spec import MOST_RUNS, Study
 from vibroswarm.study.store import Store
 
 TRIES: Final = 2
+"""How often a batch is tried before it is given up."""
 MOST_HALVINGS: Final = 100
 """Most halvings of batches to find the runs in which user code fails."""
 
 
 class Job(NamedTuple):
-    """One of ``of`` jobs into which a study is divided, numbered from 1."""
+    """One of the ``of`` jobs into which a study is divided; jobs are numbered from 1."""
 
     number: int
     of: int
 
     @classmethod
     def from_words(cls, text: str) -> Job:
-        """Parse ``"3/16"``."""
+        """Parse ``"3/16"``: job 3 of 16."""
         number, _, total = text.partition("/")
         if not (number.isdecimal() and total.isdecimal() and 1 <= int(number) <= int(total)):
             raise InputError(f"'{text}' is not a job; give one such as 3/16", field="--shard")
         return cls(int(number), int(total))
 
     def has(self, group: Group, block: int) -> bool:
-        """Tell whether a block belongs to this job; each block belongs to exactly one."""
+        """Return whether a block of a group's runs belongs to this job; each block belongs to exactly one job."""
         return (group.number + block) % self.of == self.number - 1
 
 
 class StudyProgress(NamedTuple):
-    """Runs done, runs wanted (summed over groups), and batches failed."""
+    """Progress of one call: runs done, runs wanted (both summed over groups), and batches that failed for good."""
 
     done: int
     wanted: int
@@ -57,6 +61,7 @@ class StudyProgress(NamedTuple):
 
 
 Progress = Callable[[StudyProgress], None]
+"""A function that is called as batches finish."""
 
 
 def run_study(
@@ -73,12 +78,15 @@ def run_study(
     """Run the missing runs of a study and save them in ``folder``; may be interrupted and called again at any time.
 
     Args:
-        executor, workers: see ``executors.workers_for``.
-        job: only this part of the batches. mixed: continue even if other versions started the study.
-        progress: called as batches finish. allow_failures: return the store even if runs failed; it lists them.
+        executor, workers: see ``executors.workers_for``; ``workers`` is its ``count``.
+        job: run only the batches of this job; None: all batches.
+        mixed: continue even if other versions started the study, and accept workers with other versions.
+        progress: called as batches finish.
+        allow_failures: return the store even if runs failed (the store lists them), instead of raising RunError.
     Raises:
-        InputError: the folder holds another study, no scheduler answers, or a worker has other versions.
-        RunError: the disk is full, the cluster is gone, or batches failed twice; finished batches are saved.
+        InputError: the folder holds another study, a job of a study with a precision is given, no scheduler answers,
+            or the versions of the study's start or of a worker differ.
+        RunError: the disk is full, the cluster is gone, or runs failed for good; finished batches are saved.
     """
     check_threads()
     if job is not None and study.until is not None:
@@ -93,14 +101,18 @@ def run_study(
         # Connect to the workers before creating the folder: they may be unavailable.
         with workers_for(executor, workers, mixed) as crew:
             store = Store.open_or_create(folder, study)
-            if not isinstance(executor, str) or executor != "threads":
+            # Worker processes load compiled kernels from the cache on disk. Without this step, each process that starts
+            # with an empty cache would compile the same kernels. Threads need no such step: they are in one process,
+            # which compiles each kernel once for all of them.
+            if executor != "threads":
                 _compile_first(study, plan)
             runner = _Runner(store, crew, mixed, progress or (lambda done: None))
-            if study.until is None:
+            if study.until is None:  # then the study has a number of runs
                 runner.do([(group, study.runs or 0) for group in plan.groups], job)
             else:
                 _until_settled(runner, plan, study.until)
-    # A complete study may lie in a read-only folder.
+    # The number of runs in ``study.toml`` is updated. This fails without harm if a complete study is in a read-only
+    # folder.
     with suppress(InputError, RunError):
         store.write_head()
     if store.failures and not allow_failures:
@@ -109,26 +121,41 @@ def run_study(
 
 
 def _until_settled(runner: _Runner, plan: Plan, precision: Precision) -> None:
-    """Run look by look; a settled group gets no more runs. Stop after a failure."""
+    """Run groups from look to look until each is settled, or until a batch has failed.
+
+    A look is a number of runs after which the precision is checked. A group is settled if its figure is precise enough,
+    or if it has the most runs that are allowed.
+    """
     left = list(plan.groups)
     for runs in precision.looks():
-        runner.do([(group, runs) for group in left], None)
+        wanted = [(group, runs) for group in left]
+        runner.do(wanted, job=None)  # all batches, since a study with a precision is not divided into jobs
         if runner.failed:
             return
         left = [group for group in left if settled(runner.store, group, precision) is None]
 
 
 def _compile_first(study: Study, plan: Plan) -> None:
-    """Compile the kernels here, so that not every worker process compiles them; skip it if they are cached."""
+    """Compile the kernels in this process by simulating one run, so that not every worker process compiles them.
+
+    The kernels go to the cache on disk, from which the processes load them. If they are there, nothing is done.
+    """
     if not is_cached():
+        # User code that fails in this run fails again in its batch, which reports it.
         with suppress(CodeError):
-            do_batch(batch_of(study, plan.groups[0], 0, 1))
+            do_batch(batch_of(study, plan.groups[0], first=0, last=1))
 
 
 def run_batch(study: Study, folder: str | Path, batch: str) -> Store:
-    """Run one batch, ``GROUP:FIRST-LAST`` as failures are listed, in this process; its exceptions are not caught."""
+    """Run one batch in this process and save it; exceptions of the simulation are not caught, so that a user sees them.
+
+    Args:
+        batch: ``GROUP:FIRST-LAST``, as failures are listed: the runs FIRST to LAST - 1 of the group.
+    Raises:
+        InputError: there is no such batch, or the folder holds another study.
+    """
     match = re.fullmatch(r"(\d+):(\d+)-(\d+)", batch)
-    group, first, last = map(int, match.groups()) if match else (0, 0, 0)
+    group, first, last = map(int, match.groups()) if match else (0, 0, 0)  # an empty range is refused below
     if not first < last <= MOST_RUNS:
         raise InputError(f"'{batch}' is not a batch; GROUP:FIRST-LAST, such as 0:200-400", field="--batch")
     groups = plan_of(study).groups
@@ -140,13 +167,23 @@ def run_batch(study: Study, folder: str | Path, batch: str) -> Store:
 
 
 def _all_there(store: Store, plan: Plan, job: Job | None) -> bool:
+    """Return whether nothing is left to run: all runs of the study or of the job are stored, or all groups are settled.
+
+    The store's study has either a number of runs or a precision. With a precision, a group is settled if its figure is
+    precise enough, or if it has the most runs that are allowed.
+    """
     runs, until = store.study.runs, store.study.until
     if until is not None:
         return all(settled(store, group, until) is not None for group in plan.groups)
-    return not any(_works(store, [(group, runs or 0) for group in plan.groups], job))
+    return not any(_missing_batches(store, [(group, runs or 0) for group in plan.groups], job))
 
 
-def _works(store: Store, wanted: Sequence[tuple[Group, int]], job: Job | None) -> Iterator[Batch]:
+def _missing_batches(store: Store, wanted: Sequence[tuple[Group, int]], job: Job | None) -> Iterator[Batch]:
+    """Yield batches of the wanted runs that are not stored.
+
+    Args:
+        wanted: pairs of a group and the number of its runs that are wanted. job: only batches of this job; None: all.
+    """
     for group, runs in wanted:
         for block, first, last in store.missing(group, runs):
             if job is None or job.has(group, block):
@@ -154,37 +191,53 @@ def _works(store: Store, wanted: Sequence[tuple[Group, int]], job: Job | None) -
 
 
 class _Runner:
-    """Submits batches and saves their results."""
+    """Submits batches and saves their results.
+
+    It counts the runs done and wanted, the batches that failed for good, and the halvings of batches.
+    """
 
     def __init__(self, store: Store, crew: Workers, mixed: bool, progress: Progress) -> None:
         self.store, self.crew, self.mixed, self.progress = store, crew, mixed, progress
         self.done = self.wanted = self.failed = self.halvings = 0
 
     def do(self, wanted: Sequence[tuple[Group, int]], job: Job | None) -> None:
-        """Run what is missing of the wanted runs."""
-        works = list(_works(self.store, wanted, job))
-        self.wanted += sum(work.last - work.first for work in works)
+        """Run the wanted runs that are not stored.
+
+        Args:
+            wanted: pairs of a group and the number of its runs that are wanted. job: only batches of this job; None:
+                all.
+        """
+        batches = list(_missing_batches(self.store, wanted, job))
+        self.wanted += sum(batch.last - batch.first for batch in batches)
         self.progress(StudyProgress(self.done, self.wanted, self.failed))
+        # A task is a batch and the number of the try. The list is reversed, since its last task is submitted first.
         do_all(
             self.crew,
-            [(work, 1) for work in reversed(works)],
-            lambda task: self.crew.submit(task[0]),
-            self._take,
+            tasks=[(batch, 1) for batch in reversed(batches)],
+            submit=lambda task: self.crew.submit(task[0]),
+            take=self._take,
+            # More than twice as many batches as workers are submitted, so that a worker that becomes free finds another
+            # batch in the queue.
             ahead=lambda: 2 * self.crew.width + 1,
             progress=lambda: self.progress(StudyProgress(self.done, self.wanted, self.failed)),
             rescue=lambda future: self._save(future.result()),
         )
 
     def _take(self, future: Future[BatchResult], task: tuple[Batch, int]) -> list[tuple[Batch, int]]:
-        """Save a finished batch; return what must be done again, whole or in halves, or nothing."""
+        """Save a finished batch; if it failed, return the tasks to submit instead, or record the failure.
+
+        Args:
+            task: the batch, and the number of this try.
+        Returns: the same batch for another try, its halves if user code failed, or nothing.
+        """
         work, tries = task
         try:
             done = future.result()
         except CodeError as error:
             return self._halves(work, str(error))
         except (InputError, RunError, BrokenExecutor, CancelledError, KeyboardInterrupt, SystemExit):
-            raise
-        except BaseException as error:  # a panic of polars is no Exception
+            raise  # another try would not help, or the user wants to stop
+        except BaseException as error:  # a panic in polars is a BaseException, but not an Exception
             if tries < TRIES:
                 return [(work, tries + 1)]
             self._fail(work, f"{type(error).__name__}: {error}")
@@ -194,15 +247,25 @@ class _Runner:
         return []
 
     def _save(self, done: BatchResult) -> None:
+        """Save a finished batch; raises InputError if its worker has other versions and they may not be mixed."""
         check_worker(done.versions, self.mixed)
         self.store.add(done)
 
     def _fail(self, work: Batch, why: str) -> None:
+        """Record in the store that a batch failed for good, and count it."""
         self.store.add_failure(work, why)
         self.failed += 1
 
     def _halves(self, work: Batch, why: str) -> list[tuple[Batch, int]]:
-        """Halve a batch in which user code failed, so that runs in which it does not fail are saved."""
+        """Return the halves of a batch in which user code failed, so that runs in which it does not fail are saved.
+
+        A batch of one run cannot be halved. It is recorded as a failure, and [] is returned; so is any batch after
+        ``MOST_HALVINGS`` halvings.
+
+        Args:
+            why: the message of the code's error.
+        Returns: tasks, that is a batch and the number of its try, here 1.
+        """
         middle = (work.first + work.last) // 2
         if middle > work.first and self.halvings < MOST_HALVINGS:
             self.halvings += 1
@@ -212,7 +275,11 @@ class _Runner:
 
 
 def failures_in_words(store: Store, kept: bool = True) -> str:
-    """Write how many runs of a store failed, with the first cause and what to do."""
+    """Write how many runs of a store failed, with the first cause and what to do.
+
+    Args:
+        store: with at least one failure. kept: whether the folder stays, so that the user can run a batch alone.
+    """
     failures = store.failures
     first, runs = failures[0], sum(failure["last"] - failure["first"] for failure in failures)
     batches = "1 batch" if len(failures) == 1 else f"{len(failures)} batches"
@@ -230,55 +297,71 @@ __all__ = ["Cancelled", "Job", "StudyProgress", "failures_in_words", "run_batch"
 
 
 TRIED_GROUPS: Final = 3
+"""Most groups of which runs are tried."""
 FEW: Final = 2
+"""Number of runs in the small trial batches. Two sizes separate the cost of a batch from the cost of a run."""
 MORE: Final = 22
-"""Trial batches of two sizes separate the cost of a batch from that of a run."""
+"""Number of runs in the large trial batches."""
 LONG_S: Final = 1.0
-"""If a few runs take longer, the cost of a batch is negligible, and no more are tried; if one is expected to, none."""
+"""If a run of a group is expected to take longer, s, the group is not tried; if ``FEW`` runs took longer, ``MORE`` runs
+are not tried."""
 
 
 class Expected(NamedTuple):
-    """Remaining work: runs of motion, and seconds on one core as estimated from some trial runs."""
+    """Remaining work of a study."""
 
     runs: int
+    """Number of missing runs, summed over groups."""
     core_s: float
+    """Estimated time on one core, s."""
     tried: int
+    """Number of trial runs behind the estimate."""
 
 
 def expected(store: Store, plan: Plan) -> Expected:
-    """Estimate the remaining work of a study; with a precision, of its first look.
+    """Estimate the remaining work of a study; for a study with a precision, the work up to its first look.
 
-    Some groups are tried with batches of two sizes, which separates the cost of a batch from that of a run. A group
-    whose runs are expected to take longer than ``LONG_S`` is not tried: ``Group.run_s`` is taken for its cost.
+    Trial batches of two sizes in up to ``TRIED_GROUPS`` groups give two figures: the time of a run relative to the
+    group's estimate ``Group.run_s``, and the time that a batch costs besides its runs, per replay
+    (``Group.inferences``). Their means over the tried groups are applied to all groups. A group whose runs are expected
+    to take longer than ``LONG_S`` is not tried: it enters the means with a run that takes ``Group.run_s`` and a batch
+    that costs nothing besides.
     """
     runs = plan.study.runs or FIRST_LOOK
-    left = {group.number: store.missing(group, runs) for group in plan.groups}
-    chosen = [group for group in plan.groups if left[group.number]]
-    if not chosen:
-        return Expected(0, 0.0, 0)
-    count = {number: sum(last - first for _, first, last in blocks) for number, blocks in left.items()}
-    tried = chosen[:: max(len(chosen) // TRIED_GROUPS, 1)][:TRIED_GROUPS]
-    a_run, a_batch, count_tried = 0.0, 0.0, 0
+    missing_blocks = {group.number: store.missing(group, runs) for group in plan.groups}
+    unfinished = [group for group in plan.groups if missing_blocks[group.number]]
+    if not unfinished:
+        return Expected(runs=0, core_s=0.0, tried=0)
+    missing_runs = {
+        number: sum(last - first for _, first, last in blocks) for number, blocks in missing_blocks.items()
+    }
+    tried = unfinished[:: max(len(unfinished) // TRIED_GROUPS, 1)][:TRIED_GROUPS]  # spread over the list
+    # Time of a run in units of run_s, and time of a batch per replay, s: means over the tried groups.
+    relative_run, batch_s, count_tried = 0.0, 0.0, 0
     for group in tried:
         if group.run_s > LONG_S:
-            a_run += 1.0 / len(tried)  # a trial would take too long: run_s is taken as it is
+            relative_run += 1.0 / len(tried)  # a trial would take too long: run_s is taken as it is
             continue
-        _time_s(plan, group, FEW)  # tables and kernels are loaded
+        _time_s(plan, group, FEW)  # the time is not used: it includes the loading of tables and kernels
         few_s = _time_s(plan, group, FEW)
-        long = few_s > LONG_S
-        count_tried += 2 * FEW + (0 if long else MORE)
-        slope = few_s / FEW if long else max(_time_s(plan, group, MORE) - few_s, 0.0) / (MORE - FEW)
-        a_run += slope / group.run_s / len(tried)
-        a_batch += max(few_s - FEW * slope, 0.0) / group.inferences / len(tried)
+        is_long = few_s > LONG_S  # then the cost of a batch besides its runs is negligible
+        count_tried += 2 * FEW + (0 if is_long else MORE)
+        run_s = few_s / FEW
+        if not is_long:  # the slope between the two sizes of batches, which leaves out the cost of a batch
+            run_s = max(_time_s(plan, group, MORE) - few_s, 0.0) / (MORE - FEW)
+        relative_run += run_s / group.run_s / len(tried)
+        batch_s += max(few_s - FEW * run_s, 0.0) / group.inferences / len(tried)
     core_s = sum(
-        a_run * count[group.number] * group.run_s + a_batch * len(left[group.number]) * group.inferences
-        for group in chosen
+        relative_run * missing_runs[group.number] * group.run_s
+        + batch_s * len(missing_blocks[group.number]) * group.inferences
+        for group in unfinished
     )
-    return Expected(sum(count.values()), core_s, count_tried)
+    return Expected(runs=sum(missing_runs.values()), core_s=core_s, tried=count_tried)
 
 
 def _time_s(plan: Plan, group: Group, runs: int) -> float:
-    before_s = time.process_time()  # not of the clock: others may be at work here
-    with suppress(CodeError):  # the study will say so, and go on
-        do_batch(batch_of(plan.study, group, 0, runs))
+    """Simulate the first ``runs`` runs of a group without saving them, and return the processor time it took, s."""
+    before_s = time.process_time()  # not the clock, since other programs may use the processors
+    with suppress(CodeError):  # user code that fails here fails again in the study, which reports it
+        do_batch(batch_of(plan.study, group, first=0, last=runs))
     return time.process_time() - before_s

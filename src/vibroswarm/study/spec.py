@@ -7,15 +7,14 @@
     "floor.source" = ["random:0.44", "random:0.48"]
     "strategy.name" = ["none", "positive", "soft"]
 
-All cells have the same seed: run 17 of one cell has the motion and the noise of run 17 of another, so that cells are
-compared in pairs.
+All cells have the same seed: run 17 of one cell has the motion and the noise of run 17 of another cell, as far as their
+settings allow. So cells are compared run by run.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -48,7 +47,6 @@ from vibroswarm.study.factors import (
     PRESET,
     Point,
     fields_in_words,
-    flat,
     names_of,
     points_of,
     value_in_words,
@@ -60,9 +58,11 @@ from vibroswarm.study.precision import Precision
 if TYPE_CHECKING:
     from vibroswarm.study.runner import Progress
     from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.study_text import _checked_floors, as_toml, copy_of, plain_value
 
 FORMAT: Final = 2
 """Version of the study's file; that of its folder is in ``store``."""
+
 
 KEYS: Final = (
     "format",
@@ -78,16 +78,26 @@ KEYS: Final = (
     "floors",
     *BLOCKS,
 )
+"""Keys of a study's file."""
+
+
 SOURCE: Final = "floor.source"
+"""The field that names the floor: ``random:0.48``, a pattern, or a file."""
+
+
 KEEP: Final = ("samples",)
+"""Tables that a study may save besides the outcomes of robots."""
+
+
 MOST_RUNS: Final = 100_000_000
+"""Most runs of a cell."""
 
 
 @dataclass(frozen=True)
 class Cell(NotebookView):
-    """One scenario of a study: its number, its values of the varied fields, and the scenario.
+    """One scenario of a study: its number, its values of the varied fields (``point``), and the scenario.
 
-    ``words`` has each varied value as text, with enough digits to distinguish it from the others of the study.
+    ``words`` has each varied value as text, with enough digits to distinguish it from the field's other values.
     """
 
     number: int
@@ -101,7 +111,7 @@ class Cell(NotebookView):
         return f"Cell({self.number}, {shown(self.name)})"
 
     def words_of(self, fields: Iterable[str]) -> str:
-        """Write some of the varied values: ``random:0.44, soft, eta 1250``."""
+        """Write the cell's values of these fields: ``random:0.44, soft, eta 1250``; fields not varied are left out."""
         return fields_in_words({name: self.words[name] for name in fields if name in self.words})
 
 
@@ -112,15 +122,16 @@ class Study(NotebookView):
     Args:
         base: a ``Scenario``, or sections of one as in its file, which may name a ``preset``.
         vary: blocks of varied fields, see ``factors``; empty: one cell.
-        runs: runs per cell; ``None`` with ``until``.
+        runs: number of runs of each cell; None if ``until`` is given.
         until: runs are added until the interval of a figure is this narrow, see ``precision``.
-        seed: of all cells. motion: source of motion, by name.
-        keep: "samples": the store also saves a table of samples.
-        floors: floors by name, rows of 0 and 1 from the top; ``floor.source`` may name them.
+        seed: the seed, which is the same for all cells.
+        motion: name of the source of motion.
+        keep: further tables that the store saves: "samples" or nothing.
+        floors: floors by name, each a list of rows of 0 and 1, the top row first; ``floor.source`` may name them.
         name: a title.
-        folder: the folder of floor files that are named.
+        folder: folder of the floor files that the study names.
     Raises:
-        InputError: naming what is wrong, and what would be right.
+        InputError: something is wrong; the message names it, and says what would be right.
     """
 
     base: Mapping[str, Any] | Scenario = field(default_factory=dict)
@@ -135,10 +146,14 @@ class Study(NotebookView):
     folder: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
+        """Check all fields and bring each into one form: a base as sections, paths as ``Path``, codes with their hash.
+
+        The dataclass is frozen, so a field can be set only by ``object.__setattr__``.
+        """
         if isinstance(self.base, Scenario):
             object.__setattr__(self, "base", self.base.model_dump(exclude_none=True))
         if not isinstance(self.base, Mapping):
-            raise InputError("is a scenario, or its sections by name", field="base")
+            raise InputError("must be a scenario, or its sections by name", field="base")
         check_kind(self.vary, Mapping, "vary", "a table of blocks, such as {'grid': {field: values}}")
         check_kind(self.name, str, "name", "a text")
         check_kind(self.motion, str, "motion", "the name of a source of motion")
@@ -152,25 +167,27 @@ class Study(NotebookView):
         if self.runs is not None:
             object.__setattr__(self, "runs", whole_number_of(self.runs, "runs", 1, MOST_RUNS))
         object.__setattr__(self, "seed", whole_number_of(self.seed, "seed", 0, SEED_LIMIT - 1))
-        object.__setattr__(self, "floors", _floors(self.floors))
+        object.__setattr__(self, "floors", _checked_floors(self.floors))
         object.__setattr__(
             self, "vary", {k: with_whole(plugins.resolve_codes(v)) for k, v in self.vary.items()}
         )
         if plugins.is_code(self.motion):
             object.__setattr__(self, "motion", plugins.resolve_code("motion", self.motion))
         else:
-            source(self.motion)
+            source(self.motion)  # raises if there is no such source
         for table in self.keep:
             check_choice(table, "keep", KEEP)
-        if any(PRESET in point for point in self._points) and set(Scenario.model_fields) <= set(
-            self._sections
-        ):
+        has_all_sections = set(Scenario.model_fields) <= set(self._sections)
+        # A base with all sections sets all fields, so that a varied preset would change nothing.
+        if has_all_sections and any(PRESET in point for point in self._points):
             raise InputError(
                 "a complete scenario overrides every preset; give only the fields that are the same in all cells",
                 field=PRESET,
             )
         for cell in self.cells:
-            readings_boundary(cell.scenario)  # refused here, before anything is simulated
+            # The value is not used: the call raises if robots cannot test their readings against this boundary, so that
+            # the user learns it before any simulation.
+            readings_boundary(cell.scenario)
 
     def __repr__(self) -> str:
         cells, varied = len(self.cells), ", ".join(self.varied)
@@ -185,11 +202,12 @@ class Study(NotebookView):
 
     @classmethod
     def of(cls, scenario: Scenario, runs: int = 100, seed: int = 1, **grid: Sequence[Any]) -> Study:
-        """Make a study of a scenario.
+        """Make a study of a scenario with every combination of some values.
 
         Args:
-            scenario: what does not vary. runs: of each cell. seed: of all cells.
-            grid: varied fields, every combination; a dot is two underscores: ``strategy__name=["none", "soft"]``.
+            scenario: gives the fields that are not varied. runs: of each cell. seed: of all cells.
+            grid: the values of each varied field; the dot of the field's name is written as two underscores:
+                ``strategy__name=["none", "soft"]``.
         Raises:
             InputError: an unknown field, or a value that is wrong.
         """
@@ -197,16 +215,17 @@ class Study(NotebookView):
             if isinstance(values, str | bytes | Mapping) or not isinstance(values, Iterable):
                 raise InputError(f"{shown(values)} is not a list of values", field=name.replace("__", "."))
         vary = {name.replace("__", "."): [plain_value(v) for v in values] for name, values in grid.items()}
-        return cls(scenario, {"grid": vary} if vary else {}, runs, seed=seed)
+        return cls(base=scenario, vary={"grid": vary} if vary else {}, runs=runs, seed=seed)
 
     @classmethod
     def from_toml(cls, text: str, *, name: str = "study", folder: str | Path | None = None) -> Study:
         """Read a study from TOML text.
 
         Args:
-            text: TOML. name: what errors call it. folder: where files of floors that it names lie.
+            text: TOML. name: what errors call the text.
+            folder: where the floor files and the code files are that the study names.
         Raises:
-            InputError: not TOML, or naming what is wrong in it.
+            InputError: the text is not TOML, or something in it is wrong; the message names it.
         """
         check_kind(text, str, name, "TOML text")
         return cls.from_values(parsed_toml(text, name), name=name, folder=folder)
@@ -218,9 +237,10 @@ class Study(NotebookView):
         """Make a study from the values of its TOML.
 
         Args:
-            values: the tables and keys. name: what errors call it. folder: where files of floors that it names lie.
+            values: the tables and keys. name: what errors call the study.
+            folder: where the floor files and the code files are that the study names.
         Raises:
-            InputError: naming what is wrong, and what would be right.
+            InputError: something is wrong; the message names it, and says what would be right.
         """
         check_kind(values, Mapping, name, "a table of values")
         folder = None if folder is None else path_of(folder, "folder")
@@ -229,8 +249,8 @@ class Study(NotebookView):
 
     @classmethod
     def _from_values(cls, values: Mapping[str, Any], name: str, folder: str | Path | None) -> Study:
-        """Build a study from the values of its file."""
-        plugins.remember_code_names(values)
+        """Build a study from the values of its TOML, with the arguments of ``from_values``."""
+        plugins.remember_code_names(values)  # so that parameters of code that is not loaded are accepted
         blocks = {key: plugins.resolve_codes(values[key]) for key in values if key in BLOCKS}
         for key in values:
             if key not in KEYS:
@@ -240,23 +260,26 @@ class Study(NotebookView):
         if isinstance(base, str):
             base = Scenario.read(Path(folder or ".") / base).model_dump(exclude_none=True)
         elif isinstance(base, Mapping):
-            base = plugins.resolve_codes(base)  # before its parameters are looked for among what is varied
+            base = plugins.resolve_codes(base)  # loads its code, so that the code's parameters may be varied
         else:
             raise InputError(
-                "is a table, as in a scenario file, or the name of such a file", field="scenario"
+                "must be a table, as in a scenario file, or the name of such a file", field="scenario"
             )
         until = values.get("until")
         precision = None
         if until is not None:
             precision = Precision.from_words(until, values.get("figure"), values.get("max_runs"))
-        elif both := [key for key in ("figure", "max_runs") if key in values]:
-            raise InputError("goes with 'until'", field=both[0])
+        elif without_until := [key for key in ("figure", "max_runs") if key in values]:
+            raise InputError(
+                "is used only together with 'until'; add 'until', or remove this", field=without_until[0]
+            )
         for key, kind, words in (("name", str, "text"), ("motion", str, "text"), ("keep", list, "list")):
             if key in values and not isinstance(values[key], kind):
                 raise InputError(f"{values[key]!r} is not a {words}", field=key)
         return cls(
             base=base,
             vary=blocks,
+            # A study with a precision has no number of runs; any other has 100 unless it says otherwise.
             runs=values.get("runs", None if until is not None else 100),
             until=precision,
             seed=values.get("seed", 1),
@@ -286,7 +309,10 @@ class Study(NotebookView):
 
     @cached_property
     def _toml(self) -> str:
-        """Write the study as TOML."""
+        """The text of ``to_toml``; ``name``, ``motion``, ``keep`` and ``floors`` are left out if they are the default.
+
+        Of ``runs`` and ``until``, the one that the study has is written.
+        """
         values: dict[str, Any] = {"format": FORMAT, "seed": self.seed}
         values |= {"name": self.name} if self.name else {}
         values |= {"runs": self.runs} if self.until is None else self.until.as_values()
@@ -297,26 +323,41 @@ class Study(NotebookView):
         return as_toml(values | dict(self.vary))
 
     def _with_tables(self, base: dict[str, Any]) -> dict[str, Any]:
-        """Add the default parameters of user code that cells name: the cells must be the same if it is not loaded."""
-        tables = copy_of(base)
+        """Return a copy of a base, with the default parameters of the user code that cells name added to it.
+
+        A program that reads the study's text without loading the user code does not know the code's defaults. The text
+        therefore includes the defaults, so that such a program reads the same cells.
+
+        Args:
+            base: sections of a scenario, by name. A table of parameters that it already has stays as it is.
+        """
+        sections = copy_of(base)
         for cell in self.cells:
+            # ``part`` is the chosen strategy, network or task; ``part.kind`` is its section, such as "strategy".
             for part in cell.scenario.choices:
-                if part.code is not None:
-                    tables.setdefault(part.kind, {}).setdefault(part.name, part.defaults)
-        return tables
+                if part.code is not None:  # user code
+                    section = sections.setdefault(part.kind, {})
+                    section.setdefault(
+                        part.name, part.defaults
+                    )  # the table of parameters has the choice's name
+        return sections
 
     def with_runs(self, runs: int) -> Study:
-        """Return the same study with a number of runs, in place of its own number or precision."""
+        """Return the same study with this number of runs per cell instead of its own number or precision."""
         return replace(self, runs=runs, until=None)
 
     @cached_property
     def cells(self) -> tuple[Cell, ...]:
-        """One cell for each combination of varied values, numbered in their order."""
-        words = words_of_points(self._points)
-        scenarios = [self._scenario(point) for point in self._points]
-        names = names_of(words, [scenario.strategy.name for scenario in scenarios])
+        """One cell for each combination of varied values, in the order of ``factors.points_of``; numbered from 0."""
+        points = self._points
+        scenarios = [self._scenario(point) for point in points]
+        words_of_cells = words_of_points(points)
+        names = names_of(words_of_cells, [scenario.strategy.name for scenario in scenarios])
         return tuple(
-            Cell(k, *each) for k, each in enumerate(zip(self._points, scenarios, words, names, strict=True))
+            Cell(number=number, point=point, scenario=scenario, words=words, name=name)
+            for number, (point, scenario, words, name) in enumerate(
+                zip(points, scenarios, words_of_cells, names, strict=True)
+            )
         )
 
     def run(
@@ -325,13 +366,13 @@ class Study(NotebookView):
         """Run the study, or continue it.
 
         Args:
-            folder: where it is saved; by default in a temporary folder that is removed with the result.
+            folder: where the study is saved; by default a temporary folder, which is removed with the result.
             progress: whether a bar is shown in a terminal or notebook; or a function that is called with the progress.
             how: ``executor``, ``workers``, ``job``, ``mixed``, ``allow_failures``, see ``study_result.run``.
         Raises:
             InputError: the folder is of another study, or was changed. RunError: runs failed, or workers are gone.
         """
-        from vibroswarm.study.study_result import run_with_bar
+        from vibroswarm.study.run import run_with_bar
 
         return run_with_bar(self, folder, progress, how)
 
@@ -342,65 +383,87 @@ class Study(NotebookView):
 
     @cached_property
     def codes(self) -> tuple[str, ...]:
-        """User code that its cells or its motion need, as ``plugins`` names it."""
+        """User code that its cells or its motion need, as ``plugins`` names it.
+
+        The name of a built-in source of motion is included too; ``plugins.texts_of`` leaves it out, as it is no code.
+        """
         return tuple(sorted({self.motion, *(code for cell in self.cells for code in cell.scenario.codes)}))
 
     @cached_property
     def hash(self) -> str:
-        """16 hexadecimal digits that depend on cells, seed and saved tables, but not on the number of runs."""
+        """16 hexadecimal digits that identify a study: studies with the same hash give the same tables of their runs.
+
+        They depend on cells, seed, source of motion and saved tables, but not on the number of runs.
+        """
         data = [FORMAT, self.seed, self.motion, sorted(self.keep), [c.scenario.hash for c in self.cells]]
         points = [sorted((k, repr(v)) for k, v in c.point.items()) for c in self.cells]
         if len({cell.scenario.run.t_end_s for cell in self.cells}) > 1:
-            data.append("one motion for several ends")  # before, each had its own, and groups other numbers
+            # The runs of the cells end at different times. Earlier versions put such cells into different groups, so
+            # their groups have other numbers than here. The text makes the hash differ from that of earlier versions,
+            # so that none of their shards is read as a shard of this version.
+            data.append("one motion for several ends")
         return hashlib.sha256(json.dumps([data, points]).encode()).hexdigest()[:16]
 
     @cached_property
     def _named_floors(self) -> dict[str, tuple[str, ...]]:
-        """Rows of 0 and 1 of the study's own floors and of those that it names from files, by name; no patterns."""
+        """Rows of 0 and 1 of the floors that the study defines or reads from files, by name.
+
+        Random floors and patterns are not among them: their name alone describes them.
+        """
         floors = {name: tuple(rows) for name, rows in self.floors.items()}
-        of_base = self._sections.get("floor", {})
-        of_base = of_base if isinstance(of_base, Mapping) and "tiles" not in of_base else {}
-        for name in [of_base.get("source"), *(point.get(SOURCE) for point in self._points)]:
+        floor_section = self._sections.get("floor", {})
+        if not isinstance(floor_section, Mapping) or "tiles" in floor_section:
+            floor_section = {}  # its tiles are given, so its name is not looked up
+        for name in [floor_section.get("source"), *(point.get(SOURCE) for point in self._points)]:
             if isinstance(name, str) and name not in floors and not is_random(name) and family(name) is None:
-                size = (of_base.get("rows"), of_base.get("columns"))
-                shape = size if isinstance(size[0], int) and isinstance(size[1], int) else None
+                # The shape that the floor must have, if the base gives it; None: any shape.
+                rows, columns = floor_section.get("rows"), floor_section.get("columns")
+                shape = (rows, columns) if isinstance(rows, int) and isinstance(columns, int) else None
                 path = (self.folder or Path()) / name
-                tiles, _ = resolve(str(path) if path.is_file() else name, shape)  # type: ignore[arg-type]
+                tiles, _ = resolve(str(path) if path.is_file() else name, shape)
                 floors[name] = tuple("".join("1" if tile else "0" for tile in row) for row in tiles)
         return floors
 
     @property
     def _sections(self) -> Mapping[str, Any]:
+        """The base as sections; a base that was given as a scenario has been converted by ``__post_init__``."""
         assert not isinstance(self.base, Scenario)
         return self.base
 
     @cached_property
     def _whole_base(self) -> dict[str, Any]:
-        """All fields of the scenario, so that a version with other defaults reads the same study.
+        """All fields of the base, so that a version with other defaults reads the same study from the text.
 
-        Only the given fields if presets are varied, since a complete scenario would override them, or if the base is
-        valid only together with varied fields.
+        Only the given fields are returned in two cases: if presets are varied, since a complete scenario would override
+        them; and if the base is invalid without the values of the varied fields.
         """
         if not any(PRESET in point for point in self._points):
-            with suppress(InputError):  # a base may be wrong alone and right in each cell
+            with suppress(InputError):
                 return self._scenario({}).model_dump(exclude_none=True)
         return dict(self._sections)
 
     @cached_property
     def _points(self) -> list[Point]:
+        """The values of the varied fields in each cell."""
         return points_of(self.vary)
 
     def _scenario(self, point: Point) -> Scenario:
-        """Build the scenario of a point."""
+        """Return the scenario of a cell: the base with the values of its point.
+
+        Raises:
+            InputError: the scenario is invalid; the message names the point.
+        """
         base = copy_of(self._sections)
         if PRESET in point:
             base[PRESET] = point[PRESET]
         values = {k: v for k, v in point.items() if k not in (PRESET, LABEL)}
         try:
+            # The study's own floors are put in as tiles, since the scenario cannot find them by name.
             floor = base.get("floor")
             if isinstance(floor, dict) and "tiles" not in floor and floor.get("source") in self._named_floors:
                 floor["tiles"] = self._named_floors[floor["source"]]
             if SOURCE in values:
+                # None for a random floor or a pattern: it removes tiles of the base, which are those of another floor.
                 values.setdefault("floor.tiles", self._named_floors.get(values[SOURCE]))
             return Scenario.from_base(base).with_values(values)
         except InputError as error:
@@ -408,57 +471,3 @@ class Study(NotebookView):
                 raise
             words = ", ".join(f"{k} = {value_in_words(v)}" for k, v in point.items())
             raise InputError(f"{error} (in the cell with {words})") from None
-
-
-def as_toml(values: Mapping[str, Any]) -> str:
-    """Write a study's values as TOML; blocks and fields keep their order, which is that of the cells."""
-    import tomli_w
-
-    parts = [tomli_w.dumps({k: v for k, v in values.items() if k not in BLOCKS})]
-    for name in (name for name in values if name in BLOCKS):
-        head, tables = (f"[[{name}]]", values[name]) if name == "list" else (f"[{name}]", [values[name]])
-        for table in tables:
-            parts.append(
-                "\n".join([head, *(f"{json.dumps(k)} = {_inline(v)}" for k, v in flat(table).items())])
-            )
-    return "\n".join(parts) + "\n"
-
-
-def _inline(value: Any) -> str:
-    """Write a value as TOML; a range on one line, since a table would move after the fields that follow it."""
-    import tomli_w
-
-    if type(value) is int:
-        return str(value)
-    if type(value) is float and math.isfinite(value):
-        return repr(value)
-    if isinstance(value, Mapping):
-        return "{ " + ", ".join(f"{name} = {_inline(part)}" for name, part in value.items()) + " }"
-    return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
-
-
-def plain_value(value: Any) -> Any:
-    """Convert a NumPy number to a Python number."""
-    return value.item() if hasattr(value, "item") and hasattr(value, "dtype") else value
-
-
-def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
-    """Copy a base so that its sections can be changed."""
-    return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
-
-
-def _floors(values: Any) -> dict[str, tuple[str, ...]]:
-    """Check the table of named floors."""
-    if not isinstance(values, Mapping):
-        raise InputError("is a table of floors by name", field="floors")
-    for name, rows in values.items():
-        if is_random(name) or family(name) is not None:
-            raise InputError(
-                "is the name of a pattern or of a random floor; give this one a name of its own",
-                field=f"floors.{name}",
-            )
-        if not isinstance(rows, list | tuple) or not all(isinstance(row, str) for row in rows):
-            raise InputError(
-                "a floor is a list of rows of 0 and 1, the top row first", field=f"floors.{name}"
-            )
-    return {name: tuple(rows) for name, rows in values.items()}

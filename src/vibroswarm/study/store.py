@@ -1,13 +1,15 @@
 """Store a study in a folder to which batches are only ever added.
 
     study.toml          the study, self-contained
-    study.json          format, hash, versions
+    study.json          format, hash of the study, versions
     shards/NAME.parquet the rows of a batch; NAME is a hash of its content
-    shards/NAME.json    describes the batch; written last, so that a shard without it is ignored
-    failures/*.json     batches that failed twice, until they succeed
+    shards/NAME.TABLE.parquet  another table of the batch (samples, failures)
+    shards/NAME.json    describes the batch; written last, so that tables without it are ignored
+    failures/*.json     batches that failed for good; ignored once their runs are stored
 
-Each file is written atomically under a name made from its content, and there is no index. So several writers need no
-coordination on any file system with atomic renames, and a batch that runs twice gives the same file.
+A shard is a stored batch: its tables and its description. Each file of a shard is written atomically under a name made
+from its content, and there is no index. So several writers need no coordination on any file system with atomic
+renames, and a batch that runs twice gives the same file.
 """
 
 from __future__ import annotations
@@ -32,7 +34,8 @@ from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, check_shard
 from vibroswarm.study.executors import check_begun_by
 from vibroswarm.study.plan import Group, Range, missing, plan_of
-from vibroswarm.study.spec import MOST_RUNS, Study, as_toml
+from vibroswarm.study.spec import MOST_RUNS, Study
+from vibroswarm.study.study_text import as_toml
 
 FORMAT: Final = 3
 """Version of the folder; that of the study's file is in ``spec``."""
@@ -40,9 +43,13 @@ FORMAT: Final = 3
 FAILURE: Final = {"batch": str, "group": int, "first": int, "last": int, "seed": int, "why": str}
 """Keys of a failure and their types."""
 MARKER: Final = "study.toml"
+"""File of the study's text."""
 HEAD: Final = "study.json"
+"""File with format, hash and versions; a folder without it is not a store yet."""
 SHARDS: Final = "shards"
+"""Folder of the stored batches."""
 FAILURES: Final = "failures"
+"""Folder of the records of failed batches."""
 
 
 @dataclass(frozen=True)
@@ -52,25 +59,31 @@ class Shard:
     name: str
     group: int
     first: int
+    """First run."""
     last: int
+    """One past the last run."""
     rows: int
+    """Number of rows of the table ``robots``."""
     files: Mapping[str, Path]
+    """Path of each table, by its name."""
     made_by: Mapping[str, str]
+    """``simulation.versions`` of the worker."""
 
 
 @dataclass
 class Store:
-    """A study's folder, opened by ``create``, ``open_or_create`` or ``open``."""
+    """A study's folder, opened by ``existing``, ``open_or_create`` or ``open``."""
 
     folder: Path
     study: Study
     shards: list[Shard] = field(default_factory=list)
+    """The stored batches that can be used."""
     hash: str = ""
-    """Hash of the study in its shards, as computed by the version that made the folder."""
+    """Hash of the study, as the version of this program that made the folder computed it; all shards name it."""
     broken: dict[str, str] = field(default_factory=dict)
     """Shards that cannot be used, and why."""
     left_over: int = 0
-    """Number of files that killed writers left behind."""
+    """Number of useless files that killed writers left in the folder of shards."""
 
     def __post_init__(self) -> None:
         self.hash = self.hash or self.study.hash
@@ -82,10 +95,13 @@ class Store:
 
     @classmethod
     def existing(cls, folder: str | Path, study: Study) -> Store | None:
-        """Open the store of this study if it exists; return None if a new one can be made. Writes nothing.
+        """Open the store of this study if it exists, without writing anything.
 
+        The store's study becomes ``study``: its number of runs or its name may differ from what the folder says.
+
+        Returns: None if the folder holds no store yet, and may become one.
         Raises:
-            InputError: something else is there, or another study, or one of a newer format.
+            InputError: the folder holds something else, another study, or a study of another format.
         """
         folder = Path(folder)
         try:
@@ -95,9 +111,10 @@ class Store:
                     raise InputError(_differences(store.study, study), field=str(folder))
                 store.study = study
                 return store
-            # A writer that was killed at its start, or is starting just now, is no obstacle.
+            # A folder without HEAD may have files of another writer of this study, which was killed or is just making
+            # the store. Such a folder is accepted.
             if folder.exists() and not (folder.is_dir() and all(_is_of(p, study) for p in folder.iterdir())):
-                if (folder / HEAD).exists():  # it was written a moment ago
+                if (folder / HEAD).exists():  # another writer has written HEAD since the check above
                     return cls.existing(folder, study)
                 raise InputError(
                     "exists but is not a study; give the name of a new folder", field=str(folder)
@@ -108,10 +125,11 @@ class Store:
 
     @classmethod
     def open_or_create(cls, folder: str | Path, study: Study) -> Store:
-        """Open the store of this study, or make it.
+        """Open the store of this study, or make it; temporary files that killed writers left are removed.
 
         Raises:
-            InputError: something else is there, or another study, or one of a newer format.
+            InputError: the folder holds something else, another study, or a study of another format; or it cannot be
+                made.
             RunError: the folder cannot be written.
         """
         folder = Path(folder)
@@ -129,10 +147,10 @@ class Store:
 
     @classmethod
     def open(cls, folder: str | Path) -> Store:
-        """Open a store and check its shards.
+        """Open the store in a folder and check its shards; shards that cannot be used are listed in ``broken``.
 
         Raises:
-            InputError: the folder holds no study, or one of a newer format, or a damaged one.
+            InputError: the folder holds no study, a study of another format, or a damaged one.
         """
         folder = Path(folder)
         head = folder / HEAD
@@ -144,7 +162,8 @@ class Store:
         check_format(version, FORMAT, str(folder))
         text = read_text(folder / MARKER, "a study")
         study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
-        # A later version may know more fields and so give the same study another hash; its text is the same.
+        # If another version of this program made the folder, it may have computed another hash for the same study,
+        # since it has other fields. Then the hash of the text (``_fingerprint``) shows whether the text is the same.
         same_code = made_by.get("code") == versions()["code"]
         if study.hash != saved_hash and (same_code or _fingerprint(text) != head_values.get("text")):
             raise InputError(
@@ -156,34 +175,41 @@ class Store:
         return store
 
     def refresh(self) -> None:
-        """Read the folder again."""
+        """Read the descriptions of all shards again, and set ``shards``, ``broken`` and ``left_over``.
+
+        Files left over are temporary files, and tables without a description: their writer was killed before it wrote
+        the description, which is written last.
+        """
         self.shards, self.broken, self.left_over = [], {}, 0
-        described = set()
+        described = set()  # the tables of all shards that can be used
         for path in sorted((self.folder / SHARDS).glob("*")):
-            if path.name.startswith("."):
+            if path.name.startswith("."):  # a temporary file
                 self.left_over += 1
             elif path.suffix == ".json":
                 try:
                     shard = self._read(path)
-                except (ValueError, OSError) as error:
-                    self.broken[path.stem] = (
-                        f"is damaged: {error}" if isinstance(error, OSError) else str(error)
-                    )
+                except ValueError as error:  # its message says what is wrong
+                    self.broken[path.stem] = str(error)
+                except OSError as error:  # its message does not say that a shard is damaged
+                    self.broken[path.stem] = f"is damaged: {error}"
                 else:
                     self.shards.append(shard)
                     described |= set(shard.files.values())
-        # The writer of a shard without description was killed.
-        shards = set((self.folder / SHARDS).glob("[!.]*.parquet"))
-        heads = [p.with_name(f"{p.name.partition('.')[0]}.json") for p in shards - described]
-        self.left_over += sum(not head.is_file() for head in heads)
+        # A table that no usable shard has is not left over if its description exists: the description is broken, or
+        # another writer has just written it.
+        tables = set((self.folder / SHARDS).glob("[!.]*.parquet"))
+        descriptions = [path.with_name(f"{path.name.partition('.')[0]}.json") for path in tables - described]
+        self.left_over += sum(not description.is_file() for description in descriptions)
 
     def add(self, done: BatchResult) -> None:
-        """Save a batch: its files first, its description last.
+        """Save a finished batch, its description last, and remove the record of its failure if there is one.
 
         Raises:
             RunError: the disk is full or failed; no file is incomplete.
         """
+        # The shard's name is made from its content, so that a batch that runs twice gives the same files.
         name = hashlib.sha256(done.files["robots"]).hexdigest()[:24]
+        # The name of the file of each table.
         paths = {
             table: f"{name}.parquet" if table == "robots" else f"{name}.{table}.parquet"
             for table in done.files
@@ -206,16 +232,26 @@ class Store:
         contents = {paths[table]: data for table, data in done.files.items()}
         try:
             write_files(shards, contents | {f"{name}.json": _json(description)})
-        except InputError as error:  # the folder could be written a moment ago
+        except (
+            InputError
+        ) as error:  # not the user's mistake, since the folder could be written when the study began
             raise RunError(str(error)) from error
         self.broken.pop(name, None)
-        files = {table: shards / path for table, path in paths.items()}
         work = done.work
-        self.shards.append(Shard(name, work.group, work.first, work.last, done.rows, files, done.versions))
+        shard = Shard(
+            name=name,
+            group=work.group,
+            first=work.first,
+            last=work.last,
+            rows=done.rows,
+            files={table: shards / path for table, path in paths.items()},
+            made_by=done.versions,
+        )
+        self.shards.append(shard)
         self._failure(work).unlink(missing_ok=True)
 
     def add_failure(self, work: Batch, why: str) -> None:
-        """Record that a batch failed."""
+        """Record that a batch failed, and why, in a file of its own."""
         path = self._failure(work)
         path.parent.mkdir(exist_ok=True)
         description = {"batch": work.name, "group": work.group, "first": work.first, "last": work.last}
@@ -223,10 +259,11 @@ class Store:
 
     @property
     def failures(self) -> list[dict[str, Any]]:
-        """Batches that failed and have not succeeded since, whole or in other parts."""
+        """The recorded failures of batches (``FAILURE``) of which some runs are still missing."""
         failures = []
         for path in sorted((self.folder / FAILURES).glob("[!.]*.json")):
-            with suppress(InputError):  # harmless: the batch is reported as missing
+            # An unreadable record is skipped without harm: the shards show which runs are missing.
+            with suppress(InputError):
                 failure = read_json(path, "a failure")
                 for key, kind in FAILURE.items():
                     entry(failure, key, kind, path)
@@ -239,64 +276,79 @@ class Store:
         return [(s.first, s.last) for s in self.shards if s.group == group]
 
     def missing(self, group: Group, runs: int) -> list[tuple[int, int, int]]:
-        """List the missing parts of the group's blocks: number of the block, first run, one past the last."""
+        """List which of the first ``runs`` runs of a group are missing, block by block.
+
+        Returns: for each missing range within a block: number of the block, first missing run, one past the last.
+        """
         gaps = missing((0, runs), self.ranges(group.number))
         return [block for low, high in gaps for block in group.blocks(low, high)]
 
     def runs(self, group: int) -> int:
-        """Count the stored runs of a group from run 0 to the first gap."""
-        gaps = missing((0, 2**32), self.ranges(group))
-        return gaps[0][0] if gaps else 2**32
+        """Return how many runs of a group are stored without a gap from run 0 on."""
+        limit = 2**32  # run numbers are below it
+        gaps = missing((0, limit), self.ranges(group))
+        return gaps[0][0] if gaps else limit  # the first gap begins where the stored runs end
 
     def scan(self, group: int, runs: int, table: str = "robots") -> pl.LazyFrame | None:
-        """Scan the rows of the first ``runs`` runs of a group, each once; None if there are none, or no such table."""
+        """Return a lazy table of the rows of the first ``runs`` runs of a group.
+
+        Shards may overlap if several writers ran the same runs; each run is taken from one shard only.
+
+        Returns: None if none of these runs is stored, or no shard has this table.
+        """
         check_threads()
-        frames, low = [], 0
-        for shard in sorted(
-            (s for s in self.shards if s.group == group), key=lambda s: (s.first, -s.last, s.name)
-        ):
-            high = min(shard.last, runs)
-            if high > low and table not in shard.files:  # no run of it failed
-                low = high
-            elif high > low:
+        shards = [shard for shard in self.shards if shard.group == group]
+        frames, low = [], 0  # runs below ``low`` are no longer taken, since an earlier shard has given them
+        # Of shards that begin at the same run, the longest comes first: it makes the others needless. The name decides
+        # between shards of the same runs, so that the choice does not depend on the order of the files.
+        for shard in sorted(shards, key=lambda shard: (shard.first, -shard.last, shard.name)):
+            first, last = max(low, shard.first), min(shard.last, runs)  # the part of the shard that is taken
+            if last <= low:
+                continue
+            if table in shard.files:  # the table of failures exists only if a run failed
                 frame = pl.scan_parquet(shard.files[table], glob=False)
-                # Several writers may have run some of them.
-                if (shard.first, shard.last) != (max(low, shard.first), high):
-                    frame = frame.filter(pl.col("run").is_between(max(low, shard.first), high, closed="left"))
+                if (first, last) != (shard.first, shard.last):
+                    frame = frame.filter(pl.col("run").is_between(first, last, closed="left"))
                 frames.append(frame)
-                low = high
+            low = last
         return pl.concat(frames) if frames else None
 
     @property
     def made_by(self) -> list[dict[str, str]]:
-        """The distinct versions that made the shards."""
+        """The different ``simulation.versions`` that made the shards, each once."""
         different = {json.dumps(dict(s.made_by), sort_keys=True) for s in self.shards}
         return [json.loads(text) for text in sorted(different)]
 
     def check_versions(self) -> None:
-        """Refuse to continue if other versions made the shards: no single version could repeat all runs.
+        """Refuse to continue if other versions than those of this process made shards.
+
+        Otherwise no single version could repeat all runs.
 
         Raises:
-            InputError: naming what differs.
+            InputError: the versions differ; the message names them.
         """
         for saved in self.made_by:
             check_begun_by(saved, self.folder)
 
     def check_alike(self) -> None:
-        """Refuse shards that were made by different versions.
+        """Refuse a store whose shards were made by different versions.
 
         Raises:
-            InputError: naming what differs.
+            InputError: the versions differ; the message names them.
         """
-        first, *others = self.made_by or [{}]
-        for other in others:
+        first, *others = self.made_by or [{}]  # ``made_by`` is empty if there are no shards
+        for other in others:  # ``made_by`` has no duplicates, so any second entry is an error
             different = [f"{k} {first.get(k)} and {other[k]}" for k in other if first.get(k) != other[k]]
             raise InputError(
                 f"shards were made by different versions: {'; '.join(different)}", field=str(self.folder)
             )
 
     def _read(self, path: Path) -> Shard:
-        """Read a shard's description and check its files."""
+        """Read a shard's description, and check it and the files that it names.
+
+        Raises:
+            ValueError: something is wrong; the message says what (InputError is a ValueError).
+        """
         description = read_json(path, "the description of a shard")
         check_format(entry(description, "format", int, path), FORMAT)
         if description.get("study") != self.hash or description.get("seed") != self.study.seed:
@@ -306,6 +358,7 @@ class Store:
         )
         files: dict[str, Path] = {}
         for name, file in entry(description, "files", dict, path).items():
+            # The files of a shard are beside its description. A path could lead to any other file of this computer.
             if Path(name).name != name:
                 raise ValueError(f"names a file elsewhere: {shown(name)}")
             size, sha256 = entry(file, "bytes", int, path), entry(file, "sha256", str, path)
@@ -313,18 +366,29 @@ class Store:
             files[entry(file, "table", str, path)] = path.with_name(name)
         groups = plan_of(self.study).groups
         if not (0 <= group < len(groups) and 0 <= first < last <= MOST_RUNS):
-            raise ValueError(f"is of group {group}, runs {first} to {last}, which the study has not")
+            raise ValueError(f"is of group {group}, runs {first} to {last}, which the study does not have")
         check_shard(files, self.study, groups[group], range(first, last), rows)
         made_by = texts(entry(description, "versions", dict, path), "versions", path)
-        return Shard(path.stem, group, first, last, rows, files, made_by)
+        return Shard(
+            name=path.stem, group=group, first=first, last=last, rows=rows, files=files, made_by=made_by
+        )
 
     def _failure(self, work: Batch) -> Path:
+        """Return the file that records the failure of a batch."""
         return self.folder / FAILURES / f"{work.group}-{work.first}-{work.last}.json"
 
     def write_head(self) -> None:
-        """Write ``study.toml``, again if the number of runs changed, and then ``study.json``, once."""
+        """Write ``study.toml`` if its text has changed, ``study.json`` if it is missing, and copies of user code.
+
+        The text of ``study.toml`` changes with the number of runs and the name.
+
+        Raises:
+            RunError: the folder cannot be written, or the study's text would be read as another study.
+        """
         text = self.study.to_toml()
         if self.hash != self.study.hash:
+            # Another version made the folder. Its text stays, since its hash was computed from it; only the name, the
+            # runs and the precision change.
             text = _with_runs_of(read_text(self.folder / MARKER, "a study"), text)
         marker, head = self.folder / MARKER, self.folder / HEAD
         try:
@@ -343,33 +407,37 @@ class Store:
             raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
 
     def _check_written(self, text: str) -> None:
-        """Check that the text reads back as this study; otherwise its shards would seem to belong to another."""
+        """Raise RunError if the text is read as another study: the shards would seem to belong to that other study."""
         if Study.from_toml(text, name=MARKER).hash != self.study.hash:
             raise RunError(f"{MARKER} would be read as another study; set the differing fields with --set")
 
 
 NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs")
-"""Keys of a study that may change without a new folder."""
+"""Keys of a study's file that change no run of its cells, so that they may change without a new folder."""
 
 
 def _fingerprint(text: str) -> str:
-    """Hash a study's TOML without the entries that change neither its cells nor its seed.
+    """Return a hash of a study's TOML without ``NOT_OF_THE_CELLS``.
 
-    It is the text that is hashed, not the study read from it, so that all versions of this program agree.
+    The text is hashed, not the study that is read from it, so that all versions of this program agree on the hash.
     """
     values = {k: v for k, v in tomllib.loads(text).items() if k not in NOT_OF_THE_CELLS}
     return hashlib.sha256(json.dumps(values, default=str).encode()).hexdigest()[:16]
 
 
 def _with_runs_of(old: str, new: str) -> str:
-    """Return the text of ``old`` with the name and the number of runs of ``new``."""
+    """Return the study's TOML ``old`` with the name, runs and precision of ``new``."""
+    # The format stays that of ``old``, since it says how the parts that are kept have to be read.
     kept = {k: v for k, v in tomllib.loads(old).items() if k == "format" or k not in NOT_OF_THE_CELLS}
     changed = {k: v for k, v in tomllib.loads(new).items() if k in NOT_OF_THE_CELLS and k != "format"}
     return as_toml(kept | changed)
 
 
 def _is_of(path: Path, study: Study) -> bool:
-    """Tell whether a file is one that this study's store has before its first batch; another ``study.toml`` is not."""
+    """Return whether ``path`` may come from a writer of this study that has not written ``HEAD`` yet, or was killed.
+
+    Such a writer makes the folder of shards, ``study.toml`` of this study, and temporary files.
+    """
     if path.name == MARKER:
         try:
             return _fingerprint(path.read_text(encoding="utf-8")) == _fingerprint(study.to_toml())
@@ -379,13 +447,18 @@ def _is_of(path: Path, study: Study) -> bool:
 
 
 def _json(values: Mapping[str, Any]) -> str:
+    """Write values as the text of a JSON file."""
     return json.dumps(values, indent=1) + "\n"
 
 
 def _check(path: Path, size: int, sha256: str) -> None:
-    """Check that a file matches its description."""
+    """Check that a file has the size and the content that the description gives.
+
+    Raises:
+        ValueError: it is missing or differs.
+    """
     if not path.is_file():
-        raise ValueError(f"its file {path.name} is missing or no plain file")
+        raise ValueError(f"its file {path.name} is missing or not a plain file")
     if path.stat().st_size != size:
         raise ValueError(f"{path.name} is cut off: {path.stat().st_size} bytes of {size}")
     with path.open("rb") as stream:
@@ -394,12 +467,16 @@ def _check(path: Path, size: int, sha256: str) -> None:
 
 
 def _differences(there: Study, given: Study) -> str:
-    """Say in which respects two studies differ."""
+    """Write the message that a folder holds another study, with up to three differences.
+
+    Args:
+        there: the study in the folder. given: the study that was to be saved in the folder.
+    """
     differences = []
     for name in ("seed", "motion", "keep"):
-        here, saved = getattr(given, name), getattr(there, name)
-        if here != saved:
-            differences.append(f"{name} is {saved!r} there and {here!r} here")
+        saved_value, given_value = getattr(there, name), getattr(given, name)
+        if given_value != saved_value:
+            differences.append(f"{name} is {saved_value!r} there and {given_value!r} here")
     if len(there.cells) != len(given.cells):
         differences.append(f"it has {len(there.cells)} cells there and {len(given.cells)} here")
     else:
@@ -408,14 +485,18 @@ def _differences(there: Study, given: Study) -> str:
 
 
 def _of_cells(there: Study, given: Study) -> list[str]:
-    """Describe the first cell that differs between two studies with equally many cells; empty if none does."""
+    """Describe all differences of the first cell whose scenario differs; empty if all scenarios are equal.
+
+    Args:
+        there: the study in a folder. given: the study that was to be saved in it, with the same number of cells.
+    """
     for old, new in zip(there.cells, given.cells, strict=True):
         if old.scenario != new.scenario:
-            a, b = old.scenario.model_dump(), new.scenario.model_dump()
+            old_sections, new_sections = old.scenario.model_dump(), new.scenario.model_dump()
             return [
-                f"{section}.{name} of cell {new.number} is {a[section][name]!r} there and {value!r} here"
-                for section, fields in b.items()
+                f"{section}.{name} of cell {new.number} is {old_sections[section][name]!r} there and {value!r} here"
+                for section, fields in new_sections.items()
                 for name, value in fields.items()
-                if a[section][name] != value
+                if old_sections[section][name] != value
             ]
     return []

@@ -1,6 +1,6 @@
-"""What a study's result gives to a session: a comparison in sentences, a picture, a report, and tables of other kinds.
+"""What ``StudyResult`` offers an interactive session: comparison, picture, report, and tables of pandas and xarray.
 
-Pandas and xarray, to which tables are converted, are optional.
+The functions here do the work of the methods of ``StudyResult``. Pandas and xarray are optional dependencies.
 """
 
 from __future__ import annotations
@@ -37,19 +37,25 @@ class Comparison(NotebookView):
 
     @property
     def answers(self) -> tuple[Answer, ...]:
-        """One for each pair of cells, with effects and their intervals."""
+        """An answer for each pair of cells, with effects and their intervals."""
         return self.outcome.answers
 
     @property
     def sentences(self) -> list[str]:
-        """Sentences on each pair, also at equal error if computed; on each cell if none are compared; then warnings."""
+        """Sentences about each pair of cells, also at equal error if computed, and then the warnings.
+
+        If no cells are compared, there is a sentence about each cell instead.
+        """
         lines = [line for one in self.answers for line in (one.sentence, one.at_equal_error) if line]
         lines = lines or cell_sentences(self.outcome.cells)
         return lines + [f"Warning: {words}" for words in self.outcome.warnings]
 
     @property
     def table(self) -> pl.DataFrame:
-        """One row per pair and figure: means, difference with interval, corrected p-value; empty without pairs."""
+        """One row per pair and figure: means, difference with interval, corrected p-value.
+
+        If no cells are compared, the table has no rows and no columns.
+        """
         if not self.outcome.comparisons:
             return pl.DataFrame()
         return comparison_table(self.outcome.comparisons)
@@ -63,33 +69,42 @@ class ReportFile(NotebookView):
     """A report that was written."""
 
     path: Path
-    """Of the page, which opens in a browser."""
+    """The page, which opens in a browser."""
 
     def __repr__(self) -> str:
         return f"ReportFile({str(self.path)!r})"
 
 
 def compared(result: StudyResult, reference: str | None, confirm: bool) -> Comparison:
-    """Compare cells, after repeating the study on other seeds if ``confirm``."""
-    return Comparison(outcome_of(result, second_block(result) if confirm else None, reference))
+    """Compare the selected cells pairwise.
+
+    Args:
+        reference: value with which the other values of its field are compared, see ``cell_comparison.pairs_of``;
+            None: every two strategies are compared, and other fields with their first value.
+        confirm: whether the study is first repeated on another seed, to confirm the differences.
+    """
+    replicate = second_block(result) if confirm else None
+    return Comparison(outcome_of(result, replicate=replicate, reference=reference))
 
 
 def plotted(result: StudyResult, name: str, style: str) -> Picture:
-    """Draw the picture of that name of ``pictures_of``.
+    """Draw one of the study's pictures (``pictures.pictures_of``) by its name.
 
     Raises:
         InputError: the study has no such picture; the message lists those that it has.
     """
     named = {picture.name: picture for picture in pictures_of(outcome_of(result, compare=False))}
-    if name not in named:  # comparisons replay runs, which takes longer
+    if name not in named:  # only the pictures of comparisons need the comparisons, which take longer
         named = {picture.name: picture for picture in pictures_of(outcome_of(result))}
     check_choice(name, "name", named)
     return named[name].draw(style=style)
 
 
 def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportFile:
-    """Write tables, pictures and report into ``folder``, or into the study's own.
+    """Write tables, pictures and report into ``folder``, or into the study's own folder if it is None.
 
+    Args:
+        replace: whether an existing report in ``folder`` is replaced.
     Raises:
         InputError: the folder exists and may not be replaced, or cannot be written.
     """
@@ -101,6 +116,7 @@ def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportF
 
 
 def _write(result: StudyResult, folder: Path) -> ReportFile:
+    """Write tables, pictures and report into an existing folder."""
     outcome = outcome_of(result)
     write_outcome(outcome, folder)
     write_pictures_and_report(outcome, references_of(result), folder, "column")
@@ -124,6 +140,11 @@ def pandas_of(frame: pl.DataFrame) -> pd.DataFrame:
 def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
     """Convert a table of a study to an xarray Dataset, see ``StudyResult.to_xarray``.
 
+    Its dimensions are the varied fields; then ``run`` for the tables ``runs`` and ``robots``; then ``robot`` for the
+    table ``robots``.
+
+    Args:
+        table: name of the table, see ``StudyResult.to_pandas``.
     Raises:
         InputError: the cells form no grid of the varied fields, or xarray is not installed.
     """
@@ -131,13 +152,14 @@ def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
         import xarray
     except ImportError as error:
         raise _missing(error, "to_xarray") from None
+    # The index of the data frame, which xarray turns into the dimensions.
     index = [
         *result.study.varied,
         *(["run"] if table in ("runs", "robots") else []),
         *(["robot"] if table == "robots" else []),
     ]
-    frame = result.to_pandas(table).drop(columns="cell")
-    for name in frame.select_dtypes("category"):
+    frame = result.to_pandas(table).drop(columns="cell")  # a cell is given by its varied values
+    for name in frame.select_dtypes("category"):  # xarray has no categories
         frame[name] = frame[name].astype(str)
     indexed = frame.set_index(index) if index else frame
     if not indexed.index.is_unique:
@@ -146,5 +168,5 @@ def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
 
 
 def _missing(error: ImportError, field: str) -> InputError:
-    """Return the error that names the package that is missing, and the extra that has it."""
+    """Return the error for an optional package that is not installed; it says how to install it."""
     return InputError(f"needs {error.name}: pip install 'vibroswarm[frames]'", field=field)

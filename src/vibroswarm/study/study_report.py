@@ -1,4 +1,8 @@
-"""The report of a study: one page that is opened from disk, and its pictures as files with their numbers."""
+"""The report of a study: one HTML page that is opened from disk, and its pictures as files with their data.
+
+The first screen has the question and an answer for each pair of cells. Then come tables and pictures: outcomes,
+decisions over time, comparisons, comparisons at equal error, references, how robots sampled, and decidability.
+"""
 
 from __future__ import annotations
 
@@ -28,14 +32,17 @@ from vibroswarm.study.pictures import NamedPicture, pictures_of
 from vibroswarm.study.summary import Outcome
 
 PICTURES: Final = "pictures"
+"""Name of the folder of pictures, inside the study's folder."""
 MARKER: Final = "captions.csv"
-"""The file by which the folder of pictures is known to be ours, and may be replaced."""
+"""A folder of pictures that contains this file was written here, and may be replaced."""
 REPORT: Final = "report.html"
+"""Name of the page."""
 MOST_SENTENCES: Final = 6
-"""Cells of the first screen, where none are compared."""
+"""Most cells with a sentence on the first screen, if no cells are compared."""
 
 
 def _limits(name: str) -> tuple[str, str]:
+    """Return the names of the columns with the limits of a figure."""
     return (f"{name}_low", f"{name}_high")
 
 
@@ -57,10 +64,11 @@ def write_pictures_and_report(
     style: str,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Write ``pictures/`` (SVG, PDF, PNG, CSV) and ``report.html`` into a study's folder, each whole.
+    """Write the folder ``pictures`` (SVG, PDF, PNG, CSV) and ``report.html`` into a study's folder, each atomically.
 
     Args:
-        style: of the picture files; those of the page are its own. progress: called with the share done.
+        style: of the picture files; the pictures of the page are drawn again in the style ``page``.
+        progress: called with the share of pictures done.
     """
     drawn, named = [], list(pictures_of(outcome))
     with whole_folder(folder / PICTURES, replace=True, marker=MARKER) as part:
@@ -80,11 +88,16 @@ def write_pictures_and_report(
 def report_of(
     outcome: Outcome, references: Sequence[References], drawn: Iterable[tuple[NamedPicture, ReportPicture]]
 ) -> Report:
-    """Lay out the report from figures and pictures."""
+    """Lay out the report; a section without tables and pictures is left out.
+
+    Args:
+        references: of ``baselines.references_of``, may be empty.
+        drawn: the study's pictures (``pictures.pictures_of``), each with its drawing in the style of the page.
+    """
     pictures = list(drawn)
 
     def shown(*kinds: str) -> tuple[Section, ...]:
-        """Pictures whose file names begin with one of these words."""
+        """Return a section for each picture whose name, up to the first hyphen, is one of ``kinds``."""
         return tuple(
             Section(named_picture.title, parts=(picture,))
             for named_picture, picture in pictures
@@ -99,17 +112,17 @@ def report_of(
     equal = (_equal_error_table(outcome.answers),) if matched else ()
     reference_tables = (_reference_table(references),) if references else ()
     sections = [
-        Section("Outcome", (), (_outcome_table(outcome),), outcomes),
+        Section("Outcome", parts=(_outcome_table(outcome),), sections=outcomes),
         Section("Decisions over time", sections=shown("incidence", "consensus", "belief")),
-        Section("Compared run by run", _COMPARISON_TEXT, compared, shown("compared")),
-        Section("At equal error", _EQUAL_ERROR_TEXT, equal),
+        Section("Compared run by run", text=_COMPARISON_TEXT, parts=compared, sections=shown("compared")),
+        Section("At equal error", text=_EQUAL_ERROR_TEXT, parts=equal),
         Section(
             "Time against error",
-            _REFERENCE_TEXT + _reference_notes(references),
-            reference_tables,
-            shown("front"),
+            text=_REFERENCE_TEXT + _reference_notes(references),
+            parts=reference_tables,
+            sections=shown("front"),
         ),
-        Section("How the robots sampled", (), sampling, shown("density")),
+        Section("How the robots sampled", parts=sampling, sections=shown("density")),
     ]
     return Report(
         title=title(outcome.result),
@@ -125,14 +138,14 @@ def report_of(
 
 
 def count_range(counts: Iterable[int]) -> str:
-    """Write how many runs cells have: ``1,000``, or ``100 to 1,000``."""
+    """Write the range of numbers of runs: ``1,000`` if all are equal, else ``100 to 1,000``."""
     ordered = sorted(counts)
     low, high = ordered[0], ordered[-1]
     return f"{low:,}" if low == high else f"{low:,} to {high:,}"
 
 
 def _lead(outcome: Outcome) -> tuple[str, ...]:
-    """Write the study's question; if no cells are compared, also one sentence about each of the first cells."""
+    """Return the study's question; if no cells are compared, also a sentence about each of the first cells."""
     if outcome.answers:
         return (outcome.question,)
     return (
@@ -143,22 +156,33 @@ def _lead(outcome: Outcome) -> tuple[str, ...]:
 
 def answer_of(answer: Answer) -> ReportAnswer:
     """Convert an answer to the form that the first screen of the report shows."""
+    # Tone (which sets the colour) and verdict, by ``Effect.better``.
+    tones = {None: ("open", "not significant"), True: ("good", "better"), False: ("bad", "worse")}
     effects = []
     for effect in answer.effects:
+        # "-127 s [-153, -102]" is divided into "-127 s" and "-153, -102]".
         number, _, limits = effect.number.partition(" [")
-        better = effect.better
+        tone, verdict = tones[effect.better]
+        short_name, _, _ = EFFECTS[effect.figure]
         effects.append(
             ReportEffect(
-                EFFECTS[effect.figure][0],
-                number,
-                f"[{limits}" if limits else "",
-                *effect.interval[:3],
-                "open" if better is None else "good" if better else "bad",
-                "not significant" if better is None else "better" if better else "worse",
+                title=short_name,
+                number=number,
+                limits=f"[{limits}" if limits else "",
+                estimate=effect.interval.estimate,
+                low=effect.interval.low,
+                high=effect.interval.high,
+                tone=tone,
+                words=verdict,
             )
         )
     rest = f" ({answer.rest})" if answer.rest else ""
-    return ReportAnswer(f"{answer.headline}{rest}", answer.sentence, answer.at_equal_error, tuple(effects))
+    return ReportAnswer(
+        headline=f"{answer.headline}{rest}",
+        sentence=answer.sentence,
+        aside=answer.at_equal_error,
+        effects=tuple(effects),
+    )
 
 
 _COMPARISON_TEXT: Final = (
@@ -179,8 +203,8 @@ _REFERENCE_TEXT: Final = (
 
 
 def _reference_notes(references: Sequence[References]) -> tuple[str, ...]:
-    """List why figures are missing or limited, each sentence once with the cells it applies to."""
-    cells: dict[str, list[str]] = {}
+    """Return the notes of the references, each once; a note that does not apply to all cells names its cells first."""
+    cells: dict[str, list[str]] = {}  # names of the cells with each note
     for reference in references:
         for sentence in reference.says:
             cells.setdefault(sentence, []).append(reference.cell.name)
@@ -191,7 +215,7 @@ def _reference_notes(references: Sequence[References]) -> tuple[str, ...]:
 
 
 def _outcome_table(outcome: Outcome) -> ReportTable:
-    """Tabulate the outcomes by cell, each with its limits."""
+    """Tabulate decision time, shares and belief of each cell, with their intervals and the numbers of runs."""
     columns = {name: Column(words, percent=True, limits=_limits(name)) for name, words in _SHARES.items()}
     columns |= {
         "decision_time_s": Column("decision time", "s", decimals=0, limits=_limits("decision_time_s")),
@@ -199,12 +223,12 @@ def _outcome_table(outcome: Outcome) -> ReportTable:
     }
     order = ["decision_time_s", *_SHARES, "belief_in_truth"]
     counts = ["runs", *(["failed_runs"] if outcome.has_failed_runs else [])]
-    frame = outcome.table.select("name", *counts, *(end for name in order for end in (name, *_limits(name))))
+    figures = [column for name in order for column in (name, *_limits(name))]
     return ReportTable(
-        frame,
+        outcome.table.select("name", *counts, *figures),
         {"name": Column("cell"), "failed_runs": Column("failed runs"), **columns},
-        _OUTCOME_TEXT,
-        "outcome",
+        caption=_OUTCOME_TEXT,
+        name="outcome",
     )
 
 
@@ -219,20 +243,24 @@ _OUTCOME_TEXT: Final = (
 
 
 def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
-    """Return one table per compared figure, since differences in time and in shares have no common scale."""
+    """Return one table per compared figure, since differences in time and in shares have no common unit.
+
+    A study may have a second block of runs, from another seed. If there is one, a row also has the difference in the
+    second block, and whether it confirms the difference in the study's own runs.
+    """
     table = comparison_table(outcome.comparisons)
     if "confirmed" in table.columns:
         words = pl.when("confirmed").then(pl.lit("confirmed")).otherwise(pl.lit("not confirmed"))
         table = table.with_columns(confirmed=words)
-    again = ("again_difference", *_limits("again_difference"))
+    again = ("again_difference", *_limits("again_difference"))  # the difference in the second block
     selected = ["name", "difference", *_limits("difference"), "p_holm"]
     selected += [name for name in (*again, "confirmed") if name in table.columns]
     selected += ["wins", "ties", "losses"]
     tables = []
-    for figure, words_of_figure, share in _COMPARED:
-        unit, decimals = ("points", 1) if share else ("s", 0)
+    for figure, words_of_figure, is_share in _COMPARED:
+        unit, decimals = ("points", 1) if is_share else ("s", 0)
         columns = {
-            name: Column(title, unit, percent=share, decimals=decimals, limits=_limits(name))
+            name: Column(title, unit, percent=is_share, decimals=decimals, limits=_limits(name))
             for name, title in (("difference", "difference"), ("again_difference", "on other seeds"))
             if name in table.columns
         }
@@ -245,12 +273,13 @@ def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
             "losses": Column("worse"),
         }
         rows = table.filter(pl.col("figure") == figure).select(selected)
-        tables.append(ReportTable(rows, columns, f"{words_of_figure}: first - second.", f"compared-{figure}"))
+        caption = f"{words_of_figure}: first - second."
+        tables.append(ReportTable(rows, columns, caption=caption, name=f"compared-{figure}"))
     return tables
 
 
 def _equal_error_table(answers: Sequence[Answer]) -> ReportTable:
-    """Tabulate the comparisons at equal error."""
+    """Tabulate the comparisons at equal error, and at equal time, of the answers that have them."""
     frame = pl.DataFrame([a.as_row() for a in answers if a.matched is not None], infer_schema_length=None)
     columns = {
         "name": Column("compared"),
@@ -271,9 +300,8 @@ def _equal_error_table(answers: Sequence[Answer]) -> ReportTable:
         "time_s",
         "error_difference",
     ]
-    return ReportTable(
-        frame.select(*order, *_limits("error_difference"), "runs"), columns, "First - second.", "equal-error"
-    )
+    shown = frame.select(*order, *_limits("error_difference"), "runs")
+    return ReportTable(shown, columns, caption="First - second.", name="equal-error")
 
 
 _EQUAL_ERROR_TEXT: Final = (
@@ -292,6 +320,7 @@ _COMPARED: Final = (
     ("undecided_share", "Share of robots undecided", True),
     ("forced_error", "Forced error", True),
 )
+"""Figures of the tables of comparisons: name, words for the caption, and whether the figure is a share."""
 
 
 _REFERENCE_COLUMNS: Final = {
@@ -307,38 +336,47 @@ _REFERENCE_COLUMNS: Final = {
     "known_wrong": Column("known and wrong", percent=True, limits=_limits("known_wrong")),
     "known_claimed": Column("posterior error when known", percent=True, limits=_limits("known_claimed")),
 }
+"""Columns of the table of references, with their headings."""
 
 
 def _reference_table(references: Sequence[References]) -> ReportTable:
-    """Tabulate the references by cell."""
+    """Tabulate the references by cell; the caption gives the number of runs behind them."""
     table = reference_table(list(references))
+    # A reference that is missing in all cells has no column in the table.
     names = [name for name in _REFERENCE_COLUMNS if name in table.columns]
-    figures = table.select("name", *(end for name in names for end in (name, *_limits(name))))
+    figures = table.select("name", *(column for name in names for column in (name, *_limits(name))))
     runs = max(reference.runs for reference in references)
     caption = (
         f"From {runs} runs per cell, simulated again from the seed; half of them tuned the pooled threshold."
     )
+    # The references "known" whose posterior was sampled by Markov chains: they are computed from fewer runs.
     chains = [
         reference.known for reference in references if reference.known and reference.known.how == "chains"
     ]
     if chains:
-        runs, error = max(k.runs.height for k in chains), max(k.monte_carlo_error for k in chains)
+        chain_runs = max(known.runs.height for known in chains)
+        error = max(known.monte_carlo_error for known in chains)
         caption += (
-            f" What could be known: from {runs} of them if robots sense across tile edges or tiles or robots differ; "
-            f"there the posterior is sampled, with a Monte Carlo error of at most {error:.3f} at a decision."
+            f" What could be known: from {chain_runs} of them if robots sense across tile edges or tiles or robots "
+            f"differ; there the posterior is sampled, with a Monte Carlo error of at most {error:.3f} at a decision."
         )
     columns = {"name": Column("cell"), **{name: _REFERENCE_COLUMNS[name] for name in names}}
-    return ReportTable(figures, columns, caption, "references")
+    return ReportTable(figures, columns, caption=caption, name="references")
 
 
 def _walk_table(outcome: Outcome, references: Sequence[References]) -> ReportTable:
-    """Tabulate how the robots sampled, by cell."""
+    """Tabulate how the robots of each cell sampled: means over runs, without intervals.
+
+    The correlation of consecutive bits and the packet loss are known only for cells with references, whose runs were
+    simulated again; for other cells they are empty.
+    """
     by_cell = {reference.cell.number: reference for reference in references}
     rows = []
     for cell_outcome in outcome.cells:
-        means = {k: v for k, v in cell_outcome.walk.items() if not k.endswith(("_low", "_high"))}
-        more = by_cell[cell_outcome.cell.number].as_row() if cell_outcome.cell.number in by_cell else {}
-        correlation, loss = more.get("lag_one"), more.get("packet_loss")
+        means = {k: v for k, v in cell_outcome.walk.items() if not k.endswith(("_low", "_high"))}  # no limits
+        reference = by_cell.get(cell_outcome.cell.number)
+        of_reference = {} if reference is None else reference.as_row()
+        correlation, loss = of_reference.get("lag_one"), of_reference.get("packet_loss")
         rows.append(
             {"cell": cell_outcome.cell.name, **means, "lag-1 correlation": correlation, "packet loss": loss}
         )
@@ -350,11 +388,12 @@ def _walk_table(outcome: Outcome, references: Sequence[References]) -> ReportTab
         "effective_samples": Column("effective number of independent samples"),
         "packet loss": Column("packet loss", percent=True),
     }
-    return ReportTable(pl.DataFrame(rows, infer_schema_length=None), columns, "Means over runs.", "sampling")
+    frame = pl.DataFrame(rows, infer_schema_length=None)
+    return ReportTable(frame, columns, caption="Means over runs.", name="sampling")
 
 
 def _decidability(outcome: Outcome) -> Section:
-    """Lay out whether each cell can be decided."""
+    """Lay out a table of whether each cell can be decided at all (``analysis.decidability``)."""
     rows = [
         {
             "cell": cell_outcome.cell.name,
@@ -363,6 +402,7 @@ def _decidability(outcome: Outcome) -> Section:
             "boundary": cell_outcome.decidable.boundary,
             "robots compare it with": cell_outcome.decidable.tested,
             "sensor threshold": cell_outcome.decidable.threshold,
+            # The thresholds of the sensor with which the robots would decide rightly; None: none, or not computed.
             "decidable for thresholds from": cell_outcome.decidable.mending_low,
             "to": cell_outcome.decidable.mending_high,
             "samples needed for 5 % wrong": cell_outcome.decidable.samples_needed,
@@ -374,11 +414,16 @@ def _decidability(outcome: Outcome) -> Section:
         "lies on the wrong side of what robots compare it with, more samples only make the wrong answer more "
         "certain. Samples needed are independent ones.",
     )
-    return Section("Can it be decided at all", text, (ReportTable(pl.DataFrame(rows), name="decidability"),))
+    table = ReportTable(pl.DataFrame(rows), name="decidability")
+    return Section("Can it be decided at all", text=text, parts=(table,))
 
 
 def versions_in_words(made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Return the versions of what made a result, as details of a report."""
+    """Return details of a report: the versions that made a result, numbered if there are several.
+
+    Args:
+        made_by: the different ``simulation.versions``, which have the version of each part of the software.
+    """
     return {
         "made by" if len(made_by) == 1 else f"made by ({number})": ", ".join(
             f"{name} {version}" for name, version in versions.items()
@@ -388,10 +433,10 @@ def versions_in_words(made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
 
 
 def _details(outcome: Outcome) -> dict[str, str]:
-    """Return hash, seed, engine, versions and commands of a study."""
+    """Return the details of the report: hash, seeds, source of motion, versions, and the command that repeats it."""
     study, folder = outcome.result.study, outcome.result.store.folder
     details = {"study": study.hash, "seed": str(study.seed), "engine": study.motion}
-    if outcome.replicate is not None:
+    if outcome.replicate is not None:  # the runs from another seed, with which differences are confirmed
         second = outcome.replicate.study
         details["second block"] = f"seed {second.seed}, {second.runs} runs per cell"
     details |= versions_in_words(outcome.result.store.made_by)

@@ -1,13 +1,15 @@
-"""Read the results of a study as tables of cells, robots, runs and samples; merge jobs of a study into one store."""
+"""Run a study, and read its results as tables of cells, robots, runs and samples; merge a study's jobs into one store.
+
+A source of motion is slow if it takes longer than the engines of this package, as physics simulators do. Fewer runs of
+it are simulated again for pictures and references, and they are cached.
+"""
 
 from __future__ import annotations
 
-import inspect
 import json
 import shutil
 import weakref
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -16,21 +18,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import remove_leftovers_once, tag, whole_file
+from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.progress_line import ProgressLine, is_watched
-from vibroswarm.errors import (
-    InputError,
-    RunError,
-    check_callable,
-    check_choice,
-    check_keywords,
-    check_kind,
-    nearest,
-    path_of,
-    shown,
-    whole_number_of,
-)
+from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown, whole_number_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
@@ -39,9 +29,8 @@ from vibroswarm.study.batch import SAMPLES
 from vibroswarm.study.batch_table import FAILED_RUNS, FAILED_TABLE
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.precision import Settled, runs_that_count, settled
-from vibroswarm.study.runner import Job, Progress, StudyProgress, run_study
 from vibroswarm.study.spec import MOST_RUNS, Cell, Study
-from vibroswarm.study.store import SHARDS, Store
+from vibroswarm.study.store import Store
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -50,15 +39,19 @@ if TYPE_CHECKING:
     from vibroswarm.plots.picture import Picture
     from vibroswarm.study.study_outputs import Comparison, ReportFile
 
+
 TABLES: Final = ("robots", "runs", "samples", "cells")
+"""Tables of a result that can be converted to other libraries."""
 
 
 class _TemporaryFolder:
-    """A temporary folder that is removed with the last result that uses it."""
+    """A new temporary folder, removed when the last result that refers to this object is garbage."""
 
     def __init__(self) -> None:
+        # Folders that killed processes left behind are removed first.
         remove_leftovers_once(Path(gettempdir()))
         self.folder = Path(gettempdir()) / f"vibroswarm-{tag()}"
+        # Only for this user: other users share the system's folder of temporary files.
         self.folder.mkdir(mode=0o700)
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
 
@@ -69,13 +62,14 @@ AGAIN_S: Final = 30.0
 
 @dataclass(frozen=True)
 class StudyResult(NotebookView):
-    """A study and its store. Tables hold ``cell`` and the varied fields, by dotted names, before their columns."""
+    """A study and its store. Tables begin with the columns ``cell`` and the varied fields, by their dotted names."""
 
     study: Study
     store: Store
     selected: tuple[int, ...]
-    """Numbers of the cells."""
+    """Numbers of the cells that this result is about: all, or those that ``where`` selected."""
     _kept: _TemporaryFolder | None = field(default=None, repr=False)
+    """The temporary folder of a study that is not saved; it is removed when no result refers to it. Else None."""
 
     def __repr__(self) -> str:
         cells, chosen, table = len(self.study.cells), len(self.selected), self.cells
@@ -88,7 +82,7 @@ class StudyResult(NotebookView):
 
     @classmethod
     def open(cls, folder: str | Path) -> StudyResult:
-        """Open the study in a folder."""
+        """Open the study in a folder, see ``Store.open``."""
         store = Store.open(path_of(folder, "folder"))
         return cls(store.study, store, tuple(cell.number for cell in store.study.cells))
 
@@ -99,7 +93,11 @@ class StudyResult(NotebookView):
 
     @property
     def cells(self) -> pl.DataFrame:
-        """One row per cell: number, varied values, name, scenario hash, group, runs wanted and stored (``there``)."""
+        """One row per selected cell: number, varied values, name, scenario hash, group, runs wanted and stored.
+
+        The column ``wanted`` is the number of runs that enter the cell's figures (``runs_of``); the column ``there`` is
+        how many of these are stored.
+        """
         rows = []
         for cell in self._cells():
             group = self._group_of[cell.number]
@@ -118,25 +116,24 @@ class StudyResult(NotebookView):
         return frame.select("cell").hstack(self._varied_columns()).hstack(frame.drop("cell"))
 
     def cell(self, number: int) -> Cell:
-        """Return a cell by its number.
+        """Return a selected cell by its number.
 
         Raises:
-            InputError: there is none of this ``number``.
+            InputError: no selected cell has this number.
         """
         if number not in self.selected:
             raise InputError(f"there is no cell {number} here", field="cell")
         return self.study.cells[number]
 
     def where(self, **values: Any) -> StudyResult:
-        """Select cells in which fields have these values; a dot is two underscores: ``where(strategy__name="soft")``.
-
-        The last part of a name is enough if no other varied field shares it: ``where(name="soft")``. A list matches
-        any of its values.
+        """Return the result for the selected cells in which varied fields have these values.
 
         Args:
-            values: values of varied fields.
+            values: the value of each field, or a list of values of which a cell has one. The dot of a field's name is
+                written as two underscores: ``where(strategy__name="soft")``. The last part of the name is enough if
+                no other varied field ends with it: ``where(name="soft")``.
         Raises:
-            InputError: a field is not varied, or no cell has the value.
+            InputError: a field is not varied, or no cell has these values.
         """
         chosen = self.selected
         for key, choices in values.items():
@@ -148,45 +145,54 @@ class StudyResult(NotebookView):
         return StudyResult(self.study, self.store, chosen, self._kept)
 
     def runs_of(self, cell: int) -> int:
-        """Return the number of runs of a cell that enter its figures.
+        """Return how many runs of a cell enter its figures: the study's number of runs, whether they are stored or not.
 
-        If the study has a number of runs, it is that number. With a precision it is the look at which the cell's group
-        reached the precision (or the limit of runs); while it needs more runs, the last complete look.
+        A study with a precision is checked ("a look") after 100, 200, 400, ... runs. Its number is that of the look at
+        which the cell's group became precise enough. While the group needs more runs, the number is that of the last
+        look whose runs are all stored (``precision.runs_that_count``).
         """
         if self.study.runs is not None:
             return self.study.runs
-        assert self.study.until is not None
+        assert self.study.until is not None  # a study has either a number of runs or a precision
         group = self._group_of[cell]
         if group.number not in self._runs:
             self._runs[group.number] = runs_that_count(self.store, group, self.study.until)
         return self._runs[group.number]
 
     def settled(self, cell: int) -> Settled | None:
-        """Return the look at which a cell needs no more runs, and the level at which its figure is reported.
+        """Return after how many runs the cell's group needed no more, and the level of the interval to report.
 
-        None if the study has no precision, or if the cell's group needs runs that do not exist yet.
+        A group needs no more runs if its figure is precise enough, or if it has the most runs that are allowed.
+
+        Returns: None if the study has no precision, or if the group needs runs that are not stored yet.
         """
         until = self.study.until
         return None if until is None else settled(self.store, self._group_of[cell], until)
 
     @cached_property
     def _group_of(self) -> dict[int, Group]:
+        """The group of each cell, by the cell's number."""
         return {cell.number: group for group in self.plan.groups for cell in group.cells}
 
     @cached_property
     def _runs(self) -> dict[int, int]:
-        """Cache of the runs that count, by group."""
+        """Cache of ``precision.runs_that_count``, by number of the group."""
         return {}
 
     def rows(self, *cells: int) -> pl.LazyFrame:
-        """Scan rows of ``cells`` (by default all), one for each cell, run and robot, sorted by these.
+        """Return a lazy table with one row for each cell, run and robot, sorted by cell, run and robot.
 
         Columns of the run are repeated for each robot. To limit memory use, collect one cell at a time.
+
+        Args:
+            cells: by number; by default all selected cells.
+        Raises:
+            InputError: none of these cells has runs yet.
         """
         return self.unsorted_rows(*cells).sort("cell", "run", "robot")
 
     def unsorted_rows(self, *cells: int) -> pl.LazyFrame:
-        """Scan ``rows`` in the order of the store, which is faster.
+        """Return the table of ``rows`` in the order of the store instead, which is faster.
 
         Args:
             cells: by number; by default all selected cells.
@@ -196,43 +202,63 @@ class StudyResult(NotebookView):
         return self._scan("robots", cells)
 
     def _scan(self, table: str, cells: Sequence[int]) -> pl.LazyFrame:
-        """Scan a table of the store for these cells, or for all selected ones."""
+        """Return a table of the store, not read yet, for some cells.
+
+        Args:
+            table: ``robots``, ``samples`` or ``failures``. cells: by number; if empty, all selected cells.
+        Raises:
+            InputError: none of these cells has runs yet.
+        """
         if frames := self._scans(table, cells):
             return pl.concat(frames)
         raise InputError("holds no runs of these cells yet", field=str(self.store.folder))
 
     def _scans(self, table: str, cells: Sequence[int]) -> list[pl.LazyFrame]:
-        """Scan a table of the store for cells (by default all selected ones), a frame for each group that has rows."""
+        """Return a lazy table of the store for each group with stored rows, limited to the cells with these numbers.
+
+        Args:
+            table: ``robots``, ``samples`` or ``failures``. cells: by number; if empty, all selected cells.
+        """
         chosen, frames = cells or self.selected, []
         for group in self.plan.groups:
             numbers = [cell.number for cell in group.cells if cell.number in chosen]
-            frame = self.store.scan(group.number, self.runs_of(numbers[0]), table) if numbers else None
+            if not numbers:
+                continue
+            runs = self.runs_of(numbers[0])  # all cells of a group have the same number of runs
+            frame = self.store.scan(group.number, runs, table)
             if frame is not None:
                 frames.append(frame.filter(pl.col("cell").is_in(numbers)))
         return frames
 
     def robots(self, *cells: int) -> pl.DataFrame:
-        """Read the table of robots of ``cells`` (by default all), with ``cell`` and the varied fields."""
+        """Return the table of robots of ``cells`` (by default all selected), with ``cell`` and the varied fields."""
         return self._with_varied(self.rows(*cells).select("cell", *ROBOTS).collect())
 
     def runs(self, *cells: int) -> pl.DataFrame:
-        """Read the table of runs of ``cells`` (by default all), with ``cell`` and the varied fields."""
+        """Return the table of runs of ``cells`` (by default all selected), with ``cell`` and the varied fields.
+
+        Its last columns are the figures of how the robots of a run sampled.
+        """
+        # Columns of the run are the same for each robot, so one robot's rows are enough.
         rows = self.rows(*cells).filter(pl.col("robot") == 0)
         names = rows.collect_schema().names()
         extra = [name for name in names if name not in ("cell", *ROBOTS, *RUNS)]
         return self._with_varied(rows.select("cell", *RUNS, *extra).collect())
 
     def tables(self, cell: int) -> tuple[pl.DataFrame, pl.DataFrame]:
-        """Read the tables of robots and runs of one cell, as in a ``Result``; runs also have the sampling figures."""
-        rows = self.rows(cell).collect()
+        """Return the tables of robots and of runs of one cell, as in a ``Result``.
+
+        The table of runs also has the figures of how the robots of a run sampled.
+        """
+        rows = self.rows(cell).collect()  # a row for each run and robot, with the columns of both tables
         of_run = [name for name in rows.columns if name != "cell" and (name not in ROBOTS or name == "run")]
         return rows.select(list(ROBOTS)), rows.filter(pl.col("robot") == 0).select(of_run)
 
     def samples(self, *cells: int) -> pl.DataFrame:
-        """Read the table of samples of ``cells`` (by default all).
+        """Return the table of samples of ``cells`` (by default all selected), with the varied fields.
 
         Raises:
-            InputError: the study does not save samples.
+            InputError: the study does not save samples, or none of these cells has runs yet.
         """
         if "samples" not in self.study.keep:
             raise InputError(
@@ -241,9 +267,9 @@ class StudyResult(NotebookView):
         return self._with_varied(self._scan("samples", cells).select(list(SAMPLES)).collect())
 
     def failed_runs(self, *cells: int) -> pl.DataFrame:
-        """List the runs of ``cells`` (by default all) that the source of motion gave up; empty if there are none.
+        """Return the failed runs of ``cells`` (by default all selected), which the source of motion gave up.
 
-        See ``study.batch_table``.
+        The columns are ``batch_table.FAILED_RUNS`` and the varied fields; there are no rows if no run failed.
         """
         scans = self._scans(FAILED_TABLE, cells)
         return self._with_varied(
@@ -251,10 +277,11 @@ class StudyResult(NotebookView):
         )
 
     def result(self, cell: int, runs: int | Sequence[int], *, segments: bool = False) -> Result:
-        """Simulate runs of a cell again from the seed, with all their samples.
+        """Simulate runs of a cell again from the seed, with all their samples; runs of a slow source are cached.
 
         Args:
-            cell: its number. runs: one or several. segments: include the table from which poses are computed.
+            cell: its number. runs: number of a run, or several numbers.
+            segments: whether the result includes the paths between samples, from which poses are computed.
         """
         scenario, study = self.cell(cell).scenario, self.study
         if not self._is_slow:
@@ -265,18 +292,19 @@ class StudyResult(NotebookView):
         return self._again[chosen]
 
     def runs_there(self, cell: int, most: int) -> list[int]:
-        """List the numbers of the first ``most`` stored runs of a cell: 0, 1, ..., without failed and missing ones."""
-        self.cell(cell)
+        """Return the numbers of the first ``most`` stored runs of a cell that enter its figures, ascending."""
+        self.cell(cell)  # raises if it is not selected
         most = whole_number_of(most, "most", 0, MOST_RUNS)
-        ranges = sorted(self.store.ranges(self._group_of[cell].number))
+        ranges = self.store.ranges(self._group_of[cell].number)
+        # Of each range the first ``most`` runs are enough; a set, since ranges may overlap.
         stored = sorted({run for first, last in ranges for run in range(first, min(last, first + most))})
         return [run for run in stored if run < self.runs_of(cell)][:most]
 
     def runs_again(self, cell: int, most: int) -> list[int]:
-        """List the runs of a cell that are simulated again for a picture or a reference.
+        """Return the numbers of the runs of a cell that are simulated again for a picture or a reference.
 
-        These are the first ``most`` stored ones. With a slow source of motion they are only as many as take
-        ``AGAIN_S``, but at least one.
+        These are its first ``most`` stored runs. With a slow source of motion they are fewer, at least one, so that
+        simulating them takes at most about ``AGAIN_S``.
         """
         if self._is_slow:
             most = max(1, min(most, int(AGAIN_S / self._group_of[cell].run_s)))
@@ -284,11 +312,12 @@ class StudyResult(NotebookView):
 
     @cached_property
     def _is_slow(self) -> bool:
+        """Whether the source of motion takes longer than the engines of this package."""
         return robot_s_of(self.study.motion) > ROBOT_S
 
     @cached_property
     def _again(self) -> dict[tuple[int, tuple[int, ...], bool], Result]:
-        """Runs of a slow source that were simulated again."""
+        """Cache of ``result`` for a slow source, by cell, runs, and whether there are segments."""
         return {}
 
     def to_pandas(self, table: str = "runs") -> pd.DataFrame:
@@ -302,7 +331,10 @@ class StudyResult(NotebookView):
         return pandas_of(self._table(table))
 
     def to_xarray(self, table: str = "runs") -> xr.Dataset:
-        """Convert a table to an xarray Dataset; its dimensions are the varied fields and ``run`` (and ``robot``).
+        """Convert a table to an xarray Dataset.
+
+        Its dimensions are the varied fields; also ``run`` for the tables ``runs`` and ``robots``, and ``robot`` for
+        the table ``robots``.
 
         Raises:
             InputError: the cells form no grid of the varied fields, or xarray is not installed.
@@ -312,7 +344,7 @@ class StudyResult(NotebookView):
         return dataset_of(self, table)
 
     def summary(self) -> pl.DataFrame:
-        """Summarise the cells: one row each with the varied values, then all figures with ``_low`` and ``_high``."""
+        """Return one row per selected cell: its varied values, then all figures with ``_low`` and ``_high``."""
         from vibroswarm.study.summary import outcome_of
 
         return outcome_of(self, compare=False).table
@@ -321,8 +353,9 @@ class StudyResult(NotebookView):
         """Compare the cells run by run, in sentences with intervals and in a table.
 
         Args:
-            reference: a value of a compared field, such as a strategy, with which all others are compared; by default
-                all pairs of strategies. confirm: run the study on other seeds too, to confirm differences.
+            reference: a value of a compared field, such as a strategy, with which the other values are compared; by
+                default, all pairs of strategies are compared, and other fields with their first value.
+            confirm: run the study on another seed too, to confirm differences.
         Raises:
             InputError: no compared field has the value ``reference``.
         """
@@ -334,9 +367,9 @@ class StudyResult(NotebookView):
         """Draw a picture of the study.
 
         Args:
-            name: such as ``outcomes``, ``decision_time_s``, ``robots_wrong``. style: of ``plots.style``.
+            name: such as ``outcomes``, ``decision_time_s``, ``robots_wrong``. style: one of ``plots.style``.
         Raises:
-            InputError: the study has no such picture, and the message lists those it has; or no such style.
+            InputError: there is no such style, or the study has no such picture; the message lists those it has.
         """
         from vibroswarm.study.study_outputs import plotted
 
@@ -355,37 +388,47 @@ class StudyResult(NotebookView):
         return reported(self, None if folder is None else path_of(folder, "folder"), replace)
 
     def _table(self, table: str) -> pl.DataFrame:
+        """Return one of ``TABLES``."""
         check_choice(table, "table", TABLES)
         return self.cells if table == "cells" else getattr(self, table)()
 
     def _cells(self) -> list[Cell]:
+        """List the selected cells."""
         return [self.study.cells[number] for number in self.selected]
 
     def _there(self, group: int, wanted: int) -> int:
-        """Count the stored runs of a group among those wanted."""
+        """Return how many of the runs 0 to ``wanted`` - 1 of a group are stored."""
         return wanted - sum(last - first for first, last in missing((0, wanted), self.store.ranges(group)))
 
     def _field(self, name: str) -> str:
-        """Return the full name of a varied field; refuse unknown and ambiguous ones."""
+        """Return the full name of a varied field that is given by its full name or by the last part of it.
+
+        Raises:
+            InputError: no varied field, or several, have this name.
+        """
         varied = self.study.varied
         if name in varied:
             return name
-        same = [field for field in varied if field.rpartition(".")[2] == name]
-        if len(same) != 1:
+        with_last_part = [field for field in varied if field.rpartition(".")[2] == name]
+        if len(with_last_part) > 1:
+            raise InputError(
+                f"is the end of several fields; give one of {', '.join(with_last_part)}", field=name
+            )
+        if not with_last_part:
             raise InputError(
                 f"is not varied{nearest(name, varied)} (varied are {', '.join(varied)})", field=name
             )
-        return same[0]
+        return with_last_part[0]
 
     def _varied_columns(self) -> pl.DataFrame:
-        """Tabulate the varied values, one row per selected cell; values of different types become text."""
+        """Return the varied fields as columns, one row per selected cell; null where a cell does not set a field."""
         columns: Mapping[str, list[Any]] = {
             name: [cell.point.get(name) for cell in self._cells()] for name in self.study.varied
         }
         return pl.DataFrame([_column(name, values) for name, values in columns.items()])
 
     def _with_varied(self, frame: pl.DataFrame) -> pl.DataFrame:
-        """Add the varied fields to a table with the column ``cell``."""
+        """Return a table with the varied fields inserted after its column ``cell``."""
         varied = self._varied_columns()
         if not varied.width:
             return frame
@@ -395,109 +438,15 @@ class StudyResult(NotebookView):
 
 
 def _column(name: str, values: list[Any]) -> pl.Series:
-    """Return values of any types as a column; mixed types become text."""
+    """Return values as a column, with null for None.
+
+    If the values are integers and floats, they become floats. Values of otherwise mixed types, lists and tables become
+    text: strings stay as they are, and other values are written as JSON.
+    """
     kinds = {type(value) for value in values if value is not None}
     if kinds == {int, float}:
         return pl.Series(name, [None if v is None else float(v) for v in values])
     if len(kinds) <= 1 and not kinds & {list, tuple, dict}:
+        # A column without any value becomes a column of text; otherwise polars finds the type (``dtype=None``).
         return pl.Series(name, values, dtype=pl.String if not kinds else None)
-    return pl.Series(
-        name, [None if v is None else v if isinstance(v, str) else json.dumps(v) for v in values]
-    )
-
-
-def run(
-    study: Study,
-    folder: str | Path | None = None,
-    *,
-    executor: str | Executor = "threads",
-    workers: int | None = None,
-    job: Job | None = None,
-    mixed: bool = False,
-    progress: Progress | None = None,
-    allow_failures: bool = False,
-) -> StudyResult:
-    """Run a study and return its result; see ``runner.run_study``. Without a folder it is saved only temporarily."""
-    folder = None if folder is None else path_of(folder, "folder")
-    check_callable(progress, "progress")
-    if job is not None:
-        check_kind(job, Job, "job", "a Job")
-    kept = _TemporaryFolder() if folder is None else None
-    target = kept.folder / "study" if kept is not None else Path(folder or "")
-    store = run_study(
-        study,
-        target,
-        executor=executor,
-        workers=workers,
-        job=job,
-        mixed=mixed,
-        progress=progress,
-        allow_failures=allow_failures,
-    )
-    return StudyResult(study, store, tuple(cell.number for cell in study.cells), kept)
-
-
-def run_with_bar(
-    study: Study, folder: str | Path | None, progress: Progress | bool, how: Mapping[str, Any]
-) -> StudyResult:
-    """Run a study as ``Study.run`` does; ``progress=True`` shows a bar if the output is a terminal or a notebook."""
-    check_keywords(how, "run", [name for name in inspect.signature(run).parameters if name != "study"])
-    if not isinstance(progress, bool):
-        return run(study, folder, progress=progress, **how)
-    if not (progress and is_watched()):
-        return run(study, folder, **how)
-    line = ProgressLine("simulating")
-    try:
-        return run(study, folder, progress=lambda now: line.show(now.done, now.wanted, _failed(now)), **how)
-    finally:
-        line.end()
-
-
-def _failed(now: StudyProgress) -> str:
-    return f"{now.failed} batches failed" if now.failed else ""
-
-
-def merge(out: Path, shares: Sequence[Path]) -> Store:
-    """Merge the stores of several jobs into one.
-
-    Raises:
-        InputError: a folder holds no study or another study, or versions differ.
-        RunError: a shard is damaged or runs are missing, which are listed; the merged store is kept.
-    """
-    stores = [Store.open(folder) for folder in shares]
-    for store in stores[1:]:
-        if store.study.hash != stores[0].study.hash:
-            raise InputError(f"is of another study than '{shares[0]}'", field=str(store.folder))
-    for store in stores:
-        if store.study.until is not None:
-            raise InputError(
-                "runs until a precision; such a study has no jobs to merge", field=str(store.folder)
-            )
-    runs = max((store.study.runs or 0 for store in stores), default=0)
-    together = Store(Path(out), stores[0].study, shards=[s for store in stores for s in store.shards])
-    together.check_alike()
-    joined = Store.open_or_create(out, stores[0].study.with_runs(runs))
-    present = {shard.name for shard in joined.shards}
-    for store in stores:
-        for shard in store.shards:
-            if shard.name in present:
-                continue
-            for path in [*shard.files.values(), store.folder / SHARDS / f"{shard.name}.json"]:
-                with whole_file(joined.folder / SHARDS / path.name) as part:
-                    shutil.copyfile(path, part)
-    joined.refresh()
-    joined.check_alike()
-    damaged = [f"{store.folder}: {words}" for store in stores for words in store.damaged]
-    lost = [
-        f"{group.number}:{first}-{last}"
-        for group in plan_of(joined.study).groups
-        for _, first, last in joined.missing(group, runs)
-    ]
-    if lost:
-        damage = f" (damaged: {'; '.join(damaged[:3])})" if damaged else ""
-        some = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
-        raise RunError(
-            f"'{out}' is incomplete: batches {some} are in none of the folders{damage}. Run the job that lacks them "
-            f"again and merge it too, or finish here: vibroswarm sweep '{out / 'study.toml'}' --out '{out}'"
-        )
-    return joined
+    return pl.Series(name, [v if v is None or isinstance(v, str) else json.dumps(v) for v in values])

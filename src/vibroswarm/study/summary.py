@@ -1,4 +1,8 @@
-"""Summarise a study: figures of its cells with intervals, comparisons, and warnings."""
+"""Summarise a study: the figures of its cells with intervals, comparisons, and warnings.
+
+A run failed if its source of motion gave it up; its robots count as undecided (``batch_table``). A batch failed if its
+simulation raised an error; its runs are not stored and are in no figure (``store``). Warnings tell of both.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +32,7 @@ from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
 WALK: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
-"""Figures of a run's walk that the store saves."""
+"""Columns of the store about how the robots of a run sampled, see ``analysis.sampling``."""
 
 
 @dataclass(frozen=True)
@@ -38,8 +42,9 @@ class CellOutcome(NotebookView):
     cell: Cell
     summary: CellSummary
     walk: dict[str, Any]
-    """Means over runs, with ``_low`` and ``_high``."""
+    """Means of the columns ``WALK`` over runs, with ``_low`` and ``_high``; None for a value that is not finite."""
     decidable: Decidability
+    """Whether the cell can be decided at all."""
     forced_error: Interval
     """Mean over runs of ``analysis.forced_error``: robots wrong, or undecided and leaning to the wrong side."""
     failed: pl.DataFrame
@@ -48,8 +53,8 @@ class CellOutcome(NotebookView):
     """After how many runs the cell reached the precision, and at which level its figure is reported."""
 
     def as_row(self) -> dict[str, Any]:
-        """Return a flat row for a table; None for what is not finite."""
-        ends = zip(("", "_low", "_high"), self.forced_error[:3], strict=True)
+        """Return a flat row of all figures with ``_low`` and ``_high``, for a table; None for what is not finite."""
+        ends = zip(("", "_low", "_high"), self.forced_error[:3], strict=True)  # estimate, low, high
         error = {f"forced_error{end}": value if math.isfinite(value) else None for end, value in ends}
         return {**self.summary.as_row(), **error, **self.walk}
 
@@ -59,20 +64,27 @@ class Outcome(NotebookView):
     """The summary of a study."""
 
     result: StudyResult
+    """The study, for the selected cells that have runs."""
     replicate: StudyResult | None
+    """Its second block of runs, from another seed; None if there is none."""
     cells: tuple[CellOutcome, ...]
+    """The figures of each cell."""
     comparisons: tuple[Compared, ...]
+    """One for each pair of cells and figure; empty if no cells are compared."""
     without_runs: tuple[Cell, ...] = ()
-    """Cells without runs; they are in no table."""
+    """Cells of which no run is stored; they are in no table."""
     answers: tuple[Answer, ...] = ()
-    """One for each pair of cells that is compared."""
+    """An answer for each pair of cells that is compared."""
 
     def __repr__(self) -> str:
         return f"Outcome({len(self.cells)} cells, {len(self.answers)} comparisons, of {self.result!r})"
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """One row per cell: its varied values, then all figures with their limits."""
+        """One row per cell: number, varied values and name, then all figures with their limits.
+
+        If the source of motion gave up a run of any cell, the column ``failed_runs`` follows the column ``runs``.
+        """
         varied = self.result.cells.drop("scenario_hash", "group", "wanted", "there")
         figures = pl.DataFrame([cell.as_row() for cell in self.cells], infer_schema_length=None)
         if self.has_failed_runs:
@@ -87,12 +99,13 @@ class Outcome(NotebookView):
 
     @cached_property
     def question(self) -> str:
-        """What was asked: what is compared, in which setting, in how many runs."""
+        """The question that the study asks: what is compared, in which setting, in how many runs."""
         return question(self.result, self.comparisons)
 
     @property
     def warnings(self) -> list[str]:
-        """Facts that may invalidate the figures, such as failed or missing runs."""
+        """Sentences on what may invalidate the figures, such as failed or missing runs; empty if all is well."""
+        # Cells with the same floor and threshold have the same warning about their floor: it is given once.
         warnings = list(dict.fromkeys(
             f"{_floor_words(c)}: {c.decidable.says}" for c in self.cells if c.decidable.is_warning
         ))  # fmt: skip
@@ -100,14 +113,14 @@ class Outcome(NotebookView):
         cells = self.result.cells
         warnings += [failed_words(c.cell, c.failed, c.summary.runs) for c in self.cells if c.failed.height]
         if store.failures:
-            warnings.append(_failed_words(self.result))
+            warnings.append(_failed_batches_words(self.result))
         if self.replicate is not None and self.replicate.store.failures:
-            warnings.append(f"on other seeds, {_failed_words(self.replicate)}")
+            warnings.append(f"on other seeds, {_failed_batches_words(self.replicate)}")
         if self.without_runs:
             names = ", ".join(cell.name for cell in self.without_runs)
             warnings.append(f"there are no runs of {names}.")
         lost = int((cells["wanted"] - cells["there"]).sum())
-        if lost and not store.failures:
+        if lost and not store.failures:  # failed batches already have a warning
             warnings.append(
                 f"{lost:,} of {int(cells['wanted'].sum()):,} runs are missing; run the same command again."
             )
@@ -117,16 +130,17 @@ class Outcome(NotebookView):
                 "runs were made by different versions of the software; they may not be repeatable as a whole."
             )
         until = self.result.study.until
-        short = [c for c in self.cells if c.settled is not None and not c.settled.reached]
-        if until is not None and short:
+        # Cells that have the most runs that are allowed, and are still not precise enough.
+        imprecise = [c for c in self.cells if c.settled is not None and not c.settled.reached]
+        if until is not None and imprecise:
             warnings.append(
-                f"in {len(short)} of {len(self.cells)} cells {until.figure} is not known to "
+                f"in {len(imprecise)} of {len(self.cells)} cells {until.figure} is not known to "
                 f"{100 * until.half_width:g} % after {until.max_runs:,} runs, the most that were allowed."
             )
         return warnings
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values, for JSON."""
+        """Return the whole summary as plain values, for JSON."""
         study = self.result.study
         return {
             "study_hash": study.hash,
@@ -167,33 +181,62 @@ def outcome_of(
     *,
     compare: bool = True,
 ) -> Outcome:
-    """Summarise a study, with one cell at a time in memory.
+    """Summarise the selected cells of a study, with one cell at a time in memory.
 
     Args:
-        replicate: the second block of seeds, see ``cell_comparison``. reference: with what others are compared, as of
-            ``cell_comparison.pairs_of``. progress: called with the share of replays at equal error that are done.
-        compare: whether cells are compared; without, only their figures are computed.
+        replicate: the second block of runs, from another seed, see ``cell_comparison``; None if there is none.
+        reference: value with which other cells are compared, see ``cell_comparison.pairs_of``.
+        progress: called with the share of cells, 0 to 1, that have been replayed for the comparison at equal error.
+        compare: whether cells are compared; if not, only their figures are computed.
     Raises:
-        InputError: the reference is no value that is compared.
+        InputError: no selected cell has runs, or the reference is no value that is compared.
     """
     cells = []
     result, without_runs = _with_runs(result)
-    replicate = None if replicate is None or not replicate.cells["there"].sum() else _with_runs(replicate)[0]
+    if replicate is not None:
+        # A second block of which no run is stored, since all its batches failed, is left out.
+        has_runs = replicate.cells["there"].sum() > 0
+        # Of the second block, only the cells with runs are compared; the others have no warning of their own.
+        replicate_with_runs, _ = _with_runs(replicate)
+        replicate = replicate_with_runs if has_runs else None
     for number in result.selected:
         cell = result.study.cells[number]
         robots, runs = result.tables(number)
         settled = result.settled(number)
-        figures = _at_the_level(summary(robots, runs, cell.scenario.run.t_end_s), result, number, settled)
+        plain_figures = summary(robots, runs, cell.scenario.run.t_end_s)
+        figures = _with_corrected_interval(plain_figures, result, number, settled)
         error = mean_interval(numbers(forced_error_by_run(robots, runs)["forced_error"]))
         failed, decidable = result.failed_runs(number), decidability(cell.scenario)
-        cells.append(CellOutcome(cell, figures, _walk(runs), decidable, error, failed, settled))
+        cells.append(
+            CellOutcome(
+                cell=cell,
+                summary=figures,
+                walk=_walk(runs),
+                decidable=decidable,
+                forced_error=error,
+                failed=failed,
+                settled=settled,
+            )
+        )
     compared = tuple(comparisons(result, replicate, reference)) if compare else ()
     answers = answers_of(compared, at_equal_error(result, compared, progress))
-    return Outcome(result, replicate, tuple(cells), compared, without_runs, answers)
+    return Outcome(
+        result=result,
+        replicate=replicate,
+        cells=tuple(cells),
+        comparisons=compared,
+        without_runs=without_runs,
+        answers=answers,
+    )
 
 
 def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
-    """Separate the cells with runs from those without; if no cell has runs, none is separated."""
+    """Return the result for the cells with stored runs only, and the cells without stored runs.
+
+    If no cell has runs, the result is returned unchanged, with no cells besides: reading its tables then raises the
+    error that it holds no runs yet.
+    """
+    # Number of stored runs, by the number of the cell.
     stored = dict(result.cells.select("cell", "there").iter_rows())
     if all(stored.values()) or not any(stored.values()):
         return result, ()
@@ -202,8 +245,8 @@ def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
     return replace(result, selected=with_runs), without
 
 
-def _failed_words(result: StudyResult) -> str:
-    """Write how many runs of which cells failed, with the first cause."""
+def _failed_batches_words(result: StudyResult) -> str:
+    """Write how many runs of which cells are missing because their batches failed, with the first cause."""
     failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
     names = dict.fromkeys(cell.name for failure in failures for cell in groups[failure["group"]].cells)
     runs = sum(failure["last"] - failure["first"] for failure in failures)
@@ -220,31 +263,42 @@ _SETTLED: Final = {
     "consensus_right": "swarm_right",
     "consensus_wrong": "swarm_wrong",
 }
-"""Figures whose names in a summary differ from those of a precision."""
+"""Field of ``CellSummary`` for a figure of ``precision.FIGURES``, where the two have different names."""
 
 
-def _at_the_level(
+def _with_corrected_interval(
     figures: CellSummary, result: StudyResult, cell: int, settled: Settled | None
 ) -> CellSummary:
-    """Replace the interval of the study's precision figure by that of its last look, corrected for repeated looks.
+    """Return a cell's figures; the figure with the wanted precision gets an interval corrected for repeated looks.
 
-    Without a precision, or before the cell is settled, the figures are returned as they are.
+    The interval is computed after 100, 200, 400, ... runs until it is narrow enough, so its level must be corrected
+    (``precision``). If the study has no precision, or the cell needs more runs, the figures are returned unchanged.
+
+    Args:
+        cell: number of the cell. settled: its ``StudyResult.settled``, which has the corrected level.
     """
     until = result.study.until
     if settled is None or until is None:
         return figures
     t_end_s = result.study.cells[cell].scenario.run.t_end_s
     interval = figure_of(result.rows(cell), until.figure, t_end_s, settled.level)
-    changed: dict[str, Any] = {_SETTLED.get(until.figure, until.figure): interval}
+    field_name = _SETTLED.get(until.figure, until.figure)  # other figures have the name of their field
+    changed: dict[str, Any] = {field_name: interval}
     return replace(figures, **changed)
 
 
 def _walk(runs: pl.DataFrame) -> dict[str, Any]:
-    """Average the sampling figures over the runs that have them, with limits; None for what is not finite."""
+    """Return the means of the columns ``WALK`` over the runs that have a value, with ``_low`` and ``_high``.
+
+    Args:
+        runs: table of runs of a cell, as ``StudyResult.tables`` gives it.
+    Returns: values by name of the column; None in place of a value that is not finite.
+    """
     columns: dict[str, Any] = {}
     for name in WALK:
         values = runs[name].drop_nulls().to_numpy()
-        values = values[[math.isfinite(value) for value in values]] if name == "effective_samples" else values
+        if name == "effective_samples":  # infinite in a run in which all tiles were sampled equally often
+            values = values[[math.isfinite(value) for value in values]]
         interval = mean_interval(values)
         for end, value in zip(("", "_low", "_high"), interval[:3], strict=True):
             columns[f"{name}{end}"] = value if math.isfinite(value) else None
@@ -252,6 +306,7 @@ def _walk(runs: pl.DataFrame) -> dict[str, Any]:
 
 
 def _floor_words(one: CellOutcome) -> str:
+    """Name the floor and the sensor threshold of a cell, on which its decidability depends."""
     floor = one.cell.scenario.floor
     return f"floor {floor.source}, threshold {one.cell.scenario.sensor.rms_threshold:g}"
 

@@ -1,4 +1,8 @@
-"""The page of a trade-off: how much time fewer wrong decisions cost, over the settings of the decision."""
+"""The page of a trade-off: how much time fewer wrong decisions cost.
+
+The settings are combinations of the credible threshold p_c and the minimum of observations O_c. A setting is on the
+front if no other setting is faster without being wrong more often (``analysis.tradeoff``).
+"""
 
 from __future__ import annotations
 
@@ -20,13 +24,14 @@ _SHARES: Final = {
     "robots_right": "robots right",
     "swarm_right": "swarms right",
 }
+"""Shares in the tables of settings, with their headings."""
 
 
 def front_picture(curve: pl.DataFrame, style: str) -> Picture:
-    """Draw time against the share of robots wrong, of all settings.
+    """Draw decision time against the share of robots wrong, a point for each setting.
 
     Args:
-        curve: of ``analysis.tradeoff.time_error_curve``, with undecided robots not counted as wrong.
+        curve: table of ``analysis.tradeoff.time_error_curve``, with undecided robots not counted as wrong.
     """
     frame = curve.select(
         "error",
@@ -43,21 +48,21 @@ def front_picture(curve: pl.DataFrame, style: str) -> Picture:
 
 
 def answer(curve: pl.DataFrame, scenario: Scenario) -> list[str]:
-    """Say what was asked, and how much time fewer wrong decisions cost, from one end of the front to the other.
+    """Return the question, and sentences on the two ends of the front: the fastest setting, and the least often wrong.
 
     Args:
-        curve: of ``analysis.tradeoff.time_error_curve``. scenario: of which it is.
+        curve: table of ``analysis.tradeoff.time_error_curve``. scenario: the scenario whose settings are varied.
     """
     front = curve.filter("pareto").sort("decision_time_s").to_dicts()
-    asked = (
+    question = (
         f"How much time do fewer wrong decisions cost? {scenario.strategy.name}, {scenario.swarm.robots} robots, floor "
         f"{scenario.floor.source}, up to {scenario.run.t_end_s:g} s; {curve.height} settings of p_c and O_c, replayed "
-        f"on the same {curve['runs'][0]:,} runs."
+        f"on the same {curve['runs'][0]:,} runs."  # all settings have the same runs
     )
     if not front:
-        return [asked, "No setting has both a time and a share of wrong decisions."]
-    fastest, surest = front[0], front[-1]
-    sentences = [asked, f"Fastest: {_setting(fastest)}, {_figures(fastest)}."]
+        return [question, "No setting has both a time and a share of wrong decisions."]
+    fastest, surest = front[0], front[-1]  # on the front, slower settings are wrong less often
+    sentences = [question, f"Fastest: {_setting(fastest)}, {_figures(fastest)}."]
     if len(front) > 1:
         sentences.append(f"Least often wrong: {_setting(surest)}, {_figures(surest)}.")
         sentences.append(
@@ -68,13 +73,15 @@ def answer(curve: pl.DataFrame, scenario: Scenario) -> list[str]:
 
 
 def _setting(row: Mapping[str, Any]) -> str:
+    """Name the setting of a row of the curve."""
     return f"p_c {row['credible_threshold']:g}, O_c {row['min_observations']}"
 
 
 def _figures(row: Mapping[str, Any]) -> str:
-    """Write time, wrong and undecided of a setting with their intervals."""
+    """Write decision time, robots wrong and robots undecided of a row of the curve, with their intervals."""
 
     def limits(name: str, scale: float, decimals: int) -> str:
+        """Write the interval of a figure in brackets after a space; empty if it has none."""
         low, high = row[f"{name}_low"], row[f"{name}_high"]
         if low is None or high is None:
             return ""
@@ -91,27 +98,27 @@ def report_of(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Report:
     """Lay out the page.
 
     Args:
-        curve: of ``analysis.tradeoff.time_error_curve``. scenario, seed: of which it is.
+        curve: table of ``analysis.tradeoff.time_error_curve``. scenario, seed: of the replayed runs.
     """
-    asked, *found = answer(curve, scenario)
+    question, *sentences = answer(curve, scenario)
     picture = picture_of(front_picture(curve, "page"), "front")
     front = curve.filter("pareto").sort("decision_time_s")
     text = (
         "The front is that of the estimates: the best of many settings are partly lucky, and worse on other seeds.",
     )
     return Report(
-        f"Time against wrong decisions: {scenario.strategy.name}",
-        (asked, *map(minus_signs, found)),
+        title=f"Time against wrong decisions: {scenario.strategy.name}",
+        lead=(question, *map(minus_signs, sentences)),
         sections=(
-            Section("The front", text, (picture, _table(front, "front"))),
-            Section("All settings", (), (_table(curve, "tradeoff"),), folded=True),
+            Section("The front", text=text, parts=(picture, _table(front, "front"))),
+            Section("All settings", parts=(_table(curve, "tradeoff"),), folded=True),
         ),
         details={"scenario": scenario.hash, "seed": str(seed), **versions()},
     )
 
 
 def _table(rows: pl.DataFrame, name: str) -> ReportTable:
-    """Tabulate settings with their figures."""
+    """Tabulate settings with their figures and intervals; ``name`` is that of the table in the page."""
     columns = {
         "credible_threshold": Column("credible threshold p_c"),
         "min_observations": Column("minimum of observations O_c"),
@@ -124,4 +131,5 @@ def _table(rows: pl.DataFrame, name: str) -> ReportTable:
         for key, words in _SHARES.items()
     }
     names = [end for key, column in columns.items() for end in (key, *(column.limits or ()))]
-    return ReportTable(rows.select(names), columns, "In brackets: 95 % intervals over runs.", name)
+    caption = "In brackets: 95 % intervals over runs."
+    return ReportTable(rows.select(names), columns, caption=caption, name=name)

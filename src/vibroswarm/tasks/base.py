@@ -8,7 +8,8 @@ A task is one file: parameters, and one plain function, called once for each flo
     def truth(floor, asked, p): ...           # 1: yes, 0: no, None: neither decision is right
 
 ``floor`` is a ``Floor`` (``floor.tiles``: (rows, columns) of 0 and 1, top row first), ``asked`` an ``Asked``, ``p`` the
-Params. The robots' strategies do not see the task: they decide 0 or 1 by their own rule, and this says which is right.
+Params. The robots' strategies do not see the task: they decide 0 or 1 by their own rule, and the task says which
+decision is right.
 """
 
 from __future__ import annotations
@@ -32,9 +33,13 @@ class Asked(NamedTuple):
     """What a task may need beside the floor: size of the arena, m; fill ratio inside it; decision boundary."""
 
     width_m: float
+    """Width of the arena."""
     height_m: float
+    """Height of the arena."""
     fill_ratio: float
+    """Fill ratio inside the arena."""
     decision_boundary: float
+    """Fill ratio with which robots compare."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,30 +47,38 @@ class Task(Plugin):
     """A task, see the module's docstring.
 
     Args:
-        truth: the function. about: the question. answers: what the decisions 0 and 1 mean; ``{boundary}`` is
-            replaced by the decision boundary in percent.
+        truth: the function ``truth`` of the module's docstring. about: the question, for messages and lists. answers:
+            what the decisions 0 and 1 mean; ``{boundary}`` is replaced by the decision boundary in percent.
     """
 
     truth: Callable[[Floor, Asked, Any], int | None]
     answers: tuple[str, str] = ("no", "yes")
 
     def __post_init__(self) -> None:
+        """Check the fields.
+
+        Raises:
+            InputError: ``truth`` is not a function, or a field of every ``Plugin`` is wrong.
+        """
         super().__post_init__()
         if not callable(self.truth):
             raise InputError("has no function truth(floor, asked, p)", field=f"task '{self.name}'")
 
     def answer(self, floor: Floor, asked: Asked, params: BaseModel) -> int | None:
-        """Return the right decision on a floor: 1, 0, or None if neither is.
+        """Return the right decision on a floor: 1, 0, or None if neither decision is right.
 
+        Args:
+            asked: what the task may need beside the floor. params: the task's parameters.
         Raises:
-            CodeError: the function raised, or returned something else.
+            CodeError: ``truth`` returned something other than 0, 1 or None, or raised an error and is a user's
+                function. The message names the line.
         """
         try:
             answer = self.truth(floor, asked, params)
         except Exception as error:  # a user's function may raise anything
-            if not self.code:
+            if not self.code:  # the task is part of this package, so the error is a bug: show the traceback
                 raise
-            file = self.truth.__code__.co_filename
+            file = self.truth.__code__.co_filename  # the message names the last line of the user's own file
             lines = [
                 frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file
             ]

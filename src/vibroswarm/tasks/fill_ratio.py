@@ -18,7 +18,10 @@ ON_THE_BOUNDARY: Final = 1e-12
 
 
 def truth(floor: Floor, asked: Asked, p: Any) -> int | None:
-    """Return 1 if the fill ratio lies above the boundary, 0 if below, None if on it."""
+    """Return 1 if the fill ratio in the arena lies above the decision boundary, 0 if below, None if on it.
+
+    ``floor`` and ``p`` are not used: ``asked`` states the fill ratio and the boundary, and the task has no parameters.
+    """
     if abs(asked.fill_ratio - asked.decision_boundary) < ON_THE_BOUNDARY:
         return None
     return int(asked.fill_ratio > asked.decision_boundary)

@@ -1,4 +1,12 @@
-"""Checks of every motion source: those of its tables (``motion_tables``), of its segments and of its moves."""
+"""Checks of every motion source: those of its tables (``motion_tables``), of its segments and of its moves.
+
+A check takes a source, runs it in all cases of ``motion_cases``, and raises ``AssertionError`` if the source fails. The
+first line of its docstring states what must hold; ``vibroswarm check`` prints this line.
+
+A segment is an arc of constant speed and turn rate; its row has the start (time and pose), and it lasts until the
+robot's next segment starts. A track is all segments of one robot. A move is a whole drive, turn, avoidance or stop of
+one robot, as one row. An end is a robot's state at the end of a run.
+"""
 
 from __future__ import annotations
 
@@ -21,40 +29,54 @@ from vibroswarm.testing.motion_tables import KINDS, TABLE_CHECKS, check_runs_dif
 from vibroswarm.testing.runs import Finding, require, run_check
 
 Floats = NDArray[np.float64]
+"""An array of floating-point numbers."""
 
 NEAR_M: Final = 1e-9
-"""Tolerance between poses from segments and from other tables, for rounding; ``Source.tolerance`` comes on top."""
+"""Difference allowed between poses from segments and from other tables because of rounding, m or rad. What
+``Source.tolerance`` allows is added to it."""
 
 
 @dataclass(frozen=True)
 class Track:
-    """One robot's segments as arrays."""
+    """One robot's segments as arrays of one element, or row, per segment."""
 
     start_s: Floats
+    """Start of each segment, s; ascending."""
     pose: Floats
-    """(segments, 3): x, y, heading."""
+    """(segments, 3): x and y in m, heading in rad, at the start."""
     speed: Floats
+    """m/s."""
     rate: Floats
+    """Turn rate, rad/s."""
     kind: NDArray[np.str_]
+    """What the robot does: one of ``KINDS``."""
 
     def at(self, time_s: Floats) -> tuple[Floats, NDArray[np.str_]]:
-        """Return poses (times, 3), and what the robot does from then on. A segment reaches to the next one's
-        start.
+        """Return poses (times, 3), and kinds of the segments (times,), at some times.
 
+        A segment holds from its start, included, to the start of the next one.
+
+        Args:
+            time_s: (times,).
         Raises:
             AssertionError: a time lies before the first segment.
         """
+        # k: the last segment that has started; the margin is for rounding of times.
         k = np.searchsorted(self.start_s, time_s + 1e-9, side="right") - 1
         require((k >= 0).all(), "a time lies before the first segment")
         return self.after(k, time_s - self.start_s[k]), self.kind[k]
 
     def after(self, k: NDArray[np.intp], dt_s: Floats) -> Floats:
-        """Return the pose ``dt_s`` after the start of segments ``k``: the integral of v (cos, sin)(h + w t)."""
+        """Return the poses (n, 3) at times ``dt_s`` (n,) after the start of the segments ``k`` (n,).
+
+        They are the start plus the integral of v (cos, sin)(h + w t), with speed v, heading h and turn rate w. For an
+        angle w t of almost 0, the integral is that along a straight line of the mean heading.
+        """
         x, y, heading = self.pose[k].T
         v, w = self.speed[k], self.rate[k]
         turned = heading + w * dt_s
         slow = np.abs(w * dt_s) < 1e-7
-        radius = v / np.where(slow, 1.0, w)
+        radius = v / np.where(slow, 1.0, w)  # 1.0: no division by 0 where the radius is not used
         along_x = np.where(
             slow, v * dt_s * np.cos(heading + w * dt_s / 2), radius * (np.sin(turned) - np.sin(heading))
         )
@@ -65,26 +87,35 @@ class Track:
 
 
 def tracks(motion: Motion, run: int) -> dict[int, Track]:
-    """Return the tracks of a run, by robot.
+    """Return the tracks of a run, by robot; a robot without segments is left out.
 
     Raises:
-        AssertionError: the motion has no segments.
+        AssertionError: the motion has no table of segments.
     """
     if motion.segments is None:
         raise AssertionError(f"there are no segments of run {run}")
     by_robot = {}
+    # Segments are sorted by time, and group_by keeps this order within each robot.
     for (robot,), rows in motion.segments.filter(pl.col("run") == run).group_by("robot", maintain_order=True):
         column = {name: rows[name].to_numpy() for name in rows.columns if name != "kind"}
         pose = np.stack([column["x_m"], column["y_m"], column["heading_rad"]], axis=1)
-        kind = np.array(rows["kind"].to_list())
+        kind = np.array(rows["kind"].to_list())  # as texts: the column is an enumeration
         by_robot[int(robot)] = Track(
-            column["start_s"], pose, column["speed_m_s"], column["turn_rate_rad_s"], kind
+            start_s=column["start_s"],
+            pose=pose,
+            speed=column["speed_m_s"],
+            rate=column["turn_rate_rad_s"],
+            kind=kind,
         )
     return by_robot
 
 
 def at_all_ticks(motion: Motion, scenario: Scenario, run: int) -> tuple[Floats, NDArray[np.str_]]:
-    """Return poses (robots, ticks, 3) and kinds (robots, ticks) at each control period of a run."""
+    """Return poses (robots, ticks, 3) and kinds of segments (robots, ticks) at each tick of a run.
+
+    Raises:
+        AssertionError: a robot has no segments.
+    """
     times: Floats = np.arange(scenario.ticks, dtype=np.float64) * scenario.tick_s
     by_robot = tracks(motion, run)
     require(sorted(by_robot) == list(range(scenario.swarm.robots)), f"a robot of run {run} has no segments")
@@ -93,35 +124,43 @@ def at_all_ticks(motion: Motion, scenario: Scenario, run: int) -> tuple[Floats, 
 
 
 def gap_of(poses: Floats, others: Floats) -> Floats:
-    """Return differences of poses, (..., 3), in m and rad, wrapped."""
+    """Return ``poses`` minus ``others``, both (..., 3), in m and rad; differences of headings are from -pi to pi."""
     gap: Floats = poses - others
     gap[..., 2] = np.remainder(gap[..., 2] + math.pi, math.tau) - math.pi
     return gap
 
 
 def check_time_accounts(source: Source) -> None:
-    """drive_s, turn_s, avoid_s and stop_s are what the segments say."""
+    """drive_s, turn_s, avoid_s and stop_s are the times spent in segments of these kinds.
+
+    These columns of a sample are the times that the robot has spent in each kind of segment since its last sample.
+    """
     for case in CASES:
         s, motion = case.scenario, motion_of(source, case)
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
                 label = f"{case.name}: run {run}, robot {robot}"
                 rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
-                ends = ticks_of(rows["time_s"], s)
+                ends = ticks_of(rows["time_s"], s)  # tick of each sample
                 spent = {kind: ticks_of(rows[f"{kind}_s"], s) for kind in KINDS}
                 require(
-                    np.array_equal(sum(spent.values()), np.diff(ends, prepend=0)), f"{label}: time is lost"
+                    np.array_equal(sum(spent.values()), np.diff(ends, prepend=0)),
+                    f"{label}: the times do not add up to that since the last sample",
                 )
                 times: Floats = np.arange(s.ticks, dtype=np.float64) * s.tick_s
                 kinds = track.at(times)[1]
                 for kind, ticks in spent.items():
-                    till = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
-                    alike = (np.diff(till, prepend=0) == ticks).all()
-                    require(alike, f"{label}: {kind}_s is another than by the segments")
+                    # Ticks that the robot has spent in this kind of segment from the start up to each sample.
+                    total = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
+                    is_equal = (np.diff(total, prepend=0) == ticks).all()
+                    require(is_equal, f"{label}: {kind}_s differs from the time in such segments")
 
 
 def check_segments_join(source: Source) -> None:
-    """Each segment ends where the next begins: nobody jumps."""
+    """Each segment ends where the next begins: nobody jumps.
+
+    The first segment begins at time 0.
+    """
     for case in CASES:
         motion = motion_of(source, case)
         for run in case.runs:
@@ -137,7 +176,10 @@ def check_segments_join(source: Source) -> None:
 
 
 def check_poses_at_samples(source: Source) -> None:
-    """The segments put a robot where its sample is, and it stands there since the stop began."""
+    """The segments put a robot where its sample is, and it stands there since the stop began.
+
+    One tick before the stop it does not stand. Headings of samples are from -pi to pi.
+    """
     for case in CASES:
         motion = motion_of(source, case)
         for run in case.runs:
@@ -145,17 +187,18 @@ def check_poses_at_samples(source: Source) -> None:
                 label = f"{case.name}: run {run}, robot {robot}"
                 rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
                 expected = rows.select("x_m", "y_m", "heading_rad").to_numpy()
-                around = np.abs(expected[:, 2]).max(initial=0.0) <= math.pi + 1e-12
-                require(around, f"{label}: a heading is not from -pi to pi")
+                is_wrapped = np.abs(expected[:, 2]).max(initial=0.0) <= math.pi + 1e-12
+                require(is_wrapped, f"{label}: a heading is not from -pi to pi")
                 allowed_m = NEAR_M + source.tolerance.arc
-                moved = np.array(
+                # Between the start of a stop and its sample the robot may roll or be pushed: x, y, heading.
+                rolled = np.array(
                     [source.tolerance.stop_m, source.tolerance.stop_m, source.tolerance.stop_rad]
                 )
-                for column, more in (("time_s", np.zeros(3)), ("stop_start_s", moved)):
+                for column, extra in (("time_s", np.zeros(3)), ("stop_start_s", rolled)):
                     pose, kind = track.at(rows[column].to_numpy())
                     gap = np.abs(gap_of(pose, expected))
                     require(
-                        (gap < allowed_m + more).all(),
+                        (gap < allowed_m + extra).all(),
                         f"{label}: a sample is {gap.max(initial=0.0):.2g} m or rad from its segment, at {column}",
                     )
                     require((kind == "stop").all(), f"{label} does not stand at {column}")
@@ -164,7 +207,10 @@ def check_poses_at_samples(source: Source) -> None:
 
 
 def check_bodies(source: Source) -> None:
-    """No two bodies overlap and none leaves the arena, at every control period."""
+    """No two bodies overlap and none leaves the arena, at every control period.
+
+    Bodies are discs of ``robot.body_radius_m``; ``Tolerance.overlap_m`` is allowed.
+    """
     for case in CASES:
         s, motion = case.scenario, motion_of(source, case)
         radius, allowed_m = s.robot.body_radius_m, NEAR_M + source.tolerance.overlap_m
@@ -175,6 +221,7 @@ def check_bodies(source: Source) -> None:
                 (x.min(), x.max(), s.arena.width_m),
                 (y.min(), y.max(), s.arena.height_m),
             ):
+                # How far the body farthest out reaches beyond the wall at 0, or beyond the one opposite.
                 beyond = max(radius - low, high - (size - radius))
                 require(beyond < allowed_m, f"{case.name}: a body is {beyond:.2g} m beyond a wall")
             for i in range(s.swarm.robots - 1):
@@ -183,7 +230,10 @@ def check_bodies(source: Source) -> None:
 
 
 def check_ends(source: Source) -> None:
-    """The ends are where and when the segments end, and say which stop is under way."""
+    """The ends are where and when the segments end, and say which stop is under way.
+
+    ``stop_start_s`` of an end is when the robot's last stop began, or null if the robot does not stand at the end.
+    """
     for case in CASES:
         s, motion = case.scenario, motion_of(source, case)
         expected = len(case.runs) * s.swarm.robots
@@ -213,9 +263,8 @@ def check_ends(source: Source) -> None:
                 require(
                     row["stop_start_s"] is not None, f"{label} stands at the end, but the ends do not say so"
                 )
-                walked = np.flatnonzero(
-                    track.kind != "stop"
-                )  # a stop may have several arcs: a robot rolls on
+                # A stop may have several segments, because a robot may roll on: find the first after the last move.
+                walked = np.flatnonzero(track.kind != "stop")
                 first = int(walked[-1]) + 1 if walked.size else 0
                 began = abs(row["stop_start_s"] - track.start_s[first]) < 1e-9
                 require(began, f"{label}: its last stop began at another time than the ends say")
@@ -228,14 +277,14 @@ SEGMENT_CHECKS: Final[tuple[Check, ...]] = (
     check_bodies,
     check_ends,
 )
-"""For sources that give segments."""
+"""Checks of sources that give segments."""
 
 
 def of_robot(moves: pl.DataFrame | None, run: int, robot: int) -> pl.DataFrame:
-    """Return the moves of a robot in a run.
+    """Return the rows of a robot's moves in a run, in order of time.
 
     Raises:
-        AssertionError: there is none.
+        AssertionError: there is no table of moves, or the robot has none in it.
     """
     if moves is None:
         raise AssertionError(f"there are no moves of run {run}")
@@ -245,7 +294,11 @@ def of_robot(moves: pl.DataFrame | None, run: int, robot: int) -> pl.DataFrame:
 
 
 def check_moves_lead_to_the_next(source: Source) -> None:
-    """The arc of a move ends where the next begins, and turned_rad is what was turned, whole turns included."""
+    """The arc of a move ends where the next begins, and turned_rad is what was turned, whole turns included.
+
+    The last move ends where the table of ends puts the robot. ``turned_rad`` of a move is compared with the angle that
+    the robot's segments turn during the move.
+    """
     for case in CASES:
         motion = motion_of(source, case)
         for run in case.runs:
@@ -253,12 +306,17 @@ def check_moves_lead_to_the_next(source: Source) -> None:
                 moves = of_robot(motion.moves, run, robot)
                 own = pl.col("robot") == robot
                 (end,) = motion.ends.filter((pl.col("run") == run) & own).to_dicts()
+                # (moves + 1,): start of each move, s, then the end of the last move. Differences are the durations.
                 start = np.append(moves["start_s"].to_numpy(), end["end_s"])
                 pose = moves.select("x_m", "y_m", "heading_rad").to_numpy()
                 last = [end["x_m"], end["y_m"], end["heading_rad"]]
                 speed, rate = (moves[name].to_numpy() for name in ("speed_m_s", "turn_rate_rad_s"))
-                along = Track(start, pose, speed, rate, np.array(moves["kind"].to_list()))
+                # A move is an arc, as a segment is. So a ``Track`` whose rows are moves computes where each move ends.
+                # ``after`` only reads the rows of ``pose``, ``speed`` and ``rate``, so that the additional last element
+                # of ``start`` does not matter.
+                along = Track(start, pose, speed, rate, kind=np.array(moves["kind"].to_list()))
                 arrived = along.after(np.arange(moves.height), np.diff(start))
+                # Each move has to end at the start of the next move, and the last move at the robot's last pose.
                 gap_m = np.abs(gap_of(arrived, np.concatenate([pose[1:], [last]]))).max()
                 label = f"{case.name}: run {run}, robot {robot}"
                 require(
@@ -266,20 +324,30 @@ def check_moves_lead_to_the_next(source: Source) -> None:
                     f"{label}: a move ends {gap_m:.2g} m or rad from where the next begins",
                 )
                 turned = moves["turned_rad"].to_numpy()
-                # By the segments' turn rates, independent of the moves.
-                sums = np.concatenate([[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))])
+                # Angle (rad) that the robot has turned from time 0 to the start of each segment, (segments,).
+                turned_to_segment = np.concatenate(
+                    [[0.0], np.cumsum(track.rate[:-1] * np.diff(track.start_s))]
+                )
+                # k: the last segment that has started at the start of each move, and at the end of the last move.
                 k = np.searchsorted(track.start_s, start, side="right") - 1
-                off = np.abs(np.diff(sums[k] + track.rate[k] * (start - track.start_s[k])) - turned)
-                allowed = 1e-8 + source.tolerance.arc * (1 + np.diff(k))  # each segment may miss by so much
-                worst = off.max()
+                # Angle turned from time 0 to each time in ``start``: up to the start of segment k, then within it.
+                # Differences of successive elements are what the segments turn during each move.
+                turned_before = turned_to_segment[k] + track.rate[k] * (start - track.start_s[k])
+                error = np.abs(np.diff(turned_before) - turned)
+                # In rad: 1e-8 for rounding, and the source's tolerance once for each segment that the move overlaps.
+                # There are 1 + diff(k) of them, from the segment at the start of the move to the one at its end.
+                allowed = 1e-8 + source.tolerance.arc * (1 + np.diff(k))
                 require(
-                    (off < allowed).all(),
-                    f"{label}: turned_rad is {worst:.2g} rad from what the segments turn",
+                    (error < allowed).all(),
+                    f"{label}: turned_rad is {error.max():.2g} rad from what the segments turn",
                 )
 
 
 def check_moves_account_for_time(source: Source) -> None:
-    """The moves between two samples last as long as drive_s, turn_s, avoid_s and stop_s say."""
+    """The moves between two samples last as long as drive_s, turn_s, avoid_s and stop_s say.
+
+    The first move begins at time 0, and the last move lasts until the end of the run.
+    """
     for case in CASES:
         s, motion = case.scenario, motion_of(source, case)
         for run in case.runs:
@@ -289,34 +357,38 @@ def check_moves_account_for_time(source: Source) -> None:
                 rows = motion.samples.filter((pl.col("run") == run) & (pl.col("robot") == robot))
                 start = np.append(ticks_of(moves["start_s"], s), s.ticks)
                 require(start[0] == 0, f"{label}: its first move does not begin at 0 s")
+                # What the robot does at each tick.
                 kinds = np.repeat(np.array(moves["kind"].to_list()), np.diff(start))
                 ends = ticks_of(rows["time_s"], s)
                 for kind in KINDS:
-                    till = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
+                    # Ticks that the robot has spent in this kind of move from the start up to each sample.
+                    total = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
                     spent = ticks_of(rows[f"{kind}_s"], s)
-                    alike = (np.diff(till, prepend=0) == spent).all()
-                    require(alike, f"{label}: {kind}_s is another than by the moves")
+                    is_equal = (np.diff(total, prepend=0) == spent).all()
+                    require(is_equal, f"{label}: {kind}_s differs from the time in such moves")
 
 
 MOVE_CHECKS: Final[tuple[Check, ...]] = (
     check_moves_lead_to_the_next,
     check_moves_account_for_time,
 )
-"""For sources that give segments and moves."""
+"""Checks of sources that give segments and moves."""
 
 WARNINGS_ONLY: Final = (check_runs_differ,)
 """Checks whose failure is not an error: a recording is the same in every run."""
 
 
 def check_motion(name: str) -> list[Finding]:
-    """Run all checks of a registered motion source; those of segments and moves only if it gives them.
+    """Run all checks of a registered motion source, and return their findings in order.
+
+    Checks of segments and of moves are run only if the source gives them.
 
     Args:
-        name: by which it is known.
+        name: of the source.
     Raises:
         InputError: there is no such source.
     """
-    source = source_of(name)  # once, as tables are cached by source
+    source = source_of(name)  # one object for all checks, because ``motion_of`` caches motion by source
     return [
         run_check(words_of(check), lambda check=check: check(source), check in WARNINGS_ONLY)  # type: ignore[misc]
         for check in _applicable(source)
@@ -324,16 +396,16 @@ def check_motion(name: str) -> list[Finding]:
 
 
 def words_of(check: Check) -> str:
-    """Return what a check checks: the first line of its docstring."""
+    """Return what a check requires: the first line of its docstring, without its full stop."""
     return (inspect.getdoc(check) or check.__name__).splitlines()[0].rstrip(".")
 
 
 def _applicable(source: Source) -> Iterator[Check]:
-    """Yield the checks for the tables that this source can fill."""
+    """Yield the checks for the tables that this source gives; only ``TABLE_CHECKS`` if it cannot be simulated."""
     yield from TABLE_CHECKS
     try:
         motion = motion_of(source, SHORT_CASE)
-    except (InputError, RunError):  # the first check reports it
+    except (InputError, RunError):  # the first of TABLE_CHECKS meets the same error, and reports it
         return
     if motion.segments is not None:
         yield from SEGMENT_CHECKS

@@ -1,4 +1,8 @@
-"""Scenarios in which motion sources are checked, and functions that the checks share."""
+"""Cases (scenarios with some runs) in which motion sources are checked, and functions that the checks share.
+
+A source generates motion, in four tables (``Motion``): samples, ends, segments and moves. The last two are given only
+if they are requested; they are None otherwise.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +24,10 @@ Check = Callable[[Source], None]
 
 @dataclass(frozen=True)
 class Case:
-    """A scenario and its runs.
+    """A scenario, and the runs and the seed with which it is simulated.
 
     Args:
-        values: by which it differs from the default scenario.
+        values: fields that differ from the default scenario, by dotted name.
     """
 
     name: str
@@ -124,33 +128,36 @@ CASES: Final = (
         },
     ),
 )
-"""Few and short; together they cover every mode, crowds, corridors, and arenas little larger than a robot."""
+"""Few and short cases. Together they cover every mode of the walk, crowds, corridors, and arenas little larger than a
+robot."""
 SHORT_CASE: Final = CASES[2]
-"""For checks that need only one case; it is eventful."""
+"""The crowd, in which much happens: for checks that need only one case."""
 
 
 @lru_cache(maxsize=64)
 def motion_of(source: Source, case: Case) -> Motion:
-    """Return the case's runs, with segments and moves if the source gives them; computed once for all checks."""
+    """Return the motion of a case's runs, with segments and moves if the source gives them; cached for all checks."""
     return source.batch(case.scenario, case.seed, case.runs, segments=True, moves=True)
 
 
 def same(one: Motion, other: Motion, words: str = "") -> None:
-    """Require that all tables are equal, bit by bit.
+    """Require that all tables of two motions are equal, bit by bit; a table may be None in both.
 
     Args:
-        words: where this is.
+        words: what is compared; it is put before the error message.
+    Raises:
+        AssertionError: the motions differ; the first difference found is named.
     """
-    at = f"{words}: " if words else ""
+    prefix = f"{words}: " if words else ""
     for name in ("samples", "ends", "segments", "moves"):
         first, second = getattr(one, name), getattr(other, name)
-        require((first is None) == (second is None), f"{at}{name} exist in only one of the two")
+        require((first is None) == (second is None), f"{prefix}{name} exist in only one of the two")
         if first is None:
             continue
-        require(first.schema == second.schema, f"{at}columns of the {name} have different types")
+        require(first.schema == second.schema, f"{prefix}columns of the {name} have different types")
         require(
             first.height == second.height,
-            f"{at}{first.height} rows of {name}, and {second.height} of the same run",
+            f"{prefix}{first.height} rows of {name} in one motion, and {second.height} in the other",
         )
         for column in first.columns:
             differs = first[column].ne_missing(second[column])
@@ -158,25 +165,25 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
                 row = int(differs.arg_true()[0])
                 a, b = first[column][row], second[column][row]
                 raise AssertionError(
-                    f"{at}{column} in row {row} of the {name} is {a!r}, and {b!r} in the same run"
+                    f"{prefix}{column} in row {row} of the {name} is {a!r} in one motion, and {b!r} in the other"
                 )
 
 
 def part_of(motion: Motion, run: int) -> Motion:
-    """Return one run of a motion."""
+    """Return the rows of one run in each table of a motion; tables that are None stay None."""
     of_run = pl.col("run") == run
     tables = (motion.samples, motion.ends, motion.segments, motion.moves)
     return Motion(*(table.filter(of_run) if table is not None else None for table in tables))  # type: ignore[arg-type]
 
 
 def ticks_of(values: pl.Series, scenario: Scenario) -> NDArray[np.int64]:
-    """Convert times in s to integer control periods, of the same shape.
+    """Return times in s as whole numbers of ticks (control periods), of the same shape.
 
     Raises:
-        AssertionError: they are not whole.
+        AssertionError: a time is not a whole number of ticks, within a thousandth of a tick.
     """
     ticks = values.to_numpy().astype(float) / scenario.tick_s
     rounded = np.rint(ticks)
-    # 32-bit floats have 24 bits: their error on a long time is still far below half a period.
+    # Times may be 32-bit floats, of 24 significant bits: their rounding error in these short cases is below 1e-3 ticks.
     require(np.abs(ticks - rounded).max(initial=0.0) < 1e-3, f"{values.name} is not on the control period")
     return rounded.astype(np.int64)

@@ -1,4 +1,8 @@
-"""Checks of the tables of every motion source, as functions that raise ``AssertionError``."""
+"""Checks of the tables of every motion source.
+
+A check takes a source, and raises ``AssertionError`` if the source fails. The first line of its docstring states what
+must hold; ``vibroswarm check`` prints this line. Tables are described in ``motion.source``.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +17,16 @@ from vibroswarm.testing.motion_cases import CASES, SHORT_CASE, Check, motion_of,
 from vibroswarm.testing.runs import require
 
 KINDS: Final = ("drive", "turn", "avoid", "stop")
+"""What a robot does; a sample has the time spent in each since the robot's last sample, such as ``drive_s``."""
 
 
 def check_schema(source: Source) -> None:
-    """Columns, types, and no null but where it means something."""
-    for case in CASES[:3]:
+    """Tables have the right columns and types, and nulls only where a null has a meaning.
+
+    ``stop_start_s`` of an end is null if the robot walks, ``ray_m`` of a move if no avoidance begins with the move.
+    Floating-point columns are finite. Segments and moves are given only if they are requested.
+    """
+    for case in CASES[:3]:  # three cases are enough: columns and types are the same in all
         motion = motion_of(source, case)
         for name, schema, nullable in (
             ("samples", MOTION, []),
@@ -38,6 +47,7 @@ def check_schema(source: Source) -> None:
                 )
             require(frame.height > 0, f"{label} is empty")
             for column in frame.select(pl.selectors.float()):
+                # Nulls count as finite here; they are checked next.
                 require(column.is_finite().fill_null(True).all(), f"{label}: '{column.name}' is not finite")
             for column in frame.drop(nullable):
                 require(column.null_count() == 0, f"{label}: '{column.name}' has values that are missing")
@@ -47,7 +57,10 @@ def check_schema(source: Source) -> None:
 
 
 def check_order(source: Source) -> None:
-    """Sorted by run, time and robot; at most one row of a robot at a time."""
+    """Tables are sorted by run, time and robot, and have at most one row of a robot at a time.
+
+    Ends are sorted by run and robot.
+    """
     for case in CASES:
         motion = motion_of(source, case)
         for name, by in (
@@ -68,12 +81,17 @@ def check_sample_numbers(source: Source) -> None:
     """Samples are numbered 0, 1, 2, ... for each run and robot, in the order of time."""
     for case in CASES:
         samples = motion_of(source, case).samples
+        # Rows are in order of time, so the expected number of a sample is the index of its row within its run and
+        # robot.
         expected = samples.select(pl.int_range(pl.len(), dtype=pl.UInt32).over("run", "robot")).to_series()
-        require(samples["sample"].equals(expected), f"{case.name}: a number is left out, or stands twice")
+        require(samples["sample"].equals(expected), f"{case.name}: a sample number is missing or repeated")
 
 
 def check_accounts_add_up(source: Source) -> None:
-    """drive_s + turn_s + avoid_s + stop_s is all the time since the robot's last sample, or the start."""
+    """drive_s + turn_s + avoid_s + stop_s is the time since the robot's last sample or, for the first, since the start.
+
+    A stop does not begin after its sample.
+    """
     for case in CASES:
         s = case.scenario
         for (run, robot), rows in motion_of(source, case).samples.group_by(
@@ -92,13 +110,18 @@ def check_accounts_add_up(source: Source) -> None:
 
 
 def check_whole_runs(source: Source) -> None:
-    """A row of ends for each robot, at the scenario's end; samples before it; robots numbered from 0."""
+    """Each robot has one end, at the scenario's end; samples are taken before it; robots are numbered from 0.
+
+    All samples are of runs that were requested.
+    """
     for case in CASES:
         s, motion = case.scenario, motion_of(source, case)
         for run in case.runs:
             ends = motion.ends.filter(pl.col("run") == run)
             numbered = ends["robot"].to_list() == list(range(s.swarm.robots))
-            require(numbered, f"{case.name}: the ends have not one row for each of {s.swarm.robots} robots")
+            require(
+                numbered, f"{case.name}: the ends do not have one row for each of {s.swarm.robots} robots"
+            )
             at_end = (ticks_of(ends["end_s"], s) == s.ticks).all()
             require(at_end, f"{case.name}: a run does not end at {s.ticks * s.tick_s:g} s")
         late = ticks_of(motion.samples["time_s"], s) >= s.ticks
@@ -113,13 +136,16 @@ def check_whole_runs(source: Source) -> None:
 
 
 def pieces(end_s: float) -> list[float]:
-    """Return times at which to stop, s: odd ones, one twice, and between two periods."""
+    """Return times in s, up to ``end_s``, to advance a run to: most are between two ticks, and one is repeated."""
     shares = (0.0, 1e-4, 0.013, 0.013, 0.3001, 0.31, 0.77777, 1.0)
     return [share * end_s for share in shares]
 
 
 def check_pieces(source: Source) -> None:
-    """A run that is advanced in odd pieces is the run of a batch."""
+    """A run that is advanced in unequal pieces is equal to the same run of a batch.
+
+    After each piece the state is at the first tick at or after the time requested, and its ends are of that time.
+    """
     for case in CASES:
         s = case.scenario
         for run in case.runs:
@@ -138,12 +164,17 @@ def check_pieces(source: Source) -> None:
 
 
 def check_copies(source: Source) -> None:
-    """Copies continue in the same way, in any order, and do not affect each other."""
+    """Copies continue in the same way, in any order, and do not affect each other.
+
+    A state is advanced to 40 % of the run and copied twice; all three must continue as the uninterrupted run does.
+    """
     case = SHORT_CASE
     s, run = case.scenario, case.runs[0]
     uninterrupted = part_of(motion_of(source, case), run)
     state = source.init(s, case.seed, run, segments=True, moves=True)
     first = state.advance(0.4 * s.run.t_end_s)
+    # Three states go on to the end: ``branch``, a copy that goes on before the state itself does; then the state; then
+    # ``third``, a copy of the state that was made after ``branch`` had gone on.
     branch = state.copy()
     second_branch = [branch.advance(0.5 * s.run.t_end_s), branch.advance(s.run.t_end_s)]
     require(state.time_s < 0.5 * s.run.t_end_s, "a state has moved on because its copy has")
@@ -156,27 +187,34 @@ def check_copies(source: Source) -> None:
 
 
 def _short() -> Scenario:
+    """Return a scenario of 40 s for checks that simulate many runs."""
     return CASES[0].scenario.with_values({"run.t_end_s": 40.0})
 
 
 def check_runs_are_their_own(source: Source) -> None:
-    """A run is the same again, alone, in a batch, and in whatever order."""
+    """A run is the same again, alone, in a batch, and in whatever order.
+
+    Run 7 of seed 4 (an arbitrary choice) is simulated alone twice, and in batches of different order.
+    """
     s = _short()
-    alone = source.batch(s, 4, [7], True)
+    alone = source.batch(s, 4, [7], segments=True)
     for runs in ([7, 2], [2, 7], [0, 1, 2, 7, 9]):
-        batch = source.batch(s, 4, runs, True)
+        batch = source.batch(s, 4, runs, segments=True)
         require(sorted(batch.ends["run"].unique()) == sorted(runs), f"a batch of runs {runs} has others")
         same(part_of(batch, 7), alone, f"run 7 alone and among {runs}")
-    same(source.batch(s, 4, [7], True), alone, "run 7 once more")
+    same(source.batch(s, 4, [7], segments=True), alone, "run 7 once more")
 
 
 def check_runs_differ(source: Source) -> None:
-    """Other runs and other seeds are different."""
+    """Other runs and other seeds are different.
+
+    A failure is only a warning: a source that replays a recording gives the same motion in every run.
+    """
     s = _short()
-    run_seven, run_two = (source.batch(s, 4, [run], True).samples.drop("run") for run in (7, 2))
+    run_seven, run_two = (source.batch(s, 4, [run], segments=True).samples.drop("run") for run in (7, 2))
     require(not run_seven.equals(run_two), "runs 7 and 2 of a seed are alike")
     require(
-        not source.batch(s, 5, [7], True).samples.drop("run").equals(run_seven),
+        not source.batch(s, 5, [7], segments=True).samples.drop("run").equals(run_seven),
         "a run is alike with seeds 4 and 5",
     )
 
@@ -199,26 +237,41 @@ FOREIGN: Final[dict[str, Any]] = {
     "network.loss.share": 0.4,
     "run.stop": "all_decided",
 }
-"""Values of floor, sensor, messages and decisions, none of which may matter."""
+"""Values of fields of floor, sensor, messages and decisions; motion must not depend on them."""
 
 
 def check_nothing_foreign_matters(source: Source) -> None:
-    """Motion depends on no field of floor, sensor, strategy, decision or network."""
+    """Motion depends on no field of floor, sensor, strategy, decision or network.
+
+    Each field of ``FOREIGN`` is changed by itself, and the motion must stay the same.
+    """
     s = _short()
-    base = source.batch(s, 4, [1], True)
+    base = source.batch(s, 4, [1], segments=True)
     for name, value in FOREIGN.items():
-        same(source.batch(s.with_values({name: value}), 4, [1], True), base, f"motion depends on {name}")
+        same(
+            source.batch(s.with_values({name: value}), 4, [1], segments=True),
+            base,
+            f"motion depends on {name}",
+        )
 
 
 def check_segments_and_moves_are_only_written_down(source: Source) -> None:
-    """Whether segments and moves are wanted changes nothing else."""
+    """Whether segments and moves are requested changes nothing else.
+
+    Each of the four combinations must give the same tables, those not requested left out.
+    """
     case = SHORT_CASE
     both = motion_of(source, case)
     for segments in (False, True):
         for moves in (False, True):
             some = source.batch(case.scenario, case.seed, case.runs, segments=segments, moves=moves)
-            expected = (both.segments if segments else None, both.moves if moves else None)
-            same(some, Motion(both.samples, both.ends, *expected), f"with {segments=}, {moves=}")
+            expected = Motion(
+                both.samples,
+                both.ends,
+                segments=both.segments if segments else None,
+                moves=both.moves if moves else None,
+            )
+            same(some, expected, f"with {segments=}, {moves=}")
 
 
 TABLE_CHECKS: Final[tuple[Check, ...]] = (
@@ -234,4 +287,4 @@ TABLE_CHECKS: Final[tuple[Check, ...]] = (
     check_nothing_foreign_matters,
     check_segments_and_moves_are_only_written_down,
 )
-"""For every source."""
+"""Checks of all sources."""

@@ -1,4 +1,7 @@
-"""Checks of every network."""
+"""Checks of every network, each a function that yields what is wrong, in words; nothing if all is well.
+
+All checks run on the same scenarios: settings of ``SETTINGS`` with the network, in an eventful minute (``SHORT``).
+"""
 
 from __future__ import annotations
 
@@ -21,6 +24,7 @@ SETTINGS: Final[dict[str, dict[str, Any]]] = {
     for strategy in ("none", "positive")
     for words, robots in (("one robot", 1), ("five robots", 5), ("twelve", 12))
 }
+"""Fields of the scenarios of the checks, by the description of each scenario."""
 OF_OURS: Final[dict[str, dict[str, Any]]] = {
     "loss": {"network.loss.share": 0.3},
     "range": {"network.range.range_m": 0.4},
@@ -28,29 +32,30 @@ OF_OURS: Final[dict[str, dict[str, Any]]] = {
     "bursts": {"network.bursts.bad_share": 0.3},
     "tree": {"network.tree.frame_ms": 6.0},
 }
-"""Parameters of our networks whose defaults have no or a small effect."""
+"""Parameters for networks of this package whose default parameters would have little effect or none."""
 
 
 def check_network(name: str) -> list[Finding]:
-    """Run all checks of a registered network.
+    """Run all checks of a registered network, and return their findings in order.
 
     Args:
-        name: as scenarios call it.
+        name: of the network, as in scenarios.
     """
     return run_checks(CHECKS, name)
 
 
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
+    """Yield the scenarios in which the network ``name`` is checked, each with its description."""
     base = preset("paper").with_values({**SHORT, "network.name": name, **OF_OURS.get(name, {})})
-    refuses = known()[name].check
+    own_check = known()[name].check  # by which a network may refuse scenarios
     for words, values in SETTINGS.items():
-        if refuses is not None and _is_refused(base, values):
-            continue  # as a network may that is fitted to some sizes
+        if own_check is not None and _is_refused(base, values):
+            continue  # a network that is fitted to certain swarm sizes may refuse others
         yield words, base.with_values(values)
 
 
 def _is_refused(base: Scenario, values: dict[str, Any]) -> bool:
-    """Return whether a scenario is invalid."""
+    """Return whether a scenario with these values by dotted name is invalid."""
     try:
         base.with_values(values)
     except InputError:
@@ -59,6 +64,7 @@ def _is_refused(base: Scenario, values: dict[str, Any]) -> bool:
 
 
 def _runs(name: str) -> Iterator[str]:
+    """Check that two runs can be simulated, and that the table of robots has a row for each robot of each run."""
     for words, scenario in _scenarios(name):
         result = simulate(scenario, SEED, 2)
         if result.robots.height != 2 * scenario.swarm.robots:
@@ -69,6 +75,7 @@ def _received_was_sent(name: str) -> Iterator[str]:
     """Check that no robot receives more messages than the others sent."""
     for words, scenario in _scenarios(name):
         robots = simulate(scenario, SEED, 2).robots
+        # Signed numbers, so that no difference wraps below 0.
         of_others = pl.col("sent").cast(pl.Int64).sum().over("run") - pl.col("sent")
         for row in robots.with_columns(others=of_others).iter_rows(named=True):
             if row["messages_received"] > row["others"]:
@@ -79,16 +86,19 @@ def _received_was_sent(name: str) -> Iterator[str]:
 
 
 def _none_vanishes(name: str) -> Iterator[str]:
-    """Check that every message is received, lost or not due at each robot, and counted as received where it is."""
+    """Check the log of messages: each message is received, lost or not yet due at each robot but its sender.
+
+    The messages received in the log must be as many as the robot counts (``messages_received``).
+    """
     for words, scenario in _scenarios(name):
         result = simulate(scenario, SEED, 1, moves=True)
-        counts = message_log(result).counts()
+        counts = message_log(result).counts()  # one row per robot, in the order of ``result.robots``
         for row, robot in zip(counts.iter_rows(named=True), result.robots.iter_rows(named=True), strict=True):
-            told, listed = robot["messages_received"], row["received"]
-            if told != listed:
-                yield f"{words}: robot {row['robot']} received {told} messages; listed are {listed}"
+            counted, listed = robot["messages_received"], row["received"]
+            if counted != listed:
+                yield f"{words}: robot {row['robot']} received {counted} messages; the log has {listed}"
             if row["received"] + row["lost"] + row["not_due"] != _sent_by_others(result, row["robot"]):
-                yield f"{words}: of the messages to robot {row['robot']} some are in no state"
+                yield f"{words}: of the messages to robot {row['robot']} some are not received, lost or not due"
 
 
 def _sent_by_others(result: Result, robot: int) -> int:
@@ -97,7 +107,11 @@ def _sent_by_others(result: Result, robot: int) -> int:
 
 
 def _none_too_early(name: str) -> Iterator[str]:
-    """Check that no message is read before the tick after it was sent."""
+    """Check that no message is read before the tick after it was sent.
+
+    The compiled run is checked by its counts of messages. In plain Python, the arrival ticks that ``send`` gives are
+    checked themselves.
+    """
     for words, scenario in _scenarios(name):
         result = simulate(scenario, SEED, 1, moves=True)
         yield from (f"{words}: {problem}" for problem in _heard_before(result))
@@ -110,7 +124,11 @@ def _none_too_early(name: str) -> Iterator[str]:
 
 
 def _heard_before(result: Result) -> Iterator[str]:
-    """Yield samples before which a robot had received more than was sent; strategies send at each sample."""
+    """Yield samples before which a robot had received more messages than the other robots had sent by then.
+
+    The strategies of ``SETTINGS`` send one message at each sample, and a robot that stands for a sample hears nothing,
+    so the messages that it can have received were sent at samples before its stop began.
+    """
     rows = result.motion.select("robot", "time_s", "stop_start_s")
     received = result.inference["messages_received"].to_list()
     for (robot, _, stop_s), count in zip(rows.iter_rows(), received, strict=True):
@@ -119,6 +137,7 @@ def _heard_before(result: Result) -> Iterator[str]:
             yield f"robot {robot} has received {count} messages by {stop_s:g} s, when the others had sent {sent}"
 
 
+# Names of the checks, as ``vibroswarm check`` prints them.
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "it compiles and runs": _runs,
     "the same again, alone or beside others": lambda name: same_again(_scenarios(name)),
@@ -128,3 +147,4 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "compiled as in plain Python": lambda name: equals_plain(_scenarios(name)),
     "in pieces as in one": lambda name: in_pieces(_scenarios(name)),
 }
+"""All checks of a network, in order, by what each requires."""

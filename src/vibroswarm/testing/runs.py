@@ -1,4 +1,8 @@
-"""Checks of every run, whatever its strategy and network, and their findings in words."""
+"""Checks that apply to runs of any strategy and network, and the findings of checks.
+
+A check yields what is wrong, in words, or raises an error; a finding says whether the check has passed, and if not, the
+first thing that is wrong.
+"""
 
 from __future__ import annotations
 
@@ -22,20 +26,24 @@ from vibroswarm.testing.plain_reference import PlainRun, plain_run
 
 @dataclass(frozen=True)
 class Finding(NotebookView):
-    """The finding of one check: whether it holds, and if not, why."""
+    """The finding of one check."""
 
     what: str
+    """What the check requires."""
     holds: bool
     why: str = ""
+    """What is wrong; empty if the check has passed."""
     is_warning: bool = False
-    """Failure is worth knowing, but not an error."""
+    """Whether a failure is only a warning, not an error."""
 
 
 def require(condition: object, words: str) -> None:
-    """Stop a check if a condition is false; as ``assert``, but under ``python -O`` too.
+    """Raise an error if a condition is false, as ``assert`` does, but also under ``python -O``.
 
+    Args:
+        words: the error message: what is wrong.
     Raises:
-        AssertionError: it is not so; ``words`` say what is wrong.
+        AssertionError: the condition is false.
     """
     if not condition:
         raise AssertionError(words)
@@ -44,7 +52,12 @@ def require(condition: object, words: str) -> None:
 def run_checks(
     checks: Mapping[str, Callable[[str], Iterator[str]]], name: str, warnings: Container[str] = ()
 ) -> list[Finding]:
-    """Run checks of the object called ``name``; failures of ``warnings`` are no errors."""
+    """Run checks of the strategy, network or task ``name``, and return their findings in order.
+
+    Args:
+        checks: each is called with ``name``; the key says what the check requires. name: of the strategy, network or
+            task. warnings: keys of the checks whose failure is only a warning.
+    """
     return [
         run_check(description, partial(check, name), description in warnings)
         for description, check in checks.items()
@@ -52,10 +65,11 @@ def run_checks(
 
 
 def run_check(what: str, check: Callable[[], Iterator[str] | None], is_warning: bool = False) -> Finding:
-    """Run a check that yields what is wrong in words, or raises it.
+    """Run a check, and return its finding; only the first problem is reported.
 
     Args:
-        what: what is checked. is_warning: a failure is no error.
+        what: what the check requires. check: yields problems in words, or returns None; an error that it raises is a
+            problem too. is_warning: a failure is only a warning.
     """
     problem = ""
     try:
@@ -67,13 +81,14 @@ def run_check(what: str, check: Callable[[], Iterator[str] | None], is_warning: 
         problem = str(error) or "the check failed without a message"
     except Exception as error:  # users' tables and code can be wrong in any way
         problem = f"it cannot be checked: {type(error).__name__}: {error}"
-    return Finding(what, not problem, problem, is_warning)
+    return Finding(what, holds=not problem, why=problem, is_warning=is_warning)
 
 
 Scenarios = Iterable[tuple[str, Scenario]]
-"""Scenarios with their descriptions."""
+"""Descriptions, for messages, and scenarios."""
 
 SEED: Final = 7
+"""Seed of all simulated runs of the checks."""
 SHORT: Final[dict[str, Any]] = {
     "run.t_end_s": 60.0,
     "decision.min_observations": 10,
@@ -82,11 +97,11 @@ SHORT: Final[dict[str, Any]] = {
     "walk.walk_duration_location_ms": 3000.0,
     "sample.sample_interval_ms": 1500.0,
 }
-"""An eventful minute."""
+"""Fields of a scenario in which much happens in one minute: many short legs, samples, messages and decisions."""
 
 
 def same_again(scenarios: Scenarios) -> Iterator[str]:
-    """Yield runs that differ when they are repeated, or simulated together with others."""
+    """Check that a run is the same when it is repeated, and when it is simulated alone or together with another."""
     for words, scenario in scenarios:
         if not simulate(scenario, SEED, [0, 1]).same_tables(simulate(scenario, SEED, [0, 1])):
             yield f"{words}: the same run differs when repeated"
@@ -97,7 +112,7 @@ def same_again(scenarios: Scenarios) -> Iterator[str]:
 
 
 def equals_plain(scenarios: Scenarios) -> Iterator[str]:
-    """Yield differences between a run and the plain Python reference."""
+    """Check that a compiled run is equal to the run of the plain Python reference."""
     for words, scenario in scenarios:
         result = simulate(scenario, SEED, 1, moves=True)
         plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations, result.moves)
@@ -106,7 +121,12 @@ def equals_plain(scenarios: Scenarios) -> Iterator[str]:
 
 
 def differences(result: Result, plain: PlainRun) -> Iterator[str]:
-    """Yield the tables in which a run differs from the plain Python reference."""
+    """Yield the columns in which a run differs from the plain Python reference.
+
+    Args:
+        result: of one compiled run. plain: of the same run by the reference; its rows are in the same order as those of
+            ``result.inference``.
+    """
     inference = result.inference
     for name in ("robot", "sample", "messages_received", "decision"):
         compiled, expected = inference[name].to_numpy(), np.array([row[name] for row in plain.rows])
@@ -118,9 +138,11 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
     ):
         yield "column belief"
     for name in ("alpha", "beta"):
-        kept = inference[name].null_count() == 0 and bool(plain.rows)
-        if kept and inference[name].to_list() != [int(row["state"][name]) for row in plain.rows]:
+        # Null: the strategy has no such counts.
+        is_given = inference[name].null_count() == 0 and bool(plain.rows)
+        if is_given and inference[name].to_list() != [int(row["state"][name]) for row in plain.rows]:
             yield f"column {name}"
+    # Only messages that have a bit are in the table.
     sent = [
         int(row["message"].bit) if row["sends"] else None
         for row in plain.rows
@@ -132,7 +154,7 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
 
 
 def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
-    """Yield the columns in which the final states of robots differ."""
+    """Yield the columns of ``result.robots``, the states of the robots at the end of the run, that differ."""
     robots = result.robots
     for name in ("decision", "sent", "samples", "messages_received"):
         if robots[name].to_list() != [getattr(robot, name) for robot in plain.robots]:
@@ -151,49 +173,57 @@ def _robots_differ(result: Result, plain: PlainRun) -> Iterator[str]:
 
 
 def in_pieces(scenarios: Scenarios) -> Iterator[str]:
-    """Yield differences between a closed-loop run and one replayed at once."""
+    """Check that a closed loop gives the same in pieces of 7 s as in one piece, and decides as ``simulate`` does."""
     for words, scenario in scenarios:
         result = simulate(scenario, SEED, 1, moves=True)
-        floors = {0: result.floor(0)}
+        floors = {0: result.floor(0)}  # by run; only run 0 is simulated
         (ground,) = sensed_floors(scenario, SEED, [0], floors)
         rows = sample_rows(result.motion, scenario.run.control_period_ms)
-        snapshots = []
+        snapshots = []  # for each length of pieces: robots, and states of their strategies, at the end
         for piece_s in (scenario.run.t_end_s, 7.0):
             loop = ClosedLoop(scenario, SEED)
             loop.begin(0, ground)
             feed(loop, rows, result, piece_s)
             snapshots.append((loop.replayer.swarm.agents.copy(), loop.replayer.swarm.states.copy()))
-        if any(
-            (first != second).any() for first, second in zip(*snapshots, strict=True) if first.dtype.names
-        ) and not all(_alike(first, second) for first, second in zip(*snapshots, strict=True)):
+        if not all(_is_equal(whole, in_parts) for whole, in_parts in zip(*snapshots, strict=True)):
             yield f"{words}: results differ between pieces and a whole run"
-        if snapshots[0][0]["decision"].tolist() != result.robots["decision"].to_list():
+        agents, _ = snapshots[0]  # of the loop in one piece
+        if agents["decision"].tolist() != result.robots["decision"].to_list():
             yield f"{words}: decisions differ between closed loop and tables"
 
 
-def _alike(one: Any, other: Any) -> bool:
+def _is_equal(one: Any, other: Any) -> bool:
+    """Return whether two structured arrays are equal in all fields; nan equals nan."""
     return all(np.array_equal(one[n], other[n], equal_nan=one[n].dtype.kind == "f") for n in one.dtype.names)
 
 
 def feed(loop: ClosedLoop, rows: Any, result: Result, piece_s: float) -> None:
-    """Feed the samples of a run's tables to a loop, in pieces of this length."""
+    """Feed the samples of a run to a loop in pieces, and let the loop replay each piece.
+
+    Args:
+        loop: at the beginning of the run; it is advanced to the end. rows: the run's samples, as ``sample_rows``
+            returns them, sorted by tick. result: of the run. piece_s: length of a piece.
+    """
     tick_ms = loop.tick_ms
     if loop.needs_moves:
         loop.add_moves(move_rows(result.moves, tick_ms))
     end = round(result.ends["end_s"].to_numpy().max() * 1000.0 / tick_ms)
+    # For each robot the start, s, of a stop that is under way at the end; -1: there is none.
     last = result.ends["stop_start_s"].fill_null(-1.0).to_numpy()
     step = max(round(piece_s * 1000.0 / tick_ms), 1)
     for until in [*range(step, end, step), end]:
-        low = int(loop.bounds[1])
-        high = int(np.searchsorted(rows["tick"], until))
+        low = int(loop.bounds[1])  # the loop's own number of samples added so far
+        high = int(np.searchsorted(rows["tick"], until))  # number of samples before the tick ``until``
         loop.add_samples(rows[low:high])
+        # Tick since which each robot stands at ``until``, which the loop must know; -1: the robot walks.
         standing = np.full(last.size, -1)
         for i in range(last.size):
             later = rows[(rows["robot"] == i) & (rows["tick"] >= until)]
-            start = (
-                later["stop_tick"][0]
-                if later.size
-                else (round(last[i] * 1000.0 / tick_ms) if last[i] >= 0 else end)
-            )
+            if later.size:  # its next stop is that of its next sample
+                start = later["stop_tick"][0]
+            elif last[i] >= 0:  # its next stop is under way at the end
+                start = round(last[i] * 1000.0 / tick_ms)
+            else:  # it does not stop again; ``end`` is never below ``until``, so it counts as walking
+                start = end
             standing[i] = start if start < until else -1
         loop.catch_up(until, standing)

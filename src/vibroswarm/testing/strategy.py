@@ -1,4 +1,8 @@
-"""Checks of every strategy."""
+"""Checks of every strategy, each a function that yields what is wrong, in words; nothing if all is well.
+
+All checks but the last run on the same scenarios: settings of ``SETTINGS`` with the strategy, in an eventful minute
+(``SHORT``).
+"""
 
 from __future__ import annotations
 
@@ -18,60 +22,71 @@ SETTINGS: Final[dict[str, dict[str, Any]]] = {
     "five, messages lost": {"swarm.robots": 5, "network.name": "loss", "network.loss.share": 0.3},
     "twelve": {"swarm.robots": 12},
 }
+"""Fields of the scenarios of the checks, by the description of each scenario."""
 LONG: Final[dict[str, Any]] = {"run.t_end_s": 1200.0, "floor.source": "random:0.2", "swarm.robots": 5}
+"""Fields of a scenario with an easy floor and much time, in which a robot should decide by any strategy."""
 
 
 def check_strategy(name: str) -> list[Finding]:
-    """Run all checks of a registered strategy.
+    """Run all checks of a registered strategy, and return their findings in order.
 
     Args:
-        name: as scenarios call it.
+        name: of the strategy, as in scenarios.
     """
     return run_checks(CHECKS, name, WARNINGS_ONLY)
 
 
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
+    """Yield the scenarios in which the strategy ``name`` is checked, each with its description."""
     base = preset("paper").with_values({**SHORT, "strategy.name": name})
     for words, values in SETTINGS.items():
         yield words, base.with_values(values)
 
 
 def _runs(name: str) -> Iterator[str]:
-    """Check that runs end with valid decisions and beliefs."""
+    """Check that runs can be simulated, and that decisions are -1, 0 or 1, and beliefs from 0 to 1, at all samples."""
     for words, scenario in _scenarios(name):
         result = simulate(scenario, SEED, 2)
-        if (result.inference["decision"].is_in([-1, 0, 1])).all() and _beliefs_are_shares(result):
-            continue
-        yield f"{words}: a belief is outside of 0 to 1"
+        if not result.inference["decision"].is_in([-1, 0, 1]).all():
+            yield f"{words}: a decision is not -1, 0 or 1"
+        if not _beliefs_are_shares(result):
+            yield f"{words}: a belief is outside of 0 to 1"
 
 
 def _beliefs_are_shares(result: Result) -> bool:
+    """Return whether all beliefs lie from 0 to 1; null and nan, of strategies without beliefs, are left out."""
     belief = result.inference["belief_below"].drop_nulls().drop_nans()
     return bool(((belief >= 0.0) & (belief <= 1.0)).all())
 
 
 def _counts_equal_messages(name: str) -> Iterator[str]:
-    """Check that counted messages give the same result as single ones."""
+    """Check that ``on_counts`` gives the same result for many messages at once as for one message at a time.
+
+    The replayer counts messages where its function ``counts_only`` allows it; the check replaces that function to
+    forbid it, and puts it back.
+    """
     if strategy_of(name).on_counts is None:
         return
-    faster = replayer.counts_only
+    counts_only = replayer.counts_only
     for words, scenario in _scenarios(name):
         counted = simulate(scenario, SEED, 2)
         try:
             replayer.counts_only = lambda strategy: False
             by_message = simulate(scenario, SEED, 2)
         finally:
-            replayer.counts_only = faster
+            replayer.counts_only = counts_only
         if not counted.same_tables(by_message):
-            yield f"{words}: on_counts differs from repeated on_message"
+            yield f"{words}: on_counts differs for many messages at once and for one at a time"
 
 
 def _decides(name: str) -> Iterator[str]:
+    """Check that at least one robot decides in long runs on an easy floor."""
     result = simulate(preset("paper").with_values({**LONG, "strategy.name": name}), SEED, 3)
     if (result.robots["decision"] == -1).all():
         yield "no robot has decided in 3 runs of 1200 s on an easy floor (20 % vibrate)"
 
 
+# Names of the checks, as ``vibroswarm check`` prints them.
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "it compiles, and gives decisions and beliefs": _runs,
     "the same again, alone or beside others": lambda name: same_again(_scenarios(name)),
@@ -80,5 +95,6 @@ CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "counts as messages one by one": _counts_equal_messages,
     "it decides": _decides,
 }
+"""All checks of a strategy, in order, by what each requires."""
 WARNINGS_ONLY: Final = ("it decides",)
 """Checks whose failure is not an error."""

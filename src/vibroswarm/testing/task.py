@@ -1,4 +1,7 @@
-"""Checks of every task."""
+"""Checks of every task, each a function that yields what is wrong, in words; nothing if all is well.
+
+A task gives the right decision of a floor: 0, 1, or None if no decision is right. All checks try the same floors.
+"""
 
 from __future__ import annotations
 
@@ -21,20 +24,25 @@ SHARES: Final = (0.2, 0.45, 0.55, 0.8)
 
 
 def check_task(name: str) -> list[Finding]:
-    """Run all checks of a registered task.
+    """Run all checks of a registered task, and return their findings in order.
 
     Args:
-        name: as scenarios call it.
+        name: of the task, as in scenarios.
     """
     return run_checks(CHECKS, name, WARNINGS_ONLY)
 
 
 def floors(scenario: Scenario) -> dict[str, Floor]:
-    """Return new floors over the whole arena, by description: patterns, random ones, all still, all vibrating."""
+    """Return floors that cover the whole arena, by description; each call makes new but equal floors.
+
+    They are all patterns and, for each size of ``SIZES``, random floors with each share of ``SHARES``, a floor on which
+    no tile vibrates, and one on which all tiles vibrate.
+    """
     tiles = {name: pattern(name) for name in NAMES}
     for rows, columns in SIZES:
         size = f"{rows} x {columns}"
         for k, share in enumerate(SHARES):
+            # The seed is made of size and index of the share, so that a floor does not depend on the other floors.
             drawn = np.random.default_rng([rows, columns, k]).random((rows, columns)) < share
             tiles[f"{size}, {share:.0%} at random"] = drawn.astype(np.uint8)
         for value, words in ((0, "still"), (1, "vibrating")):
@@ -47,6 +55,7 @@ def floors(scenario: Scenario) -> dict[str, Floor]:
 
 
 def _scenario(name: str) -> Scenario:
+    """Return the default scenario with the task ``name``."""
     return Scenario().with_values({"task.name": name})
 
 
@@ -56,16 +65,15 @@ def _answers(name: str) -> Iterator[str]:
     for words, floor in floors(scenario).items():
         answer = truth_on(scenario, floor)
         if answer not in (0, 1, None):  # ``Task.answer`` refuses it too
-            yield f"on the floor {words} it gives {shown(answer)}; 0, 1 or None"
+            yield f"on the floor {words} it gives {shown(answer)}; give 0, 1 or None"
 
 
 def _same_again(name: str) -> Iterator[str]:
-    """Check that the task gives the same answer again."""
+    """Check that the task gives the same answer for an equal floor, in another order of floors, and twice in a row."""
     scenario = _scenario(name)
     first = {words: truth_on(scenario, floor) for words, floor in floors(scenario).items()}
     floors_by_name = floors(scenario)
     for words in reversed(floors_by_name):
-        # An equal floor, in another order, twice.
         for _ in range(2):
             again = truth_on(scenario, floors_by_name[words])
             if again != first[words]:
@@ -73,7 +81,7 @@ def _same_again(name: str) -> Iterator[str]:
 
 
 def _leaves_floors(name: str) -> Iterator[str]:
-    """Check that the task does not change the floors."""
+    """Check that the task changes neither the tiles nor the geometry of a floor."""
     scenario = _scenario(name)
     for words, floor in floors(scenario).items():
         before, geometry = floor.tiles.copy(), floor.geometry
@@ -83,18 +91,20 @@ def _leaves_floors(name: str) -> Iterator[str]:
 
 
 def _tells_floors_apart(name: str) -> Iterator[str]:
-    """Yield what is wrong if the right answer is the same on every floor."""
+    """Check that the task does not give the same answer on every floor."""
     scenario = _scenario(name)
     answers = {truth_on(scenario, floor) for floor in floors(scenario).values()}
     if len(answers) < 2:
         yield f"it gives {answers.pop()} on every floor"
 
 
+# Names of the checks, as ``vibroswarm check`` prints them.
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
     "it gives 0, 1 or None on every floor": _answers,
     "the same again for the same floor": _same_again,
     "it leaves floors as they are": _leaves_floors,
     "it tells floors apart": _tells_floors_apart,
 }
+"""All checks of a task, in order, by what each requires."""
 WARNINGS_ONLY: Final = ("it tells floors apart",)
 """Checks whose failure is not an error."""

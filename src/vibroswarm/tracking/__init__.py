@@ -14,12 +14,14 @@ from vibroswarm.errors import InputError
 
 @cache
 def opencv() -> Any:
-    """Return the module ``cv2``, set to be silent: problems of videos are reported in our own words.
+    """Import OpenCV and return its module ``cv2``, with its own messages switched off.
+
+    Problems of videos are reported by this package instead.
 
     Raises:
-        InputError: it is not installed, or older than version 5.
+        InputError: OpenCV is not installed, or older than version 5.
     """
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # FFmpeg's level "quiet"
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")
     try:
         import cv2

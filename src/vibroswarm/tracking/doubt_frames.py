@@ -1,4 +1,8 @@
-"""Pictures of doubtful moments, cut from a video in a second pass: a bounded number of small ones."""
+"""Small pictures of doubtful moments in a tracking (see ``doubts``), cut out of the videos in a second pass.
+
+A doubt has up to three *shots*, which are moments that show it: "seen last", "in between", "seen again". Each shot of a
+chosen doubt becomes a picture; their number is limited.
+"""
 
 from __future__ import annotations
 
@@ -20,23 +24,26 @@ from vibroswarm.tracking.video_file import frames_at
 Gray = NDArray[np.uint8]
 
 FRAMES_UP_TO: Final = 40
-"""Pictures of one page."""
+"""Most pictures of one page."""
 OF_A_KIND: Final = 4
-"""Doubts of one kind that are shown before the next kind has its turn."""
+"""Number of doubts of each kind that are chosen in one round."""
 WIDE: Final = 8.0
-"""Side of the picture in edges of a marker."""
+"""Side of the square that is cut out, in edges of a marker."""
 LEAST_PX: Final = 96
+"""Smallest side of this square, px of the video."""
 SHOWN_PX: Final = 300
-"""Side of the picture as it is saved."""
+"""Side of the picture as it is saved, px."""
 QUALITY: Final = 82
+"""Quality of the JPEG, 0 to 100."""
 
 
 class Shot(NamedTuple):
     """A picture of a doubtful moment."""
 
     doubt: int
-    """Which doubt, of those given."""
+    """Index of the doubt in the given list."""
     words: str
+    """Time and description."""
     jpeg: bytes
 
     @property
@@ -46,15 +53,20 @@ class Shot(NamedTuple):
 
 
 def chosen(doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[int]:
-    """Return the indices of the doubts that get pictures: a few of each kind first, then more up to ``most``."""
-    ranks: list[tuple[int, int]] = []
+    """Return the indices of the doubts that get pictures, ascending.
+
+    Doubts are chosen in rounds, so that all kinds have pictures: the first ``OF_A_KIND`` doubts of each kind, then the
+    next ``OF_A_KIND`` of each kind, and so on. A doubt is left out if it has no shots, or if its shots would make more
+    than ``most`` pictures in all.
+    """
+    rounds: list[tuple[int, int]] = []  # for each doubt: the round in which it is chosen, and its index
     counts: Counter[str] = Counter()
     for number, doubt in enumerate(doubts):
         if doubt.shots:
-            ranks.append((counts[doubt.kind] // OF_A_KIND, number))
+            rounds.append((counts[doubt.kind] // OF_A_KIND, number))
             counts[doubt.kind] += 1
-    found, left = [], most
-    for _, number in sorted(ranks):
+    found, left = [], most  # ``left``: how many more pictures are allowed
+    for _, number in sorted(rounds):
         if len(doubts[number].shots) <= left:
             left -= len(doubts[number].shots)
             found.append(number)
@@ -62,14 +74,16 @@ def chosen(doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[int]:
 
 
 def shots_of(session: Stitched, doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[Shot]:
-    """Cut the pictures of doubts out of the videos, in the order of the doubts.
+    """Cut the pictures of the chosen doubts out of the videos.
 
-    Only the pictures are held in memory. A video that can no longer be read gives none.
+    Only the cut pictures are held in memory, not the frames. A video that can no longer be read gives no pictures.
+
+    Returns: at most ``most`` pictures, in the order of the doubts and their shots.
     """
     numbers = chosen(doubts, most)
-    cut: dict[tuple[int, int], Shot] = {}
-    for place, camera in enumerate(session.cameras):
-        own = [number for number in numbers if doubts[number].camera == place]
+    cut: dict[tuple[int, int], Shot] = {}  # by the indices of doubt and shot
+    for camera_number, camera in enumerate(session.cameras):
+        own = [number for number in numbers if doubts[number].camera == camera_number]
         cut |= _cuts_of(camera, doubts, own, f" of {camera.video.name}" if len(session.cameras) > 1 else "")
     return [cut[key] for key in sorted(cut)]
 
@@ -77,8 +91,15 @@ def shots_of(session: Stitched, doubts: Sequence[Doubt], most: int = FRAMES_UP_T
 def _cuts_of(
     tracking: Tracking, doubts: Sequence[Doubt], numbers: Sequence[int], name: str
 ) -> dict[tuple[int, int], Shot]:
-    """Return the pictures of one camera by the indices of doubt and shot; none if the video cannot be read."""
+    """Cut the pictures of one camera out of its video.
+
+    Args:
+        tracking: of this camera. numbers: indices of the doubts that it shows.
+        name: text that is added to the time in a picture's words, such as " of left.mp4"; may be empty.
+    Returns: pictures by the indices of doubt and shot; empty if the video cannot be read.
+    """
     time_s = tracking.detections.time_s
+    # For each frame to cut from: indices of doubt and shot. A shot is cut from the frame nearest in time.
     wanted: dict[int, list[tuple[int, int]]] = {}
     for number in numbers:
         for k, (at_s, _) in enumerate(doubts[number].shots):
@@ -98,11 +119,17 @@ def _cuts_of(
 
 
 def _cut(tracking: Tracking, doubt: Doubt, at_s: float, picture: Gray) -> bytes | None:
-    """Return a square of the picture as JPEG, with a ring where the robot or marker is or was.
+    """Cut a square out of a frame, with a ring around the place of the doubt.
 
-    None if the doubt has no place in the picture, or the JPEG cannot be written.
+    The place is given by the doubt, or else it is where the doubt's robot was seen nearest in time.
+
+    Args:
+        at_s: time of the frame, s. picture: the frame.
+    Returns: the square as JPEG; None if the doubt has no place in the frame, or the JPEG cannot be written.
     """
     cv2: Any = opencv()
+    # Edge of a floor marker, px, estimated from the edges of robots' markers. If the place is a robot's, the edge of
+    # the robot's marker replaces it below.
     edge = (
         tracking.markers.floor_size_m
         / tracking.markers.size_m
@@ -117,18 +144,20 @@ def _cut(tracking: Tracking, doubt: Doubt, at_s: float, picture: Gray) -> bytes 
         return None
     height, width = picture.shape[:2]
     side = int(min(max(WIDE * edge, LEAST_PX), height, width))
+    # The square has the place in its middle, unless it would then extend beyond the frame.
     left, top = (
         int(np.clip(round(at[axis] - side / 2), 0, room - side)) for axis, room in ((0, width), (1, height))
     )
-    scale = SHOWN_PX / side
+    scale = SHOWN_PX / side  # saved px per px of the video; areas are averaged if it is below 1
     piece = cv2.resize(
         picture[top : top + side, left : left + side],
         (SHOWN_PX, SHOWN_PX),
         interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC,
     )
+    # The place in the resized square; 0.5, since the centre of a pixel is half a pixel from its border.
     middle = (round((at[0] - left + 0.5) * scale), round((at[1] - top + 0.5) * scale))
-    radius = max(round(1.1 * edge * scale), 8)
-    for colour, thick in ((0, 4), (255, 2)):
+    radius = max(round(1.1 * edge * scale), 8)  # around the whole marker, and large enough to be seen
+    for colour, thick in ((0, 4), (255, 2)):  # a white ring with a black border, to be seen on any floor
         cv2.circle(piece, middle, radius, colour, thick, cv2.LINE_AA)
     written, coded = cv2.imencode(".jpg", piece, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     return bytes(coded) if written else None

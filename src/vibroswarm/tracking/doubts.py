@@ -1,18 +1,22 @@
-"""What is doubtful in a tracking: where, when, and what to do about it.
+"""Find what is doubtful in a tracking: where, when, and what to do about it.
 
-| kind | doubtful |
+| kind | what is doubtful |
 |---|---|
 | gap | a robot was not seen for more than a second |
-| jump | a position too far from its neighbours, which was dropped |
-| carried | a robot that was seen on, but moved faster than it can drive: moved by hand, or another one's marker |
-| twice | one marker seen at two places of a frame |
+| jump | a position too far from those before and after it, which was dropped |
+| carried | a robot seen all the time moved faster than it can drive: by hand, or the marker is another robot's |
+| twice | one marker was seen at two places of a frame |
 | small | a robot's marker is too small to be read well |
-| size | robots' markers do not measure what the file states |
-| floor | a marker of the floor that is not where the file has it, or that was not seen |
-| frames | frames that are not evenly spaced |
-| sample | a sample in the log while the robot, as seen, did not stop |
-| stop | a stop without a sample in the log |
-| late | a sample logged during a stop that ends at another time |
+| size | a robot's marker has another size than the file of markers states |
+| floor | a marker of the floor is not at the place that the file of markers gives, or was not seen |
+| frames | frames are not evenly spaced |
+| sample | the log has a sample where the robot did not stop, as the video shows |
+| stop | the robot stopped, and the log has no sample of it |
+| late | a sample was logged during a stop, but the stop ends at another time than it should after the sample |
+
+A session is filmed by one camera or several. Each camera has its own clock; the session's clock is that of the first
+camera. The log is written by the robots, with a row per sample (see ``stops``). A robot is called by its name, the
+number that it has in the log.
 """
 
 from __future__ import annotations
@@ -32,9 +36,9 @@ from vibroswarm.tracking.video_file import UNEVEN, uneven_frames
 Floats = NDArray[np.float64]
 
 FLOOR_PX: Final = 1.0
-"""A floor marker whose corners are further off (root mean square) is not where the file has it."""
+"""A floor marker with a larger error of its corners (root mean square, px) is not where the file has it."""
 SIZE_SHARE: Final = 0.05
-"""Robots' markers that measure so much more or less than stated."""
+"""A marker is of another size if it differs from the stated size by more than this share."""
 TITLES: Final = {
     "gap": "Robots that were lost",
     "carried": "Robots that moved too fast",
@@ -82,27 +86,31 @@ class Doubt:
     """A sentence: who, when, what."""
     robot: int | None = None
     time_s: float | None = None
-    """On the video's clock; None: all the time."""
+    """When it happens: for the kinds gap, sample, stop and late on the session's clock, for all others on the camera's
+    clock. None: it is there all the time."""
     shots: tuple[tuple[float, str], ...] = ()
-    """Times of frames that show it, each with a few words."""
+    """Frames that show it: the time on the camera's clock, and a few words, of each."""
     at_px: tuple[float, float] | None = None
-    """Where in the frame; None: where the robot was seen nearest in time."""
+    """Its place in the frame; None: where the robot was seen nearest in time."""
     weight: float = 0.0
-    """Of two doubts of a kind, the heavier is shown first."""
+    """How much it matters; doubts of a kind are sorted by descending weight."""
     camera: int = 0
-    """Whose video shows it; times of the frames are that camera's."""
+    """Index of the camera whose video shows it."""
 
 
 def doubts_of(
     session: Stitched, samples: pl.DataFrame | None = None, lone_stops: pl.DataFrame | None = None
 ) -> list[Doubt]:
-    """Return what is doubtful in a session, most important first.
+    """Return what is doubtful in a session, in the order of ``TITLES``; doubts of a kind by descending weight.
 
     Args:
-        samples: ``stops.SAMPLES_MATCHED``. lone_stops: stops that no sample matches.
+        samples: the log's samples with the stops that they match, ``stops.SAMPLES_MATCHED``; None without a log.
+        lone_stops: the stops that no sample matches, ``stops.STOPS``; None without a log.
     """
     found = _gaps(session)
+    # These kinds are found for each camera by itself.
     for number, tracking in enumerate(session.cameras):
+        # The doubts of this camera. Their words begin with the video's name if there are several cameras.
         own = [
             *_moved(tracking), *_dropped(tracking), *_twice(tracking), *_floor(tracking),
             *_sizes(tracking), *_frames(tracking),
@@ -117,43 +125,62 @@ def doubts_of(
 
 
 def _shown_by(session: Stitched, robot: int, at_s: float) -> int:
-    """Return the camera that saw a robot nearest to a time."""
-    apart = []
+    """Return the index of the camera that saw a robot nearest in time to ``at_s``, a time on the session's clock."""
+    apart_s = []  # for each camera, time between ``at_s`` and the nearest detection of the robot
     for number, camera in enumerate(session.cameras):
         own = camera.positions.filter(pl.col("robot") == robot)["time_s"].to_numpy()
-        apart.append(float(np.abs(own + session.offset_s(number) - at_s).min()) if own.size else np.inf)
-    return int(np.argmin(apart))
+        apart_s.append(float(np.abs(own + session.offset_s(number) - at_s).min()) if own.size else np.inf)
+    return int(np.argmin(apart_s))
 
 
 def _gaps(session: Stitched) -> list[Doubt]:
+    """Return a doubt for each gap in which no camera saw a robot.
+
+    A gap before all cameras run, or after one of them has stopped, is no fault of the tracking: it has no shots and no
+    weight.
+    """
     first_s, last_s = session.span_s
+    # When each camera begins and ends, on the session's clock.
     spans = [
-        (c.span_s[0] + session.offset_s(k), c.span_s[1] + session.offset_s(k))
-        for k, c in enumerate(session.cameras)
+        (camera.span_s[0] + session.offset_s(k), camera.span_s[1] + session.offset_s(k))
+        for k, camera in enumerate(session.cameras)
     ]
-    all_begun_s, none_ended_s = max(first for first, _ in spans), min(last for _, last in spans)
+    all_run_from_s, all_run_to_s = max(first for first, _ in spans), min(last for _, last in spans)
     found = []
     for robot, start_s, end_s in session.gaps().iter_rows():
-        if len(session.cameras) > 1 and (end_s <= all_begun_s + GAP_S or start_s >= none_ended_s - GAP_S):
+        if len(session.cameras) > 1 and (end_s <= all_run_from_s + GAP_S or start_s >= all_run_to_s - GAP_S):
             words = (
                 f"Robot {robot} was not seen from {start_s:.1f} to {end_s:.1f} s, while not every camera ran."
             )
-            found.append(Doubt("gap", words, robot, start_s))
+            found.append(Doubt("gap", words, robot=robot, time_s=start_s))
             continue
-        camera = _shown_by(session, robot, start_s if start_s > first_s else end_s)
-        shots = ((start_s, "seen last"), ((start_s + end_s) / 2, "in between"), (end_s, "seen again"))
-        shown = tuple(
-            (at_s - session.offset_s(camera), words)
-            for (at_s, words), fits in zip(shots, (start_s > first_s, True, end_s < last_s), strict=True)
-            if fits
-        )
+        # A gap at the beginning of the session has no frame with the robot before it; one at the end, none after it.
+        was_seen_before, is_seen_again = start_s > first_s, end_s < last_s
+        camera = _shown_by(session, robot, start_s if was_seen_before else end_s)
+        shots = [(start_s, "seen last")] if was_seen_before else []
+        shots += [((start_s + end_s) / 2, "in between")]
+        shots += [(end_s, "seen again")] if is_seen_again else []
+        on_camera_clock = tuple((at_s - session.offset_s(camera), words) for at_s, words in shots)
         words = f"Robot {robot} was not seen from {start_s:.1f} to {end_s:.1f} s ({end_s - start_s:.1f} s)."
-        found.append(Doubt("gap", words, robot, start_s, shown, None, end_s - start_s, camera))
+        found.append(
+            Doubt(
+                "gap",
+                words,
+                robot=robot,
+                time_s=start_s,
+                shots=on_camera_clock,
+                weight=end_s - start_s,
+                camera=camera,
+            )
+        )
     return found
 
 
 def _moved(tracking: Tracking) -> list[Doubt]:
-    """Return a doubt for each step between kept positions, at most ``GAP_S`` apart, that is too fast for a robot."""
+    """Return a doubt (kind ``carried``) for each step of a robot that is too fast to be driven.
+
+    Only steps between positions at most ``GAP_S`` apart are judged: in a longer gap the robot was not seen.
+    """
     found = []
     for (robot,), own in tracking.positions.group_by("robot", maintain_order=True):
         time_s, x_m, y_m = (own[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
@@ -161,53 +188,68 @@ def _moved(tracking: Tracking) -> list[Doubt]:
         for k in np.flatnonzero((step_s <= GAP_S) & (step_m > FASTEST_M_S * step_s)).tolist():
             words = f"Robot {robot} moved {1000 * step_m[k]:.0f} mm in {1000 * step_s[k]:.0f} ms at {time_s[k]:.1f} s."
             shots = ((float(time_s[k]), "before"), (float(time_s[k + 1]), "after"))
-            found.append(Doubt("carried", words, int(robot), float(time_s[k]), shots, None, float(step_m[k])))
+            found.append(
+                Doubt(
+                    "carried",
+                    words,
+                    robot=int(robot),
+                    time_s=float(time_s[k]),
+                    shots=shots,
+                    weight=float(step_m[k]),
+                )
+            )
     return found
 
 
 def _dropped(tracking: Tracking) -> list[Doubt]:
+    """Return a doubt (kind ``jump``) for each position that tracking dropped, since it was too far from the others."""
     return [
         Doubt(
             "jump", f"Robot {robot} was read at ({x_m:.3f}, {y_m:.3f}) m at {time_s:.1f} s, far from its path.",
-            robot, time_s, ((time_s, "dropped"),),
+            robot=robot, time_s=time_s, shots=((time_s, "dropped"),),
         )
         for robot, time_s, x_m, y_m in tracking.dropped.select("robot", "time_s", "x_m", "y_m").iter_rows()
     ]  # fmt: skip
 
 
 def _twice(tracking: Tracking) -> list[Doubt]:
-    """Return one doubt for each marker that was seen twice."""
+    """Return a doubt for each marker that was seen at two places of a frame."""
     seen = tracking.detections
-    frames: dict[int, list[int]] = {}
+    frames_of: dict[int, list[int]] = {}  # by marker
     for frame, marker in seen.twice:
-        frames.setdefault(marker, []).append(frame)
+        frames_of.setdefault(marker, []).append(frame)
     found = []
-    for marker, where in frames.items():
-        robot = tracking.markers.robots.get(marker)
+    for marker, frames in frames_of.items():
+        robot = tracking.markers.robots.get(marker)  # None: a marker of the floor, or an unknown one
         name = f"robot {robot}'s marker {marker}" if robot is not None else f"marker {marker}"
-        time_s = float(seen.time_s[where[0]])
-        words = f"Of {name} two were seen at once in {len(where)} of the frames searched, first at {time_s:.1f} s."
-        found.append(Doubt("twice", words, robot, time_s, ((time_s, "first"),), None, len(where)))
+        time_s = float(seen.time_s[frames[0]])
+        words = f"Of {name} two were seen at once in {len(frames)} of the frames searched, first at {time_s:.1f} s."
+        found.append(
+            Doubt("twice", words, robot=robot, time_s=time_s, shots=((time_s, "first"),), weight=len(frames))
+        )
     return found
 
 
 def _floor(tracking: Tracking) -> list[Doubt]:
+    """Return a doubt for each marker of the floor that is more than ``FLOOR_PX`` from its place in the file."""
     found = []
     for marker, residual_px in floor_residuals(tracking).items():
         error = float(np.sqrt((residual_px**2).sum(axis=1).mean()))
         if error <= FLOOR_PX:
             continue
-        at = tracking.detections.floor_px[marker].mean(axis=0)
+        at = tracking.detections.floor_px[marker].mean(axis=0)  # centre of the marker, px
         words = (
             f"Marker {marker} of the floor is {error:.1f} px ({error * mm_per_px(tracking):.1f} mm) from where the "
             "file and the other markers have it."
         )
+        first_frame = (0.0, f"marker {marker}")  # the marker does not move, so any frame shows it
         at_px = (float(at[0]), float(at[1]))
-        found.append(Doubt("floor", words, None, None, ((0.0, f"marker {marker}"),), at_px, error))
+        found.append(Doubt("floor", words, shots=(first_frame,), at_px=at_px, weight=error))
     return found
 
 
 def _floor_never_seen(session: Stitched) -> list[Doubt]:
+    """Return one doubt about all markers of the floor that no camera saw; empty if all were seen."""
     seen = {marker for camera in session.cameras for marker in camera.detections.floor_px}
     missing = [marker for marker in session.markers.floor if marker not in seen]
     if not missing:
@@ -217,32 +259,37 @@ def _floor_never_seen(session: Stitched) -> list[Doubt]:
 
 
 def _sizes(tracking: Tracking) -> list[Doubt]:
-    """Return markers that are small in the picture, and a size that differs from the file's."""
+    """Return doubts about robots' markers: those of another size than stated, and those too small in the picture.
+
+    A marker that was never seen has no doubt: its size is NaN, for which no comparison is true.
+    """
     seen = tracking.detections
     found = []
-    for (name, measured_m), edge in zip(marker_sizes_m(tracking).items(), seen.edge_px(), strict=True):
-        share = measured_m / tracking.markers.size_m - 1.0
-        if abs(share) > SIZE_SHARE:
+    sizes_m = marker_sizes_m(tracking)
+    for i, ((robot, measured_m), edge_px) in enumerate(zip(sizes_m.items(), seen.edge_px(), strict=True)):
+        difference = measured_m / tracking.markers.size_m - 1.0  # as a share of the stated size
+        if abs(difference) > SIZE_SHARE:
             words = (
-                f"Robot {name}'s marker measures {1000 * measured_m:.1f} mm at its stated height, "
-                f"{100 * share:+.0f} % from the {1000 * tracking.markers.size_m:g} mm of the file."
+                f"Robot {robot}'s marker measures {1000 * measured_m:.1f} mm at its stated height, "
+                f"{100 * difference:+.0f} % from the {1000 * tracking.markers.size_m:g} mm of the file."
             )
-            found.append(Doubt("size", words, name, None, (), None, abs(share)))
-        if edge < SMALL_PX:
-            i = list(tracking.markers.robots.values()).index(name)
-            there = np.flatnonzero(np.isfinite(seen.corners_px[:, i, 0, 0]))
-            edges = np.linalg.norm(seen.corners_px[there, i, 1] - seen.corners_px[there, i, 0], axis=1)
-            time_s = float(seen.time_s[there[int(np.argmin(edges))]])
-            words = f"Robot {name}'s marker is {edge:.1f} px wide (median); from {SMALL_PX:g} px on it is read well."
-            shots = ((time_s, f"{edges.min():.0f} px wide"),)
-            found.append(Doubt("small", words, name, None, shots, None, SMALL_PX - edge))
+            found.append(Doubt("size", words, robot=robot, weight=abs(difference)))
+        if edge_px < SMALL_PX:
+            # The shot is the frame in which the marker's top edge is shortest.
+            frames = np.flatnonzero(np.isfinite(seen.corners_px[:, i, 0, 0]))  # in which the marker was seen
+            tops_px = np.linalg.norm(seen.corners_px[frames, i, 1] - seen.corners_px[frames, i, 0], axis=1)
+            time_s = float(seen.time_s[frames[int(np.argmin(tops_px))]])
+            size = f"{edge_px:.1f} px wide (median)"
+            words = f"Robot {robot}'s marker is {size}; from {SMALL_PX:g} px on it is read well."
+            shots = ((time_s, f"{tops_px.min():.0f} px wide"),)
+            found.append(Doubt("small", words, robot=robot, shots=shots, weight=SMALL_PX - edge_px))
     return found
 
 
 def _frames(tracking: Tracking) -> list[Doubt]:
+    """Return one doubt if the times between frames are uneven; else none."""
     time_s = tracking.detections.time_s
-    uneven = uneven_frames(time_s)
-    if uneven is None:
+    if uneven_frames(time_s) is None:
         return []
     steps = np.diff(time_s)
     usual = float(np.median(steps))
@@ -252,16 +299,26 @@ def _frames(tracking: Tracking) -> list[Doubt]:
         f"{odd} of {steps.size} steps between frames differ from the usual {1000 * usual:.0f} ms by more than a fifth; "
         f"the longest is {1000 * steps[longest]:.0f} ms, at {time_s[longest]:.1f} s."
     )
-    return [Doubt("frames", words, None, float(time_s[longest]), (), None, float(steps[longest]))]
+    return [Doubt("frames", words, time_s=float(time_s[longest]), weight=float(steps[longest]))]
 
 
 def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFrame) -> list[Doubt]:
-    """Return samples without a stop while the robot was seen, and stops without a sample."""
-    found, explained = [], set()
+    """Return doubts about samples and stops that do not match: the kinds sample, late and stop.
+
+    There is no doubt about a sample at a time at which the robot was not seen, about a stop whose end was not seen, and
+    about a stop that ends before the first or after the last sample of the log.
+
+    Args:
+        samples: the log's samples with the stops that they match, ``stops.SAMPLES_MATCHED``.
+        lone_stops: the stops that no sample matches, ``stops.STOPS``.
+    """
+    found = []
+    explained = set()  # robot and end of each stop during which a late sample was logged
     for robot, time_s in samples.filter(pl.col("stop_end_s").is_null()).select("robot", "time_s").iter_rows():
-        own = session.positions.filter(pl.col("robot") == robot)["time_s"]
-        if (own - time_s).abs().min() is None or float((own - time_s).abs().min()) > GAP_S:
-            continue  # before or after the video, or in a gap, which is shown as such
+        seen_s = session.positions.filter(pl.col("robot") == robot)["time_s"]
+        nearest_s = (seen_s - time_s).abs().min()
+        if nearest_s is None or float(nearest_s) > GAP_S:
+            continue  # before or after the video, or in a gap, which has a doubt of its own
         during = lone_stops.filter(
             (pl.col("robot") == robot) & (pl.col("start_s") <= time_s) & (pl.col("end_s") >= time_s)
         )
@@ -269,11 +326,13 @@ def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFram
             end_s = float(during["end_s"][0])
             explained.add((robot, end_s))
             words = f"Robot {robot} logged a sample at {time_s:.1f} s, in a stop that was seen to end at {end_s:.1f} s."
-            found.append(Doubt("late", words, robot, time_s, ((time_s, "the sample"), (end_s, "the end"))))
+            shots_of_late = ((time_s, "the sample"), (end_s, "the end"))
+            found.append(Doubt("late", words, robot=robot, time_s=time_s, shots=shots_of_late))
             continue
         words = f"Robot {robot} logged a sample at {time_s:.1f} s, where no stop was seen."
-        found.append(Doubt("sample", words, robot, time_s, ((time_s, "the sample"),)))
+        found.append(Doubt("sample", words, robot=robot, time_s=time_s, shots=((time_s, "the sample"),)))
     found = [_on_camera(session, doubt) for doubt in found]
+    # When the first and the last sample of the log were taken; an empty log has no times (None), for which 0 is taken.
     first_s, last_s = (samples["time_s"].min() or 0.0), (samples["time_s"].max() or 0.0)
     for robot, start_s, end_s in (
         lone_stops.filter("end_seen").select("robot", "start_s", "end_s").iter_rows()
@@ -283,14 +342,17 @@ def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFram
                 f"Robot {robot} stood from {start_s:.1f} to {end_s:.1f} s, and the log has no sample of it."
             )
             shots = (((start_s + end_s) / 2, "it stands"),)
-            found.append(
-                _on_camera(session, Doubt("stop", words, robot, start_s, shots, None, end_s - start_s))
-            )
+            doubt = Doubt("stop", words, robot=robot, time_s=start_s, shots=shots, weight=end_s - start_s)
+            found.append(_on_camera(session, doubt))
     return found
 
 
 def _on_camera(session: Stitched, doubt: Doubt) -> Doubt:
-    """Return a doubt with the camera that saw its robot nearest in time, its frames' times on that camera's clock."""
+    """Return a doubt with the camera that saw its robot nearest in time, and its shots on that camera's clock.
+
+    Args:
+        doubt: with the times of its shots on the session's clock.
+    """
     if doubt.robot is None or doubt.time_s is None:
         return doubt
     camera = _shown_by(session, doubt.robot, doubt.time_s)
@@ -299,8 +361,12 @@ def _on_camera(session: Stitched, doubt: Doubt) -> Doubt:
 
 
 def floor_residuals(tracking: Tracking) -> dict[int, Floats]:
-    """Return for each floor marker seen by how much its corners differ from the fitted camera's, (4, 2), px."""
+    """Return the errors of the corners, (4, 2), px, of each floor marker that was seen, by its number.
+
+    An error is the pixel at which a corner was seen minus the pixel to which the fitted camera projects it.
+    """
     return {
+        # ``sharp_corners`` takes several markers: here it takes one, and gives one back.
         marker: sharp_corners(tracking, corners[None])[0]
         - tracking.camera.project(tracking.markers.floor_corners(marker))
         for marker, corners in tracking.detections.floor_px.items()
@@ -308,13 +374,18 @@ def floor_residuals(tracking: Tracking) -> dict[int, Floats]:
 
 
 def sharp_corners(tracking: Tracking, corners_px: Floats) -> Floats:
-    """Return corners, (markers, 4, 2), px, with edges moved back by what blur and thresholds moved them outwards."""
+    """Return corners, (markers, 4, 2), px, with the edges moved inwards, as blur and thresholds moved them outwards."""
     found: Floats = corners_px - tracking.camera.edge_px * outwards(corners_px)
     return found
 
 
 def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
-    """Return the median edge, m, of each robot's marker at its stated height, by robot's name; NaN if never seen."""
+    """Return the median edge of each robot's marker, m, as measured in the video; NaN if the marker was never seen.
+
+    The marker is assumed to be at its stated height.
+
+    Returns: edges by the robot's name, in the order of ``markers.robots``.
+    """
     seen, found = tracking.detections.corners_px, {}
     for i, name in enumerate(tracking.markers.robots.values()):
         own = seen[np.isfinite(seen[:, i]).all(axis=(1, 2)), i]
@@ -327,14 +398,15 @@ def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
 
 
 def square_residuals(tracking: Tracking, most: int = 400) -> tuple[Floats, Floats]:
-    """Return where robots' markers were seen, and how far they are from squares of their median size.
+    """Return where robots' markers were seen, and how far their corners are from squares of the median size.
 
     Args:
-        most: detections, evenly chosen.
+        most: how many detections are taken, evenly spread over all.
     Returns: centres, (detections, 2), px, and root mean square errors of their corners, (detections,), mm.
     """
     seen = tracking.detections.corners_px
     corners_px = seen[np.isfinite(seen).all(axis=(2, 3))]
+    # Every n-th detection. As n is rounded down, there may be a few more than ``most``, which are cut off.
     corners_px = corners_px[:: max(len(corners_px) // most, 1)][:most]
     corners = tracking.camera.at_height(corners_px, tracking.markers.height_m)
     sizes = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1)
@@ -343,15 +415,21 @@ def square_residuals(tracking: Tracking, most: int = 400) -> tuple[Floats, Float
 
 
 def mm_per_px(tracking: Tracking) -> float:
-    """Return how many mm of the floor a pixel in the middle of the picture covers."""
+    """Return the width of floor, mm, that a pixel in the middle of the picture covers."""
     width, height = tracking.detections.size_px
+    # Two points, a pixel apart, and the places on the floor that are seen there.
     middle = np.array([[width / 2, height / 2], [width / 2 + 1.0, height / 2]])
     at = tracking.camera.at_height(middle, 0.0)
     return 1000 * float(np.linalg.norm(at[1] - at[0]))
 
 
 def place_px(tracking: Tracking, robot: int, time_s: float) -> tuple[Floats, float] | None:
-    """Return the centre, (2,), px, and the edge of a robot's marker where it was seen nearest in time; None: never."""
+    """Return the centre, (2,), px, and the top edge, px, of a robot's marker where it was seen nearest in time.
+
+    Args:
+        time_s: on the clock of this video.
+    Returns: None if the robot was never seen.
+    """
     names = list(tracking.markers.robots.values())
     if robot not in names:
         return None

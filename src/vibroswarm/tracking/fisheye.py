@@ -2,12 +2,13 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| distorted radius | r | px | f (theta + k1 theta^3 + k2 theta^5) |
-| angle from the axis | theta | rad | |
+| distance of a pixel from the lens's centre | r | px | f (theta + k1 theta^3 + k2 theta^5) |
+| angle of the ray from the camera's axis | theta | rad | |
 | focal length | f | px | |
 
-Kannala and Brandt, "A generic camera model and calibration method for conventional, wide-angle, and fish-eye
-lenses", PAMI 2006, its radial part. Tracking fits Brown-Conrady polynomials in tan(theta) instead (``lens``).
+It is the radial part of Kannala and Brandt, "A generic camera model and calibration method for conventional,
+wide-angle, and fish-eye lenses", PAMI 2006. Tracking fits Brown-Conrady polynomials in tan(theta) instead
+(``camera``), so that a rehearsal does not assume the lens that it finds.
 """
 
 from __future__ import annotations
@@ -24,42 +25,54 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Fisheye:
-    """A camera with its pose; world: x right, y up in the arena, z up from the floor, m."""
+    """A camera with its pose. World axes, m: x to the right and y upwards in the arena as seen from above, z up."""
 
     width_px: int
     height_px: int
     focal_px: float
+    """Focal length."""
     centre_px: tuple[float, float]
+    """The pixel of the camera's axis."""
     k: tuple[float, float]
+    """k1 and k2."""
     rotation: Floats
     """(3, 3): from world to camera axes (x right, y down in the image, z ahead)."""
     position_m: Floats
     """(3,): of the camera in the world."""
 
     def project(self, points_m: Floats) -> Floats:
-        """Return the pixels, (..., 2), of points of the world, (..., 3); pixel centres are whole numbers."""
-        ahead = (points_m - self.position_m) @ self.rotation.T
-        flat = np.hypot(ahead[..., 0], ahead[..., 1])
-        theta = np.arctan2(flat, ahead[..., 2])
-        scale = self.focal_px * self._distorted(theta) / np.maximum(flat, 1e-12)
-        seen: Floats = ahead[..., :2] * scale[..., None] + np.array(self.centre_px)
+        """Return the pixels, (..., 2), of points of the world, (..., 3), m; the centre of a pixel has whole numbers."""
+        in_camera = (points_m - self.position_m) @ self.rotation.T
+        off_axis = np.hypot(in_camera[..., 0], in_camera[..., 1])
+        theta = np.arctan2(off_axis, in_camera[..., 2])
+        # The maximum avoids a division by 0 on the axis.
+        scale = self.focal_px * self._distorted(theta) / np.maximum(off_axis, 1e-12)
+        seen: Floats = in_camera[..., :2] * scale[..., None] + np.array(self.centre_px)
         return seen
 
     def _distorted(self, theta: Floats) -> Floats:
+        """Return r / f of rays at angles ``theta`` from the axis, rad."""
         square = theta * theta
         bent: Floats = theta * (1.0 + square * (self.k[0] + square * self.k[1]))
         return bent
 
     def tangents(self) -> NDArray[np.float32]:
-        """Return x / z and y / z of the ray of each pixel in camera axes, (height, width, 2)."""
+        """Return x / z and y / z of each pixel's ray in camera axes, (height, width, 2).
+
+        It is the inverse of ``project``, up to the unknown distance along the ray.
+        """
         u, v = np.meshgrid(np.arange(self.width_px), np.arange(self.height_px))
         x, y = (u - self.centre_px[0]) / self.focal_px, (v - self.centre_px[1]) / self.focal_px
         radius = np.hypot(x, y)
+        # Newton's method for _distorted(theta) = radius; the left side grows with theta over the whole image. The first
+        # guess is theta = radius, which is exact without distortion; it is a copy, since theta is changed in place. The
+        # number of correct digits about doubles in each step, so 8 steps are enough.
         theta = radius.copy()
-        for _ in range(8):  # Newton's method; the lens is monotone over the image
+        for _ in range(8):
             square = theta * theta
             slope = 1.0 + square * (3.0 * self.k[0] + 5.0 * square * self.k[1])
             theta -= (self._distorted(theta) - radius) / slope
+        # On the axis itself radius is 0, and the quotient is replaced by its limit there, which is 1.
         scale = np.where(radius > 1e-12, np.tan(theta) / np.maximum(radius, 1e-12), 1.0)
         return np.stack([x * scale, y * scale], axis=-1).astype(np.float32)
 
@@ -74,14 +87,21 @@ def overhead(
     margin_px: float = 14.0,
     turned_deg: float = 0.0,
 ) -> Fisheye:
-    """Return a camera above the middle of some points of the floor, zoomed until all are in the image.
+    """Return a camera above some points of the floor, zoomed so that all of them are in the image.
 
-    It is tilted by ``tilt_deg`` about the image's horizontal axis and by a third of that about the vertical one, and
-    stands aside so that the middle stays in the middle; its axis is a little off the image's centre, as real ones are.
-    ``turned_deg`` turns it about its axis, as one that is hung crosswise.
+    It looks at the middle of the points, from the side to which it is tilted. Like a real camera it is imperfect: it is
+    also turned a little about its other axes, and its axis does not meet the image exactly at its centre.
+
+    Args:
+        size_px: width and height of the image. around_m: x and y of the points. height_m: of the camera.
+        tilt_deg: tilt about the image's horizontal axis; the camera is also tilted by a third of it about the vertical
+            axis, and turned by a fifth of it about its own axis.
+        k: k1 and k2 of the lens. margin_px: least distance of the points from the border of the image.
+        turned_deg: angle by which the camera is turned about its axis: 90 if it is hung crosswise.
     """
     points = np.column_stack([np.array(around_m, dtype=np.float64), np.zeros(len(around_m))])
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
+    # Rotation of a camera that looks straight down, the image's top towards +y.
     down = np.diag([1.0, -1.0, -1.0])
     a, b, roll = math.radians(tilt_deg), math.radians(tilt_deg / 3), math.radians(tilt_deg / 5 + turned_deg)
     about_x = np.array([[1, 0, 0], [0, math.cos(a), -math.sin(a)], [0, math.sin(a), math.cos(a)]])
@@ -89,15 +109,29 @@ def overhead(
     about_z = np.array([[math.cos(roll), -math.sin(roll), 0], [math.sin(roll), math.cos(roll), 0], [0, 0, 1]])
     rotation = about_z @ about_x @ about_y @ down
     axis = rotation[2]  # the direction in which the camera looks
+    # From the middle of the points, back along the axis up to the height of the camera (the axis points downwards).
     position = middle - axis * (height_m / -axis[2])
     width, height = size_px
+    # The pixel of the camera's axis: the image's centre, moved by about half a percent of its size.
     centre = (width / 2 - 0.5 + 0.004 * width, height / 2 - 0.5 - 0.005 * height)
-    unit = Fisheye(width, height, 1.0, (0.0, 0.0), k, rotation, position)
-    seen = unit.project(points)
-    room = (
-        np.array([centre[0], centre[1]]) - margin_px,
-        np.array([width - 1, height - 1]) - centre - margin_px,
+    # Distances of pixels from the axis are proportional to the focal length. So the points are projected with a focal
+    # length of 1 px, and the largest focal length at which all of them are in the image is computed from that.
+    unit = Fisheye(
+        width, height, focal_px=1.0, centre_px=(0.0, 0.0), k=k, rotation=rotation, position_m=position
     )
+    seen = unit.project(points)
+    room_before = np.array([centre[0], centre[1]]) - margin_px  # to the left of the axis, and above it
+    # To the right of the axis, and below it.
+    room_behind = np.array([width - 1, height - 1]) - centre - margin_px
+    # A point exactly on the axis allows any focal length: the division by 0 gives infinity, which is never the minimum.
     with np.errstate(divide="ignore"):
-        scales = np.where(seen < 0, room[0] / -seen, room[1] / seen)
-    return Fisheye(width, height, float(scales.min()), centre, k, rotation, position)
+        focal_px = np.where(seen < 0, room_before / -seen, room_behind / seen)
+    return Fisheye(
+        width,
+        height,
+        focal_px=float(focal_px.min()),
+        centre_px=centre,
+        k=k,
+        rotation=rotation,
+        position_m=position,
+    )

@@ -1,4 +1,4 @@
-"""Which ArUco markers are where: on the robots, at a height, and on the floor at known positions.
+"""Describe which ArUco markers are where: on the robots, at one height, and on the floor, at known positions.
 
 A file of markers is TOML, with lengths in mm:
 
@@ -7,11 +7,14 @@ A file of markers is TOML, with lengths in mm:
     size_mm = 22.0              # outer edge of the black square
     height_mm = 30.0            # of the marker above the floor
     forward_deg = 0.0           # from the marker's top edge to the robot's heading, anticlockwise
-    ids = { 10 = 1, 11 = 2 }    # marker and robot's name; or a list of markers, named 0, 1, ...
+    ids = { 10 = 1, 11 = 2 }    # marker = name of its robot; or a list of the markers of robots 0, 1, ...
     [floor]
     size_mm = 50.0
     height_mm = 0.0
-    at_mm = { 46 = [-55, 40], 47 = [1055, 40] }   # centre, in the arena; third: turned, degrees anticlockwise
+    at_mm = { 46 = [-55, 40], 47 = [1055, 40] }   # marker = its centre in the arena; a third number is its angle
+
+A marker's angle is in degrees, anticlockwise; without one it is 0, and the top edge of the marker points to +y. A
+robot's name is the number by which its log calls it.
 """
 
 from __future__ import annotations
@@ -35,13 +38,17 @@ Floats = NDArray[np.float64]
 DICTIONARIES: Final = {
     f"{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)
 }
+"""Number of markers of each ArUco dictionary, by its name; "4X4" is the number of small squares of a marker."""
 SIZE_MM: Final = 22.0
+"""Default edge of a robot's marker."""
 HEIGHT_MM: Final = 30.0
+"""Default height of a robot's marker above the floor."""
 FLOOR_SIZE_MM: Final = 50.0
+"""Default edge of a floor marker."""
 ASIDE_M: Final = 0.055
+"""Default distance of the centres of floor markers from the left or right side of the arena."""
 INWARD_M: Final = 0.04
-"""Centres of the usual floor markers: this far left and right of the arena, and this far from its lower and upper
-ends."""
+"""Default distance, in y, of the centres of these markers from the lower or upper end of the arena, inwards."""
 
 
 @dataclass(frozen=True)
@@ -50,11 +57,13 @@ class Markers:
 
     dictionary: str
     robots: Mapping[int, int]
-    """Marker to the robot's name in its log."""
+    """The name of each robot, by its marker."""
     size_m: float
+    """Edge of a robot's marker."""
     height_m: float
+    """Height of robots' markers above the floor."""
     floor: Mapping[int, tuple[float, float, float]]
-    """Marker to x, y of its centre and its angle."""
+    """x and y of the centre, and the angle, of each floor marker, by its number."""
     floor_size_m: float
     floor_height_m: float = 0.0
     forward_rad: float = 0.0
@@ -66,7 +75,7 @@ class Markers:
         return corners_at(x, y, angle + math.pi / 2, self.floor_size_m, self.floor_height_m)
 
     def to_toml(self) -> str:
-        """Return the file of these markers."""
+        """Return the text of the file of these markers, which ``read_markers`` reads."""
         robots = ", ".join(f"{marker} = {name}" for marker, name in self.robots.items())
         floor = ", ".join(
             f"{marker} = [{1000 * x:g}, {1000 * y:g}, {math.degrees(angle):g}]"
@@ -84,7 +93,7 @@ def corners_at(x_m: float, y_m: float, up_rad: float, size_m: float, z_m: float)
     """Return the corners of a marker in the detector's order (top left, top right, bottom right, bottom left).
 
     Args:
-        up_rad: direction of the marker's top edge from its centre.
+        x_m, y_m, z_m: centre of the marker. up_rad: direction from its centre to its top edge. size_m: of its edges.
     Returns: (4, 3), m.
     """
     up = np.array([math.cos(up_rad), math.sin(up_rad)]) * size_m / 2
@@ -96,13 +105,22 @@ def corners_at(x_m: float, y_m: float, up_rad: float, size_m: float, z_m: float)
 def usual_floor(
     width_m: float, height_m: float, last: int, cameras: int = 1
 ) -> dict[int, tuple[float, float, float]]:
-    """Return the floor markers that ``lab video`` draws: beside the arena's corners, numbers up to ``last``.
+    """Return the default floor markers, which ``lab video`` draws: four beside the arena's corners.
 
-    With several cameras side by side there are two more where the views of neighbours meet, below and above the arena.
+    With several cameras in a row along x, two more markers stand where the views of neighbours meet, one below and one
+    above the arena.
+
+    Args:
+        width_m, height_m: of the arena. last: number of the last marker; the others have the numbers just below it.
+        cameras: how many cameras film side by side.
+    Returns: x, y and angle of each marker, as ``Markers.floor`` has them.
     """
+    # Numbers are given downwards from ``last``: the four markers at the corners have ``last`` - 3 to ``last``, and the
+    # two of each seam have the next two numbers below.
     left, right, low, high = -ASIDE_M, width_m + ASIDE_M, INWARD_M, height_m - INWARD_M
     places = ((left, low), (right, low), (right, high), (left, high))
     found = {last - 3 + k: (x, y, 0.0) for k, (x, y) in enumerate(places)}
+    # Two markers for each seam, which is where the views of two neighbouring cameras meet.
     for seam in range(1, cameras):
         for k, y in enumerate((-ASIDE_M, height_m + ASIDE_M)):
             found[last - 3 - 2 * seam + k] = (width_m * seam / cameras, y, 0.0)
@@ -118,21 +136,27 @@ def usual_markers(
     height_mm: float | None = None,
     cameras: int = 1,
 ) -> Markers:
-    """Return the usual markers for an arena.
+    """Return the default markers for an arena, from the smallest dictionary that has enough markers.
+
+    The floor's markers have the largest numbers of the dictionary.
 
     Args:
         robots: number of robots, or the markers of robots 0, 1, ... width_m, height_m: of the arena.
-        size_mm, height_mm: edge and height of robots' markers; None: the usual ones.
-        cameras: how many film side by side.
+        size_mm, height_mm: edge and height of robots' markers; None: the default ones.
+        cameras: how many cameras film side by side.
     Raises:
-        InputError: markers that repeat, or too many for a dictionary.
+        InputError: robots' markers repeat, are negative, or are too large for a dictionary.
     """
     ids = list(range(robots)) if isinstance(robots, int) else list(robots)
     if len(set(ids)) != len(ids) or not ids or min(ids) < 0:
         raise InputError(f"{shown(ids)} must be different numbers from 0 on", field="--markers")
-    counts = [count for count in (50, 100, 250, 1000) if max(ids) < count - 2 - 2 * cameras]
+    floor_markers = 2 + 2 * cameras  # four, and two for each further camera
+    # Sizes of dictionaries in which the floor's markers, the last ones, are above all robots' markers.
+    counts = [count for count in (50, 100, 250, 1000) if max(ids) < count - floor_markers]
     if not counts:
-        raise InputError(f"{max(ids)} is too large; give numbers below 996", field="--markers")
+        raise InputError(
+            f"{max(ids)} is too large; give numbers below {1000 - floor_markers}", field="--markers"
+        )
     return Markers(
         dictionary=f"4X4_{counts[0]}",
         robots={marker: robot for robot, marker in enumerate(ids)},
@@ -153,11 +177,13 @@ def read_markers(path: Path) -> Markers:
     """Read a file of markers.
 
     Raises:
-        InputError: not such a file; names the key.
+        InputError: it is not such a file; the message names the key that is wrong.
     """
     name = str(path)
     try:
-        values = tomllib.loads(read_bytes(path, 2**20, "a file of markers").decode("utf-8-sig"))
+        # At most 1 MiB, which is more than any such file needs. "utf-8-sig": some editors write a byte order mark.
+        text = read_bytes(path, most=2**20, what="a file of markers").decode("utf-8-sig")
+        values = tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         raise InputError(f"is not TOML: {error}", field=name) from None
     _known(values, ("dictionary", "robots", "floor"), name)
@@ -170,22 +196,25 @@ def read_markers(path: Path) -> Markers:
     return Markers(
         dictionary=dictionary,
         robots=_robot_ids(robots.get("ids"), count, f"{name}, robots.ids"),
-        size_m=_length(robots, "size_mm", SIZE_MM, f"{name}, [robots]", low=0.1) / 1000,
-        height_m=_length(robots, "height_mm", None, f"{name}, [robots]") / 1000,
-        forward_rad=math.radians(_length(robots, "forward_deg", 0.0, f"{name}, [robots]", low=-360.0)),
+        size_m=_quantity(robots, "size_mm", SIZE_MM, f"{name}, [robots]", low=0.1) / 1000,
+        # No default, since a wrong height would make all positions wrong without notice.
+        height_m=_quantity(robots, "height_mm", default=None, field=f"{name}, [robots]") / 1000,
+        forward_rad=math.radians(_quantity(robots, "forward_deg", 0.0, f"{name}, [robots]", low=-360.0)),
         floor=_floor_places(floor.get("at_mm"), count, f"{name}, floor.at_mm"),
-        floor_size_m=_length(floor, "size_mm", FLOOR_SIZE_MM, f"{name}, [floor]", low=0.1) / 1000,
-        floor_height_m=_length(floor, "height_mm", 0.0, f"{name}, [floor]") / 1000,
+        floor_size_m=_quantity(floor, "size_mm", FLOOR_SIZE_MM, f"{name}, [floor]", low=0.1) / 1000,
+        floor_height_m=_quantity(floor, "height_mm", 0.0, f"{name}, [floor]") / 1000,
     )
 
 
 def _known(values: Mapping[str, Any], known: Sequence[str], field: str) -> None:
+    """Raise InputError if a table has a key that is not known."""
     unknown = [key for key in values if key not in known]
     if unknown:
         raise InputError(f"unknown key '{unknown[0]}'{nearest(unknown[0], known)}", field=field)
 
 
 def _table(values: Mapping[str, Any], key: str, name: str) -> Mapping[str, Any]:
+    """Return a table of the file ``name``; raise InputError if it is missing."""
     table = values.get(key)
     if not isinstance(table, dict):
         raise InputError(f"has no [{key}]", field=name)
@@ -193,39 +222,53 @@ def _table(values: Mapping[str, Any], key: str, name: str) -> Mapping[str, Any]:
 
 
 def _number(value: Any, field: str, low: float, high: float) -> float:
+    """Return a value as a float; raise InputError unless it is a number from ``low`` to ``high``."""
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise InputError(f"{shown(value)} must be a number from {low:g} to {high:g}", field=field)
     return float(value)
 
 
-def _length(table: Mapping[str, Any], key: str, default: float | None, field: str, low: float = 0.0) -> float:
+def _quantity(
+    table: Mapping[str, Any], key: str, default: float | None, field: str, low: float = 0.0
+) -> float:
+    """Return a length (mm) or angle (degrees) of a table, from ``low`` to 10,000.
+
+    Args:
+        default: taken if the key is missing; None: the key is required. field: name of the table, for messages.
+    Raises:
+        InputError: the key is missing, or its value is not a number in this range.
+    """
     if key not in table and default is None:
         raise InputError(f"does not state {key}, without which positions are wrong", field=field)
-    return _number(table.get(key, default), f"{field}.{key}", low, 1e4)
+    return _number(table.get(key, default), f"{field}.{key}", low=low, high=1e4)
 
 
 def _marker(text: Any, count: int, field: str) -> int:
+    """Return the number of a marker of a dictionary with ``count`` markers; raise InputError if it is none."""
     try:
         marker = int(text)
     except (TypeError, ValueError):
-        marker = -1
+        marker = -1  # refused below
     if not 0 <= marker < count:
         raise InputError(f"{shown(text)} is not a marker; give a number from 0 to {count - 1}", field=field)
     return marker
 
 
 def _robot_ids(value: Any, count: int, field: str) -> dict[int, int]:
-    """Return the robot's name of each marker, from a list of markers or a table.
+    """Return the name of the robot that carries each marker, by the marker's number.
 
+    Args:
+        value: a list of the markers of robots 0, 1, ..., or a table of markers and robots' names.
+        count: number of markers of the dictionary. field: name of ``value``, for messages.
     Raises:
-        InputError: empty, no such marker, or a marker or robot that repeats.
+        InputError: it is empty, names a marker that the dictionary does not have, or repeats a marker or a robot.
     """
     if isinstance(value, list):
         pairs = [(marker, robot) for robot, marker in enumerate(value)]
     elif isinstance(value, dict):
         pairs = list(value.items())
     else:
-        pairs = []
+        pairs = []  # refused below, like an empty list or table
     found = {_marker(marker, count, field): int(_number(name, field, 0, 2**31)) for marker, name in pairs}
     if not pairs or len(found) != len(pairs) or len(set(found.values())) != len(pairs):
         raise InputError("must list different markers of different robots: [0, 1] or { 10 = 1 }", field=field)
@@ -233,17 +276,22 @@ def _robot_ids(value: Any, count: int, field: str) -> dict[int, int]:
 
 
 def _floor_places(value: Any, count: int, field: str) -> dict[int, tuple[float, float, float]]:
-    """Return x, y (m) and angle (rad) of each floor marker.
+    """Return x, y (m) and angle (rad) of each floor marker, by its number.
 
+    Args:
+        value: a table of markers and places: [x, y] or [x, y, degrees], in mm.
+        count: number of markers of the dictionary. field: name of ``value``, for messages.
     Raises:
-        InputError: no marker, no such marker, or a place that is not two or three numbers.
+        InputError: it is empty, names a marker that the dictionary does not have, or has a place that is not two or
+            three numbers.
     """
     places: dict[int, tuple[float, float, float]] = {}
     for marker, place in (value if isinstance(value, dict) else {}).items():
         if not isinstance(place, list) or len(place) not in (2, 3):
             raise InputError("must be [x, y] or [x, y, degrees], in mm", field=f"{field}.{marker}")
-        x, y, *turned = (_number(part, f"{field}.{marker}", -1e6, 1e6) for part in place)
-        places[_marker(marker, count, field)] = (x / 1000, y / 1000, math.radians(sum(turned)))
+        x_mm, y_mm, *angles_deg = (_number(part, f"{field}.{marker}", -1e6, 1e6) for part in place)
+        angle_deg = angles_deg[0] if angles_deg else 0.0
+        places[_marker(marker, count, field)] = (x_mm / 1000, y_mm / 1000, math.radians(angle_deg))
     if not places:
         raise InputError("must give the centre of at least one marker: { 46 = [-55, 40] }", field=field)
     return places

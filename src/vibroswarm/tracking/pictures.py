@@ -1,4 +1,7 @@
-"""Pictures of a tracking: paths over the floor, who was seen when, residuals of the clock and of the lens."""
+"""Pictures of a tracking: paths over the floor, when each robot was seen, and errors of the clock and of the lens.
+
+Each function returns a ``Picture``: the figure, the numbers that it shows as a table, and a caption.
+"""
 
 from __future__ import annotations
 
@@ -19,11 +22,11 @@ Floats = NDArray[np.float64]
 DRAWN_S: Final = 0.2
 """Shortest time between two points of a path as it is drawn."""
 NEAR_M: Final = 0.004
-"""Shortest distance between two such points: a robot that stands adds none."""
+"""Shortest distance between two points of a path as it is drawn, so that a robot that stands adds none."""
 
 
 def looks_for(robots: Sequence[int]) -> dict[int, Look]:
-    """Return a look for each robot; from the thirteenth on they repeat."""
+    """Return colour, line and marker for each robot (by name); they repeat after ``SERIES_UP_TO`` robots."""
     return {robot: look(k % SERIES_UP_TO) for k, robot in enumerate(robots)}
 
 
@@ -35,23 +38,28 @@ def draw_tracks(
     *,
     style: str = "page",
 ) -> Picture:
-    """Draw where robots were seen, to scale; lines break where they were not seen for more than a second.
+    """Draw the robots' paths over the floor, to scale; lines break where a robot was not seen for more than a second.
 
     Args:
         positions: ``track.POSITIONS``. stops: ``stops.STOPS``.
-        floor_markers: to x, y (m) and angle of their centres.
-    Returns: Picture; its numbers are ``robot, time_s, x_m, y_m``, thinned as they are drawn.
+        floor_markers: x, y (m) and angle of each floor marker, by its number.
+    Returns: the picture; its numbers are ``robot, time_s, x_m, y_m`` of the points that are drawn.
     """
     sizes = style_named(style)
     robots = positions["robot"].unique(maintain_order=True).to_list()
     looks = looks_for(robots)
+    # Centres of the floor's markers; if there are none, the arena's corner, so that the limits below are defined.
     corners = np.array([[x, y] for x, y, _ in floor_markers.values()] or [[0.0, 0.0]])
     seen = positions.select("x_m", "y_m").to_numpy()
-    low = np.minimum(corners.min(axis=0), seen.min(axis=0)) - 0.03
-    high = np.maximum(corners.max(axis=0), seen.max(axis=0)) + 0.03
-    wide = sizes.width_in * 0.78
-    tall = min(max(wide * float(high[1] - low[1]) / float(high[0] - low[0]), 0.4 * wide), 1.6 * wide)
-    figure = new_figure(sizes, height_in=tall + 1.0)
+    margin_m = 0.03  # around positions and floor markers
+    low = np.minimum(corners.min(axis=0), seen.min(axis=0)) - margin_m
+    high = np.maximum(corners.max(axis=0), seen.max(axis=0)) + margin_m
+    # Size of the axes, in: about 78 % of the figure's width, and as tall as the floor is to scale, within limits. An
+    # inch is added for labels and legend.
+    wide_in = sizes.width_in * 0.78
+    to_scale_in = wide_in * float(high[1] - low[1]) / float(high[0] - low[0])
+    tall_in = min(max(to_scale_in, 0.4 * wide_in), 1.6 * wide_in)
+    figure = new_figure(sizes, height_in=tall_in + 1.0)
     axes: Any = figure.add_subplot()
     name_axes(axes, sizes, "x (m)", "y (m)")
     handles, parts = [], []
@@ -60,7 +68,7 @@ def draw_tracks(
         parts.append(own)
         at = own.select("time_s", "x_m", "y_m").to_numpy()
         breaks = np.flatnonzero(np.diff(at[:, 0]) > GAP_S) + 1
-        line = np.insert(at[:, 1:], breaks, np.nan, axis=0)
+        line = np.insert(at[:, 1:], breaks, np.nan, axis=0)  # a line breaks at nan
         (handle,) = axes.plot(
             line[:, 0], line[:, 1], color=looks[robot].colour, ls=looks[robot].line, lw=0.7 * sizes.line_pt
         )
@@ -85,17 +93,25 @@ def draw_tracks(
 
 
 def _thinned(own: pl.DataFrame) -> pl.DataFrame:
-    """Return the positions of one robot that a picture needs; the ends of its path and of gaps are always kept."""
+    """Return the positions of one robot that a picture needs: at least ``DRAWN_S`` and ``NEAR_M`` apart.
+
+    The first and the last position, and those before and after a gap, are always among them.
+
+    Args:
+        own: ``track.POSITIONS`` of the robot, sorted by time.
+    Returns: robot, time_s, x_m, y_m.
+    """
     at = own.select("time_s", "x_m", "y_m").to_numpy()
-    kept = [0]
+    drawn_rows = [0]
     for k in range(1, len(at)):
-        last = at[kept[-1]]
-        moved = np.hypot(*(at[k, 1:] - last[1:])) >= NEAR_M
-        gap = at[k, 0] - at[k - 1, 0] > GAP_S
-        if gap or k == len(at) - 1 or (moved and at[k, 0] - last[0] >= DRAWN_S):
-            kept += [k - 1] if gap and kept[-1] != k - 1 else []
-            kept.append(k)
-    return own[kept].select("robot", "time_s", "x_m", "y_m")
+        last = at[drawn_rows[-1]]  # the last position that is drawn
+        has_moved = np.hypot(*(at[k, 1:] - last[1:])) >= NEAR_M
+        after_gap = at[k, 0] - at[k - 1, 0] > GAP_S
+        if after_gap or k == len(at) - 1 or (has_moved and at[k, 0] - last[0] >= DRAWN_S):
+            if after_gap and drawn_rows[-1] != k - 1:
+                drawn_rows.append(k - 1)  # the position before the gap
+            drawn_rows.append(k)
+    return own[drawn_rows].select("robot", "time_s", "x_m", "y_m")
 
 
 @drawn
@@ -108,12 +124,12 @@ def draw_time_line(
     *,
     style: str = "page",
 ) -> Picture:
-    """Draw for each robot when it was seen, when it stood, and when not.
+    """Draw a row for each robot: when it was seen, when it stood, when it was not seen, and doubtful moments.
 
     Args:
-        gaps: robot, start_s, end_s. stops: ``stops.STOPS``. span_s: when the video begins and ends.
-        moments: robot and time of what else is doubtful.
-    Returns: Picture; its numbers are ``robot, mark`` ("gap", "stop", "doubtful")``, start_s, end_s``.
+        robots: their names. gaps: robot, start_s, end_s of the times in which it was not seen. stops: ``stops.STOPS``.
+        span_s: when the video begins and ends. moments: robot and time of each doubt that is not about a gap.
+    Returns: the picture; its numbers are ``robot, mark, start_s, end_s``, with the marks gap, stop and doubtful.
     """
     sizes = style_named(style)
     rows = rows_of(sizes, [f"robot {robot}" for robot in robots], "time in the video (s)", furniture=1)
@@ -123,27 +139,41 @@ def draw_time_line(
     for row, robot in enumerate(robots):
         away = gaps.filter(pl.col("robot") == robot).select("start_s", "end_s").rows()
         stood = stops.filter(pl.col("robot") == robot).select("start_s", "end_s").rows()
-        edges = [span_s[0], *(edge for pair in away for edge in pair), span_s[1]]
-        seen = [(a, b - a) for a, b in zip(edges[::2], edges[1::2], strict=True) if b > a]
-        handles["seen"] = axes.broken_barh(seen, (row - 0.3, 0.6), color=LINE)
+        height = (row - 0.3, 0.6)  # lower end and height of the bars of this row
+        # The robot was seen from the beginning to the first gap, between gaps, and from the last gap to the end. A bar
+        # is given by start and length.
+        edges_s = [span_s[0], *(edge_s for gap in away for edge_s in gap), span_s[1]]
+        seen = [
+            (start_s, end_s - start_s)
+            for start_s, end_s in zip(edges_s[::2], edges_s[1::2], strict=True)
+            if end_s > start_s
+        ]
+        handles["seen"] = axes.broken_barh(seen, height, color=LINE)
         if stood:
-            bars = [(a, b - a) for a, b in stood]
-            handles["stands"] = axes.broken_barh(bars, (row - 0.3, 0.6), color=FAINT, lw=0)
+            bars = [(start_s, end_s - start_s) for start_s, end_s in stood]
+            handles["stands"] = axes.broken_barh(bars, height, color=FAINT, lw=0)
         if away:
-            bars = [(a, b - a) for a, b in away]
+            bars = [(start_s, end_s - start_s) for start_s, end_s in away]
             handles["not seen"] = axes.broken_barh(
-                bars, (row - 0.3, 0.6), facecolor="none", edgecolor=INK, hatch="////", lw=0.8
+                bars, height, facecolor="none", edgecolor=INK, hatch="////", lw=0.8
             )
-        own = [time_s for name, time_s in moments if name == robot]
-        if own:
+        times_s = [time_s for name, time_s in moments if name == robot]
+        if times_s:
             (handles["doubtful"],) = axes.plot(
-                own, [row] * len(own), ls="", marker="v", ms=1.4 * sizes.marker_pt, color=INK, mfc="none"
+                times_s,
+                [row] * len(times_s),
+                ls="",
+                marker="v",
+                ms=1.4 * sizes.marker_pt,
+                color=INK,
+                mfc="none",
             )
-        numbers += [(robot, "gap", a, b) for a, b in away] + [(robot, "stop", a, b) for a, b in stood]
-        numbers += [(robot, "doubtful", t, t) for t in own]
+        numbers += [(robot, "gap", start_s, end_s) for start_s, end_s in away]
+        numbers += [(robot, "stop", start_s, end_s) for start_s, end_s in stood]
+        numbers += [(robot, "doubtful", time_s, time_s) for time_s in times_s]
     axes.set_xlim(*span_s)
     legend_below(rows.figure, sizes, list(handles.values()), list(handles))
-    rows.settle(sizes)
+    rows.settle(sizes)  # sets the height of the figure, now that all is drawn
     schema = {"robot": pl.Int64, "mark": pl.String, "start_s": pl.Float64, "end_s": pl.Float64}
     caption = (
         f"When each robot was seen and stood. Gaps of more than {GAP_S:g} s are hatched ({gaps.height}); triangles "
@@ -154,11 +184,11 @@ def draw_time_line(
 
 @drawn
 def draw_clock(matched: pl.DataFrame, *, style: str = "page") -> Picture:
-    """Draw by how much samples were logged later than their stops ended, once the clocks are matched.
+    """Draw by how much samples were logged later than their stops ended, after the clocks were matched.
 
     Args:
         matched: ``stops.SAMPLES_MATCHED``.
-    Returns: Picture; its numbers are those of ``matched`` that have a stop.
+    Returns: the picture; its numbers are the rows of ``matched`` that have a stop.
     """
     sizes = style_named(style)
     paired = matched.drop_nulls("residual_s")
@@ -181,10 +211,11 @@ def draw_clock(matched: pl.DataFrame, *, style: str = "page") -> Picture:
     return Picture(figure, paired, caption, style)
 
 
-def _points(axes: Any, sizes: Style, own: pl.DataFrame, of: Look) -> Any:
+def _points(axes: Any, sizes: Style, own: pl.DataFrame, robot_look: Look) -> Any:
+    """Draw the residuals, ms, of one robot's samples over time; return the handle for the legend."""
     (handle,) = axes.plot(
-        own["time_s"].to_numpy(), 1000 * own["residual_s"].to_numpy(), ls="", marker=of.marker, color=of.colour,
-        ms=sizes.marker_pt, fillstyle="none" if of.hollow else "full",
+        own["time_s"].to_numpy(), 1000 * own["residual_s"].to_numpy(), ls="", marker=robot_look.marker,
+        color=robot_look.colour, ms=sizes.marker_pt, fillstyle="none" if robot_look.hollow else "full",
     )  # fmt: skip
     return handle
 
@@ -199,33 +230,45 @@ def draw_lens(
     *,
     style: str = "page",
 ) -> Picture:
-    """Draw, over the picture, how far markers are from where the fitted camera has them.
+    """Draw over the image how far markers are from where the fitted camera has them.
+
+    Corners of the floor's markers have arrows, magnified. Robots' markers have circles that grow with their error.
 
     Args:
-        size_px: width and height. floor_px, residuals_px: by marker, corners and their residuals, (4, 2).
-        robots_px: (markers, 2), robots' markers. robot_errors_mm: (markers,), of their corners from a square.
-    Returns: Picture; its numbers are ``what`` ("floor", "robot")``, marker, x_px, y_px, error`` (px; of robots mm).
+        size_px: width and height of the image.
+        floor_px: corners of each floor marker as seen, (4, 2), by its number.
+        residuals_px: errors of these corners (``doubts.floor_residuals``), (4, 2), by the marker's number.
+        robots_px: centres of robots' markers, (markers, 2).
+        robot_errors_mm: root mean square distance of each marker's corners from a square, (markers,).
+    Returns: the picture; its numbers are ``what, marker, x_px, y_px, error``. ``what`` is floor or robot; the error is
+        in px for the floor and in mm for robots.
     """
     sizes = style_named(style)
     width, height = size_px
+    # Height of the figure, in: the image takes about 82 % of the width and is drawn to scale. 0.9 inch is added for
+    # labels and legend.
     tall = 0.82 * sizes.width_in * height / width
     figure = new_figure(sizes, height_in=min(tall, 1.2 * sizes.width_in) + 0.9)
     axes: Any = figure.add_subplot()
     name_axes(axes, sizes, "across the picture (px)", "down the picture (px)")
+    # The area of a circle (points^2) grows with the error of the marker, up to an error of 2 mm.
     dots = axes.scatter(
         robots_px[:, 0], robots_px[:, 1], s=8.0 + 60.0 * np.minimum(robot_errors_mm, 2.0), marker="o",
         facecolors="none", edgecolors=FAINT, linewidths=0.6,
     )  # fmt: skip
-    rows: list[tuple[str, int | None, float, float, float]] = [
-        ("robot", None, float(x), float(y), float(e))
-        for (x, y), e in zip(robots_px, robot_errors_mm, strict=True)
+    rows: list[tuple[str, int | None, float, float, float]] = [  # the columns of the numbers
+        ("robot", None, float(x), float(y), float(error_mm))
+        for (x, y), error_mm in zip(robots_px, robot_errors_mm, strict=True)
     ]
-    largest = max((float(np.linalg.norm(r, axis=1).max()) for r in residuals_px.values()), default=1.0)
-    longer = 0.06 * width / max(largest, 1e-9)
+    largest = max(
+        (float(np.linalg.norm(errors, axis=1).max()) for errors in residuals_px.values()), default=1.0
+    )
+    # The longest arrow takes 6 % of the width. The maximum avoids a division by 0 if all errors are 0.
+    magnified = 0.06 * width / max(largest, 1e-9)
     for marker, corners in floor_px.items():
         error = residuals_px[marker]
         axes.quiver(
-            corners[:, 0], corners[:, 1], error[:, 0] * longer, error[:, 1] * longer, angles="xy",
+            corners[:, 0], corners[:, 1], error[:, 0] * magnified, error[:, 1] * magnified, angles="xy",
             scale_units="xy", scale=1, color=INK, width=0.003,
         )  # fmt: skip
         rows += [
@@ -243,7 +286,7 @@ def draw_lens(
     }
     caption = (
         "Arrows: corners of the floor's markers, from where the fitted camera has them to where they were seen, "
-        f"{longer:.0f} times as long (longest: {largest:.2f} px). Circles: robots' markers; larger ones are less "
+        f"{magnified:.0f} times as long (longest: {largest:.2f} px). Circles: robots' markers; larger ones are less "
         "square. Circles that grow towards the edge are a lens that does not fit there."
     )
     return Picture(figure, pl.DataFrame(rows, schema=schema, orient="row"), caption, style)
@@ -251,24 +294,27 @@ def draw_lens(
 
 @drawn
 def draw_overlap(places_m: Floats, apart_m: Floats, *, most: int = 400, style: str = "page") -> Picture:
-    """Draw by how much two cameras differ, over the floor where both see.
+    """Draw by how much the positions of two cameras differ, on the part of the floor that both see.
 
     Args:
-        places_m, apart_m: (pairs, 2): where, and a camera's place less that of those before it.
-        most: arrows, evenly chosen.
-    Returns: Picture; its numbers are ``x_m, y_m, dx_mm, dy_mm``, of the arrows.
+        places_m: positions by the first camera, at times at which both saw a robot, (pairs, 2).
+        apart_m: position by the second camera minus position by the first, (pairs, 2).
+        most: how many arrows are drawn at most, evenly chosen.
+    Returns: the picture; its numbers are ``x_m, y_m, dx_mm, dy_mm`` of the arrows.
     """
     sizes = style_named(style)
-    chosen = slice(None, None, -(-len(places_m) // most))
-    at, by = places_m[chosen], 1000 * apart_m[chosen]
+    step = -(-len(places_m) // most)  # rounded up
+    at, by = places_m[::step], 1000 * apart_m[::step]  # start of each arrow, m, and its length in x and y, mm
     figure = new_figure(sizes, height_in=0.75 * sizes.width_in)
     axes: Any = figure.add_subplot()
     name_axes(axes, sizes, "x (m)", "y (m)")
-    size = float(np.quantile(np.hypot(by[:, 0], by[:, 1]), 0.95))
-    span = float(max(np.ptp(at[:, 0]), np.ptp(at[:, 1]), 0.05))
-    longer = 0.08 * span / max(size, 1e-9)
+    size_mm = float(np.quantile(np.hypot(by[:, 0], by[:, 1]), 0.95))
+    # Width or height of the places, whichever is larger; at least 5 cm, since all pairs may be at one place.
+    span_m = float(max(np.ptp(at[:, 0]), np.ptp(at[:, 1]), 0.05))
+    # Arrows are magnified (m per mm) so that 95 % of them are shorter than 8 % of the picture.
+    magnified = 0.08 * span_m / max(size_mm, 1e-9)
     axes.quiver(
-        at[:, 0], at[:, 1], by[:, 0] * longer, by[:, 1] * longer, angles="xy", scale_units="xy", scale=1,
+        at[:, 0], at[:, 1], by[:, 0] * magnified, by[:, 1] * magnified, angles="xy", scale_units="xy", scale=1,
         color=INK, width=0.002,
     )  # fmt: skip
     axes.set(aspect="equal")
@@ -276,6 +322,6 @@ def draw_overlap(places_m: Floats, apart_m: Floats, *, most: int = 400, style: s
     numbers = pl.DataFrame({"x_m": at[:, 0], "y_m": at[:, 1], "dx_mm": by[:, 0], "dy_mm": by[:, 1]})
     caption = (
         f"{len(at)} of {len(places_m)} positions that two cameras saw: from the place by the first to that by the "
-        f"second, {1000 * longer:.0f} times as long (95 % are shorter than {size:.2f} mm)."
+        f"second, {1000 * magnified:.0f} times as long (95 % are shorter than {size_mm:.2f} mm)."
     )
     return Picture(figure, numbers, caption, style)

@@ -1,5 +1,8 @@
-"""Write what a session with a camera would leave: video, robots' log and markers, beside them the truth, and for the
-calibration of the lens a video of a chessboard.
+"""Rehearse a session with a camera: write the files that it would leave, from a simulated run.
+
+These are the video, the robots' log and the file of markers; also the true poses, which a real session does not give,
+and a video of a chessboard for the calibration of the lens. With several cameras, each has a video of its own. Now and
+then a person's hand reaches into the picture and hides robots, as in a real session (``scene``).
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import Markers
-from vibroswarm.tracking.scene import OF_BOARD, SAMPLES, Look, Scene, poses_at, scene_of
+from vibroswarm.tracking.scene import BLACK, OF_BOARD, PAPER, SAMPLES, Look, Scene, poses_at, scene_of
 from vibroswarm.tracking.video_file import VideoWriter, check_suffix
 
 Floats = NDArray[np.float64]
@@ -37,15 +40,16 @@ TRUTH: Final = {
 OVERLAP: Final = 0.2
 """Share of the arena's width that two neighbouring cameras both see."""
 LATER_S: Final = 1.37
-"""Each further camera is switched on so much later."""
+"""Time by which each further camera is switched on later than the one before it."""
 
 
 @dataclass(frozen=True)
 class View:
-    """What a further camera recorded."""
+    """What one camera recorded."""
 
     video: Path
     chessboard: Path | None
+    """Its video of a chessboard, if one was written."""
     start_s: float
     """Time on the first camera's clock when this one begins."""
 
@@ -63,7 +67,7 @@ class Rehearsal:
     marker_px: float
     """Edge of a robot's marker in the middle of the image."""
     others: tuple[View, ...] = ()
-    """Of further cameras."""
+    """What the cameras after the first recorded."""
 
 
 def write_rehearsal(
@@ -82,17 +86,20 @@ def write_rehearsal(
     replace: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> Rehearsal:
-    """Render a run of a result as a video, with the files that go with it.
+    """Render a run of a result as a video, and write the files that go with it.
 
     Args:
-        out: the video; the others are named after it. start_s, duration_s: which part of the run.
-        clock_offset_s: time on the robots' clock when that of the run is 0.
+        result: with paths (``segments=True``). out: the video; the other files are named after it.
+        markers: of the robots and of the floor.
+        look: how the video is recorded. run, seed: number of the run, and seed of what is random in the video.
+        start_s, duration_s: beginning and length of the part of the run that is filmed; None: to the run's end.
+        clock_offset_s: time on the robots' clock when the time of the run is 0.
         chessboard: whether a video of a chessboard, seen by the same camera, is written too.
-        cameras: how many hang side by side, each with its tilt, lens and clock, crosswise; neighbours both see
-            ``OVERLAP`` of the arena.
-        progress: called with the frames done and all frames.
+        cameras: how many cameras hang side by side, turned by 90 degrees, each with its own tilt, lens and clock.
+            Two neighbours both see ``OVERLAP`` of the arena's width.
+        replace: whether files that exist are replaced. progress: called with the frames done and the number of frames.
     Raises:
-        InputError: no paths, no such run, nothing in that time, or files that exist.
+        InputError: the result has no paths or no such run, the run has nothing in that time, or a file exists.
     """
     check_suffix(out)
     names = {
@@ -101,20 +108,22 @@ def write_rehearsal(
     times, until_s = _frame_times(result, run, look, start_s, duration_s)
     views: list[View] = []
     for number in range(cameras):
+        # A single camera sees the whole arena. Each of several cameras sees a part of it, with its own look and times.
         own_look, own_times, part_m = look, times, None
         if cameras > 1:
             own_look = _look_of(look, number)
             own_times = _times_of(number, times, until_s, look.frames_per_s)
             part_m = _part_of(number, cameras, result.scenario.arena.width_m)
-        scene = scene_of(result, run, markers, own_look, seed + number, part_m)
+        own_seed = seed + number  # so that each camera has different noise
+        scene = scene_of(result, run, markers, own_look, own_seed, part_m)
         video = out if number == 0 else out.with_name(f"{out.stem}.{number + 1}{out.suffix}")
-        middle, hidden = _render(
-            scene, result, run, own_times, video, replace,
-            None if progress is None else partial(_tell, progress, number * times.size, cameras * times.size),
-        )  # fmt: skip
+        report = None
+        if progress is not None:
+            report = partial(_report, progress, number * times.size, cameras * times.size)
+        middle, hidden = _render(scene, result, run, own_times, video, replace, report)
         board = _write_board(scene, video, replace) if chessboard else None
-        views.append(View(video, board, float(own_times[0] - times[0])))
-        if number == 0:
+        views.append(View(video=video, chessboard=board, start_s=float(own_times[0] - times[0])))
+        if number == 0:  # the file of true poses and the size of a marker are for the first camera only
             _write_truth(names["truth.parquet"], times - times[0], middle, hidden, markers, replace)
             marker_px = _px_per_m(scene) * markers.size_m
     with whole_file(names["markers.toml"], replace=replace) as part:
@@ -122,20 +131,29 @@ def write_rehearsal(
     with whole_file(names["log.csv"], replace=replace) as part:
         part.write_bytes(csv_bytes(robot_log(result, run, markers, clock_offset_s)))
     return Rehearsal(
-        out, names["markers.toml"], names["log.csv"], names["truth.parquet"], views[0].chessboard, times.size,
-        marker_px, tuple(views[1:]),
-    )  # fmt: skip
+        video=out,
+        markers=names["markers.toml"],
+        log=names["log.csv"],
+        truth=names["truth.parquet"],
+        chessboard=views[0].chessboard,
+        frames=times.size,
+        marker_px=marker_px,
+        others=tuple(views[1:]),
+    )
 
 
 def _frame_times(
     result: Result, run: int, look: Look, start_s: float, duration_s: float | None
 ) -> tuple[Floats, float]:
-    """Return when the first camera takes its frames, and when no camera takes any more, s.
+    """Return when the first camera takes its frames, (frames,), s, and the time from which no camera takes frames, s.
+
+    Times are those of the run. The last exposure ends before the end of the run.
 
     Raises:
-        InputError: no such run, or nothing in that time.
+        InputError: there is no such run, or it has fewer than two frames in that time.
     """
     if result.runs.filter(pl.col("run") == run).is_empty():
+        # The user counts runs (sessions) from 1, the result from 0.
         raise InputError(f"there is no run {run + 1} in this result", field="--session")
     end_s = float(result.ends.filter(pl.col("run") == run)["end_s"].max() or 0.0)  # type: ignore[arg-type]
     last_s = end_s if duration_s is None else min(start_s + duration_s, end_s)
@@ -147,11 +165,16 @@ def _frame_times(
 
 
 def _times_of(number: int, times: Floats, until_s: float, frames_per_s: float) -> Floats:
-    """Return when one of several cameras takes its frames, s: ``LATER_S`` after the one before, and between its frames.
+    """Return when one of several cameras takes its frames, (frames,), s.
 
+    Each camera begins ``LATER_S`` later than the camera before it. Frames of different cameras are not simultaneous.
+
+    Args:
+        number: of the camera, from 0. times, until_s: results of ``_frame_times``.
     Raises:
         InputError: fewer than two frames are left.
     """
+    # The frames are shifted against those of the camera before by 0.4 of the time between two frames.
     own: Floats = times[times >= times[0] + number * LATER_S] + 0.4 * number / frames_per_s
     own = own[own < until_s]
     if own.size < 2:
@@ -159,19 +182,32 @@ def _times_of(number: int, times: Floats, until_s: float, frames_per_s: float) -
     return own
 
 
-def _tell(progress: Callable[[int, int], None], before: int, of: int, frames: int) -> None:
-    progress(before + frames, of)
+def _report(progress: Callable[[int, int], None], before: int, total: int, frames: int) -> None:
+    """Report progress over all cameras.
+
+    Args:
+        before: number of frames of the cameras before. total: number of frames of all cameras.
+        frames: number of frames of the current camera that are done.
+    """
+    progress(before + frames, total)
 
 
 def _look_of(look: Look, number: int) -> Look:
-    """Return the look of one of several cameras: hung crosswise, every other one the other way round and tilted."""
-    sign = 1 - 2 * (number % 2)
-    bent = (look.lens_k[0] * 0.85**number, look.lens_k[1])
-    return replaced(look, tilt_deg=sign * look.tilt_deg, turned_deg=sign * 90.0, lens_k=bent)
+    """Return how one of several cameras records: turned by 90 degrees, with a lens of its own.
+
+    Every second camera is turned and tilted to the other side.
+
+    Args:
+        number: of the camera, from 0.
+    """
+    sign = 1 - 2 * (number % 2)  # 1, -1, 1, ...
+    # The distortion k1 is 15 % less from camera to camera.
+    lens_k = (look.lens_k[0] * 0.85**number, look.lens_k[1])
+    return replaced(look, tilt_deg=sign * look.tilt_deg, turned_deg=sign * 90.0, lens_k=lens_k)
 
 
 def _part_of(number: int, cameras: int, width_m: float) -> tuple[float, float]:
-    """Return the range of x that one of several cameras sees, m."""
+    """Return the range of x in the arena that one of several cameras sees, m."""
     half_m = 0.5 * OVERLAP * width_m
     low, high = width_m * number / cameras - half_m, width_m * (number + 1) / cameras + half_m
     return max(low, 0.0), min(high, width_m)
@@ -186,11 +222,20 @@ def _render(
     replace: bool,
     progress: Callable[[int], None] | None,
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Write the video of one camera; return the poses in the middle of each exposure and which robots are hidden."""
+    """Write the video of one camera.
+
+    Args:
+        times: middles of the exposures, on the clock of the run, (frames,), s. out: the video.
+        replace: whether an existing video is replaced. progress: called with the number of frames done.
+    Returns: the pose (x, y, heading) of each robot in the middle of each exposure, (frames, robots, 3); and whether the
+        hand that now and then reaches into the picture covers the robot's marker in the frame, (frames, robots).
+    """
     look, robots = scene.look, len(scene.markers.robots)
-    half = look.exposure_s / 2
+    half_s = look.exposure_s / 2
+    # Poses when each exposure begins, in its middle, and when it ends: a robot that moves is blurred between the first
+    # and the last. An exposure around time 0 would begin before the run, where there are no poses: it begins at 0.
     before, middle, after = (
-        poses_at(result, run, robots, np.maximum(times + d, 0.0)) for d in (-half, 0.0, half)
+        poses_at(result, run, robots, np.maximum(times + shift_s, 0.0)) for shift_s in (-half_s, 0.0, half_s)
     )
     hidden = np.zeros((times.size, robots), dtype=np.bool_)
     with (
@@ -198,7 +243,8 @@ def _render(
         VideoWriter(part, look.size_px, look.frames_per_s) as writer,
     ):
         for k, time_s in enumerate(times.tolist()):
-            frame, hidden[k] = scene.frame(time_s, before[k], after[k])
+            # The picture, and whether the hand covers each robot's marker.
+            frame, hidden[k] = scene.frame(time_s, poses=before[k], end_poses=after[k])
             writer.write(frame)
             if progress is not None:
                 progress(k + 1)
@@ -206,7 +252,7 @@ def _render(
 
 
 def _write_board(scene: Scene, video: Path, replace: bool) -> Path:
-    """Write the video of a chessboard beside that of the camera that sees it; return its name."""
+    """Write the video of a chessboard beside the ``video`` of the camera that sees it; return its path."""
     board = video.with_name(f"{video.stem}.chessboard{video.suffix}")
     with whole_file(board, replace=replace) as part:
         write_chessboard(scene, part)
@@ -214,17 +260,25 @@ def _write_board(scene: Scene, video: Path, replace: bool) -> Path:
 
 
 def _px_per_m(scene: Scene) -> float:
-    """Return how many px a metre at the markers' height has in the middle of what is filmed."""
+    """Return the length in px of a metre at the height of robots' markers, in the middle of what is filmed."""
     width_m, height_m = scene.arena_m
     low_m, high_m = (0.0, width_m) if scene.part_m is None else scene.part_m
     x_m = 0.5 * (low_m + high_m)
-    points = np.array([[x_m + d, 0.5 * height_m, scene.markers.height_m] for d in (0.0, 0.001 * width_m)])
-    return float(np.hypot(*np.diff(scene.camera.project(points), axis=0)[0])) / (0.001 * width_m)
+    # Two points a short distance apart are projected; over this distance the lens is practically linear.
+    short_m = 0.001 * width_m
+    points = np.array([[x_m + shift_m, 0.5 * height_m, scene.markers.height_m] for shift_m in (0.0, short_m)])
+    dx_px, dy_px = np.diff(scene.camera.project(points), axis=0)[0]
+    return float(np.hypot(dx_px, dy_px)) / short_m
 
 
 def _write_truth(
     path: Path, times: Floats, poses: Floats, hidden: NDArray[np.bool_], markers: Markers, replace: bool
 ) -> None:
+    """Write the table ``TRUTH``, sorted by frame and robot.
+
+    Args:
+        times: of the frames, s, from the first frame, (frames,). poses, hidden: results of ``_render``.
+    """
     frames, robots = hidden.shape
     columns = {
         "frame": np.repeat(np.arange(frames), robots),
@@ -241,28 +295,26 @@ def _write_truth(
 
 
 def robot_log(result: Result, run: int, markers: Markers, clock_offset_s: float) -> pl.DataFrame:
-    """Return what the robots would have logged of a run: samples by their own clock, and no positions.
+    """Return what the robots would have logged of a run: samples with times of their own clock, without positions.
 
     Args:
-        clock_offset_s: time on the robots' clock when that of the run is 0.
-    Returns: robot (its name), time_s (rounded to ms), energy, observation, the times spent avoiding and standing so
-        far (s, rounded to ms), and what the run has of message, alpha, beta, belief_below, decision, sent,
-        messages_received.
+        clock_offset_s: time on the robots' clock when the time of the run is 0.
+    Returns: a row per sample, sorted by time: robot (its name), time_s (rounded to ms), energy, observation, message,
+        alpha, beta, belief_below, decision, messages_received, the total times spent avoiding and standing so far
+        (s, rounded to ms), and sent. Columns that are null in all rows are left out.
     """
     key = ["run", "robot", "sample"]
     table = result.motion.filter(pl.col("run") == run).sort(*key)
-    table = table.select(
-        *key,
-        "time_s",
-        *(
-            pl.col(f"{name}_s").fill_null(0.0).cum_sum().over("robot").round(3).alias(f"{name}_total_s")
-            for name in ("avoid", "stop")
-        ),
+    # ``avoid_s`` and ``stop_s`` are times since the previous sample; a robot logs their sums since the beginning.
+    totals = (
+        pl.col(f"{name}_s").fill_null(0.0).cum_sum().over("robot").round(3).alias(f"{name}_total_s")
+        for name in ("avoid", "stop")
     )
+    table = table.select(*key, "time_s", *totals)
     for other in (result.observations, result.inference):
         new = [name for name in other.columns if name not in table.columns or name in key]
         table = table.join(other.select(new), on=key, how="left", maintain_order="left")
-    names = dict(enumerate(markers.robots.values()))
+    names = dict(enumerate(markers.robots.values()))  # a robot's name, by its number in the result
     wanted = (
         "energy", "observation", "message", "alpha", "beta", "belief_below", "decision", "messages_received",
         "avoid_total_s", "stop_total_s",
@@ -271,6 +323,7 @@ def robot_log(result: Result, run: int, markers: Markers, clock_offset_s: float)
         table.with_columns(
             robot=pl.col("robot").cast(pl.Int64).replace_strict(names),
             time_s=(pl.col("time_s") + clock_offset_s).round(3),
+            # Messages sent before this sample: one for each earlier sample.
             sent=pl.col("sample"),
         )
         .sort("time_s", "robot")
@@ -282,7 +335,9 @@ def robot_log(result: Result, run: int, markers: Markers, clock_offset_s: float)
 BOARD: Final = (9, 6)
 """Inner corners of the chessboard, across and down."""
 SQUARE_MM: Final = 40.0
+"""Edge of a square of the chessboard."""
 BOARD_FRAMES: Final = 40
+"""Frames of the video of the chessboard; the board has another place in each."""
 
 
 def write_chessboard(scene: Scene, path: Path, frames: int = BOARD_FRAMES) -> None:
@@ -294,36 +349,43 @@ def write_chessboard(scene: Scene, path: Path, frames: int = BOARD_FRAMES) -> No
 
 
 def _board_frame(scene: Scene, k: int) -> NDArray[np.uint8]:
-    """Draw a chessboard somewhere over the floor, with a white rim."""
+    """Draw frame ``k`` of the video: a chessboard with a white rim, at a random place above the floor and tilted."""
     cv2 = opencv()
     draws = uniforms(scene.seed, 0, OF_BOARD, Purpose.VIDEO, 6, first=6 * k)
+    # The middle and size of what the camera sees of the floor, and by how much the image is turned in the arena, rad.
     width, height = scene.arena_m
     middle, turned_by = np.array([width, height]) / 2, 0.0
-    if scene.part_m is not None:  # a camera that hangs crosswise over a part of the arena
+    if scene.part_m is not None:  # a camera that is turned by 90 degrees, over a part of the arena
         low, high = scene.part_m
         middle, turned_by = np.array([(low + high) / 2, height / 2]), np.radians(scene.look.turned_deg)
         width = height = high - low
     camera_m = float(scene.camera.position_m[2])
-    # Held so that it fills about a third of the image's height, wherever the camera hangs.
-    square = SQUARE_MM / 1000
-    half = np.array([BOARD[0] + 1, BOARD[1] + 1]) * square / 2
+    square = SQUARE_MM / 1000  # m
+    half = np.array([BOARD[0] + 1, BOARD[1] + 1]) * square / 2  # half the board's width and height
+    # The board is at most 1.35 m below the camera, so that it fills about a third of the image's height.
+    # ``above`` is the height of the board's middle above the floor, m.
     above = max(camera_m - 1.35, 0.25 * camera_m) + 0.15 * draws[0] * camera_m
-    room = np.array([width, height]) * (camera_m - above) / camera_m
+    room = np.array([width, height]) * (camera_m - above) / camera_m  # what the camera sees at this height
+    # Places are spread over most of this, and more in the direction of the image's width, as it is wider than high.
     aside = (draws[1:3] - 0.5) * np.array([1.75, 1.0]) * room * 0.62
     cos, sin = np.cos(turned_by), np.sin(turned_by)
     at = middle + np.array([[cos, -sin], [sin, cos]]) @ aside
-    a, b, c = (draws[3:6] - 0.5) * np.array([1.0, 1.0, 0.8])
-    turned, _ = cv2.Rodrigues(np.array([a, b, 0.0]))
-    spun, _ = cv2.Rodrigues(np.array([0.0, 0.0, c + turned_by]))
-    axes = (turned @ spun).astype(np.float32)
+    # Tilts about the horizontal axes, up to half a radian, and a turn in the plane of the board.
+    tilt_x, tilt_y, turn = (draws[3:6] - 0.5) * np.array([1.0, 1.0, 0.8])
+    tilted, _ = cv2.Rodrigues(np.array([tilt_x, tilt_y, 0.0]))
+    turned, _ = cv2.Rodrigues(np.array([0.0, 0.0, turn + turned_by]))
+    axes = (tilted @ turned).astype(np.float32)  # columns: the board's axes in the world
     centre = np.array([*at, above], dtype=np.float32)
-    rim = half + square * 0.6
+    rim = half + square * 0.6  # half the size with the white rim, which is 0.6 squares wide
     box = scene.box_around(
         np.array([centre + axes @ [x, y, 0.0] for x in (-rim[0], rim[0]) for y in (-rim[1], rim[1])])
     )
+    # A copy, since the board is drawn into it, and the background is needed for other frames.
     image = scene.background.copy()
-    if box is None:
-        return scene.noisy(image, float(k))
+    if box is None:  # the board is outside the picture
+        return scene.noisy(image, time_s=float(k))
+    # Where the ray of each fine sample of the box meets the plane of the board, in the board's axes. The image is drawn
+    # with ``SAMPLES`` finer samples per pixel along each axis, and then averaged.
     rays = scene.rays_of(box)
     position = scene.camera.position_m.astype(np.float32)
     along = (axes[:, 2] @ (centre - position)) / (rays @ axes[:, 2])
@@ -333,7 +395,7 @@ def _board_frame(scene: Scene, k: int) -> NDArray[np.uint8]:
     on_rim = (np.abs(x) < rim[0]) & (np.abs(y) < rim[1])
     on_board = (np.abs(x) < half[0]) & (np.abs(y) < half[1])
     dark = (np.floor((x + half[0]) / square) + np.floor((y + half[1]) / square)) % 2 == 0
-    part[on_rim] = 236.0
-    part[on_board & dark] = 18.0
+    part[on_rim] = PAPER
+    part[on_board & dark] = BLACK
     image[box] = scene.developed(part)
-    return scene.noisy(image, float(k))
+    return scene.noisy(image, time_s=float(k))  # any time will do, as long as each frame has noise of its own

@@ -1,4 +1,8 @@
-"""The review page of a tracking: how well it went, what is doubtful and what to do about it, how its cameras fit."""
+"""The review page of a tracking: how well it went, what is doubtful and what to do about it, and how cameras fit.
+
+What is doubtful comes from ``doubts``, and its pictures (shots) from ``doubt_frames``. A session is what one camera or
+several saw (``stitch.Stitched``). With the robots' log, the page also shows how well the clocks match.
+"""
 
 from __future__ import annotations
 
@@ -29,24 +33,26 @@ from vibroswarm.tracking.stops import match_samples
 from vibroswarm.tracking.track import TrackedLog, Tracking
 
 REVIEW: Final = "review.html"
+"""File name of the page."""
 LISTED: Final = 200
-"""Doubts of one kind that are listed; the first of them with pictures."""
+"""Most doubts of one kind in a table of those without pictures."""
 
 
 def write_review(
     path: Path, session: Stitched, tracked: TrackedLog | None = None, samples: pl.DataFrame | None = None
 ) -> list[Doubt]:
-    """Write the page; return what is doubtful.
+    """Write the page, and return the doubts that it shows.
 
     Args:
-        tracked, samples: the robots' log with positions, and as it was read.
+        tracked: the robots' log with positions (``track.with_positions``); None without a log.
+        samples: the robots' log as it was read (``track.read_robot_log``); None without a log.
     Raises:
         InputError: the folder cannot be written.
     """
-    matched, lone = (None, None)
+    matched, lone_stops = None, None
     if tracked is not None and samples is not None:
-        matched, lone = match_samples(session.stops, samples, tracked.offset)
-    doubts = doubts_of(session, matched, lone)
+        matched, lone_stops = match_samples(session.stops, samples, tracked.offset)
+    doubts = doubts_of(session, matched, lone_stops)
     write_report(path, review_of(session, doubts, shots_of(session, doubts), tracked, matched))
     return doubts
 
@@ -58,7 +64,12 @@ def review_of(
     tracked: TrackedLog | None = None,
     matched: pl.DataFrame | None = None,
 ) -> Report:
-    """Return the page as a report."""
+    """Lay out the page.
+
+    Args:
+        shots: pictures of some of the doubts. tracked: the robots' log with positions; None without a log.
+        matched: the log's samples with their stops, ``stops.SAMPLES_MATCHED``; None without a log.
+    """
     sections = [_doubtful(doubts, shots), *_seen(session, doubts)]
     if tracked is not None and matched is not None:
         sections.append(_clock(tracked, matched))
@@ -85,13 +96,18 @@ def review_of(
 
 
 def answer(session: Stitched, doubts: Sequence[Doubt], tracked: TrackedLog | None = None) -> str:
-    """Return a summary in sentences: how much was found, how exact it is, and what is doubtful."""
+    """Return a summary in sentences: how much was found, how exact it is, and what is doubtful.
+
+    Args:
+        tracked: the robots' log with positions; the sentence on the robots' clock is left out if it is None.
+    """
     robots = len(session.markers.robots)
     text = (
         f"{100 * session.share_found():.1f} % of the positions of {robots} robots were found, and "
         f"{session.stops.height} stops. "
     )
-    worst = max(session.cameras, key=lambda camera: camera.camera.floor_error_px * mm_per_px(camera))
+    # The camera that fits the floor's markers worst, by its error in mm.
+    worst = max(session.cameras, key=lambda tracking: tracking.camera.floor_error_px * mm_per_px(tracking))
     error_px = worst.camera.floor_error_px
     text += f"The camera's model fits the floor's markers to {error_px * mm_per_px(worst):.1f} mm ({error_px:.2f} px). "
     for overlap in filter(None, session.overlaps):
@@ -103,42 +119,53 @@ def answer(session: Stitched, doubts: Sequence[Doubt], tracked: TrackedLog | Non
         return text + "Nothing is doubtful."
     kinds = [kind for kind in TITLES if any(doubt.kind == kind for doubt in doubts)]
     counts = {kind: sum(doubt.kind == kind for doubt in doubts) for kind in kinds}
+    # Titles begin with a small letter within the sentence.
     counted = ", ".join(f"{TITLES[kind][0].lower() + TITLES[kind][1:]} ({counts[kind]})" for kind in kinds)
     return f"{text}Doubtful: {counted}."
 
 
 def _doubtful(doubts: Sequence[Doubt], shots: Sequence[Shot]) -> Section:
-    """Return what is doubtful, by kind: what to do, frames, and the rest as a list."""
+    """Lay out what is doubtful, a section for each kind: what to do, pictures, and the doubts without pictures.
+
+    Up to three doubts without pictures are written as sentences; if there are more, they are written as a table.
+    """
     if not doubts:
         return Section("What is doubtful", ("Nothing.",))
-    below = []
+    sections = []
     for kind in dict.fromkeys(doubt.kind for doubt in doubts):
-        own = [number for number, doubt in enumerate(doubts) if doubt.kind == kind]
-        shown = {shot.doubt for shot in shots} & set(own)
+        of_kind = [number for number, doubt in enumerate(doubts) if doubt.kind == kind]
+        shown = {shot.doubt for shot in shots} & set(of_kind)
         parts: list[ReportFrames | ReportTable] = [*_rows_of_frames(doubts, shots, sorted(shown))]
-        rest = [doubts[number] for number in own if number not in shown]
+        without_pictures = [doubts[number] for number in of_kind if number not in shown]
         text = [f"What to do: {ADVICE[kind]}"]
-        if 0 < len(rest) <= 3:
-            text += [doubt.words for doubt in rest]
-        elif rest:
+        if 0 < len(without_pictures) <= 3:
+            text += [doubt.words for doubt in without_pictures]
+        elif without_pictures:
             rows = pl.DataFrame(
-                [(doubt.robot, doubt.time_s, doubt.words) for doubt in rest],
+                [(doubt.robot, doubt.time_s, doubt.words) for doubt in without_pictures],
                 schema={"robot": pl.Int64, "time_s": pl.Float64, "what": pl.String},
                 orient="row",
             )
             columns = {"time_s": Column("time", "s", decimals=1), "what": Column(prose=True)}
             caption = "More, without a picture" if shown else ""
-            parts.append(ReportTable(rows, columns, caption, f"doubtful-{kind}", LISTED))
-        below.append(Section(f"{TITLES[kind]} ({len(own)})", tuple(text), tuple(parts)))
+            name = f"doubtful-{kind}"
+            parts.append(ReportTable(rows, columns, caption=caption, name=name, rows_up_to=LISTED))
+        sections.append(Section(f"{TITLES[kind]} ({len(of_kind)})", text=tuple(text), parts=tuple(parts)))
     lead = "Most important first. A ring marks the place: where the robot or marker is, or was seen last."
+    # A doubt has up to three pictures, of which all or none are shown. So pictures may have been left out even if the
+    # number of pictures shown is a little below the limit.
     bounded = f" At most {FRAMES_UP_TO} frames are shown." if len(shots) > FRAMES_UP_TO - 4 else ""
-    return Section("What is doubtful", (lead + bounded,), (), tuple(below))
+    return Section("What is doubtful", text=(lead + bounded,), sections=tuple(sections))
 
 
 def _rows_of_frames(
     doubts: Sequence[Doubt], shots: Sequence[Shot], shown: Sequence[int]
 ) -> list[ReportFrames]:
-    """Return a row of frames for each doubt; those that have one frame each share a row."""
+    """Lay out the pictures of doubts of one kind: a row for each doubt, or one row if each doubt has one picture.
+
+    Args:
+        shown: indices of the doubts that have pictures.
+    """
     if not shown:
         return []
     if all(len(doubts[number].shots) == 1 for number in shown):
@@ -147,30 +174,36 @@ def _rows_of_frames(
             for shot in shots
             if shot.doubt in shown
         ]
-        return [ReportFrames("", tuple(frames))]
+        return [ReportFrames(words="", frames=tuple(frames))]
     return [
         ReportFrames(
-            doubts[number].words,
-            tuple(ReportFrame(shot.address, shot.words) for shot in shots if shot.doubt == number),
+            words=doubts[number].words,
+            frames=tuple(ReportFrame(shot.address, shot.words) for shot in shots if shot.doubt == number),
         )
         for number in shown
     ]
 
 
 def _seen(session: Stitched, doubts: Sequence[Doubt]) -> list[Section]:
-    """Return the sections on where and when robots were seen."""
+    """Lay out the sections on where and when robots were seen, with a table by robot.
+
+    With one camera, the share seen is that of its frames. With several, whose frames are taken at different times, it
+    is the share of time outside gaps.
+    """
     gaps = session.gaps()
     names = list(session.markers.robots.values())
     first_s, last_s = session.span_s
-    frames = session.cameras[0].detections.time_s.size
+    frames = session.cameras[0].detections.time_s.size  # used only if there is one camera
+    # The largest edge of each robot's marker in any camera; 0 if no camera saw it.
     edges = np.stack([camera.detections.edge_px() for camera in session.cameras])
     rows = []
-    for name, edge in zip(names, np.nanmax(np.nan_to_num(edges), axis=0).tolist(), strict=True):
+    for name, edge in zip(names, np.nan_to_num(edges).max(axis=0).tolist(), strict=True):
         own = gaps.filter(pl.col("robot") == name)
         lengths = own["end_s"] - own["start_s"]
-        seen = session.positions.filter(pl.col("robot") == name).height / frames
         if len(session.cameras) > 1:
             seen = 1.0 - float(lengths.sum()) / (last_s - first_s)
+        else:
+            seen = session.positions.filter(pl.col("robot") == name).height / frames
         stops = session.stops.filter(pl.col("robot") == name).height
         longest = float(lengths.max()) if own.height else 0.0  # type: ignore[arg-type]
         rows.append((name, seen, own.height, longest, stops, edge))
@@ -182,24 +215,27 @@ def _seen(session: Stitched, doubts: Sequence[Doubt]) -> list[Section]:
         "longest_gap_s": Column("longest gap", "s", decimals=1),
         "edge_px": Column("width of the marker", "px", decimals=0),
     }
-    moments = []
+    moments = []  # of doubts other than gaps, on the session's clock
     for doubt in doubts:
         if doubt.kind != "gap" and doubt.robot is not None and doubt.time_s is not None:
-            own_clock = doubt.kind in ("sample", "stop", "late")
-            moments.append(
-                (doubt.robot, doubt.time_s + (0.0 if own_clock else session.offset_s(doubt.camera)))
-            )
+            is_on_session_clock = doubt.kind in ("sample", "stop", "late")
+            offset_s = 0.0 if is_on_session_clock else session.offset_s(doubt.camera)
+            moments.append((doubt.robot, doubt.time_s + offset_s))
     tracks = draw_tracks(session.positions, session.stops, session.markers.floor)
     line = draw_time_line(names, gaps, session.stops, (first_s, last_s), moments)
-    by_robot = ReportTable(table, columns, "By robot", "robots")
+    by_robot = ReportTable(table, columns, caption="By robot", name="robots")
     return [
-        Section("Where robots were seen", (), (picture_of(tracks, "tracks"),)),
-        Section("When robots were seen", (), (picture_of(line, "time-line"), by_robot)),
+        Section("Where robots were seen", parts=(picture_of(tracks, "tracks"),)),
+        Section("When robots were seen", parts=(picture_of(line, "time-line"), by_robot)),
     ]
 
 
 def _clock(tracked: TrackedLog, matched: pl.DataFrame) -> Section:
-    """Return the section on how well the samples of the log match the stops in the video."""
+    """Lay out the section on how well the samples of the log match the stops in the video.
+
+    Args:
+        matched: the log's samples with their stops, ``stops.SAMPLES_MATCHED``.
+    """
     offset = tracked.offset
     text = (
         f"The robots' clock is {offset.offset_s:+.3f} s ahead of the video's (standard error "
@@ -221,32 +257,40 @@ def _clock(tracked: TrackedLog, matched: pl.DataFrame) -> Section:
         "spread_ms": Column("interquartile range", "ms", decimals=0),
         "matched": Column("with a stop"),
     }
+    table = ReportTable(by_robot, columns, caption="By robot", name="clock-robots")
     return Section(
         "Clocks of the robots and of the video",
-        (text,),
-        (
-            picture_of(draw_clock(matched), "clock"),
-            ReportTable(by_robot, columns, "By robot", "clock-robots"),
-        ),
+        text=(text,),
+        parts=(picture_of(draw_clock(matched), "clock"), table),
     )
 
 
 def overlap_section(session: Stitched) -> Section:
-    """Return the section on how well the clocks and places of several cameras agree."""
+    """Lay out the section on how well the clocks and positions of several cameras agree.
+
+    Each camera but the first has a row in the table: the offset of its clock, and the differences between its positions
+    and those by the cameras before it. The picture shows these differences as arrows over the floor.
+    """
     rows, places, apart = [], [], []
     for number, (camera, overlap) in enumerate(zip(session.cameras, session.overlaps, strict=True), start=1):
-        if overlap is None:
+        if overlap is None:  # the first camera has no camera before it
             continue
-        shift = 1000 * np.median(overlap.apart_m, axis=0)
+        x_mm, y_mm = (1000 * np.median(overlap.apart_m, axis=0)).tolist()  # the shift of its positions
         rows.append(
-            (
-                number, camera.video.name, overlap.offset_s, 1000 * overlap.error_s, overlap.pairs,
-                1000 * overlap.disagreement_m(), 1000 * overlap.disagreement_m(0.95), float(shift[0]), float(shift[1]),
-            )
-        )  # fmt: skip
+            {
+                "camera": number,
+                "video": camera.video.name,
+                "offset_s": overlap.offset_s,
+                "error_ms": 1000 * overlap.error_s,
+                "pairs": overlap.pairs,
+                "median_mm": 1000 * overlap.disagreement_m(),
+                "most_mm": 1000 * overlap.disagreement_m(0.95),
+                "x_mm": x_mm,
+                "y_mm": y_mm,
+            }
+        )
         places.append(overlap.places_m)
         apart.append(overlap.apart_m)
-    names = ("camera", "video", "offset_s", "error_ms", "pairs", "median_mm", "most_mm", "x_mm", "y_mm")
     columns = {
         "offset_s": Column("begins later than the first", "s", decimals=3),
         "error_ms": Column("standard error", "ms", decimals=1),
@@ -256,23 +300,23 @@ def overlap_section(session: Stitched) -> Section:
         "x_mm": Column("shift in x", "mm", decimals=2),
         "y_mm": Column("shift in y", "mm", decimals=2),
     }
-    table = pl.DataFrame(rows, schema=list(names), orient="row")
     text = (
         "Offsets are from robots that two cameras saw at once. Where both see a robot its place is their mean, "
         "weighted by resolution and by the distance to the picture's edge.",
-        "A shift that is the same everywhere is a marker of the floor that was measured wrongly; one that turns or "
-        "grows is a lens: calibrate it with a chessboard (`--lens`).",
+        "A shift that is the same everywhere comes from a marker of the floor whose place was measured wrongly; a "
+        "shift that turns or grows comes from the lens: calibrate it with a chessboard (`--lens`).",
     )
     picture = picture_of(draw_overlap(np.concatenate(places), np.concatenate(apart)), "overlap")
     caption = "Each camera against those before it"
-    return Section("Where views overlap", text, (picture, ReportTable(table, columns, caption, "cameras")))
+    table = ReportTable(pl.DataFrame(rows), columns, caption=caption, name="cameras")
+    return Section("Where views overlap", text=text, parts=(picture, table))
 
 
 def camera_section(tracking: Tracking, name: str = "") -> Section:
-    """Return the section on how well the lens and pose of a camera fit.
+    """Lay out the section on how well the lens and pose of a camera fit.
 
     Args:
-        name: what to add to headings, such as " of camera 2".
+        name: added to headings and names of files, such as " of camera 2"; empty if there is one camera.
     """
     camera, residuals = tracking.camera, floor_residuals(tracking)
     lens = (
@@ -293,9 +337,11 @@ def camera_section(tracking: Tracking, name: str = "") -> Section:
     drawing = draw_lens(
         tracking.detections.size_px, tracking.detections.floor_px, residuals, robots_px, robots_mm
     )
+    # Number, x, y, error in px and error in mm of each marker. The third value of a marker's place is its angle, which
+    # is not shown.
     rows = [
-        (marker, *tracking.markers.floor[marker][:2], *_rms(tracking, residuals, marker))
-        for marker in tracking.markers.floor
+        (marker, x_m, y_m, *_rms(tracking, residuals, marker))
+        for marker, (x_m, y_m, _) in tracking.markers.floor.items()
     ]
     table = pl.DataFrame(
         rows,
@@ -309,19 +355,22 @@ def camera_section(tracking: Tracking, name: str = "") -> Section:
         "error_mm": Column("the same", "mm", decimals=2),
     }
     caption = "Markers of the floor, and how well the fitted camera meets their corners; a dash: never seen"
+    by_marker = ReportTable(table, columns, caption=caption, name=f"floor-markers{name}")
     return Section(
         f"Lens and markers of the floor{name}",
-        text,
-        (
-            picture_of(drawing, f"lens{name}"),
-            ReportTable(table, columns, caption, f"floor-markers{name}"),
-        ),
+        text=text,
+        parts=(picture_of(drawing, f"lens{name}"), by_marker),
     )
 
 
 def _rms(
     tracking: Tracking, residuals: dict[int, np.ndarray[tuple[int, ...], np.dtype[np.float64]]], marker: int
 ) -> tuple[float | None, float | None]:
+    """Return the root mean square error of a floor marker's corners in px and in mm; None if it was never seen.
+
+    Args:
+        residuals: result of ``doubts.floor_residuals``: errors of the corners of each marker, by its number.
+    """
     if marker not in residuals:
         return None, None
     error = float(np.sqrt((residuals[marker] ** 2).sum(axis=1).mean()))

@@ -1,13 +1,18 @@
-"""When tracked robots stand to take a sample, by how much their clock differs from the camera's, and how samples fit.
+"""Find when tracked robots stand to take a sample, and match these stops with the samples of the robots' log.
+
+Matching gives the offset of the robots' clock from the camera's clock. A robot drives on a control period after its
+sample, so the end of its stop, seen by the camera, gives the time of the sample.
 
 | name | equation |
 |---|---|
-| noise of a coordinate | 1.4826 median of the size of second differences / sqrt(6): of independent errors |
-| stands | within ``NOISES`` noises (at least ``LEAST_M``, ``LEAST_RAD``) of the medians over ``SHORTEST_S`` |
-| moved since a stop | distance + ``LEVER_M`` times the angle |
-| end of a stop | when a line through what it moved in the first frames after it is 0 |
+| noise of a coordinate | 1.4826 median of abs(second differences) / sqrt(6): standard deviation of independent errors |
+| a robot stands | ``SHORTEST_S`` within ``NOISES`` noises (at least ``LEAST_M``, ``LEAST_RAD``) of its median pose |
+| moved since a stop | distance + ``LEVER_M`` times the angle turned |
+| end of a stop | a line is fitted to the movement in the first frames afterwards; the end is where the line is 0 |
 | clock offset | median over matched pairs of (time of a sample in the log - end of a stop) + control period |
-| its standard error | 1.2533 * 1.4826 MAD / sqrt(pairs): of a median of normal errors |
+| standard error of the offset | 1.2533 * 1.4826 MAD / sqrt(pairs): that of the median of normal errors |
+
+MAD is the median absolute deviation; 1.4826 MAD is the standard deviation of normal errors, and 1.2533 = sqrt(pi / 2).
 """
 
 from __future__ import annotations
@@ -24,17 +29,23 @@ from vibroswarm.errors import InputError
 Floats = NDArray[np.float64]
 
 NOISES: Final = 6.0
+"""A robot stands if its pose differs from the median pose by less than this many standard deviations of the noise."""
 LEAST_M: Final = 0.0004
+"""Less movement than this is always taken as standing, however little noise there is."""
 LEAST_RAD: Final = 0.015
-"""A tracked robot that stands moves less than this, however little noise there is."""
+"""Less turn than this is always taken as standing, however little noise there is."""
 LEVER_M: Final = 0.03
+"""Distance that counts as much as a turn by 1 rad."""
 SHORTEST_S: Final = 0.6
 """Shorter stops are not counted; the paper's robots sample for 1 s."""
 AFTER: Final = 3
-"""Frames after a stop that its end is found from."""
+"""Number of frames after a stop from which its end is found."""
 BIN_S: Final = 0.25
+"""Width of a bin in which the most frequent clock offset is searched."""
 MATCH_S: Final = 0.5
+"""A sample and the end of a stop match if they are at most this far apart, once the clocks are matched."""
 LEAST_PAIRS: Final = 8
+"""Fewest matches that determine a clock offset."""
 
 STOPS: Final = {
     "robot": pl.Int64,
@@ -44,7 +55,8 @@ STOPS: Final = {
     "x_m": pl.Float64,
     "y_m": pl.Float64,
 }
-"""Columns of a table of stops; an end is not seen if the robot is hidden then, or the video over."""
+"""Columns of a table of stops: times on the video's clock, and the median position. If the end was not seen, since the
+robot was hidden or the video over, ``end_s`` is when the robot was last seen standing."""
 
 
 @dataclass(frozen=True)
@@ -55,43 +67,53 @@ class ClockOffset:
     error_s: float
     """Standard error."""
     pairs: int
-    """Samples of the log that are matched with a stop."""
+    """Number of pairs of a sample of the log and a stop that match."""
     samples: int
-    """Samples of the log while the camera ran."""
+    """Number of samples of the log while the camera saw stops."""
     control_period_s: float = 0.0
-    """How long after a sample a robot drives on: the end of a stop is so much later."""
+    """Time from a sample to the end of its stop, s: the robot samples at one control tick and drives on at the next."""
 
 
 def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: Floats) -> pl.DataFrame:
-    """Return the stops of one robot (``STOPS``).
+    """Return the stops of one robot (``STOPS``), in the order of time.
 
     Args:
-        time_s, x_m, y_m, heading_rad: (detections,), of increasing time.
+        time_s, x_m, y_m, heading_rad: pose at each detection, (detections,), with increasing times.
     """
     heading = np.unwrap(heading_rad)
     near_m = max(NOISES * max(_noise(x_m), _noise(y_m)), LEAST_M)
     near_rad = max(NOISES * _noise(heading), LEAST_RAD)
+    # Whether the robot stands at each detection: that is, whether the detection is part of a stretch of SHORTEST_S in
+    # which the robot stays near its median pose. A stretch begins at each detection.
     stands = np.zeros(time_s.size, dtype=np.bool_)
-    for k in range(time_s.size):
-        j = int(np.searchsorted(time_s, time_s[k] + SHORTEST_S))
-        if j >= time_s.size or time_s[j] > time_s[k] + 2.0 * SHORTEST_S:
+    for first in range(time_s.size):
+        last = int(np.searchsorted(time_s, time_s[first] + SHORTEST_S))
+        # No stretch: the video ends before SHORTEST_S is over, or there is a gap (the next detection is much later).
+        if last >= time_s.size or time_s[last] > time_s[first] + 2.0 * SHORTEST_S:
             continue
-        along = slice(k, j + 1)
-        away = np.hypot(x_m[along] - np.median(x_m[along]), y_m[along] - np.median(y_m[along]))
-        turned = np.abs(heading[along] - np.median(heading[along]))
+        stretch = slice(first, last + 1)
+        away = np.hypot(x_m[stretch] - np.median(x_m[stretch]), y_m[stretch] - np.median(y_m[stretch]))
+        turned = np.abs(heading[stretch] - np.median(heading[stretch]))
         if away.max() < near_m and turned.max() < near_rad:
-            stands[along] = True
+            stands[stretch] = True
+    # ``stands`` changes at the first detection of a stop and at the first one after it: pairs of indices.
+    # A 0 at both ends makes a stop begin or end there too.
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(np.int8), [0]])))
     rows = []
-    for first, after in edges.reshape(-1, 2):
-        x, y, towards = (float(np.median(of[first:after])) for of in (x_m, y_m, heading))
+    for begin, after in edges.reshape(-1, 2):
+        x, y, towards = (float(np.median(values[begin:after])) for values in (x_m, y_m, heading))
         moved = np.hypot(x_m - x, y_m - y) + LEVER_M * np.abs(heading - towards)
-        rows.append((robot, float(time_s[first]), *_end_of(after, time_s, moved), x, y))
+        end_s, end_seen = _end_of(after, time_s, moved)
+        rows.append((robot, float(time_s[begin]), end_s, end_seen, x, y))
     return pl.DataFrame(rows, schema=STOPS, orient="row")
 
 
 def _noise(values: Floats) -> float:
-    """Return the standard deviation of the noise of a coordinate, by its second differences; 0 if too few."""
+    """Return the standard deviation of a coordinate's noise; 0 with fewer than 5 values.
+
+    It is computed from second differences, which a steady movement does not change. The variance of a second difference
+    is 6 times that of the noise: 1 + 4 + 1.
+    """
     if values.size < 5:
         return 0.0
     return 1.4826 * float(np.median(np.abs(np.diff(values, 2)))) / 6**0.5
@@ -101,81 +123,101 @@ def _end_of(after: int, time_s: Floats, moved: Floats) -> tuple[float, bool]:
     """Return when a stop ended, s, and whether that was seen; if not, when the robot was last seen standing.
 
     Args:
-        after: index of the first detection after the stop. moved: (detections,): how far the robot moved since, m.
+        after: index of the first detection after the stop. moved: how far the robot is from its pose in the stop at
+            each detection, (detections,), m.
     """
     last_s = float(time_s[after - 1])
     usual_s = float(np.median(np.diff(time_s)))
+    # The next AFTER detections, without those that are late because frames are missing.
     going = after + np.flatnonzero(time_s[after : after + AFTER] - last_s < (AFTER + 0.5) * usual_s)
-    if going.size == 0 or time_s[after] - last_s > 1.5 * usual_s:
+    if going.size == 0 or time_s[after] - last_s > 1.5 * usual_s:  # the next frame is missing
         return last_s, False
     step_s = float(time_s[after]) - last_s
-    slope, at_0 = np.polyfit(time_s[going] - last_s, moved[going], 1) if going.size > 1 else (0.0, 0.0)
-    return last_s + (float(np.clip(-at_0 / slope, 0.0, step_s)) if slope > 0.0 else 0.5 * step_s), True
+    # A line through the movement, as slope and value at the last frame in which the robot stands.
+    slope, at_last = np.polyfit(time_s[going] - last_s, moved[going], 1) if going.size > 1 else (0.0, 0.0)
+    # The robot drove off between that frame and the next one: where the line is 0, or in the middle if there is no
+    # rising line.
+    since_last_s = float(np.clip(-at_last / slope, 0.0, step_s)) if slope > 0.0 else 0.5 * step_s
+    return last_s + since_last_s, True
 
 
 def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float = 0.0) -> ClockOffset:
-    """Match the samples of a log with the stops that a camera saw.
+    """Find by how much the robots' clock is ahead of the camera's, from the samples of a log and the stops seen.
+
+    Every sample of a robot is paired with every stop of this robot. The differences in time of the true pairs are all
+    about equal, so the most frequent difference is searched, and refined to the median of the differences near it.
 
     Args:
-        stops: ``STOPS``. log: robot and time_s (by the robots' clock) of each sample.
-        control_period_s: how long after a sample a robot drives on.
+        stops: ``STOPS``; only those whose end was seen are used. log: robot and time_s (by the robots' clock) of each
+            sample.
+        control_period_s: time from a sample to the end of its stop, s. A robot samples at one control tick and drives
+            on at the next.
     Raises:
         InputError: fewer than ``LEAST_PAIRS`` samples match.
     """
     stops = stops.filter(pl.col("end_seen"))
-    lags = []
+    by_robot = []
     for robot in log["robot"].unique().to_list():
         taken = log.filter(pl.col("robot") == robot)["time_s"].to_numpy()
         ended = stops.filter(pl.col("robot") == robot)["end_s"].to_numpy()
-        lags.append((taken[:, None] - ended[None, :]).ravel())
-    every = np.concatenate(lags) if lags else np.empty(0)
-    if every.size == 0:
+        by_robot.append((taken[:, None] - ended[None, :]).ravel())
+    differences = np.concatenate(by_robot) if by_robot else np.empty(0)
+    if differences.size == 0:
         raise InputError("no robot of the log stops in the video", field="--log")
-    low = every.min() - BIN_S
-    counts = np.bincount(((every - low) / BIN_S).astype(int), minlength=2)
-    together = counts[:-1] + counts[1:]
-    peak = low + BIN_S * (int(np.argmax(together)) + 1)
-    for within in (BIN_S, MATCH_S, BIN_S):
-        matched = every[np.abs(every - peak) < within]
+    low = differences.min() - BIN_S
+    # At least two bins, since pairs of neighbouring bins are looked at.
+    counts = np.bincount(((differences - low) / BIN_S).astype(int), minlength=2)
+    # The true difference may lie near a border of bins, so two neighbouring bins are counted together. The search
+    # starts at the border between the two bins that have most together.
+    peak = low + BIN_S * (int(np.argmax(counts[:-1] + counts[1:])) + 1)
+    # The peak moves to the median of the differences near it, three times. The second range is wider, to include true
+    # differences that the first one missed; the last one is narrow, to have few wrong pairs.
+    for within_s in (BIN_S, MATCH_S, BIN_S):
+        matched = differences[np.abs(differences - peak) < within_s]
         if matched.size:
             peak = float(np.median(matched))
-    matched = every[np.abs(every - peak) < MATCH_S]
+    matched = differences[np.abs(differences - peak) < MATCH_S]
     if matched.size < LEAST_PAIRS:
         raise InputError(
             f"only {matched.size} of its samples match a stop in the video; are both of one session?",
             field="--log",
         )
-    spread = 1.4826 * float(np.median(np.abs(matched - peak)))
+    spread_s = 1.4826 * float(np.median(np.abs(matched - peak)))  # standard deviation, robust to wrong pairs
     ends = stops["end_s"].to_numpy()
-    own = log["time_s"].to_numpy() - peak
-    during = int(((own >= ends.min() - MATCH_S) & (own <= ends.max() + MATCH_S)).sum())
+    log_s = log["time_s"].to_numpy() - peak  # on the video's clock
+    during = int(((log_s >= ends.min() - MATCH_S) & (log_s <= ends.max() + MATCH_S)).sum())
     return ClockOffset(
-        peak + control_period_s,
-        1.2533 * spread / matched.size**0.5,
-        int(matched.size),
-        during,
-        control_period_s,
+        # ``peak`` compares samples with ends of stops, and a stop ends one control period after its sample.
+        offset_s=peak + control_period_s,
+        error_s=1.2533 * spread_s / matched.size**0.5,
+        pairs=int(matched.size),
+        samples=during,
+        control_period_s=control_period_s,
     )
 
 
 FAR_S: Final = 3.0
+"""A sample at most this long after a robot was last seen standing belongs to that stop, if its end was not seen."""
 SAMPLES_MATCHED: Final = {
     "robot": pl.Int64, "time_s": pl.Float64, "stop_end_s": pl.Float64, "residual_s": pl.Float64,
 }  # fmt: skip
-"""A row a sample: when it was taken on the video's clock; the end of its stop, null without one; and by how much the
-sample is later than a control period before that, null too if the end was not seen."""
+"""Columns of a table with a row per sample. ``time_s``: when it was taken, on the video's clock. ``stop_end_s``: end of
+its stop; null if it has no stop. ``residual_s``: how much later the sample was taken than expected, which is a control
+period before the end of its stop; null if it has no stop, or a stop whose end was not seen."""
 
 
 def match_samples(
     stops: pl.DataFrame, samples: pl.DataFrame, offset: ClockOffset
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Match each sample with the nearest end of a stop of its robot, within ``MATCH_S``; each stop at most once.
+    """Match samples with ends of stops of the same robot that are at most ``MATCH_S`` away.
 
-    A sample during a stop whose end was hidden, or ``FAR_S`` after it was seen last, belongs to that stop.
+    A sample matches at most one stop, and a stop at most one sample; the nearest pairs are taken first. A sample
+    without a match belongs to a stop whose end was not seen, if it was taken during that stop or up to ``FAR_S`` after
+    it.
 
     Args:
-        stops: ``STOPS``. samples: robot and time_s (by the robots' clock).
-    Returns: ``SAMPLES_MATCHED``, in the order of time, and the stops that no sample matches.
+        stops: ``STOPS``. samples: robot and time_s (by the robots' clock). offset: result of ``clock_offset``.
+    Returns: ``SAMPLES_MATCHED``, in the order of time; and those of the stops whose end was seen that match no sample.
     """
     rows: list[tuple[int, float, float | None, float | None]] = []
     unmatched = []
@@ -183,25 +225,27 @@ def match_samples(
         of_robot = stops.filter(pl.col("robot") == robot)
         own = of_robot.filter(pl.col("end_seen"))
         hidden = of_robot.filter(~pl.col("end_seen")).select("start_s", "end_s").rows()
-        ends = own["end_s"].to_numpy() - offset.control_period_s  # when it has sampled
+        ends = own["end_s"].to_numpy() - offset.control_period_s  # when the sample of each stop was due
         taken = np.sort(samples.filter(pl.col("robot") == robot)["time_s"].to_numpy() - offset.offset_s)
         apart = np.abs(taken[:, None] - ends[None, :])
-        partner: dict[int, int] = {}
-        for flat in np.argsort(apart, axis=None, kind="stable").tolist():
-            sample, stop = divmod(flat, max(ends.size, 1))
+        partner: dict[int, int] = {}  # the stop of each matched sample
+        for flat in np.argsort(apart, axis=None, kind="stable").tolist():  # pairs, the nearest first
+            # Row and column of ``apart``. Without stops there are no pairs, and this line is not reached.
+            sample, stop = divmod(flat, ends.size)
             if apart[sample, stop] > MATCH_S:
                 break
             if sample not in partner and stop not in partner.values():
                 partner[sample] = stop
-        for k, time_s in enumerate(taken.tolist()):
-            during = [end for start, end in hidden if start <= time_s <= end + FAR_S]
-            if k in partner:
-                rows.append(
-                    (robot, time_s, float(own["end_s"][partner[k]]), time_s - float(ends[partner[k]]))
-                )
+        for sample, time_s in enumerate(taken.tolist()):
+            if sample in partner:
+                stop = partner[sample]
+                rows.append((robot, time_s, float(own["end_s"][stop]), time_s - float(ends[stop])))
             else:
-                rows.append((robot, time_s, during[0] if during else None, None))
-        free = [k not in set(partner.values()) for k in range(ends.size)]
-        unmatched.append(own.filter(pl.Series(free, dtype=pl.Boolean)))
+                hidden_ends = [end for start, end in hidden if start <= time_s <= end + FAR_S]
+                rows.append((robot, time_s, hidden_ends[0] if hidden_ends else None, None))
+        taken_stops = set(partner.values())
+        is_unmatched = [stop not in taken_stops for stop in range(ends.size)]
+        unmatched.append(own.filter(pl.Series(is_unmatched, dtype=pl.Boolean)))
     matched = pl.DataFrame(rows, schema=SAMPLES_MATCHED, orient="row").sort("time_s", "robot")
+    # ``stops.clear()`` is an empty table with the same columns, for the case that there is no robot.
     return matched, pl.concat(unmatched).sort("end_s", "robot") if unmatched else stops.clear()

@@ -1,4 +1,8 @@
-"""From a video to where the robots were, and with their log to a recording."""
+"""Track robots in a video: find where they were. Join the robots' log with these positions, as a recording.
+
+A robot is called by its name, which is the number that its log has. Times are seconds on the video's clock, from its
+first frame, unless they are said to be on the robots' clock.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +20,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.tracking.camera import Camera, Lens, fit_camera, square_of
-from vibroswarm.tracking.detection import Detections, detect
+from vibroswarm.tracking.marker_detection import Detections, detect
 from vibroswarm.tracking.markers import Markers
 from vibroswarm.tracking.stops import STOPS, ClockOffset, clock_offset, stops_of
 from vibroswarm.tracking.video_file import uneven_frames
@@ -26,20 +30,21 @@ Floats = NDArray[np.float64]
 POSITIONS: Final = {
     "robot": pl.Int64, "time_s": pl.Float64, "x_m": pl.Float64, "y_m": pl.Float64, "heading_rad": pl.Float64,
 }  # fmt: skip
-"""Columns of positions: the robot's name, seconds from the first frame, and its pose; a row where it was seen."""
+"""Columns of positions: robot's name, seconds from the first frame, and its pose; a row for each time it was seen."""
 GAP_S: Final = 1.0
 """Positions are not interpolated over longer gaps."""
 SMALL_PX: Final = 20.0
 """A marker with a smaller edge is read badly."""
 FASTEST_M_S: Final = 0.5
-"""A position that would need a higher speed from both its neighbours is another marker misread."""
+"""Fastest speed of a robot. A position that it could reach from the position before, and leave for the one after, only
+at a higher speed is a misread marker."""
 FITTED: Final = 120
-"""Robots' markers that a self-calibration is fitted to, spread over the video."""
+"""About how many detections of robots' markers a self-calibration is fitted to, spread over the video."""
 
 
 @dataclass(frozen=True)
 class Tracking:
-    """Where robots were in a video."""
+    """What was found in one video: camera, markers, and where robots were."""
 
     video: Path
     markers: Markers
@@ -50,9 +55,9 @@ class Tracking:
     stops: pl.DataFrame
     """``stops.STOPS``."""
     jumps: int
-    """Positions that were dropped as too fast."""
+    """Number of positions that were dropped as too fast."""
     dropped: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=POSITIONS))
-    """Those positions, ``POSITIONS``."""
+    """The positions that were dropped, ``POSITIONS``."""
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -60,22 +65,23 @@ class Tracking:
         return float(self.detections.time_s[0]), float(self.detections.time_s[-1])
 
     def gaps(self) -> pl.DataFrame:
-        """Return the gaps of more than ``GAP_S``: robot, start_s, end_s; from the first frame to the last."""
+        """Return the gaps of more than ``GAP_S`` in which a robot was not seen, see ``gaps_in``."""
         return gaps_in(self.positions, list(self.markers.robots.values()), self.span_s)
 
     def warnings(self, alone: bool = True) -> list[str]:
-        """Return what a user should know of this video, in sentences.
+        """Return sentences on what a user should know of this video, such as markers that are too small.
 
         Args:
-            alone: whether this is the only camera; else a robot that it never sees may be in another's view.
+            alone: whether this is the only camera. If not, robots that it never sees are not reported, since another
+                camera may see them.
         """
         found = []
-        small = float(np.nanmin(self.detections.edge_px()))
-        if small < SMALL_PX:
-            needed_mm = int(np.ceil(1000 * self.markers.size_m * SMALL_PX / small))
+        smallest_px = float(np.nanmin(self.detections.edge_px()))
+        if smallest_px < SMALL_PX:
+            needed_mm = int(np.ceil(1000 * self.markers.size_m * SMALL_PX / smallest_px))
             found.append(
-                f"A robot's marker is {small:.0f} px wide; below {SMALL_PX:g} px markers are missed and headings are "
-                f"rough: bring the camera nearer, film at a higher resolution, or print markers of {needed_mm} mm."
+                f"A robot's marker is {smallest_px:.0f} px wide; below {SMALL_PX:g} px markers are missed and headings "
+                f"are rough: bring the camera nearer, film at a higher resolution, or print markers of {needed_mm} mm."
             )
         never = [
             name
@@ -86,10 +92,12 @@ class Tracking:
             found.append(f"Never seen: robots {', '.join(map(str, never))}.")
         uneven = uneven_frames(self.detections.time_s)
         if uneven is not None:
+            share, shortest_s, longest_s = uneven
             found.append(
-                f"Frames are uneven: {100 * uneven[0]:.1f} % of the steps differ from the usual one "
-                f"({1000 * uneven[1]:.0f} to {1000 * uneven[2]:.0f} ms); the file's own times are used."
+                f"Frames are uneven: {100 * share:.1f} % of the steps differ from the usual one "
+                f"({1000 * shortest_s:.0f} to {1000 * longest_s:.0f} ms); the file's own times are used."
             )
+        # Corners of markers are detected to about 0.2 px, so an error of more than 1 px has another cause.
         if self.camera.floor_error_px > 1.0:
             found.append(
                 f"Corners of the floor's markers are off by {self.camera.floor_error_px:.1f} px: check their places, "
@@ -99,12 +107,22 @@ class Tracking:
 
 
 def gaps_in(positions: pl.DataFrame, robots: Sequence[int], span_s: tuple[float, float]) -> pl.DataFrame:
-    """Return the gaps of more than ``GAP_S`` in ``POSITIONS`` within ``span_s``: robot, start_s, end_s."""
+    """Return the gaps of more than ``GAP_S`` in which robots were not seen, including those at both ends of the span.
+
+    Args:
+        positions: ``POSITIONS``. robots: their names. span_s: first and last time, for instance of the video.
+    Returns: robot, start_s, end_s of each gap, in the order of robots and times. A robot that was never seen has one
+        gap, the whole span.
+    """
     rows = []
     for robot in robots:
         own = positions.filter(pl.col("robot") == robot)["time_s"].to_numpy()
-        edges = np.concatenate([[span_s[0]], own, [span_s[1]]])
-        rows += [(robot, a, b) for a, b in pairwise(edges.tolist()) if b - a > GAP_S]
+        edges_s = np.concatenate([[span_s[0]], own, [span_s[1]]])
+        rows += [
+            (robot, start_s, end_s)
+            for start_s, end_s in pairwise(edges_s.tolist())
+            if end_s - start_s > GAP_S
+        ]
     return pl.DataFrame(
         rows, schema={"robot": pl.Int64, "start_s": pl.Float64, "end_s": pl.Float64}, orient="row"
     )
@@ -123,16 +141,20 @@ def track(
     """Track the robots of a video.
 
     Args:
-        lens: fitted to a chessboard; without, it is fitted to the markers of the floor and of the robots.
-        lens_size_px: width and height of the lens's video. camera_height_m: if it was measured.
+        markers: those of the robots and of the floor.
+        lens: a lens that was fitted to a chessboard; None: the lens is fitted to the markers of floor and robots.
+        lens_size_px: width and height of the video of the chessboard.
+        camera_height_m: height of the camera, if it was measured. partial: whether a video that ends early is accepted.
+        progress: called with the number of frames done and the number of all frames.
     Raises:
-        InputError: no video, no markers, or markers where they should not be.
+        InputError: it is no video, shows no marker of a robot or none of the floor, is of another size than the video
+            of the chessboard, or the floor's markers are not in their places.
     """
     seen = detect(video, markers, partial=partial, progress=progress)
     if lens is not None and lens_size_px is not None and lens_size_px != seen.size_px:
         raise InputError(
             f"is of {lens_size_px[0]} x {lens_size_px[1]} px, the video of {seen.size_px[0]} x {seen.size_px[1]}; "
-            "record both alike",
+            "record both at the same size",
             field="--lens",
         )
     if not seen.floor_px:
@@ -140,46 +162,50 @@ def track(
             f"shows none of the floor's markers {list(markers.floor)} (dictionary {markers.dictionary})",
             field=str(video),
         )
-    there = np.isfinite(seen.corners_px.reshape(*seen.corners_px.shape[:2], 8).sum(axis=2))
-    robots_px = seen.corners_px[there]
+    is_seen: NDArray[np.bool_] = np.all(np.isfinite(seen.corners_px), axis=(2, 3))  # (frames, robots)
+    robots_px = seen.corners_px[is_seen]
     camera = fit_camera(
         seen.size_px,
-        np.concatenate([markers.floor_corners(marker) for marker in seen.floor_px]),
-        np.concatenate(list(seen.floor_px.values())),
-        robots_px[:: max(len(robots_px) // FITTED, 1)],
-        markers.size_m,
-        markers.height_m,
-        lens,
-        camera_height_m,
+        floor_m=np.concatenate([markers.floor_corners(marker) for marker in seen.floor_px]),
+        floor_px=np.concatenate(list(seen.floor_px.values())),
+        robots_px=robots_px[:: max(len(robots_px) // FITTED, 1)],  # about ``FITTED``, spread over the video
+        robot_size_m=markers.size_m,
+        robot_height_m=markers.height_m,
+        lens=lens,
+        camera_height_m=camera_height_m,
     )
-    tables, stops, dropped = _robot_tables(seen, there, camera, markers)
+    tables, stops, dropped = _robot_tables(seen, is_seen, camera, markers)
     return Tracking(
         video,
         markers,
         camera,
-        seen,
-        pl.concat(tables),
-        pl.concat(stops) if stops else pl.DataFrame(schema=STOPS),
-        sum(part.height for part in dropped),
-        pl.concat(dropped),
+        detections=seen,
+        positions=pl.concat(tables),
+        stops=pl.concat(stops) if stops else pl.DataFrame(schema=STOPS),
+        jumps=sum(part.height for part in dropped),
+        dropped=pl.concat(dropped),
     )
 
 
 def _robot_tables(
-    seen: Detections, there: NDArray[np.bool_], camera: Camera, markers: Markers
+    seen: Detections, is_seen: NDArray[np.bool_], camera: Camera, markers: Markers
 ) -> tuple[list[pl.DataFrame], list[pl.DataFrame], list[pl.DataFrame]]:
-    """Return the positions, the stops, and the positions that are too fast, of each robot that was seen.
+    """Return tables of each robot that was seen: positions, stops, and positions that were dropped as too fast.
 
     Args:
-        there: (frames, robots): whether a robot's marker was seen.
+        is_seen: whether a robot's marker was seen, (frames, robots).
+    Returns: three lists with a table for each of these robots: ``POSITIONS``, ``stops.STOPS``, and ``POSITIONS`` that
+        were dropped. The last list begins with an empty table, so that it can be concatenated even without robots.
     """
     tables, stops, dropped = [], [], [pl.DataFrame(schema=POSITIONS)]
     for i, name in enumerate(markers.robots.values()):
-        own = seen.corners_px[there[:, i], i]
-        if not len(own):
+        own = seen.corners_px[is_seen[:, i], i]
+        if not len(own):  # the robot was never seen
             continue
         centre, along = square_of(camera.at_height(own, markers.height_m))
-        time_s = seen.time_s[there[:, i]]
+        time_s = seen.time_s[is_seen[:, i]]
+        # ``along`` is the direction of the marker's top edge from left to right. A quarter turn from it is the
+        # direction from the marker's centre to its top, and ``forward_rad`` from that is the robot's heading.
         heading = wrapped(along + np.pi / 2 + markers.forward_rad)
         kept = ~too_fast(time_s, centre)
         columns = {
@@ -195,16 +221,24 @@ def _robot_tables(
 
 
 def wrapped(angle_rad: Floats) -> Floats:
-    """Return angles from -pi to pi."""
+    """Return angles brought into the range from -pi to pi."""
     return np.asarray(np.angle(np.exp(1j * angle_rad)))
 
 
 def too_fast(time_s: Floats, centre_m: Floats) -> NDArray[np.bool_]:
-    """Return which positions lie so far from both neighbours that no robot could have been there."""
+    """Return whether each position is too far from those before and after it for a robot's speed, (positions,).
+
+    The first and the last position have only one neighbour. Such a position is too far if the step to the neighbour is
+    too fast and the neighbour's other step is not: if both are too fast, it is the neighbour that is wrong.
+
+    Args:
+        time_s: ascending, (positions,). centre_m: (positions, 2).
+    """
     if time_s.size < 3:
         return np.zeros(time_s.size, dtype=np.bool_)
-    steps = np.linalg.norm(np.diff(centre_m, axis=0), axis=1) / np.maximum(np.diff(time_s), 1e-6)
-    fast = steps > FASTEST_M_S
+    # The maximum avoids a division by 0 if two frames have the same time.
+    speeds_m_s = np.linalg.norm(np.diff(centre_m, axis=0), axis=1) / np.maximum(np.diff(time_s), 1e-6)
+    fast = speeds_m_s > FASTEST_M_S
     found = np.zeros(time_s.size, dtype=np.bool_)
     found[1:-1] = fast[:-1] & fast[1:]
     found[0], found[-1] = fast[0] and not fast[1], fast[-1] and not fast[-2]
@@ -212,24 +246,29 @@ def too_fast(time_s: Floats, centre_m: Floats) -> NDArray[np.bool_]:
 
 
 def read_robot_log(path: Path) -> pl.DataFrame:
-    """Read a robots' log: CSV with robot, time_s (by the robots' clock) and energy, and what else a log may have.
+    """Read a robots' log: CSV with robot, time_s (by the robots' clock) and energy, and other columns of a log.
 
+    Positions in the log are not read, since the camera gives them. Rows without an energy are not samples, and are left
+    out.
+
+    Returns: the columns of ``recordings.log.SAMPLES``.
     Raises:
-        InputError: missing columns, or cells that are no numbers; names the row.
+        InputError: columns are missing, or cells are not numbers; the message names the column or the row.
     """
     name = str(path)
     table = table_of(text_of(path), name)
-    check_columns({use: use for use in ("robot", "time_s", "energy")}, table.columns[1:], name)
+    columns_of_file = table.columns[1:]  # the first is ``line``, the row's number in the file
+    check_columns({use: use for use in ("robot", "time_s", "energy")}, columns_of_file, name)
     columns: dict[str, Any] = {"line": table["line"]}
     for use in SAMPLES:
         if use in ("line", "x_m", "y_m", "heading_rad") or use not in table.columns:
             continue
-        numbers = numbers_of(table[use], table["line"], name, use, ("", "nan", "NaN"))
-        check_values(numbers, table["line"], name, use, use)
+        numbers = numbers_of(table[use], table["line"], name, column=use, missing=("", "nan", "NaN"))
+        check_values(numbers, table["line"], name, use=use, column=use)  # columns are named by their use
         columns[use] = numbers
     found = log_frame(columns, SAMPLES).filter(pl.col("energy").is_not_null())
     if found["robot"].null_count() or found["time_s"].null_count():
-        raise InputError("a row without robot or time_s", field=name)
+        raise InputError("has a row without robot or time_s", field=name)
     return found
 
 
@@ -240,9 +279,9 @@ class TrackedLog:
     log: Log
     offset: ClockOffset
     outside: int
-    """Samples before the video began or after it ended: left out."""
+    """Number of samples that are left out since they were taken before the video began or after it ended."""
     unseen: int
-    """Samples during a gap of the tracking: left out, their places are not known."""
+    """Number of samples that are left out since they were taken in a gap of the tracking."""
 
 
 class Seen(Protocol):
@@ -261,17 +300,23 @@ class Seen(Protocol):
 def with_positions(
     tracking: Seen, samples: pl.DataFrame, name: str, control_period_s: float = 0.0
 ) -> TrackedLog:
-    """Give the samples of a robots' log the places where the camera saw the robots; times are the log's.
+    """Join the samples of a robots' log with the poses at which the camera saw the robots.
+
+    The times of the result are those of the robots' clock. Poses at the times of samples are interpolated. Samples
+    outside the video or in gaps of the tracking are left out. The positions seen by the camera become the log's tracks,
+    from time 0 of the robots' clock on.
 
     Args:
-        control_period_s: how long after a sample a robot drives on.
+        tracking: what the cameras saw. samples: result of ``read_robot_log``. name: of the log, also for messages.
+        control_period_s: time from a sample to the end of its stop, s. A robot samples at one control tick and drives
+            on at the next.
     Raises:
-        InputError: the clocks cannot be matched, or a robot of the log has no marker.
+        InputError: the clocks cannot be matched, a robot of the log has no marker, or no sample has a position.
     """
-    strangers = set(samples["robot"].unique().to_list()) - set(tracking.markers.robots.values())
-    if strangers:
+    without_marker = set(samples["robot"].unique().to_list()) - set(tracking.markers.robots.values())
+    if without_marker:
         raise InputError(
-            f"has robot {min(strangers)}, which has no marker in the file of markers", field=name
+            f"has robot {min(without_marker)}, which has no marker in the file of markers", field=name
         )
     offset = clock_offset(tracking.stops, samples, control_period_s)
     first_s, last_s = tracking.span_s
@@ -279,26 +324,29 @@ def with_positions(
     for robot in tracking.markers.robots.values():
         own = samples.filter(pl.col("robot") == robot)
         seen = tracking.positions.filter(pl.col("robot") == robot)
-        time_s = own["time_s"].to_numpy() - offset.offset_s
+        time_s = own["time_s"].to_numpy() - offset.offset_s  # of samples, on the video's clock
         during = (time_s >= first_s) & (time_s <= last_s)
         outside += int((~during).sum())
-        at = seen["time_s"].to_numpy()
-        if at.size < 2:
+        seen_s = seen["time_s"].to_numpy()
+        if seen_s.size < 2:  # nothing can be interpolated
             unseen += int(during.sum())
             continue
-        after = np.clip(np.searchsorted(at, time_s), 1, at.size - 1)
-        near = (time_s >= at[0]) & (time_s <= at[-1]) & (at[after] - at[after - 1] <= GAP_S)
-        unseen += int((during & ~near).sum())
+        # Index of the position after each sample. The limits keep the index valid for samples that are not located.
+        after = np.clip(np.searchsorted(seen_s, time_s), 1, seen_s.size - 1)
+        in_no_gap = seen_s[after] - seen_s[after - 1] <= GAP_S
+        is_located = (time_s >= seen_s[0]) & (time_s <= seen_s[-1]) & in_no_gap
+        unseen += int((during & ~is_located).sum())
         heading = np.unwrap(seen["heading_rad"].to_numpy())
         parts.append(
             own.with_columns(
-                x_m=pl.Series(np.interp(time_s, at, seen["x_m"].to_numpy())),
-                y_m=pl.Series(np.interp(time_s, at, seen["y_m"].to_numpy())),
-                heading_rad=pl.Series(wrapped(np.interp(time_s, at, heading))),
-            ).filter(pl.Series(during & near))
+                x_m=pl.Series(np.interp(time_s, seen_s, seen["x_m"].to_numpy())),
+                y_m=pl.Series(np.interp(time_s, seen_s, seen["y_m"].to_numpy())),
+                heading_rad=pl.Series(wrapped(np.interp(time_s, seen_s, heading))),
+            ).filter(pl.Series(during & is_located))
         )
     if not parts or sum(part.height for part in parts) == 0:
         raise InputError("none of its samples has a position in the video", field=name)
+    # ``line`` is the number of a row in the log's file. Positions by the camera are not in this file: their line is 0.
     tracks = tracking.positions.with_columns(
         pl.col("time_s") + offset.offset_s, line=pl.lit(0, dtype=pl.UInt32)
     ).filter(pl.col("time_s") >= 0.0)
@@ -310,4 +358,4 @@ def with_positions(
         tracks=log_frame(tracks.sort("time_s", "robot").to_dict(), TRACKS),
         counts={"rows": samples.height},
     )
-    return TrackedLog(log, offset, outside, unseen)
+    return TrackedLog(log, offset, outside=outside, unseen=unseen)

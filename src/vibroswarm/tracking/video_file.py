@@ -1,4 +1,9 @@
-"""Write and read videos, and refuse those that cannot be trusted."""
+"""Write and read videos, and refuse files that are damaged, cut off or no videos.
+
+A picture is a frame as it was decoded; a grey picture is its brightness. A file's head (its header) states size, rate
+and number of frames. OpenCV does not compare the head with the frames that follow it. So the number of frames that were
+read is compared here with what the head states, to find out whether a file was cut off.
+"""
 
 from __future__ import annotations
 
@@ -20,26 +25,33 @@ Picture = NDArray[np.uint8]
 """(height, width, 3) as it was decoded, or (height, width)."""
 
 CODECS: Final = {".avi": "MJPG", ".mp4": "mp4v"}
-"""By suffix; both are in OpenCV's own wheel."""
+"""The codec of a video that is written, by its suffix; both are in OpenCV's own wheel."""
 QUALITY: Final = 92
+"""Quality of the video that is written, 0 to 100."""
 MISSING_FRAMES: Final = 2
-"""Containers miscount by a frame or two; more are missing."""
+"""The head of an intact file may state a frame or two too many; if more are missing, the video was cut off."""
 UNEVEN: Final = 0.2
 """A step between frames that differs by this share from the usual one is uneven."""
 
 
 def check_suffix(path: Path, field: str = "--out") -> None:
-    """Refuse a name of a video whose suffix names no codec.
+    """Check that the name of a video to be written ends in .avi or .mp4, which sets its codec.
 
     Raises:
-        InputError: it does not end in .avi or .mp4.
+        InputError: it has another suffix.
     """
     if path.suffix.lower() not in CODECS:
         raise InputError(f"'{path.name}' must end in {' or '.join(CODECS)}", field=field)
 
 
 class VideoWriter:
-    """Writes grey frames; a context manager."""
+    """Context manager that writes grey frames to a video.
+
+    Args:
+        size_px: width and height of the frames.
+    Raises:
+        InputError: the path does not end in .avi or .mp4. RunError: the file cannot be written.
+    """
 
     def __init__(self, path: Path, size_px: tuple[int, int], frames_per_s: float) -> None:
         cv2 = opencv()
@@ -73,7 +85,7 @@ class VideoInfo:
     height_px: int
     frames_per_s: float
     frames: int
-    """As stated; 0: not stated."""
+    """Number of frames; 0 if the head states none."""
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -82,6 +94,11 @@ class VideoInfo:
 
 
 def _opened(path: Path) -> Any:
+    """Open a video, and return OpenCV's ``VideoCapture``.
+
+    Raises:
+        InputError: it does not exist, is empty, or cannot be read as a video.
+    """
     cv2 = opencv()
     name = str(path)
     if not path.exists():
@@ -94,9 +111,10 @@ def _opened(path: Path) -> Any:
         raise InputError("is empty: 0 bytes; copy it from the camera again", field=name)
     logging = cv2.utils.logging
     level = logging.getLogLevel()
-    logging.setLogLevel(logging.LOG_LEVEL_SILENT)  # what is wrong is said below
+    # OpenCV's own messages: a problem is reported below instead.
+    logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
-        # One thread: the work is divided by video, and results must not depend on processors.
+        # One thread, since results must not depend on the number of processors; videos may be read in parallel.
         capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     finally:
         logging.setLogLevel(level)
@@ -110,14 +128,16 @@ def _opened(path: Path) -> Any:
 
 
 def video_info(path: Path) -> VideoInfo:
-    """Return what the head of a video states.
+    """Return what the head of a video states; the size is that of its frames as they are shown.
 
     Raises:
-        InputError: no video, or one without frames.
+        InputError: it is no video, has no frames, or states a size or rate that cannot be.
     """
     cv2 = opencv()
     capture = _opened(path)
     width, height = (int(capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    # The head of a video that was taken upright may state the size before the frames are turned. Then the size is that
+    # of the first frame, which is turned when it is read.
     if capture.get(cv2.CAP_PROP_ORIENTATION_AUTO) and int(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 180:
         width, height = _size_of_first(capture, path)
     frames, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
@@ -126,11 +146,16 @@ def video_info(path: Path) -> VideoInfo:
         raise InputError(
             f"is not a usable video: {width} x {height} px at {rate:g} frames/s", field=str(path)
         )
+    # A damaged head may give a negative number of frames; 0 means that the number is not known.
     return VideoInfo(path, width, height, rate, max(int(frames), 0))
 
 
 def _size_of_first(capture: Any, path: Path) -> tuple[int, int]:
-    """Return the size of the first frame as it is shown, which is turned by the file's orientation."""
+    """Return width and height of the first frame as it is shown, turned by the file's orientation.
+
+    Raises:
+        InputError: the video has no frames.
+    """
     read, frame = capture.read()
     if not read:
         raise InputError("has no frames", field=str(path))
@@ -138,13 +163,13 @@ def _size_of_first(capture: Any, path: Path) -> tuple[int, int]:
 
 
 def grey(picture: Picture) -> Gray:
-    """Return a picture, or a part of one, as brightness."""
+    """Convert a picture, or a part of a picture, to brightness; a grey picture is returned as it is."""
     cv2 = opencv()
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)) if picture.ndim == 3 else picture
 
 
 def frames_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, Gray]]:
-    """Yield the time (s, from the first frame) and the picture of each frame, grey; as ``pictures_of``."""
+    """Yield the time (s, from the first frame) and the grey picture of each frame, see ``pictures_of``."""
     return ((time_s, grey(picture)) for time_s, picture in pictures_of(path, partial=partial))
 
 
@@ -154,7 +179,8 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
     Args:
         partial: whether a video that ends early is accepted.
     Raises:
-        InputError: no frames, fewer than the file's head states, or a head that states none.
+        InputError: the video has no frames. Unless ``partial`` is true, also if it has fewer frames than its head
+            states, or if its head states no number of frames.
     """
     cv2 = opencv()
     info = video_info(path)
@@ -165,6 +191,7 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
             field=str(path),
         )
     capture = _opened(path)
+    # ``last_s`` is the time of the frame before; it is below 0 before the first frame, whose time is 0.
     count, first_s, last_s = 0, 0.0, -1.0
     try:
         while True:
@@ -175,7 +202,7 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
             if count == 0:
                 first_s = time_s
             time_s -= first_s
-            if time_s <= last_s:  # some containers have no times of their own
+            if time_s <= last_s:  # some files have no times of frames: they are computed from the rate
                 time_s = last_s + 1.0 / info.frames_per_s
             last_s = time_s
             count += 1
@@ -193,17 +220,21 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
 
 
 def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
-    """Yield some frames: their number, from 0 as ``frames_of`` counts them, and picture; missing ones are left out.
+    """Yield some frames in ascending order, each once: number and grey picture.
 
-    The others are skipped without converting them, and only one picture is held at a time.
+    Frames in between are skipped without converting them, and only one picture is held in memory. Numbers beyond the
+    end of the video are left out.
+
+    Args:
+        numbers: of the frames, from 0 as ``frames_of`` counts them, in any order.
     """
     cv2 = opencv()
     wanted = sorted(set(numbers))
     capture = _opened(path)
-    at = 0
+    at = 0  # number of the next frame
     try:
         for number in wanted:
-            while at < number and capture.grab():
+            while at < number and capture.grab():  # skips a frame
                 at += 1
             if at < number:
                 return
@@ -217,16 +248,18 @@ def frames_at(path: Path, numbers: Iterable[int]) -> Iterator[tuple[int, Gray]]:
 
 
 def uneven_frames(time_s: NDArray[np.float64]) -> tuple[float, float, float] | None:
-    """Return the share of uneven steps between frames, the shortest and the longest step, s.
+    """Return the share of uneven steps between frames (see ``UNEVEN``), and the shortest and the longest step, s.
 
-    None if all are even, or with fewer than three frames.
+    Args:
+        time_s: of the frames, (frames,).
+    Returns: None if all steps are even, or with fewer than three frames.
     """
     steps = np.diff(time_s)
     if steps.size < 2:
         return None
     usual = float(np.median(steps))
-    odd = np.abs(steps - usual) > UNEVEN * usual
-    return (float(odd.mean()), float(steps.min()), float(steps.max())) if odd.any() else None
+    is_uneven = np.abs(steps - usual) > UNEVEN * usual
+    return (float(is_uneven.mean()), float(steps.min()), float(steps.max())) if is_uneven.any() else None
 
 
 Progress = Callable[[int, int], None]

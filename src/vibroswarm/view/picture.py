@@ -1,4 +1,7 @@
-"""Draw a run at a time as a picture, in three dimensions, without display or browser: by MuJoCo with EGL or OSMesa."""
+"""Draw the state of a run at one time as a picture in three dimensions, without a display or browser.
+
+MuJoCo draws it, by one of two OpenGL libraries: EGL or OSMesa.
+"""
 
 from __future__ import annotations
 
@@ -32,18 +35,25 @@ from vibroswarm.view.scene import (
 )
 
 WIDTH, HEIGHT = 1280, 960
+"""Size of the picture in pixels."""
 WAYS: Final = ("egl", "osmesa")
-"""Ways to draw without a display that are tried, as ``MUJOCO_GL`` names them."""
+"""Values of ``MUJOCO_GL`` that are tried one after the other, unless it is set."""
 SECONDS: Final = 120
+"""Time limit of drawing by one of them."""
 FOV_DEG: Final = 57.0
+"""Vertical field of view of the camera."""
 THICK_M: Final = 0.005
+"""Thickness of the walls."""
 
 
 def write_picture(result: Result, run: int, path: Path, time_s: float | None = None) -> str:
-    """Write a picture of a run at a time (default: its end) as PNG; return how it was drawn: egl or osmesa.
+    """Write a picture of a run at ``time_s`` (by default at its end) as PNG.
 
+    Args:
+        run: number of the run. path: of the file. time_s: time of the run, s.
+    Returns: the value of ``MUJOCO_GL`` with which it was drawn, such as "egl".
     Raises:
-        InputError: MuJoCo is missing, or neither EGL nor OSMesa is there, or there is no such run or time.
+        InputError: MuJoCo is missing, neither EGL nor OSMesa works, or there is no such run or time.
         RunError: the disk is full or failed.
     """
     if find_spec("mujoco") is None:
@@ -63,7 +73,18 @@ def write_picture(result: Result, run: int, path: Path, time_s: float | None = N
 
 
 def _drawn(xml: str, floor: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], str]:
-    """Return the pixels of a scene, (HEIGHT, WIDTH, 3), and the way in which they were drawn."""
+    """Draw a scene in a separate process, the program ``view.render``.
+
+    The process uses the OpenGL library that the environment variable ``MUJOCO_GL`` names. If the variable is not set,
+    the libraries in ``WAYS`` are tried until one works.
+
+    Args:
+        xml: the scene as MJCF, which refers to the picture of the floor as "floor.png". floor: RGB pixels of this
+            picture, (rows, columns, 3).
+    Returns: the pixels, (HEIGHT, WIDTH, 3), and the value of ``MUJOCO_GL`` with which they were drawn.
+    Raises:
+        InputError: no library works.
+    """
     chosen = os.environ.get("MUJOCO_GL", "").lower()
     reasons = []
     with tempfile.TemporaryDirectory(prefix="vibroswarm-") as name:
@@ -83,9 +104,10 @@ def _drawn(xml: str, floor: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], str]:
             environment = {
                 **os.environ,
                 "MUJOCO_GL": way,
+                # The folders of this process, so that the other process finds the same packages.
                 "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
             }
-            environment.pop("PYOPENGL_PLATFORM", None)
+            environment.pop("PYOPENGL_PLATFORM", None)  # MuJoCo refuses a value other than that of MUJOCO_GL
             try:
                 done = subprocess.run(
                     command, cwd=folder, env=environment, capture_output=True, text=True, timeout=SECONDS
@@ -96,8 +118,9 @@ def _drawn(xml: str, floor: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], str]:
             out = folder / "out.rgb"
             if done.returncode == 0 and out.is_file() and out.stat().st_size == WIDTH * HEIGHT * 3:
                 return np.frombuffer(out.read_bytes(), dtype=np.uint8).reshape(HEIGHT, WIDTH, 3), way
-            said = done.stderr.strip().splitlines() or [f"ended with exit code {done.returncode}"]
-            reasons.append(f"{way}: {said[-1][:160]}")
+            # The last line that the process printed names the error.
+            error_lines = done.stderr.strip().splitlines() or [f"ended with exit code {done.returncode}"]
+            reasons.append(f"{way}: {error_lines[-1][:160]}")
     raise InputError(
         f"cannot be drawn here without a display ({'; '.join(reasons)}); install EGL or OSMesa (Debian: libegl1 or "
         "libosmesa6), or use --html",
@@ -106,10 +129,16 @@ def _drawn(xml: str, floor: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], str]:
 
 
 def camera_of(result: Result) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where the camera is, m, and its axes right, up and back, (3, 3)."""
+    """Return the camera's place, x, y, z (m), and its axes.
+
+    The camera stands above the arena's lower edge and looks at the middle of the floor.
+
+    Returns: the place, (3,), and unit vectors to its right, up and back, (3, 3), one per row.
+    """
     arena = result.scenario.arena
     across_m = max(arena.width_m, arena.height_m)
     middle = np.array([arena.width_m / 2.0, arena.height_m / 2.0, 0.0])
+    # With the field of view ``FOV_DEG`` the whole arena is visible from here.
     eye = middle + np.array([0.0, -0.55 * across_m, 0.95 * across_m])
     back = (eye - middle) / np.linalg.norm(eye - middle)
     right = np.array([1.0, 0.0, 0.0])
@@ -117,15 +146,21 @@ def camera_of(result: Result) -> tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def scene_xml(playback: Playback, time_s: float) -> str:
-    """Return the scene at a time as MJCF; nothing in it moves."""
+    """Return the scene at a time as MJCF, the XML of MuJoCo: floor, walls, robots, and the samples taken by then.
+
+    All bodies are fixed. MJCF gives the sizes of boxes, cylinders and planes as half lengths; the third size of a plane
+    is the spacing of its grid lines.
+    """
     arena = playback.result.scenario.arena
     eye, axes = camera_of(playback.result)
+    right_and_up = axes[:2]
     geoms = [*_walls(arena.width_m, arena.height_m)]
     for robot in range(playback.robots):
         geoms += _robot(playback, robot, time_s)
     for k in range(playback.samples_by(time_s)):
         x_m, y_m = playback.places[k]
         colour = MORE if playback.readings[k] == 1 else LESS
+        # A flat disc on the floor, 1 mm high.
         geoms.append(_geom("cylinder", (SAMPLE_M / 2, 0.0005), (x_m, y_m, 0.0005), colour))
     return f"""<mujoco>
   <visual>
@@ -138,7 +173,7 @@ def scene_xml(playback: Playback, time_s: float) -> str:
     <material name="floor" texture="floor" texuniform="false" texrepeat="1 1"/>
   </asset>
   <worldbody>
-    <camera pos="{_numbers(eye)}" xyaxes="{_numbers(axes[:2].ravel())}" fovy="{FOV_DEG}"/>
+    <camera pos="{_numbers(eye)}" xyaxes="{_numbers(right_and_up.ravel())}" fovy="{FOV_DEG}"/>
     <geom type="plane" size="{arena.width_m / 2!r} {arena.height_m / 2!r} 1" material="floor"
           pos="{arena.width_m / 2!r} {arena.height_m / 2!r} 0"/>
     {"".join(geoms)}
@@ -147,8 +182,9 @@ def scene_xml(playback: Playback, time_s: float) -> str:
 
 
 def _walls(width_m: float, height_m: float) -> list[str]:
-    """Return the four walls."""
-    half_m, high_m = THICK_M / 2.0, WALL_M / 2.0
+    """Return the four walls of the arena as MJCF; they stand just outside of it."""
+    half_m, high_m = THICK_M / 2.0, WALL_M / 2.0  # half the thickness, half the height
+    # Middle (x, y) and half lengths of the left, right, lower and upper wall.
     return [
         _geom("box", (size_x, size_y, high_m), (x_m, y_m, high_m), INK, alpha=0.35)
         for x_m, y_m, size_x, size_y in (
@@ -159,7 +195,10 @@ def _walls(width_m: float, height_m: float) -> list[str]:
 
 
 def _robot(playback: Playback, robot: int, time_s: float) -> list[str]:
-    """Return a robot in the colour of its belief, with its front; nothing where its place is not known."""
+    """Return a robot as MJCF: a cylinder in the colour of its belief, and a small box on its front.
+
+    The list is empty if the robot's place is not known at this time.
+    """
     x_m, y_m, heading_rad = playback.poses(robot, time_s)[0].tolist()
     if not math.isfinite(x_m):
         return []
@@ -186,12 +225,17 @@ def _geom(
     alpha: float = 1.0,
     turned_deg: float = 0.0,
 ) -> str:
-    """Return a geom as MJCF."""
+    """Return one body of the scene as MJCF.
+
+    Args:
+        kind: "box" or "cylinder". size: half lengths, or radius and half height, m. at: middle, m. colour: 0 to 255.
+        alpha: opacity. turned_deg: rotation about the vertical.
+    """
     rgba = _numbers((*(part / 255.0 for part in colour), alpha))
     place = f'pos="{_numbers(at)}" euler="0 0 {turned_deg:.6g}"'
     return f'<geom type="{kind}" size="{_numbers(size)}" {place} rgba="{rgba}"/>'
 
 
 def _numbers(values: NDArray[np.float64] | tuple[float, ...]) -> str:
-    """Return numbers as MJCF has them."""
+    """Write numbers for MJCF, separated by spaces."""
     return " ".join(f"{float(value):.6g}" for value in values)

@@ -1,7 +1,7 @@
-"""Draw a scene of MuJoCo without a display: ``python -m vibroswarm.view.render SCENE.xml WIDTH HEIGHT OUT.rgb``.
+"""Draw a MuJoCo scene without a display: ``python -m vibroswarm.view.render SCENE.xml WIDTH HEIGHT OUT.rgb``.
 
-A program of its own, since MuJoCo and OpenGL choose how to draw once per process (``MUJOCO_GL``: egl or osmesa), and
-since a driver that fails may end the process.
+This is a program of its own for two reasons. MuJoCo chooses its OpenGL library (``MUJOCO_GL``: egl or osmesa) only once
+per process, and a driver that fails may end the process.
 """
 
 from __future__ import annotations
@@ -11,12 +11,17 @@ from pathlib import Path
 
 
 def main(scene: str, width: str, height: str, out: str) -> None:
-    """Write the pixels, top row first, three bytes each; the camera is the scene's first."""
+    """Draw a scene with its first camera, and write the pixels: top row first, three bytes (RGB) each.
+
+    Args:
+        scene: MJCF file. width, height: in pixels. out: file to write.
+    """
     import mujoco
 
     model = mujoco.MjModel.from_xml_path(scene)
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
+    # Room for all geoms of the scene, and for some that MuJoCo may add.
     renderer = mujoco.Renderer(model, int(height), int(width), max_geom=model.ngeom + 100)
     renderer.update_scene(data, camera=0)
     Path(out).write_bytes(renderer.render().tobytes())

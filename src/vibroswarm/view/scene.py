@@ -1,4 +1,7 @@
-"""The scene of a run at a time: floor, walls, samples, robots with poses and beliefs from the tables of a result."""
+"""Show a run at a time as a scene: floor, walls, samples, and robots with their poses and beliefs.
+
+``Playback`` looks these up in the tables of a result. ``Scene`` shows them in a browser by the library viser.
+"""
 
 from __future__ import annotations
 
@@ -20,12 +23,16 @@ UNKNOWN: Final = 0.5
 
 
 class Playback:
-    """One run of a result.
+    """One run of a result, with its state at any time.
+
+    ``sample_s`` (samples,), ``places`` (samples, 2) and ``readings`` (samples,) are time (s), place (x and y, m) and
+    bit of all samples, by time. ``end_s`` is the end of the run.
 
     Args:
-        result: with segments; without, robots go straight from sample to sample. run: its number.
+        result: with segments if possible; without, robots are shown going straight from sample to sample.
+        run: number of the run.
     Raises:
-        InputError: there is no such run, or nothing in it to show.
+        InputError: there is no such run, or it has no samples.
     """
 
     def __init__(self, result: Result, run: int) -> None:
@@ -38,9 +45,11 @@ class Playback:
             raise InputError(f"run {run} has no sample", field="run")
         key = ["run", "robot", "sample"]
         samples = samples.join(result.observations, on=key).join(result.inference, on=key).sort("time_s")
+        # Time, place and bit of all samples, in the order of time.
         self.sample_s = samples["time_s"].to_numpy()
         self.places = samples.select("x_m", "y_m").to_numpy()
         self.readings = samples["observation"].cast(pl.Int64).to_numpy()
+        # Samples and segments by robot; no segments if the result has none.
         self._samples = [samples.filter(pl.col("robot") == robot) for robot in range(self.robots)]
         segments = None if result.segments is None else result.segments.filter(of_run)
         self._segments = (
@@ -55,21 +64,31 @@ class Playback:
         return self._segments is not None
 
     def poses(self, robot: int, time_s: ArrayLike) -> Floats:
-        """Return x, y (m) and heading (rad) of a robot, (times, 3)."""
+        """Return x, y (m) and heading (rad) of a robot at times, (times, 3).
+
+        Without segments, places are interpolated linearly between samples, and the heading is that of the straight line
+        between them. All values are nan for a robot without samples.
+        """
         times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
         if self._segments is not None:
             return pose(self._segments[robot], self.run, robot, times)
         own = self._samples[robot]
         if own.is_empty():
             return np.full((times.size, 3), np.nan)
-        at, x, y = (own[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
-        k = np.clip(np.searchsorted(at, times, side="right") - 1, 0, max(at.size - 2, 0))
-        following = np.minimum(k + 1, at.size - 1)
-        heading = np.arctan2(y[following] - y[k], x[following] - x[k])
-        return np.stack([np.interp(times, at, x), np.interp(times, at, y), heading], axis=1)
+        taken_s, x, y = (own[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
+        # Indices of the samples before and after each time: before the first sample, those of the first two samples;
+        # after the last, those of the last two. A single sample is both.
+        before = np.clip(np.searchsorted(taken_s, times, side="right") - 1, 0, max(taken_s.size - 2, 0))
+        after = np.minimum(before + 1, taken_s.size - 1)
+        heading = np.arctan2(y[after] - y[before], x[after] - x[before])
+        return np.stack([np.interp(times, taken_s, x), np.interp(times, taken_s, y), heading], axis=1)
 
     def belief(self, robot: int, time_s: float) -> tuple[float, int]:
-        """Return a robot's belief that the fill ratio is below the boundary, and its decision (-1: none)."""
+        """Return a robot's belief that the fill ratio is below the boundary, and its decision (-1: none), at a time.
+
+        Both are those after the robot's last sample up to this time, s. Before its first sample, or where a recording
+        lacks them, the belief is ``UNKNOWN`` and the decision -1.
+        """
         own = self._samples[robot]
         k = int(own["time_s"].search_sorted(time_s, side="right")) - 1
         if k < 0:
@@ -83,22 +102,31 @@ class Playback:
 
 
 STILL: Final = (232, 232, 228)
+"""Colour (RGB) of still tiles: light grey."""
 VIBRATING: Final = (176, 176, 170)
+"""Colour (RGB) of vibrating tiles: dark grey."""
 LESS: Final = (33, 102, 172)
+"""Colour (RGB) of the answer "less" (belief near 1), and of samples read as still: blue."""
 MORE: Final = (178, 24, 43)
+"""Colour (RGB) of the answer "more" (belief near 0), and of samples read as vibrating: red."""
 UNSURE: Final = (247, 247, 247)
-"""Colours: a floor in grey; blue for beliefs and readings of less, red for those of more, pale between."""
+"""Colour (RGB) of a belief of 1/2: nearly white."""
 INK: Final = (60, 60, 60)
+"""Colour of walls and of the robots' fronts."""
 WALL_M: Final = 0.03
+"""Height of the walls."""
 ROBOT_HEIGHT_M: Final = 0.025
+"""Height of a robot."""
 SAMPLE_M: Final = 0.008
+"""Diameter of a sample."""
 CHUNK: Final = 64
 """Samples in one cloud of points: only the latest cloud changes when a sample is added."""
 PIXELS: Final = 400
+"""Pixels of the floor's picture along the longer side of the arena."""
 
 
 def colour_of(belief: float) -> tuple[int, int, int]:
-    """Return the colour of a belief that less vibrates, from red (0) over pale (0.5) to blue (1)."""
+    """Return the colour (RGB) of a belief in the answer "less", from red (0) over pale (0.5) to blue (1)."""
     end = LESS if belief > 0.5 else MORE
     share = 2.0 * abs(belief - 0.5)
     red, green, blue = (round(pale + share * (full - pale)) for pale, full in zip(UNSURE, end, strict=True))
@@ -106,16 +134,17 @@ def colour_of(belief: float) -> tuple[int, int, int]:
 
 
 def words_of(belief: float, decision: int) -> str:
-    """Return what stands over a robot."""
+    """Return the text over a robot: its belief p, and its decision if it has decided."""
     if decision < 0:
         return f"p {belief:.2f}"
     return f"p {belief:.2f} decided {'less' if decision == 0 else 'more'}"
 
 
 def floor_picture(playback: Playback) -> NDArray[np.uint8]:
-    """Return the floor of the arena as pixels, top row first, (rows, columns, 3)."""
+    """Return the floor of the arena as RGB pixels, top row first, (rows, columns, 3); white off all tiles."""
     arena, floor = playback.result.scenario.arena, playback.floor
     pixel_m = max(arena.width_m, arena.height_m) / PIXELS
+    # Coordinates of the middles of pixels, and the tile that each lies on.
     x = (np.arange(max(round(arena.width_m / pixel_m), 1)) + 0.5) * pixel_m
     y = arena.height_m - (np.arange(max(round(arena.height_m / pixel_m), 1)) + 0.5) * pixel_m
     width_m, height_m, left_m, bottom_m = floor.geometry[2:]
@@ -123,6 +152,7 @@ def floor_picture(playback: Playback) -> NDArray[np.uint8]:
     column = np.floor((x - left_m) / width_m).astype(int)
     row = rows - 1 - np.floor((y - bottom_m) / height_m).astype(int)
     inside = ((row >= 0) & (row < rows))[:, None] & ((column >= 0) & (column < columns))[None, :]
+    # Pixels off all tiles get some tile here, and become white below.
     tile = floor.tiles[np.clip(row, 0, rows - 1)[:, None], np.clip(column, 0, columns - 1)[None, :]]
     picture = np.where(tile[..., None] == 1, np.array(VIBRATING), np.array(STILL)).astype(np.uint8)
     picture[~inside] = 255
@@ -130,10 +160,10 @@ def floor_picture(playback: Playback) -> NDArray[np.uint8]:
 
 
 class Scene:
-    """Floor, walls, robots and samples in a viser server.
+    """Floor, walls, robots and samples of a run in a viser server.
 
     Args:
-        api: ``viser.SceneApi`` of a server. playback: what is to be shown.
+        api: ``viser.SceneApi`` of a server. playback: the run.
     """
 
     def __init__(self, api: Any, playback: Playback) -> None:
@@ -141,14 +171,15 @@ class Scene:
         arena, body = playback.result.scenario.arena, playback.result.scenario.robot
         width_m, height_m = arena.width_m, arena.height_m
         api.set_up_direction("+z")
-        api.configure_environment_map(None)
+        api.configure_environment_map(None)  # no surroundings, only the ambient light of the next line
         api.add_light_ambient("/light", intensity=1.2)
-        # viser draws an image with its first row at low y, so it lies turned over.
+        # viser draws an image with its first row at low y; half a turn about the x axis puts it at high y.
         api.add_image(
             "/floor", np.ascontiguousarray(floor_picture(playback)), width_m, height_m, format="png",
             position=(width_m / 2, height_m / 2, 0.0), wxyz=(0.0, 1.0, 0.0, 0.0), receive_shadow=False,
         )  # fmt: skip
         thick_m = 0.005
+        # Middle (x, y) and size (x, y) of each wall; walls stand just outside the arena.
         for name, at, size in (
             ("left", (-thick_m / 2, height_m / 2), (thick_m, height_m)),
             ("right", (width_m + thick_m / 2, height_m / 2), (thick_m, height_m)),
@@ -177,19 +208,22 @@ class Scene:
                     font_screen_scale=0.7,
                 )
             )  # fmt: skip
+        # Samples are shown in chunks of ``CHUNK``. By index of a chunk: its cloud of points, and the number of samples
+        # that the cloud shows.
         self.clouds: dict[int, Any] = {}
         self.shown: dict[int, int] = {}
+        # By robot: the pose and the text that are shown.
         self._poses: dict[int, tuple[float, ...]] = {}
         self._words: dict[int, str] = {}
 
     def set_time(self, time_s: float) -> None:
-        """Show what is where at a time, s; change only what differs."""
+        """Show the state of the run at a time, s; only what differs from the state shown is sent to the browser."""
         for robot in range(self.playback.robots):
             self._place(robot, time_s)
         self._show_samples(self.playback.samples_by(time_s))
 
     def _place(self, robot: int, time_s: float) -> None:
-        """Set one robot's pose and belief."""
+        """Show one robot's pose, belief and decision at a time, s; hide it if its place is not known."""
         x_m, y_m, heading_rad = self.playback.poses(robot, time_s)[0].tolist()
         if not math.isfinite(x_m):
             self.frames[robot].visible = False
@@ -197,6 +231,7 @@ class Scene:
         if self._poses.get(robot) != (x_m, y_m, heading_rad):
             self._poses[robot] = (x_m, y_m, heading_rad)
             self.frames[robot].position = (x_m, y_m, 0.0)
+            # Rotation about the vertical axis, as a quaternion.
             self.frames[robot].wxyz = (math.cos(heading_rad / 2), 0.0, 0.0, math.sin(heading_rad / 2))
         belief, decision = self.playback.belief(robot, time_s)
         words = words_of(belief, decision)
@@ -205,8 +240,12 @@ class Scene:
             self.labels[robot].text, self.bodies[robot].color = f"{robot}: {words}", colour_of(belief)
 
     def _show_samples(self, count: int) -> None:
-        """Show the first ``count`` samples: blue read as still, red as vibrating."""
-        chunks = -(-len(self.playback.sample_s) // CHUNK)
+        """Show the first ``count`` samples: blue if read as still, red if read as vibrating.
+
+        Samples are shown in clouds of up to ``CHUNK`` points. A cloud cannot be changed once it is made, so each cloud
+        whose number of samples must change is replaced by a new one.
+        """
+        chunks = -(-len(self.playback.sample_s) // CHUNK)  # rounded up
         for chunk in range(chunks):
             first = chunk * CHUNK
             shown = min(max(count - first, 0), CHUNK)

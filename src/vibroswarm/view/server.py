@@ -1,6 +1,7 @@
-"""Show a run in a browser: a server for this machine alone, or one file that plays the run back.
+"""Show a run in a browser by the library viser: a server for this machine alone, or a file that plays the run back.
 
-The server listens on the loopback address only. The file is viser's own: orbit, pause and scrub without a server.
+The server listens on the loopback address only. The file is made by viser; it needs no server, and in it one can turn
+the view, pause, and move to any time.
 """
 
 from __future__ import annotations
@@ -21,14 +22,15 @@ from vibroswarm.result import Result
 from vibroswarm.view.scene import Playback, Scene
 
 HOST: Final = "127.0.0.1"
-"""Loopback: nobody on another machine can reach it."""
+"""Loopback address, which other machines cannot reach."""
 FRAME_S: Final = 0.05
+"""Real time between updates of a server."""
 MOST_FRAMES: Final = 6000
-"""Frames of a file; a longer run has coarser ones."""
+"""Largest number of frames of a file; frames of a longer run are farther apart."""
 
 
 def viser() -> Any:
-    """Return the module ``viser``.
+    """Import and return the module ``viser``, an optional dependency.
 
     Raises:
         InputError: it is not installed.
@@ -43,16 +45,17 @@ def viser() -> Any:
 
 
 def free_port(port: int) -> int:
-    """Return the port, or a free one for 0.
+    """Return ``port`` after checking that it is free; for 0, return any free port.
 
     Raises:
-        InputError: another program uses it.
+        InputError: another program uses the port, or it is not a port.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
+        # A port whose last connection was closed a moment ago counts as free.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))
-        except (OSError, OverflowError):
+        except (OSError, OverflowError):  # OSError: in use, or not allowed; OverflowError: no port number
             raise InputError(
                 f"{port} is not free on {HOST}; choose another, or 0 for any that is free", field="--port"
             ) from None
@@ -60,13 +63,21 @@ def free_port(port: int) -> int:
 
 
 class Server:
-    """A server that shows one run, with play, time and speed to set."""
+    """A server that shows one run, with controls for play, time and speed.
+
+    Args:
+        result: the result that has the run. run: number of the run. port: port to listen on; 0: any free port.
+        speed: simulated seconds per second, until the user moves the slider.
+    Raises:
+        InputError: viser is missing, the port is not free, or the run cannot be shown.
+    """
 
     def __init__(self, result: Result, run: int, port: int = 0, speed: float = 20.0) -> None:
         module, self.playback = viser(), Playback(result, run)
         self.server: Any = _started(module, port)
         _aim(self.server, result)
         self.scene = Scene(self.server.scene, self.playback)
+        # Controls of the page; ``step`` reads their values.
         gui, end_s = self.server.gui, self.playback.end_s
         self.playing = gui.add_checkbox("Play", initial_value=True)
         self.time = gui.add_slider("Time, s", min=0.0, max=end_s, step=0.02, initial_value=0.0)
@@ -81,22 +92,25 @@ class Server:
 
     @property
     def url(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{HOST}:{self.server.get_port()}"
 
     def step(self, elapsed_s: float) -> None:
-        """Show the state after so much real time, s; a run that is over begins again."""
+        """Advance the run by ``elapsed_s`` of real time, unless it is paused, and show its state.
+
+        After its end the run starts again.
+        """
         now_s = float(self.time.value)
         if self.playing.value:
             now_s += elapsed_s * float(self.speed.value)
             if now_s > self.playback.end_s:
                 now_s = 0.0
             self.time.value = now_s
-        with self.server.atomic():
+        with self.server.atomic():  # the browser gets all changes at once
             self.scene.set_time(now_s)
 
     def serve(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Serve until ``until`` is true."""
+        """Play the run in real time until the function ``until`` returns true; by default until the program ends."""
         before = time.monotonic()
         while not until():
             time.sleep(FRAME_S)
@@ -110,22 +124,25 @@ class Server:
 
 
 def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_s: float = 0.25) -> int:
-    """Write one file that plays a run back; return the number of frames.
+    """Write an HTML file that plays a run back; return the number of frames.
 
     Args:
-        speed: simulated seconds a second. frame_s: simulated seconds a frame, more if the run is long.
+        run: number of the run. path: of the file. speed: simulated seconds per second.
+        frame_s: simulated time between frames, s; it is made longer if the file would have more than ``MOST_FRAMES``.
     Raises:
         InputError: viser is missing, or there is no such run.
         RunError: the disk is full or failed.
     """
     playback = Playback(result, run)
-    server = _started(viser(), 0)
+    server = _started(viser(), port=0)  # any free port; the server only makes the file
     try:
         _aim(server, result)
         scene = Scene(server.scene, playback)
         scene.set_time(0.0)
         serializer = server.get_scene_serializer()
         frame_s = max(frame_s, playback.end_s / MOST_FRAMES)
+        # The serializer records the changes of the scene, and the pauses between them. The half step makes the last
+        # time the one nearest to the end; if it lies beyond the end, the frame shows the end.
         times = np.arange(frame_s, playback.end_s + frame_s / 2, frame_s)
         for time_s in times.tolist():
             serializer.insert_sleep(frame_s / speed)
@@ -139,21 +156,22 @@ def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_
 
 
 def _started(module: Any, port: int) -> Any:
-    """Return a server, which prints nothing."""
+    """Start and return a viser server without its printed messages."""
     with redirect_stdout(io.StringIO()):
         return module.ViserServer(HOST, free_port(port), verbose=False)
 
 
 def _stop(server: Any) -> None:
-    """End a server, which prints nothing."""
+    """Stop a viser server without its printed messages."""
     with redirect_stdout(io.StringIO()):
         server.stop()
 
 
 def _aim(server: Any, result: Result) -> None:
-    """Look at the middle of the arena from above."""
+    """Place a server's first view above the arena's lower edge, looking at the middle of the floor."""
     arena = result.scenario.arena
     across_m = max(arena.width_m, arena.height_m)
+    # The place of the camera of ``picture.camera_of``.
     server.initial_camera.position = (
         arena.width_m / 2,
         arena.height_m / 2 - 0.55 * across_m,

@@ -1,8 +1,10 @@
-"""Who wakes next: a key for each robot, in blocks of 16 with a bound for each block.
+"""The queue of robots that wake: a key for each robot, in blocks of 16 robots.
 
-A key is the tick at which the robot wakes, times 2^16, plus its number: the least key says when and who at
-once, and who wakes at the same tick follows in index order. ``wakes`` has a row a block, shape (blocks, 17): a
-key below which there is none in the block, then those of its robots; NEVER where there is none.
+A robot's key is the tick at which it wakes, times 2^16, plus its number. So the smallest key tells both which robot
+wakes next and when; robots that wake at the same tick follow in the order of their numbers.
+
+``wakes`` has one row per block of 16 robots, shape (blocks, 17). The first entry is a lower bound on the keys of the
+block, the others are the keys of its robots; NEVER where there is no robot.
 """
 
 from __future__ import annotations
@@ -15,28 +17,27 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import inlined, inner
 
 NEVER: Final = 2**62
+"""A tick, or a key, beyond all others."""
 KEY_BITS: Final = 16
+"""Number of bits of a key that hold the robot's number; the bits above hold the tick."""
 ROBOT_BITS: Final = 2**KEY_BITS - 1
-"""Robots are numbered with 16 bits, as in the tables."""
+"""Mask of the robot's number in a key; robots are numbered with 16 bits, as in the tables."""
 NOBODY: Final[int] = np.int64(-1)  # type: ignore[assignment]
-"""A key below all others; as a number: for a Python literal Numba would compile its callee anew."""
+"""A key below all keys of robots. For a Python literal, Numba would compile the called function once more."""
 
 
 def all_wake(robots: int, tick: int) -> NDArray[np.int64]:
-    """Return a queue in which every robot wakes at ``tick``.
-
-    A row holds 16 robots: its earliest key, then the key of each, NEVER where there is no robot.
-    """
+    """Return a new queue (``wakes``) in which each robot wakes at ``tick``."""
     wakes = np.full(((robots + 15) // 16, 17), NEVER, dtype=np.int64)
     for i in range(robots):
-        wakes[i >> 4, (i & 15) + 1] = (tick << KEY_BITS) + i
-    wakes[:, 0] = wakes[:, 1]  # keys rise with the robot: the first of a row is its earliest
+        wakes[i >> 4, (i & 15) + 1] = (tick << KEY_BITS) + i  # block i // 16, entry i % 16 + 1
+    wakes[:, 0] = wakes[:, 1]  # at the same tick, the first robot of a block has its smallest key
     return wakes
 
 
 @inlined
 def set_wake(wakes: NDArray[np.int64], i: int, tick: int) -> None:
-    """Set the tick at which robot ``i`` wakes."""
+    """Set the tick at which robot ``i`` wakes, and keep the first entry of its block a lower bound."""
     block = wakes[i >> 4]
     key = (tick << KEY_BITS) + i
     block[(i & 15) + 1] = key
@@ -45,16 +46,17 @@ def set_wake(wakes: NDArray[np.int64], i: int, tick: int) -> None:
 
 @inlined
 def wake_by(wakes: NDArray[np.int64], i: int, tick: int) -> None:
-    """Wake robot ``i`` at ``tick`` or earlier."""
+    """Make robot ``i`` wake at ``tick``, unless it wakes earlier already."""
     if (tick << KEY_BITS) + i < wakes[i >> 4, (i & 15) + 1]:
         set_wake(wakes, i, tick)
 
 
 @inner
 def next_two_wakes(wakes: NDArray[np.int64], robots: int) -> tuple[int, int]:
-    """Return the smallest key and the second smallest, each NEVER if there is none.
+    """Return the smallest and the second smallest key of a queue; NEVER for a key that does not exist.
 
-    With more than one block, the second would need another search: the smallest is returned twice instead.
+    If there is more than one block, return the smallest key twice: the second smallest would need another search,
+    which the caller starts only if it needs that key.
     """
     if wakes.shape[0] > 1:
         first = next_wake(wakes, robots, NOBODY)
@@ -72,8 +74,11 @@ def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
     """Return the smallest key above ``beyond``, NEVER if there is none.
 
     ``beyond`` is the key of the last robot that woke: robots that wake at the same tick keep their keys until all of
-    them have woken. The first entry of a block is a lower bound on its keys, and may be outdated. It is exact if its
-    robot still has this key; otherwise it is recomputed, but only when it is the smallest of all."""
+    them have woken.
+
+    The block with the smallest lower bound is sought. The bound was the key of one of its robots. If that robot still
+    has this key, the key is the result; otherwise the bound is computed anew, and the search is repeated.
+    """
     if wakes.shape[0] == 1:
         return least_of(wakes, 0, robots, beyond)
     while True:
@@ -89,7 +94,7 @@ def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
 
 @inlined
 def least_of(wakes: NDArray[np.int64], block: int, robots: int, beyond: int) -> int:
-    """Return the smallest key above ``beyond`` among the first ``robots`` of a block, NEVER if there is none."""
+    """Return the smallest key above ``beyond`` of the first ``robots`` robots of a block, NEVER if there is none."""
     earliest = NEVER
     for m in range(robots):
         key = wakes[block, m + 1]

@@ -1,20 +1,24 @@
-"""Looking ahead: until when a robot can meet no wall, or its blocked move stays blocked.
+"""Looking ahead: up to which tick a robot surely meets no wall, or its blocked move surely stays blocked.
 
-Each function here and in ``pair_lookahead`` returns a tick that is never too late:
-before it no ray is shorter than theta_c and no move is blocked. Distances shrink at bounded rates, so one look says for
-how many ticks no other is needed (conservative advancement). What then happens at a tick is decided by the same
-functions as in the fixed-step engine. ``tests/exact/test_lookahead_bounds.py`` compares each bound with stepping.
+The functions here and in ``pair_lookahead`` find the tick at which a robot has to be looked at again. That tick may be
+too early but is never too late: before it, no ray is shorter than theta_c and no move is blocked. Distances shrink at
+bounded rates, so each check shows for how many ticks no further check is needed (conservative advancement). What then
+happens at a tick is decided by the same functions as in the fixed-step engine. A robot's move is here its way from one
+tick to the next. The move at a tick is blocked if it would end in a wall or in another robot.
+``tests/exact/test_lookahead_bounds.py`` compares each bound with stepping through all ticks.
 
 | name | unit | meaning |
 |---|---|---|
-| look | m | rays matter up to the shorter of range and theta_c |
+| look | m | rays matter up to this length, the shorter of their range and theta_c |
 | zone | m | below this distance (two radii and two longest steps) a move may bring two robots into contact |
 | sight | m | rays see no robot beyond this distance, centre to centre |
-| mid, chord | m, m per tick | approximate position: mid + chord n after n ticks; in a turn, mid is its pivot |
-| position error | m | bound on the distance from there |
-| gap | m | a distance that must not be used up |
-| approach | m per tick | how fast a gap shrinks now |
-| swerve | m per tick^2 | how much faster it may shrink with each tick |
+| inset | m | body radius and longest step: nearer to a wall than this, the next move may be blocked |
+| mid, chord | m, m per tick | approximate position n ticks after the plan's tick: mid + n chord |
+| pivot | m | centre of the circle on which the centre of a turning robot moves; its mid (chord 0) |
+| position error | m | bound on the distance between approximate and exact position |
+| gap | m | a distance that must not shrink to 0 |
+| approach | m per tick | speed at which a gap shrinks now |
+| swerve | m per tick^2 | bound on the increase of that speed per tick |
 """
 
 from __future__ import annotations
@@ -35,20 +39,24 @@ from vibroswarm.motion.event.trajectory import (
     blocked_turn_end,
     position_at,
     position_in_turn,
-    turn_command,
 )
+from vibroswarm.motion.event.turn_ahead import turn_command
 from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE, STOP
 
 SIDE_TICKS = 128.0
-"""A wall or a robot nearby is looked at again after at most this many ticks."""
+"""A wall or a robot nearby is checked again after at most this many ticks."""
 
 ROUNDING_M = 1e-12
+"""Bound on rounding errors of positions, m."""
 
 
 @inlined
 def set_chord(row: Planner, setup: Setup) -> None:
-    """Set a plan's chord and position error, and a driver's pose at its ``self_event_tick``."""
+    """Set the approximate position of a plan (mid, chord, position error), for other robots that look ahead on it.
+
+    For a driver, also set its pose at ``self_event_tick``.
+    """
     set_standing(row)
     if row.mode == STOP:
         return
@@ -59,11 +67,12 @@ def set_chord(row: Planner, setup: Setup) -> None:
         row.end_sin_h, row.end_cos_h = sin_h, cos_h
         if not row.blocked:
             row.chord_x_m, row.chord_y_m = (x_m - row.x_m) / ticks, (y_m - row.y_m) / ticks
-            # An arc leaves its chord by about an eighth of its length times the angle it turns, if that is small; a
-            # seventh is safe.
+            # An arc of a small angle deviates from its chord by about an eighth of its length (``max_step_m`` times
+            # ticks) times the angle (``bend``); a seventh is a safe bound. An arc of more than 1 rad deviates by less
+            # than its length.
             bend = abs(row.rate_rad_s) * ticks * setup.tick_s
             row.position_error_m = row.max_step_m * ticks * (bend / 7.0 if bend < 1.0 else 1.0)
-    elif not row.blocked:
+    elif not row.blocked:  # it turns in place: its centre moves on a circle about the pivot
         row.mid_x_m -= row.radius_m * row.sin_h
         row.mid_y_m += row.radius_m * row.cos_h
         row.position_error_m = abs(row.radius_m) + ROUNDING_M
@@ -71,22 +80,24 @@ def set_chord(row: Planner, setup: Setup) -> None:
 
 @inlined
 def set_standing(row: Planner) -> None:
-    """Set the chord of a standing robot."""
+    """Set the approximate position of a robot that stands; it is exact."""
     row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
     row.chord_x_m = row.chord_y_m = row.position_error_m = 0.0
 
 
 @inlined
 def maybe_within(row: Planner, x_m: float, y_m: float, distance_m: float, tick: int) -> bool:
-    """Return whether a robot may be within ``distance_m`` of a point at ``tick``, according to its chord; if False, it
-    is certainly not."""
+    """Return whether a robot may be within ``distance_m`` of the point (x_m, y_m) at ``tick``.
+
+    It is computed from the robot's chord: if False, the robot is certainly further away.
+    """
     bound_m = distance_m + row.position_error_m
     return bool(distance2_m2(row, x_m, y_m, tick) < bound_m * bound_m)
 
 
 @inlined
 def distance2_m2(row: Planner, x_m: float, y_m: float, tick: int) -> float:
-    """Return the squared distance from a point to a robot's approximate position at ``tick``, m^2."""
+    """Return the squared distance from the point (x_m, y_m) to a robot's approximate position at ``tick``, m^2."""
     dx = row.mid_x_m + (tick - row.tick) * row.chord_x_m - x_m
     dy = row.mid_y_m + (tick - row.tick) * row.chord_y_m - y_m
     squared: float = dx * dx + dy * dy
@@ -95,8 +106,12 @@ def distance2_m2(row: Planner, x_m: float, y_m: float, tick: int) -> float:
 
 @inlined
 def encounter_reach_m(row: Planner, setup: Setup, tick: int) -> float:
-    """Return the distance at ``tick`` beyond which no other robot can affect this one before its plan ends, m."""
+    """Return a distance, m: robots further away at ``tick`` have no encounter with this robot before its plan ends.
+
+    The distance is the largest at which robots affect each other, plus the longest ways that both can move until then.
+    """
     reach_m: float = max(setup.zone_m, setup.sight_m)
+    # This robot moves until ``self_event_tick``. The other robot may move until the plan ends, with this robot's stop.
     own_m = (row.self_event_tick - tick) * row.max_step_m
     return reach_m + (own_m + (row.plan_end_tick - tick) * setup.longest_step_m)
 
@@ -109,8 +124,11 @@ def wall_clearance_m(setup: Setup, x_m: float, y_m: float) -> float:
 
 @inlined
 def avoidance_tick(row: Planner, setup: Setup) -> int:
-    """Return the first tick of a driver's plan at which it uses its rays; it may ignore them for a while after a
-    turn."""
+    """Return the first tick of a driver's plan at which it uses its rays.
+
+    After a turn, a robot ignores its rays for ``blind_ms`` of driving: until its driving time is ``sees_from_ms``.
+    """
+    # A plan is made after the step at ``row.tick``, so the next tick is the first at which rays can matter.
     if setup.blind_ms <= 0.0:
         return int(row.tick + 1)
     return int(row.tick + 1 + max(0, math.ceil((row.sees_from_ms - row.driven_ms) / setup.tick_ms)))
@@ -118,62 +136,81 @@ def avoidance_tick(row: Planner, setup: Setup) -> int:
 
 @inlined
 def ticks_until_closed(gap: float, approach: float, swerve: float) -> float:
-    """Return a lower bound on the ticks until a gap closes that shrinks by ``approach`` per tick, and by ``swerve``
-    more with each tick; 0 if it is closed already, at most SIDE_TICKS."""
+    """Return a lower bound on the ticks until a gap closes; 0 if it is closed already, at most SIDE_TICKS.
+
+    Args:
+        gap: size of the gap now, m.
+        approach, swerve: see the module's table. After t ticks the gap is at least
+            ``gap - approach t - swerve t^2 / 2``; the result is the positive root of this expression.
+    """
     if gap <= 0.0:
         return 0.0
-    below = approach + math.sqrt(approach * approach + 2.0 * swerve * gap)
-    return min(2.0 * gap / below, SIDE_TICKS)  # a gap that never closes gives infinity, which this bounds too
+    # The root is written as a quotient that also holds for swerve 0, where the usual formula is 0 / 0.
+    denominator = approach + math.sqrt(approach * approach + 2.0 * swerve * gap)
+    return min(2.0 * gap / denominator, SIDE_TICKS)  # if the gap never closes, the quotient is infinite
 
 
 @inner
 def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: Setup, most: int) -> int:
-    """Return the number of ticks, at most ``most``, for which a robot whose move has just been blocked stays blocked.
+    """Return for how many ticks robot ``i``, whose move has just been blocked, surely stays blocked; at most ``most``.
 
-    It stands and continues to turn, while the others follow their plans. If a neighbour changes its plan, this robot
-    is woken anyway. So only robots that stand, or that stay close from now on, count as blocking it."""
+    This is a lower bound. The position of robot ``i`` stays, but its heading goes on turning, while the others follow
+    their plans. A robot that changes its plan wakes robot ``i`` if it is then in the contact zone of robot ``i``. So
+    only two kinds of robots count as blocking robot ``i``: those that stand or are blocked, and moving robots that stay
+    in its contact zone from now on.
+    """
     row = planners[i]
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
     gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
-    # How far the end of a driver's move shifts in a tick, at most.
-    a_tick = abs(row.intended_speed_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s
-    n = 1
+    # In a tick, a driver's heading turns by rate times dt. So the end of its move, whose length is speed times dt,
+    # shifts by at most the product of the two.
+    shift_m = abs(row.intended_speed_m_s * row.rate_rad_s) * setup.tick_s * setup.tick_s
+    n = 1  # number of ticks for which the move is surely blocked so far: at the plan's tick it is
     while n < most:
         if row.mode == DRIVE:
             x, y = blocked_drive_end(row, setup, n)
         else:
+            # One step of the turn. Afterwards ``gyro_deg`` is the angle that the robot turns in the tick that follows.
+            # Since the plan's tick, the robot has turned by the angle by which its error has fallen.
             error_deg -= gyro_deg
             integral_deg_s += error_deg * setup.tick_s
             gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
             x, y = blocked_turn_end(row, setup, row.error_deg - error_deg, gyro_deg)
-        blocked = overlap_ticks(setup.radius_m - wall_clearance_m(setup, x, y), a_tick)
+        # (x, y) is where the move n ticks after the plan's tick would end. From then on it is blocked for ``blocked``
+        # ticks: by a wall or, if not, by a neighbour.
+        blocked = overlap_ticks(setup.radius_m - wall_clearance_m(setup, x, y), shift_m)
         for m in range(neighbour_count(near, i)):
             j = neighbour(near, i, m)
             other = planners[j]
             if blocked > 0 or not maybe_within(other, row.x_m, row.y_m, setup.zone_m, row.tick + n):
                 continue
             if other.mode != STOP and other.self_event_tick <= row.tick + n:
-                return n
+                return n  # what the other robot does after its plan is not known
+            # A robot of lower number moves first, so it has moved already.
             other_x, other_y = position_at(other, setup, row.tick + n + 1 if j < i else row.tick + n)
             apart = math.sqrt((other_x - x) * (other_x - x) + (other_y - y) * (other_y - y))
-            blocked = overlap_ticks(2.0 * setup.radius_m - apart, a_tick + other.max_step_m)
+            blocked = overlap_ticks(2.0 * setup.radius_m - apart, shift_m + other.max_step_m)
             if blocked > 0 and other.mode != STOP:
                 if not other.blocked and not stays_near(other, row, setup):
-                    return n
+                    return n  # it might change its plan outside of the zone, without waking robot i
+                # What the other robot does after the end of its plan is not known.
                 blocked = min(blocked, other.self_event_tick - row.tick - n)
         if blocked == 0:
             return n
-        n += blocked if row.mode == DRIVE else 1
+        n += blocked if row.mode == DRIVE else 1  # a turn is simulated tick by tick
     return most
 
 
 @inlined
 def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
-    """Return whether ``other``, whose plan leads to contact with the standing robot ``row``, is in its zone until then.
+    """Return whether the moving robot ``other`` stays in the contact zone of the standing robot ``row`` until contact.
 
-    A chord with both ends in a circle lies within it, so the distance at ``row``'s tick decides.
+    The plan of ``other`` must lead to contact with ``row``. A straight line with both ends in a circle lies within that
+    circle. Contact (centres less than two radii apart) is in the zone, so it is enough that ``other`` is in the zone at
+    ``row.tick`` too. Its chord is tested instead of its arc: the circle is made smaller by the errors at both ends.
     """
     bound_m = setup.zone_m - 2.0 * other.position_error_m
+    # The smaller circle must still contain all places of contact.
     return bool(
         bound_m > 2.0 * setup.radius_m and distance2_m2(other, row.x_m, row.y_m, row.tick) < bound_m * bound_m
     )
@@ -181,27 +218,32 @@ def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
 
 @inlined
 def overlap_ticks(depth: float, shift: float) -> int:
-    """Return a lower bound on the ticks for which an overlap of ``depth`` lasts that shrinks by at most ``shift`` per
-    tick; 0 if there is none."""
+    """Return a lower bound on the number of ticks for which an overlap lasts; 0 if there is no overlap.
+
+    Args:
+        depth: how deep the overlap is now, m. shift: bound on the decrease of this depth per tick, m.
+    """
     if depth <= 0.0:
         return 0
+    # At least 1: the overlap exists at the present tick.
     return max(1, int(min(depth / (shift + ROUNDING_M), SIDE_TICKS)))
 
 
 SAG_ROUNDING_M = 1e-9
+"""Bound on rounding errors where paths close to walls are interpolated, m."""
 
 
 @inlined
 def wall_tick(row: Planner, setup: Setup) -> int:
-    """Return the next tick of the plan at which a wall may matter: a ray may detect it, or the body reach it.
+    """Return the first tick of a plan at which a wall may affect the robot: by a ray, or as the end of a move.
 
-    NEVER if there is none.
+    NEVER if there is no such tick.
     """
     if row.mode == STOP:
         return NEVER
     inset = setup.radius_m + setup.longest_step_m
-    if row.mode != DRIVE:  # it turns on the spot
-        if row.blocked:  # for as long as its plan lasts: it does not move
+    if row.mode != DRIVE:  # it turns in place
+        if row.blocked:  # its plan lasts no longer than it is surely blocked, so it does not move
             return NEVER
         clearance_m = wall_clearance_m(setup, row.mid_x_m, row.mid_y_m)
         return NEVER if clearance_m - row.position_error_m >= inset else turn_at_walls(row, setup)
@@ -221,13 +263,16 @@ def wall_tick(row: Planner, setup: Setup) -> int:
 
 @inner
 def turn_at_walls(row: Planner, setup: Setup) -> int:
-    """Compute ``wall_tick`` for a robot that turns close to walls: the first tick at which its move would end in one,
-    NEVER if there is none."""
+    """Return the first tick at which the move of a robot that turns close to a wall may end in the wall, else NEVER.
+
+    A robot uses no rays while it turns, so only its moves matter. Single ticks are checked. After each check, those
+    ticks are skipped that the robot needs at least to reach the wall.
+    """
     tick = row.tick + 1
     while tick < row.self_event_tick and row.max_step_m > 0.0:
         x, y = position_in_turn(row, setup, tick)
         gap = wall_clearance_m(setup, x, y) - setup.radius_m - ROUNDING_M
-        if gap < row.max_step_m:
+        if gap < row.max_step_m:  # this tick's move may end in the wall: compute where it ends
             x, y = position_in_turn(row, setup, tick + 1)
             if wall_clearance_m(setup, x, y) - setup.radius_m < ROUNDING_M:
                 return int(tick)
@@ -237,24 +282,33 @@ def turn_at_walls(row: Planner, setup: Setup) -> int:
 
 @inner
 def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
-    """Compute ``wall_tick`` for a driver close to walls."""
+    """Return the first tick at which a wall may affect a driver, by a ray or as the end of a move, else NEVER.
+
+    Walls far from the bounding boxes (``reach_box``) at both ends of the plan are excluded; the others are checked at
+    single ticks.
+
+    Args:
+        inset: distance from a wall, m, below which the next move may be blocked.
+    """
     left, right, low, high = reach_box(row, setup, inset, row.x_m, row.y_m, row.sin_h, row.cos_h)
     end_left, end_right, end_low, end_high = reach_box(
         row, setup, inset, row.end_x_m, row.end_y_m, row.end_sin_h, row.end_cos_h
     )
-    # Between the ends of the plan, a distance to a wall deviates from linear interpolation by at most an eighth of
-    # ticks^2 times its largest second difference.
+    # Between start and end of the plan, each distance to a wall deviates from linear interpolation by at most an eighth
+    # of ticks^2 times its largest second difference per tick. The second difference of the robot's position is at most
+    # ``max_step_m`` times the angle turned in a tick (``bend``); that of a ray's end relative to the robot is at most
+    # ``ray_reach_m`` times ``bend`` squared. A wall further away than ``sag`` at both ends is excluded.
     ticks, bend = row.self_event_tick - row.tick, abs(row.rate_rad_s) * setup.tick_s
     sag = 0.125 * ticks * ticks * bend * (row.max_step_m + bend * setup.ray_reach_m) + SAG_ROUNDING_M
     near_left, near_right = min(left, end_left) < sag, max(right, end_right) > setup.width_m - sag
     near_low, near_high = min(low, end_low) < sag, max(high, end_high) > setup.height_m - sag
     if not (near_left or near_right or near_low or near_high):
         return NEVER
-    tick, heeds = row.tick + 1, avoidance_tick(row, setup)
+    tick, sees_from = row.tick + 1, avoidance_tick(row, setup)
     while tick <= row.self_event_tick:
         x, y, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
-        free, looks = SIDE_TICKS, tick >= heeds
-        # A wall is looked at along its normal: the distance to it, and the heading turned into its frame.
+        free, looks = SIDE_TICKS, tick >= sees_from
+        # For each wall: the distance to it, and cosine and sine of the heading relative to the wall's normal.
         if near_left:
             free = min(free, free_ticks_to_wall(row, setup, inset, x, -cos_h, -sin_h, looks))
         if near_right:
@@ -266,7 +320,8 @@ def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
         if free <= 0.0:
             return int(tick)
         later = tick + max(1, int(free))
-        tick = later if looks else min(later, heeds)
+        # While the robot ignores its rays, ``free`` does not take them into account: check again when it uses them.
+        tick = later if looks else min(later, sees_from)
     return NEVER
 
 
@@ -274,7 +329,11 @@ def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
 def reach_box(
     row: Planner, setup: Setup, inset: float, x_m: float, y_m: float, sin_h: float, cos_h: float
 ) -> tuple[float, float, float, float]:
-    """Return the bounding box of a robot's body (with its inset) and its rays: left, right, low, high, m."""
+    """Return the bounding box (left, right, low, high, m) of what a wall must not come into: a robot's rays and body.
+
+    The rays are ``look_m`` long. The body is taken as the square that reaches ``inset`` m to each side of its centre
+    (x_m, y_m).
+    """
     left, right, low, high = x_m - inset, x_m + inset, y_m - inset, y_m + inset
     for k in range(setup.ray_side_m.size):
         along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
@@ -282,7 +341,7 @@ def reach_box(
         end_x, end_y = x_m + along * cos_h - lateral * sin_h, y_m + along * sin_h + lateral * cos_h
         left, right = min(left, end_x), max(right, end_x)
         low, high = min(low, end_y), max(high, end_y)
-        if setup.outside_m > 0.0:  # rays that may start beyond a wall
+        if setup.outside_m > 0.0:  # rays may start beyond a wall, so their starts are included too
             along, lateral = row.ray_forward_m, setup.ray_side_m[k]
             end_x, end_y = x_m + along * cos_h - lateral * sin_h, y_m + along * sin_h + lateral * cos_h
             left, right = min(left, end_x), max(right, end_x)
@@ -294,35 +353,39 @@ def reach_box(
 def free_ticks_to_wall(
     row: Planner, setup: Setup, inset: float, distance_m: float, toward: float, aside: float, looks: bool
 ) -> float:
-    """Return a lower bound on the ticks before a ray's end passes a wall or the body is closer to it than ``inset``.
+    """Return a lower bound on the ticks until a ray detects a wall, or the wall is nearer to the robot than ``inset``.
 
-    It is 0 if that is so now. A ray is shorter than ``look`` exactly if its end at that length, or its start, is
-    beyond a wall.
+    It is 0 if that is so now. A ray detects the wall within ``look_m`` if and only if the point at that length of the
+    ray, or its start, is beyond the wall.
 
     Args:
         distance_m: from the robot's centre to the wall.
         toward: cosine of the angle between heading and the wall's normal; 1 if the robot faces the wall.
-        aside: sine of that angle. A point (a, b) of the robot's frame is a toward - b aside nearer to the wall than
-            its centre.
+        aside: sine of that angle. A point (a, b) in the robot's frame (ahead, left) is nearer to the wall than the
+            robot's centre by ``a * toward - b * aside``.
         looks: whether rays matter; if not, only the body is checked.
     """
     step = row.speed_m_s * setup.tick_s
     bend = row.rate_rad_s * setup.tick_s
+    # Bound on the speed of any point of a ray, m per tick.
     most = row.max_step_m + abs(bend) * setup.ray_reach_m
+    # First the body. Velocities turn with the robot, by ``bend`` per tick: so a speed towards the wall grows by at most
+    # ``bend`` times the point's speed per tick.
     free = ticks_until_closed(distance_m - inset, step * toward, abs(bend) * row.max_step_m)
     if not looks:
         return free
     for k in range(setup.ray_side_m.size):
+        # The end of ray k, in the robot's frame; by how much it is nearer to the wall; and how fast it comes nearer.
         along = row.ray_forward_m + setup.look_m * setup.ray_cos[k]
         lateral = setup.ray_side_m[k] + setup.look_m * setup.ray_sin[k]
-        approach = along * toward - lateral * aside
+        nearer_m = along * toward - lateral * aside
         closing = step * toward - bend * (along * aside + lateral * toward)
-        free = min(free, ticks_until_closed(distance_m - approach, closing, abs(bend) * most))
-        if setup.outside_m > 0.0:
+        free = min(free, ticks_until_closed(distance_m - nearer_m, closing, abs(bend) * most))
+        if setup.outside_m > 0.0:  # the ray may start beyond the wall: the same for its start
             along, lateral = row.ray_forward_m, setup.ray_side_m[k]
-            approach = along * toward - lateral * aside
+            nearer_m = along * toward - lateral * aside
             closing = step * toward - bend * (along * aside + lateral * toward)
             free = min(
-                free, ticks_until_closed(distance_m - approach - ROUNDING_M, closing, abs(bend) * most)
+                free, ticks_until_closed(distance_m - nearer_m - ROUNDING_M, closing, abs(bend) * most)
             )
     return free

@@ -1,15 +1,16 @@
-"""Neighbours: for each robot those that it might meet soon, and approximate distances to them.
+"""Neighbours: the robots that each robot might meet soon, and approximate distances to them.
 
-In a small swarm the list is all others, always. In a large one lists are updated every LIST_TICKS from a grid of
-cells: a robot further away than ``radius`` can be neither seen nor touched before that, whatever both do.
+In a small swarm (at most SMALL_SWARM robots) all others are neighbours at all times. In a large one, lists of
+neighbours are updated every LIST_TICKS ticks, by means of a grid of cells: before the next update, two robots further
+apart than ``list_radius_m`` can neither see nor touch each other, whatever they do.
 
-``near`` has one row per robot: the number of neighbours, then their indices in order. The numbers are unsigned, so that
-compiled code need not check whether an index counts from the end.
+``near``, the lists, has one row per robot: the number of its neighbours, then their numbers in ascending order. The
+entries are unsigned, so that compiled code need not check for negative indices.
 
-``Places`` is one row of columns with LANES numbers each, one a robot, so that distances from one robot of a small swarm
-to all others are computed several at a time: ``mid``, ``chord``, ``tick``, ``position_error_m``, ``self_event_tick``
-and ``plan_end_tick`` as in ``PLANNER``, and ``minded_m``, how near another robot may come before it matters, m. A lane
-without a robot stands infinitely far away.
+``Places`` holds copies of the plans of a small swarm as columns of LANES numbers, one per robot, so that the processor
+computes the distances from a robot to several others at a time. ``mid``, ``chord``, ``tick``, ``position_error_m``,
+``self_event_tick`` and ``plan_end_tick`` are as in ``PLANNER``; ``minded_m`` is the distance within which another robot
+may affect this one, m. A lane without a robot has the position infinity.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE
 
 LANES: Final = 16
+"""Number of robots for which ``PLACES`` has room: those of the largest small swarm."""
 PLACES = np.dtype(
     [
         (name, np.float64, (LANES,))
@@ -33,17 +35,19 @@ PLACES = np.dtype(
                      "self_event_tick", "plan_end_tick", "minded_m")
     ]
 )  # fmt: skip
+"""Copies of the plans of a small swarm: one field for each quantity, with one entry (lane) per robot."""
 Places = Any
-"""A row of them."""
+"""One row of ``PLACES``."""
 
 ROUNDING_M: Final = 1e-9
+"""Added to position errors, so that rounding cannot exclude an encounter."""
 AT_REST_M2: Final = 1e-300
 """Added to the squared step of a robot, so that one that stands causes no division by 0."""
 
 
 @inlined
 def store_plan(places: Places, i: int, row: Planner, setup: Setup) -> None:
-    """Copy robot ``i``'s plan from its row."""
+    """Copy robot ``i``'s plan from its row into its lane of ``places``."""
     places.mid_x_m[i], places.mid_y_m[i] = row.mid_x_m, row.mid_y_m
     places.chord_x_m[i], places.chord_y_m[i] = row.chord_x_m, row.chord_y_m
     places.tick[i], places.position_error_m[i] = row.tick, row.position_error_m
@@ -53,8 +57,8 @@ def store_plan(places: Places, i: int, row: Planner, setup: Setup) -> None:
 
 @inlined
 def minded_m(row: Planner, setup: Setup) -> float:
-    """Return the distance within which another robot may affect this one, m: the contact zone, and for a driver at
-    least its sight."""
+    """Return the distance within which another robot may affect this one, m: the contact zone, or for a driver, which
+    uses its rays, the larger of contact zone and sight."""
     return float(max(setup.zone_m, setup.sight_m) if row.mode == DRIVE else setup.zone_m)
 
 
@@ -62,15 +66,18 @@ def minded_m(row: Planner, setup: Setup) -> float:
 def measure_all(
     places: Places, apart: NDArray[np.float64], robots: int, i: int, x_m: float, y_m: float, tick: int
 ) -> tuple[float, float]:
-    """Write the squared distances from robot ``i``, at (x, y), to all others into ``apart[i, 1:]``, m^2.
+    """Write the squared distances from robot ``i``, at (x_m, y_m), to all robots into ``apart[i, 1:]``, m^2.
 
-    Also moves robot ``i`` to (x, y) in ``places``, so that later calls for other robots measure to there.
+    They are distances to the approximate positions at ``tick``; the distance to robot ``i`` itself is infinite. The
+    position of robot ``i`` in ``places`` is then set to (x_m, y_m), so that later calls for other robots use it.
 
     Returns: the smallest squared distance, m^2 (infinite if there is no other robot), and the largest position error
         of the others, m.
     """
     places.mid_x_m[i], places.position_error_m[i] = math.inf, 0.0  # infinitely far from itself
     own_row = apart[i]
+    # The number of robots is rounded up to a multiple of 4, as a processor computes several lanes at once. Lanes
+    # without a robot do no harm: they are infinitely far away.
     for k in range(np.uint64((robots + 3) & ~3)):
         passed = tick - places.tick[k]
         dx = places.mid_x_m[k] + passed * places.chord_x_m[k] - x_m
@@ -88,28 +95,38 @@ def measure_all(
 def measure_meetings(
     places: Places, apart: NDArray[np.float64], robots: int, i: int, row: Planner, setup: Setup, tick: int
 ) -> None:
-    """Write for each other robot how close robot ``i`` comes to it from ``tick`` on, into ``apart[i, 1:]``.
+    """Write a margin for each robot into ``apart[i, 1:]``, m^2: above 0, it and robot ``i`` do not affect each other.
 
-    An entry is the smallest squared distance between their chords while both plans last, minus the square of the
-    distance at which they may affect each other, position errors included, m^2. If it is above 0, they do not affect
-    each other in that time. The entry for robot ``i`` itself is infinite."""
+    The margin is the smallest squared distance between the chords of the two from ``tick`` on, while both plans last,
+    minus the square of the distance within which they may affect each other (position errors included). The margin of
+    robot ``i`` itself is infinite.
+
+    Args:
+        row: robot ``i``'s row, with a plan that begins at ``tick``.
+    """
     own_row = apart[i]
     x_m, y_m, chord_x_m, chord_y_m = row.mid_x_m, row.mid_y_m, row.chord_x_m, row.chord_y_m
-    own, last = float(row.self_event_tick - tick), float(row.plan_end_tick - tick)
+    # Ticks until robot i stops moving, and until its plan, with the stop, ends. b_moves and b_last are those of the
+    # other robot.
+    moves, last = float(row.self_event_tick - tick), float(row.plan_end_tick - tick)
     error, minded = row.position_error_m + ROUNDING_M, minded_m(row, setup)
+    # The number of robots is rounded up, here to a multiple of 8, for the same reason as in ``measure_all``.
     for k in range(np.uint64((robots + 7) & ~7)):
-        passed = tick - places.tick[k]
+        passed = tick - places.tick[k]  # ticks since the other robot's plan began
         b_x, b_y = places.chord_x_m[k], places.chord_y_m[k]
-        b_own, b_last = places.self_event_tick[k] - tick, places.plan_end_tick[k] - tick
-        # Both move until one of them stops; then that one stands, and the other moves on.
+        b_moves, b_last = places.self_event_tick[k] - tick, places.plan_end_tick[k] - tick
+        # First both move, for ``both`` ticks. Then one robot stands and the other moves on, for ``one`` ticks: until it
+        # stops too, or the plan of the standing one ends. (x, y): position of the other robot relative to robot i.
         x = places.mid_x_m[k] + passed * b_x - x_m
         y = places.mid_y_m[k] + passed * b_y - y_m
-        both = min(own, b_own)
+        both = min(moves, b_moves)
         nearest2 = nearest_on_way2(x, y, b_x - chord_x_m, b_y - chord_y_m, both)
         x, y = x + both * (b_x - chord_x_m), y + both * (b_y - chord_y_m)
-        on_x, on_y = (b_x, b_y) if own < b_own else (-chord_x_m, -chord_y_m)
-        overlap_ticks = max(min(last, b_own), min(b_last, own)) - both
-        nearest2 = min(nearest2, nearest_on_way2(x, y, on_x, on_y, overlap_ticks))
+        on_x, on_y = (b_x, b_y) if moves < b_moves else (-chord_x_m, -chord_y_m)
+        # The first ``min`` is that time if robot i stops first, the second if the other does; the one that does not
+        # apply is at most ``both``.
+        one = max(min(last, b_moves), min(b_last, moves)) - both
+        nearest2 = min(nearest2, nearest_on_way2(x, y, on_x, on_y, one))
         bound_m = max(minded, places.minded_m[k]) + error + places.position_error_m[k]
         own_row[k + np.uint64(1)] = nearest2 - bound_m * bound_m
     own_row[i + 1] = math.inf
@@ -117,8 +134,11 @@ def measure_meetings(
 
 @inlined
 def nearest_on_way2(x: float, y: float, dx: float, dy: float, span: float) -> float:
-    """Return the smallest squared distance from the origin within ``span`` ticks, of a point that starts at (x, y)
-    and moves by (dx, dy) per tick."""
+    """Return the smallest squared distance of a moving point from the origin within ``span`` ticks.
+
+    The point starts at (x, y) and moves by (dx, dy) per tick.
+    """
+    # The time at which the point would be nearest if it always moved on this line, clipped to [0, span].
     ticks = min(max(-(x * dx + y * dy) / (dx * dx + dy * dy + AT_REST_M2), 0.0), span)
     x, y = x + ticks * dx, y + ticks * dy
     squared: float = x * x + y * y
@@ -126,23 +146,26 @@ def nearest_on_way2(x: float, y: float, dx: float, dy: float, span: float) -> fl
 
 
 LIST_TICKS: Final = 128
+"""Number of ticks between two updates of the neighbour lists of a large swarm."""
 SMALL_SWARM: Final = 16
-"""Up to this many robots, all are on all lists."""
+"""Largest swarm in which all robots are neighbours of each other."""
 MOST_CELLS: Final = 256
-"""A side of the grid has at most this many cells."""
+"""Largest number of cells along a side of the grid."""
 
 
 def list_radius_m(setup: Setup) -> float:
-    """Return the distance beyond which robots cannot affect each other for LIST_TICKS, m."""
+    """Return a distance, m: robots that are further apart cannot affect each other in the next LIST_TICKS ticks."""
     return float(max(setup["zone_m"], setup["sight_m"]) + 2.0 * setup["longest_step_m"] * (LIST_TICKS + 1))
 
 
 def most_listed(robots: int, setup: Setup) -> int:
-    """Return the largest possible length of a neighbour list: all others in a small swarm, else what fits within the
-    radius.
+    """Return the largest possible length of a neighbour list.
 
-    Bodies of radius r do not overlap. Those with centres within a distance R lie in a circle of radius R + r and
-    cover less than pi / sqrt(12) of it, so there are fewer than 0.91 (R / r + 1)^2 of them; 1.2 leaves a margin."""
+    In a small swarm, that is the number of all others; in a large one, the number of bodies that fit within
+    ``list_radius_m``. Bodies of radius r do not overlap. Those with centres within a distance R of a point lie in a
+    circle of radius R + r and cover less than pi / sqrt(12) of it, so that there are fewer than 0.91 (R / r + 1)^2 of
+    them; the factor 1.2 leaves a margin.
+    """
     if robots <= SMALL_SWARM:
         return robots - 1
     discs = 1.2 * (list_radius_m(setup) / float(setup["radius_m"]) + 1.0) ** 2
@@ -150,8 +173,10 @@ def most_listed(robots: int, setup: Setup) -> int:
 
 
 def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
-    """Return one list per robot, (robots, 1 + ``most_listed``): in a small swarm all others, for good; in a large one
-    none until ``update_lists``."""
+    """Return new lists of neighbours (``near``), shape (robots, 1 + most_listed).
+
+    In a small swarm they list all other robots and never change. In a large one they are empty until ``update_lists``.
+    """
     room = most_listed(robots, setup)
     lists = np.zeros((robots, room + 1), dtype=np.uint32)
     if robots <= SMALL_SWARM:
@@ -163,26 +188,33 @@ def empty_lists(robots: int, setup: Setup) -> NDArray[np.uint32]:
 
 @inlined
 def neighbour_count(near: NDArray[np.uint32], i: int) -> int:
-    """Return the number of robots on robot ``i``'s list."""
+    """Return the number of robot ``i``'s neighbours."""
     return np.int64(near[i, 0])  # type: ignore[return-value]
 
 
 @inlined
 def neighbour(near: NDArray[np.uint32], i: int, m: int) -> int:
-    """Return the ``m``-th robot on robot ``i``'s list."""
+    """Return the number of robot ``i``'s ``m``-th neighbour, from 0."""
     return np.int64(near[i, m + 1])  # type: ignore[return-value]
 
 
 def empty_grid(robots: int, setup: Setup) -> NDArray[np.int64]:
-    """Return scratch memory for ``update_lists``: the first robot of each cell, then the next robot in the same
-    cell."""
+    """Return scratch memory for ``update_lists``, shape (cells + robots,): a linked list of robots for each cell.
+
+    The entry of a cell is the first robot in it; the entry ``cells + i`` is the next robot in the cell of robot ``i``.
+    -1 ends a list.
+    """
     across, up = grid_size(setup["width_m"], setup["height_m"], list_radius_m(setup))
     return np.zeros(across * up + robots, dtype=np.int64)
 
 
 @kernel
 def grid_size(width_m: float, height_m: float, radius_m: float) -> tuple[int, int]:
-    """Return the numbers of columns and rows of a grid with cells no smaller than the radius."""
+    """Return the numbers of columns and rows of a grid of cells that covers the arena.
+
+    No side of a cell is shorter than ``radius_m``, so that neighbours are in the same cell or in adjacent ones. (An
+    arena that is smaller than the radius has one cell.)
+    """
     across = min(max(int(width_m / radius_m), 1), MOST_CELLS)
     up = min(max(int(height_m / radius_m), 1), MOST_CELLS)
     return across, up
@@ -197,10 +229,17 @@ def update_lists(
     radius_m: float,
     tick: int,
 ) -> None:
-    """Update all lists from the positions at ``tick``, which are stored in ``from_x_m`` and ``from_y_m``."""
+    """Write the lists of all robots' neighbours at ``tick`` into ``near``.
+
+    The positions at ``tick`` are stored in the rows' ``from_x_m`` and ``from_y_m``.
+
+    Args:
+        grid: scratch memory (``empty_grid``). radius_m: distance up to which robots are neighbours.
+    """
     across, up = grid_size(setup.width_m, setup.height_m, radius_m)
     cells = across * up
     grid[:cells] = -1
+    # Put each robot in front of its cell's list; in descending order, so that the lists are in ascending order.
     for i in range(planners.size - 1, -1, -1):
         planners[i].from_x_m, planners[i].from_y_m, _ = pose_at(planners[i], setup, tick)
         cell = cell_of(planners, i, setup, across, up)
@@ -212,7 +251,8 @@ def update_lists(
 
 @inner
 def cell_of(planners: Planners, i: int, setup: Setup, across: int, up: int) -> int:
-    """Return the cell in which robot ``i`` lies."""
+    """Return the number of the cell in which robot ``i`` is, counted row by row; ``across`` columns, ``up`` rows."""
+    # Clipped, so that no rounding error of a position leads out of the grid.
     column = min(max(int(planners[i].from_x_m / setup.width_m * across), 0), across - 1)
     row = min(max(int(planners[i].from_y_m / setup.height_m * up), 0), up - 1)
     return row * across + column
@@ -223,25 +263,29 @@ def update_list(
     planners: Planners, near: NDArray[np.uint32], grid: NDArray[np.int64], setup: Setup,
     radius_m: float, across: int, up: int, i: int,
 ) -> None:  # fmt: skip
-    """Update robot ``i``'s list: the robots within the radius, from its own and the eight adjacent cells."""
+    """Write the list of robot ``i``'s neighbours: the robots within the radius, from its own and the adjacent cells.
+
+    Args:
+        grid: linked lists of the robots in each cell (``empty_grid``), with ``across`` columns and ``up`` rows.
+    """
     cell = cell_of(planners, i, setup, across, up)
     row, column = cell // across, cell % across
     count = 0
     for y in range(max(row - 1, 0), min(row + 2, up)):
         for x in range(max(column - 1, 0), min(column + 2, across)):
             j = grid[y * across + x]
-            while j >= 0:
+            while j >= 0:  # -1 ends the cell's list
                 dx = planners[j].from_x_m - planners[i].from_x_m
                 dy = planners[j].from_y_m - planners[i].from_y_m
                 if j != i and dx * dx + dy * dy < radius_m * radius_m:
                     count += insert(near[i, 1:], count, j)
-                j = grid[across * up + j]
+                j = grid[across * up + j]  # the next robot in the same cell
     near[i, 0] = count
 
 
 @inner
 def insert(numbers: NDArray[np.integer[Any]], count: int, j: int) -> int:
-    """Insert ``j`` among the first ``count`` numbers, which are sorted; return 1, or 0 if it is already among them."""
+    """Insert ``j`` into the first ``count`` numbers, which are sorted; return 1, or 0 if it is already among them."""
     place = count
     while place > 0 and numbers[place - 1] >= j:
         place -= 1

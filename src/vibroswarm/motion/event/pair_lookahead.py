@@ -1,4 +1,9 @@
-"""Looking ahead on two pieces of plans: when may one robot see the other, or its move end in it (see ``lookahead``)?"""
+"""Looking ahead on two pieces of plans: the first tick at which one robot may detect the other, or be blocked by it.
+
+Such a tick is called an encounter. ``lookahead`` explains the method (conservative advancement) and the terms: chord,
+position error, gap, approach, swerve, sight, zone. ``a`` and ``b`` are rows of two robots, each with one piece of its
+plan. A robot detects another if one of its rays, ``look_m`` long, meets the other's disc; only drivers use their rays.
+"""
 
 from __future__ import annotations
 
@@ -12,16 +17,17 @@ from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE, STOP
 
 CONTACT_M = 1e-9
-"""Below this distance from touching, the exact positions decide."""
+"""Bodies nearer to contact than this are compared by their exact positions, m."""
 
 
 @inlined
 def may_encounter(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
-    """Return whether the chords of two pieces come so close after ``tick``, while both last, that an exact check is
-    needed.
+    """Return whether two pieces may have an encounter from ``tick`` on, while both last, judging by their chords.
 
-    Cheap conservative reject: if False, there is certainly no encounter.
+    This is a cheap test, with position errors included: if False, there is certainly no encounter; if True,
+    ``encounter_tick`` has to decide.
     """
+    # (x, y): position of a relative to b at ``tick``; (dx, dy): its change per tick.
     x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
     bound_m = setup.zone_m
@@ -38,34 +44,37 @@ def may_encounter(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
         return True
     if b_drives and not passes_by(b, setup, x, y, end_x, end_y, slack):
         return True
-    return not (a_drives or b_drives)
+    return not (a_drives or b_drives)  # if neither drives, they have come within the contact zone
 
 
 @inlined
 def passes_by(
     row: Planner, setup: Setup, x: float, y: float, end_x: float, end_y: float, slack: float
 ) -> bool:
-    """Return whether another robot stays beside, behind or ahead of all that a driver's rays and body reach, as it
-    drives.
+    """Return whether another robot stays out of reach of a driver's rays and body.
 
-    Relative to the driver, and according to the chords, the other moves on a straight line, so both ends of the line
-    decide. The driver's heading differs from its chord by at most half of all it turns.
+    That is so if the other robot is ahead of their reach all the time, or behind it, or to one side of it. Relative to
+    the driver, and judging by the chords, the other robot moves on a straight line; so it is enough that both ends of
+    the line are on the same side. The driver's heading differs from the direction of its chord by at most half of the
+    angle that it turns.
 
     Args:
+        row: the driver.
         x, y: position of the other relative to the driver at the beginning, in the world's axes, m.
         end_x, end_y: the same at the end.
         slack: sum of the position errors of the two, m.
     """
-    turned = 0.5 * abs(row.rate_rad_s) * (row.self_event_tick - row.tick) * setup.tick_s
-    margin = slack + max(setup.sight_m, setup.zone_m) * turned
-    # Coordinates along and across the chord are not divided by its length; as that is at most ``max_step_m``,
-    # limits multiplied by ``max_step_m`` are safe.
+    half_turn = 0.5 * abs(row.rate_rad_s) * (row.self_event_tick - row.tick) * setup.tick_s
+    margin = slack + max(setup.sight_m, setup.zone_m) * half_turn
+    # on, off: the other robot's coordinates along and across the chord, times the chord's length (a division is saved).
+    # That length is at most ``max_step_m``, so the limits are multiplied by ``max_step_m`` to be safe.
     ahead = (max(setup.fan_ahead_m + row.ray_forward_m, setup.zone_m) + margin) * row.max_step_m
     behind = (min(setup.fan_behind_m + row.ray_forward_m, -setup.zone_m) - margin) * row.max_step_m
     lateral = (max(setup.fan_beside_m, setup.zone_m) + margin) * row.max_step_m
     on, off = x * row.chord_x_m + y * row.chord_y_m, y * row.chord_x_m - x * row.chord_y_m
     end_on = end_x * row.chord_x_m + end_y * row.chord_y_m
     end_off = end_y * row.chord_x_m - end_x * row.chord_y_m
+    # ``|`` instead of ``or``, here and below: evaluating all comparisons is faster than branching after each.
     return bool(
         (min(on, end_on) > ahead)
         | (max(on, end_on) < behind)
@@ -76,7 +85,7 @@ def passes_by(
 
 @inlined
 def stops_before(a: Planner, b: Planner) -> bool:
-    """Return whether robot ``a`` stops to sample, according to its plan, while robot ``b`` still moves by its own."""
+    """Return whether, by their plans, robot ``a`` stops to sample while robot ``b`` still moves."""
     return bool(
         (a.plan_end_tick > a.self_event_tick) & (a.self_event_tick < b.self_event_tick) & (b.mode != STOP)
     )
@@ -84,36 +93,43 @@ def stops_before(a: Planner, b: Planner) -> bool:
 
 @inlined
 def comes_within(x: float, y: float, dx: float, dy: float, span: int, far: float) -> bool:
-    """Return whether a point that starts at (x, y) and moves by (dx, dy) per tick comes within the distance ``far`` of
-    the origin in the next ``span`` ticks."""
+    """Return whether a point comes within the distance ``far`` of the origin in the next ``span`` ticks.
+
+    The point starts at (x, y) and moves by (dx, dy) per tick.
+    """
     beyond = x * x + y * y - far * far
     closing = -(x * dx + y * dy)
-    # On an endless line the smallest squared distance would exceed far^2 by beyond - closing^2 / speed^2.
+    # If the point moved on for ever, its smallest squared distance would exceed far^2 by beyond - closing^2 / speed^2.
     if (beyond > 0.0) & ((closing <= 0.0) | (beyond * (dx * dx + dy * dy) > closing * closing)):
         return False
     x, y = x + span * dx, y + span * dy
+    # The line passes within ``far``. The point does so in time if it starts there, if it moves away from the origin at
+    # the end (it has passed the nearest point of the line), or if it ends there.
     return bool((beyond <= 0.0) | (x * dx + y * dy > 0.0) | (x * x + y * y < far * far))
 
 
 @inner
 def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: bool) -> tuple[int, bool, bool]:
-    """Find the first tick after ``tick`` at which one of two robots detects the other or is blocked by it.
+    """Return the first tick after ``tick`` at which one of two robots may detect the other or be blocked by it.
 
     Args:
-        a_first: whether ``a`` moves before ``b``.
-
-    Returns: the tick, NEVER if nothing happens while both plans last; whether ``a`` is affected; whether ``b`` is.
+        a_first: whether ``a`` moves before ``b`` in a tick.
+    Returns: the tick, NEVER if there is none while both pieces last; whether ``a`` is affected; whether ``b`` is.
     """
     if a.mode == STOP and b.mode == STOP:
         return NEVER, False, False
     last = min(a.self_event_tick, b.self_event_tick)
+    # Robots that are further apart than ``reach`` neither touch at the end of their next moves nor detect each other.
     reach = 2.0 * setup.radius_m + a.max_step_m + b.max_step_m
     if a.mode == DRIVE or b.mode == DRIVE:
         reach = max(reach, setup.sight_m)
+    # First a turning robot is taken as its pivot; its exact position is used once that is not enough.
     roughly = is_turning(a) or is_turning(b)
+    # a_from, b_from: the first tick at which the robot may detect the other one, as far as is known.
     now, a_from, b_from = tick + 1, sees_from(a, setup), sees_from(b, setup)
+    # Check the tick ``now``, then go on to the next tick at which there may be an encounter.
     while now <= last:
-        free = chord_clear_ticks(a, b, reach, now)
+        free = chord_clear_ticks(a, b, reach, now)  # number of ticks in which there is no encounter
         if free >= last - now + 1:
             return NEVER, False, False
         if free < 1.0:
@@ -121,17 +137,19 @@ def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: boo
             a_sight, b_sight, contact = pair_clear_ticks(a, b, setup, now, a_first, roughly, a_looks, b_looks)
             free = min(min(a_sight, b_sight), contact)
             if roughly and free < 1.0:
-                roughly = not roughly
+                roughly = not roughly  # from now on with exact positions
                 continue
             if a_sight <= 0.0 or b_sight <= 0.0:
                 return int(now), a_sight <= 0.0, b_sight <= 0.0
+            # A move that begins at ``last`` belongs to the next plan.
             if (
                 contact < 1.0
                 and now < last
                 and blocks_at(a if a_first else b, b if a_first else a, setup, now)
             ):
+                # A standing robot makes no move that could be blocked, so it is not affected.
                 return int(now), a.mode != STOP, b.mode != STOP
-            # A robot that cannot detect the other until then need not be checked before.
+            # The bounds also show until which tick the rays of each robot need not be checked again.
             if a_looks:
                 a_from = now + max(1, int(a_sight))
             if b_looks:
@@ -149,14 +167,18 @@ def is_turning(row: Planner) -> bool:
 
 @inlined
 def sees_from(row: Planner, setup: Setup) -> int:
-    """Return the first tick at which a robot may detect another: ``avoidance_tick`` of a driver, else NEVER."""
+    """Return the first tick at which a robot may detect another: ``avoidance_tick`` for a driver, NEVER for others,
+    which use no rays."""
     return avoidance_tick(row, setup) if row.mode == DRIVE else NEVER
 
 
 @inlined
 def chord_clear_ticks(a: Planner, b: Planner, reach: float, tick: int) -> float:
-    """Return a lower bound on the ticks from ``tick`` until the two are within ``reach``, according to their chords: 0
-    if they may be now, 1e9 if they never are."""
+    """Return a lower bound on the ticks from ``tick`` until two robots are within the distance ``reach``, m.
+
+    It is computed from their chords and position errors: 0 if they may be that close now, 1e9 if they never are.
+    """
+    # (x, y): position of a relative to b at ``tick``; (dx, dy): its change per tick.
     x = a.mid_x_m + (tick - a.tick) * a.chord_x_m - b.mid_x_m - (tick - b.tick) * b.chord_x_m
     y = a.mid_y_m + (tick - a.tick) * a.chord_y_m - b.mid_y_m - (tick - b.tick) * b.chord_y_m
     dx, dy = a.chord_x_m - b.chord_x_m, a.chord_y_m - b.chord_y_m
@@ -167,11 +189,12 @@ def chord_clear_ticks(a: Planner, b: Planner, reach: float, tick: int) -> float:
     closing = -(x * dx + y * dy)
     if closing <= 0.0:
         return 1e9
+    # The smaller root t of beyond - 2 closing t + speed^2 t^2 = 0, in the form without cancellation.
     speed2 = dx * dx + dy * dy
-    root = closing * closing - speed2 * beyond
-    if root < 0.0:
+    discriminant = closing * closing - speed2 * beyond
+    if discriminant < 0.0:
         return 1e9
-    return beyond / (closing + math.sqrt(root))
+    return beyond / (closing + math.sqrt(discriminant))
 
 
 @inner
@@ -185,18 +208,21 @@ def pair_clear_ticks(
     a_looks: bool,
     b_looks: bool,
 ) -> tuple[float, float, float]:
-    """Return lower bounds on the ticks before ``a`` detects ``b``, before ``b`` detects ``a``, and before a move of one
-    ends in the other.
+    """Return lower bounds on the ticks from ``tick`` on until two robots affect each other in one of three ways.
 
-    The first two are 0 if the one detects the other now; the third is below 1 if a move from ``tick`` may end so.
+    The three bounds are: until ``a`` detects ``b``, until ``b`` detects ``a``, and until a move of one of them ends in
+    the other. Each of the first two is 0 if the robot detects the other now. The third is below 1 if a move that begins
+    at ``tick`` may end in the other robot.
 
     Args:
-        a_first: whether ``a`` moves before ``b``.
-        roughly: whether a turning robot is taken as a point somewhere within ``position_error_m`` of its pivot, which
-            is cheaper and mostly precise enough.
-        a_looks: whether to compute when ``a`` detects ``b``, for drivers only; else that bound is SIDE_TICKS.
-        b_looks: the same for ``b``.
+        a_first: whether ``a`` moves before ``b`` in a tick.
+        roughly: whether a turning robot is taken as a point within ``position_error_m`` of its pivot, which is cheaper
+            than its exact position and mostly precise enough.
+        a_looks, b_looks: whether to compute the bound on detection for this robot, which must be a driver; if not, that
+            bound is SIDE_TICKS.
     """
+    # step, bend: a driver's way (m) and angle (rad) in a tick. slack: bound on the error of the positions, m. creep:
+    # bound on how fast turning robots, whose directions are not computed, come nearer, m per tick.
     a_x, a_y, a_sin, a_cos = about(a, setup, tick, roughly)
     b_x, b_y, b_sin, b_cos = about(b, setup, tick, roughly)
     slack = creep = swerve = a_step = b_step = a_bend = b_bend = 0.0
@@ -214,36 +240,44 @@ def pair_clear_ticks(
         slack += b.position_error_m
     else:
         creep += b.max_step_m
+    # Position and velocity (per tick) of b relative to a.
     x, y = b_x - a_x, b_y - a_y
     dx, dy = b_step * b_cos - a_step * a_cos, b_step * b_sin - a_step * a_sin
     apart = math.sqrt(x * x + y * y)
-    gap, both = apart - 2.0 * setup.radius_m - slack - CONTACT_M, a.max_step_m + b.max_step_m
+    gap = apart - 2.0 * setup.radius_m - slack - CONTACT_M
+    fastest = a.max_step_m + b.max_step_m  # bound on the relative speed, m per tick
     closing = creep - (x * dx + y * dy) / apart
-    # When the second moves, the first has already moved: they may be closer by the first's step.
-    first_rate = a.max_step_m if a_first else b.max_step_m
-    contact = ticks_until_closed(gap - first_rate, closing, swerve)
+    # When the second robot moves, the first one has moved already: they may be closer by the first one's step.
+    first_step = a.max_step_m if a_first else b.max_step_m
+    contact = ticks_until_closed(gap - first_step, closing, swerve)
     if contact < 1.0 and gap > 0.0:
+        # This bound is coarse: take the direction of the first one's step into account. (on_x, on_y): position of b
+        # relative to a after that step.
         on_x, on_y, veer = x - a_step * a_cos, y - a_step * a_sin, a.max_step_m * abs(a_bend)
         if not a_first:
             on_x, on_y, veer = x + b_step * b_cos, y + b_step * b_sin, b.max_step_m * abs(b_bend)
-        # The step of the first is taken along its heading at ``tick``; a tick later it may differ by ``veer``, and
-        # that of a turning robot may have any direction.
-        lateral = first_rate if is_turning(a if a_first else b) else veer
+        # The step of the first robot is taken along its heading at ``tick``. A tick later a driver's step may differ by
+        # ``veer``; the step of a turning robot may have any direction.
+        lateral = first_step if is_turning(a if a_first else b) else veer
         on = math.sqrt(on_x * on_x + on_y * on_y)
         approach = creep + veer - (on_x * dx + on_y * dy) / on
+        # Either the first one's step ends in the second one, which has not moved yet (at the distance ``on`` instead of
+        # ``apart``); or the second one's step ends in the first one, when both have moved.
         contact = min(
             ticks_until_closed(gap - apart + on - lateral, approach, swerve),
             ticks_until_closed(gap, closing, swerve),
         )
     a_sight = b_sight = SIDE_TICKS
-    reach = apart + SIDE_TICKS * both
+    reach = apart + SIDE_TICKS * fastest  # largest distance between the two within SIDE_TICKS
+    # spin: bound on the other robot's acceleration in the frame of the robot that looks, as that frame turns: twice the
+    # turn rate times the relative speed (Coriolis), and the turn rate squared times the distance (centrifugal).
     if a_looks:
-        spin = abs(a_bend) * (2.0 * both + abs(a_bend) * reach)
+        spin = abs(a_bend) * (2.0 * fastest + abs(a_bend) * reach)
         a_sight = ticks_until_seen(
             setup, a.ray_forward_m, a_sin, a_cos, a_bend, x, y, dx, dy, slack, creep, swerve + spin
         )
     if b_looks:
-        spin = abs(b_bend) * (2.0 * both + abs(b_bend) * reach)
+        spin = abs(b_bend) * (2.0 * fastest + abs(b_bend) * reach)
         b_sight = ticks_until_seen(
             setup, b.ray_forward_m, b_sin, b_cos, b_bend, -x, -y, -dx, -dy, slack, creep, swerve + spin
         )
@@ -252,10 +286,10 @@ def pair_clear_ticks(
 
 @inlined
 def about(row: Planner, setup: Setup, tick: int, roughly: bool) -> tuple[float, float, float, float]:
-    """Return a robot's position at a tick of its plan, m, m, and the sine and cosine of a driver's heading (of others
-    always 0 and 1: they use no rays).
+    """Return a robot's position at a tick within its plan, m, m, and sine and cosine of its heading.
 
-    If ``roughly``, the position of a turning robot is its pivot.
+    For a robot that does not drive, sine and cosine are always 0 and 1: it uses no rays. If ``roughly``, the position
+    of a turning robot is its pivot.
     """
     if row.mode == DRIVE:
         x_m, y_m, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
@@ -272,25 +306,28 @@ def ticks_until_seen(
     x_m: float, y_m: float, dx: float, dy: float,
     slack: float, creep: float, swerve: float,
 ) -> float:  # fmt: skip
-    """Return a lower bound on the ticks before one of a robot's rays, each ``look`` long, meets the disc of another; 0
-    if one does now, at most SIDE_TICKS.
+    """Return a lower bound on the ticks until one of a robot's rays, each ``look_m`` long, meets another robot's disc.
 
-    The distance of a point from a ray is convex: it falls by no more than the point's motion along its gradient.
+    It is 0 if a ray meets the disc now, and at most SIDE_TICKS. The distance of a point from a ray is a convex function
+    of the point, so it falls by no more than the point's motion along its gradient.
 
     Args:
+        forward_m: how far ahead of the robot's centre its rays start. sin_h, cos_h: of the robot's heading.
         bend: the robot's turn rate, rad per tick.
-        x_m, y_m: position of the other relative to the robot, in the world's axes, m.
-        dx, dy: velocity of the other relative to the robot, in the world's axes, m per tick.
-        slack: error bound of the position, m.
-        creep: how fast that bound may grow, m per tick.
-        swerve: bound on the other's acceleration in the frame of the turning robot, m per tick^2.
+        x_m, y_m: position of the other robot relative to this one, in the world's axes, m.
+        dx, dy: velocity of the other robot relative to this one, in the world's axes, m per tick.
+        slack: bound on the error of that position, m.
+        creep: bound on the increase of that error, m per tick.
+        swerve: bound on the other robot's acceleration in the turning frame of this one, m per tick^2.
     """
+    # The other robot's position and velocity in the frame of this one.
     ahead, left = x_m * cos_h + y_m * sin_h, y_m * cos_h - x_m * sin_h
     d_ahead = dx * cos_h + dy * sin_h + bend * left
     d_left = dy * cos_h - dx * sin_h - bend * ahead
     ahead -= forward_m
     free = SIDE_TICKS
     for k in range(setup.ray_side_m.size):
+        # (off_x, off_y): from the nearest point of the ray to the other robot.
         lateral = left - setup.ray_side_m[k]
         along = ahead * setup.ray_cos[k] + lateral * setup.ray_sin[k]
         along = min(max(along, 0.0), setup.look_m)
@@ -305,15 +342,17 @@ def ticks_until_seen(
 
 @inner
 def blocks_at(first: Planner, second: Planner, setup: Setup, tick: int) -> bool:
-    """Return whether a move from ``tick`` of one of the two would end in the other, according to their plans.
+    """Return whether, by their plans, the move of one of two robots that begins at ``tick`` would end in the other.
 
-    ``first`` moves first. Where it ends up is compared with where ``second`` is then, which may block ``first``, and
-    with where ``second`` would move to, as ``first`` may block that.
+    ``first`` moves before ``second``. Its position after the move is compared with the position of ``second`` before
+    its move (then ``first`` is blocked), and after its move (then ``second`` is blocked).
     """
+    # False: at exact positions, also of turning robots. Sine and cosine are not needed.
     there_x, there_y, _, _ = about(second, setup, tick, False)
     next_x, next_y, _, _ = about(second, setup, tick + 1, False)
     x, y, _, _ = about(first, setup, tick + 1, False)
-    touch2 = 4.0 * setup.radius_m * setup.radius_m
+    touch2_m2 = 4.0 * setup.radius_m * setup.radius_m  # squared distance of centres at contact
     before = (there_x - x) * (there_x - x) + (there_y - y) * (there_y - y)
     after = (next_x - x) * (next_x - x) + (next_y - y) * (next_y - y)
-    return bool(min(before, after) < touch2 + 1e-12)
+    # The 1e-12 m^2 allow for rounding: waking the robots needlessly is harmless, missing a contact is not.
+    return bool(min(before, after) < touch2_m2 + 1e-12)

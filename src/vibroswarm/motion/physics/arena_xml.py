@@ -1,4 +1,4 @@
-"""Parts of the models that all kinds of robot share: walls, and what rays see of a robot."""
+"""Parts of MuJoCo's models (in MJCF, its XML format) that all kinds of robot share: walls, and targets of rays."""
 
 from __future__ import annotations
 
@@ -7,14 +7,15 @@ from typing import Final
 from vibroswarm.scenario.scenario import Scenario
 
 BODIES, WALLS, TARGETS = 0, 1, 2
-"""Groups of geoms. Rays see walls and targets, the discs that rays see of other robots, and nothing else."""
+"""Groups of MuJoCo's geoms (shapes). Rays see only walls and targets; a target is the disc that rays see of a robot."""
 TARGET_HALF_HEIGHT_M: Final = 0.02
+"""Half of the height of the discs that rays see."""
 
 
 def walls_xml(scenario: Scenario) -> str:
-    """Return the four walls, as planes that face inwards."""
+    """Return the geoms of the four walls: planes that face inwards, named wall0 to wall3."""
     arena = scenario.arena
-    walls = (
+    walls = (  # a point of each wall, and its normal, which points into the arena
         ("0 0 0", "1 0 0"),
         (f"{arena.width_m!r} 0 0", "-1 0 0"),
         ("0 0 0", "0 1 0"),
@@ -27,7 +28,10 @@ def walls_xml(scenario: Scenario) -> str:
 
 
 def target_xml(scenario: Scenario) -> str:
-    """Return the disc that rays see of a robot; it touches nothing."""
+    """Return the geom that rays see of a robot: a disc without mass that touches nothing.
+
+    Empty if the disc's radius is 0: rays then do not see robots.
+    """
     disc_m = scenario.rays.disc_radius_m
     if disc_m <= 0.0:
         return ""

@@ -1,14 +1,15 @@
-"""Robots that cannot touch are stepped apart, each in a model of its own; those that may touch, together.
+"""Groups of robots: robots that may touch each other are stepped together in MuJoCo, others in separate models.
 
 | name | unit | meaning |
 |---|---|---|
 | gap | m | distance of centres within which two robots may touch in one control period |
-| group | - | robots joined by distances below the gap, directly or through others |
-| rest | m/s, rad/s | a group whose motors are off and whose velocities are all below REST stands: it is not stepped |
+| group | - | robots joined by distances below the gap, directly or through other robots |
+| rest | m/s, rad/s | robots whose motors are off and whose velocities are all below REST; such a group is not stepped |
 
-Robots that do not touch have no equation in common, so a step of each alone is the step of all; it costs less, as
-nothing is looked for between them. The state of all robots lies in the model of all, which rays are cast in; groups
-are copied into models of 1, 2 or 3 robots and back. If one is larger, all robots are stepped together in that period.
+Robots that do not touch have no equation in common, so stepping each group alone gives the same motion as stepping all
+robots together; it costs less, as no contacts are sought between groups. The state of all robots is in the model of the
+whole swarm, in which rays are cast too. Before a step, a group is copied into a model of 1, 2 or 3 robots, and
+afterwards back. If a group is larger, all robots are stepped together in that control period.
 """
 
 from __future__ import annotations
@@ -23,26 +24,35 @@ from vibroswarm.core.jit import inner
 from vibroswarm.motion.control_step import Swarm
 
 LARGEST: Final = 3
-"""Robots of the largest group that has a model of its own."""
+"""Number of robots in the largest group for which there is a model."""
 REST: Final = 1e-4
-"""Velocities of a robot at rest, m/s and rad/s. It would roll on by 2 micrometres."""
+"""Bound on the velocities of a robot at rest, m/s and rad/s. It would roll on by 2 micrometres."""
 
 
 class Model(NamedTuple):
-    """MuJoCo's model and data of some robots, as kernels see them."""
+    """MuJoCo's model and data of some or all robots, as kernels use them.
+
+    In each array, all robots have the same number of entries, in the order of robots.
+    """
 
     model: int
+    """Address of MuJoCo's structure of the model."""
     data: int
-    """Addresses."""
+    """Address of MuJoCo's structure of the data."""
     qpos: NDArray[np.float64]
+    """View of MuJoCo's positions."""
     qvel: NDArray[np.float64]
+    """View of MuJoCo's velocities."""
     warmstart: NDArray[np.float64]
+    """View of the start values of MuJoCo's solver, as many as velocities."""
     control: NDArray[np.float64]
+    """View of MuJoCo's controls: per robot two motors, then four magnets."""
     sensors: NDArray[np.float64]
-    """Views of MuJoCo's memory: positions, velocities, what its solver begins with, controls, sensors."""
+    """View of MuJoCo's sensor readings: per robot the gyro's three axes first."""
     warnings: NDArray[np.int32]
-    """How often MuJoCo has warned, by kind."""
+    """Number of MuJoCo's warnings of each kind."""
     robots: int
+    """Number of robots in the model."""
 
 
 @inner
@@ -51,7 +61,7 @@ def set_groups(swarm: Swarm, gap_m: float, first: NDArray[np.int64]) -> int:
 
     Args:
         gap_m: robots nearer than this, centre to centre, are in one group.
-        first: (robots,), written: lowest index in each robot's group.
+        first: shape (robots,), written: for each robot the lowest number of a robot in its group.
     """
     robots = swarm.size
     for i in range(robots):
@@ -60,10 +70,11 @@ def set_groups(swarm: Swarm, gap_m: float, first: NDArray[np.int64]) -> int:
         for j in range(i):
             dx, dy = swarm[i].x_m - swarm[j].x_m, swarm[i].y_m - swarm[j].y_m
             if first[i] != first[j] and dx * dx + dy * dy < gap_m * gap_m:
-                joined, gone = min(first[i], first[j]), max(first[i], first[j])
+                # Join the groups of i and j; robots after i are still alone.
+                kept, removed = min(first[i], first[j]), max(first[i], first[j])
                 for k in range(i + 1):
-                    if first[k] == gone:
-                        first[k] = joined
+                    if first[k] == removed:
+                        first[k] = kept
     largest = 0
     for i in range(robots):
         size = 0
@@ -75,8 +86,13 @@ def set_groups(swarm: Swarm, gap_m: float, first: NDArray[np.int64]) -> int:
 
 @inner
 def members_of(first: NDArray[np.int64], i: int, members: NDArray[np.int64]) -> int:
-    """Write the robots of the group whose lowest index is ``i`` into ``members``; return their number, 0 if there is no
-    such group."""
+    """Write the numbers of the robots in a group into ``members``; return the group's size.
+
+    Args:
+        first: as written by ``set_groups``.
+        i: lowest number of a robot in the group. If no group has this lowest number, the result is 0.
+        members: shape (robots,); entries after the group's are left as they are.
+    """
     size = 0
     for j in range(first.size):
         if first[j] == i:
@@ -87,7 +103,8 @@ def members_of(first: NDArray[np.int64], i: int, members: NDArray[np.int64]) -> 
 
 @inner
 def copy_robot(source: Model, i: int, target: Model, j: int) -> None:
-    """Copy positions, velocities and what the solver begins with from robot ``i`` of one model to ``j`` of another."""
+    """Copy positions, velocities and the solver's start values from robot ``i`` of one model to ``j`` of another."""
+    # Numbers of entries per robot.
     positions, speeds = source.qpos.size // source.robots, source.qvel.size // source.robots
     for k in range(positions):
         target.qpos[positions * j + k] = source.qpos[positions * i + k]
@@ -98,7 +115,11 @@ def copy_robot(source: Model, i: int, target: Model, j: int) -> None:
 
 @inner
 def rests(model: Model, i: int) -> bool:
-    """Return whether robot ``i`` stands, with its motors off; False if a velocity is nan."""
+    """Return whether robot ``i`` is at rest: its two motors are off, and all its velocities are below REST.
+
+    A robot with a velocity that is nan is not at rest, so that it is stepped and MuJoCo warns.
+    """
+    # Numbers of entries per robot. A robot's first two controls are its motors.
     controls, speeds = model.control.size // model.robots, model.qvel.size // model.robots
     if model.control[controls * i] != 0.0 or model.control[controls * i + 1] != 0.0:
         return False

@@ -1,7 +1,7 @@
-"""MuJoCo: loaded when first needed, and its functions as addresses that kernels call.
+"""Access to MuJoCo: its module, loaded when first needed, and its C functions for kernels.
 
-Kernels get the functions as arguments (ctypes function pointers), since compiled code that holds their addresses as
-constants cannot be cached on disk. Pointers are passed as integers.
+Kernels get the functions as arguments (ctypes function pointers): compiled code that contains their addresses as
+constants could not be cached on disk, as addresses change. Pointers among their arguments are passed as integers.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 from vibroswarm.errors import InputError
 
 MAJOR: Final = "4"
-"""Major version of MuJoCo whose functions these are."""
+"""Major version of MuJoCo in which the functions have these signatures."""
 
 ADDRESS: Final = ctypes.c_ssize_t
 NUMBER: Final = ctypes.c_int
@@ -24,12 +24,13 @@ SIGNATURES: Final = {
     "mj_kinematics": (None, ADDRESS, ADDRESS),
     "mj_ray": (ctypes.c_double, *5 * (ADDRESS,), NUMBER, NUMBER, ADDRESS, ADDRESS),
 }
-"""Result and arguments. ``mj_ray``: model, data, point, direction, groups of geoms, static geoms too, body left out,
-geom hit, normal there."""
+"""Types of the result (None: no result) and of the arguments. The arguments of ``mj_step`` and ``mj_kinematics`` are
+model and data; those of ``mj_ray`` are model, data, start, direction, groups of geoms to be seen, whether static geoms
+are seen, a body to be left out, and where to write the number and the normal of the geom that is hit."""
 
 
 class Calls(NamedTuple):
-    """MuJoCo's functions as kernels call them."""
+    """MuJoCo's functions ``mj_step``, ``mj_kinematics`` and ``mj_ray`` for kernels, in the order of ``SIGNATURES``."""
 
     step: Any
     kinematics: Any
@@ -38,10 +39,10 @@ class Calls(NamedTuple):
 
 @cache
 def mujoco() -> Any:
-    """Return the module ``mujoco``.
+    """Return the module ``mujoco``, with its warnings turned off: runs read and report them themselves.
 
     Raises:
-        InputError: it is not installed, or of a version whose functions may be others.
+        InputError: MuJoCo is not installed, or has another major version, whose functions may have other signatures.
     """
     try:
         import mujoco as module
@@ -55,30 +56,35 @@ def mujoco() -> Any:
             f"needs MuJoCo {MAJOR}, and {found} is installed: pip install 'vibroswarm[physics]'",
             field="motion",
         )
-    if module.get_mju_user_warning() is None:  # else MuJoCo writes a file into the working directory
+    # Without a handler of warnings, MuJoCo writes them into a file in the working directory. One that the user has set
+    # is left.
+    if module.get_mju_user_warning() is None:
         module.set_mju_user_warning(lambda message: None)
     return module
 
 
 @cache
 def calls() -> Calls:
-    """Return MuJoCo's functions.
+    """Load MuJoCo's shared library; return its functions for kernels.
 
     Raises:
-        InputError: MuJoCo is not installed, or its library is not where it should be.
+        InputError: MuJoCo is not installed, or there is no library in the folder of its module.
     """
     folder = Path(mujoco().__file__).parent
+    # Libraries of Linux (.so.VERSION), and of macOS and Windows (.dylib, .dll).
     files = sorted(folder.glob("*mujoco*.so*")) + sorted(folder.glob("*mujoco*.d*l*"))
     for file in files:
         library = ctypes.CDLL(str(file))
-        if hasattr(library, "mj_step"):
-            # MuJoCo's module for Python reads the clock for MuJoCo's timers, in a tenth of the time of a step.
+        if hasattr(library, "mj_step"):  # else it is another library, such as a plugin
+            # MuJoCo's Python module installs a clock for timers that are not used here. Reading it takes a tenth of the
+            # time of a step, so it is removed.
             ctypes.c_void_p.in_dll(library, "mjcb_time").value = None
             return Calls(*(_function(library, name) for name in SIGNATURES))
     raise InputError(f"there is no library of MuJoCo in '{folder}'; install it again", field="motion")
 
 
 def _function(library: ctypes.CDLL, name: str) -> Any:
+    """Return a function of the library, with the types of its result and arguments set."""
     function = getattr(library, name)
     function.restype, *function.argtypes = SIGNATURES[name]
     return function

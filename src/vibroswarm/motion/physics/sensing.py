@@ -1,6 +1,7 @@
-"""What robots in MuJoCo sense (rays against walls and the discs that rays see of other robots), and what ends a period.
+"""The distance sensors of robots in MuJoCo, and the end of a control period.
 
-A ray is MuJoCo's (``mj_ray``). Robots near nothing cast none, as in the other engines.
+Rays meet walls and the discs that stand for other robots. They are computed by MuJoCo (``mj_ray``), and only for robots
+that have a wall or a robot within reach.
 """
 
 from __future__ import annotations
@@ -20,38 +21,43 @@ from vibroswarm.robot.walk import looks
 
 
 class World(NamedTuple):
-    """MuJoCo's model and data as kernels see them."""
+    """MuJoCo's model and data of the whole swarm, and what rays need, as kernels use them."""
 
     calls: Any
-    """``library.Calls``."""
+    """MuJoCo's functions (``library.Calls``)."""
     model: int
+    """Address of MuJoCo's structure of the model."""
     data: int
-    """Addresses."""
+    """Address of MuJoCo's structure of the data."""
     qpos: NDArray[np.float64]
+    """View of MuJoCo's positions, in the order of robots."""
     qvel: NDArray[np.float64]
+    """View of MuJoCo's velocities, in the order of robots."""
     force: NDArray[np.float64]
-    """Views of MuJoCo's memory: positions, velocities, generalised forces."""
+    """View of MuJoCo's generalised forces, which are set before a step."""
     warnings: NDArray[np.int32]
-    """How often MuJoCo has warned since its data were reset, by kind."""
+    """Number of MuJoCo's warnings of each kind since its data were reset."""
     frozen: NDArray[np.int64]
-    """Whether the run has failed, (1,): MuJoCo is not stepped any more."""
+    """1 if the run has failed, so that MuJoCo is not stepped any more, else 0; shape (1,)."""
     groups: NDArray[np.uint8]
-    """Groups of geoms that rays see."""
+    """For each of MuJoCo's six groups of geoms, 1 if rays see it, else 0."""
     point: NDArray[np.float64]
+    """Start of a ray, shape (3,); x and y are written before each call of ``mj_ray``, z is the sensors' height."""
     direction: NDArray[np.float64]
-    """Arguments of rays, (3,)."""
+    """Direction of a ray, shape (3,); x and y are written before each call of ``mj_ray``, z is 0."""
     cone_rad: NDArray[np.float64]
-    """Directions of a sensor's rays about its axis, rad."""
+    """Directions of a sensor's rays, relative to its axis, rad."""
     bodies: int
-    """Bodies of a robot."""
+    """Number of MuJoCo's bodies in a robot."""
     steps: int
-    """Steps of MuJoCo in a control period."""
+    """Number of MuJoCo's steps in a control period."""
     step_s: float
+    """Duration of a step, s."""
 
 
 @inner
 def has_warned(warnings: NDArray[np.int32]) -> bool:
-    """Return whether MuJoCo has warned since its data were reset: any of ``World.warnings`` is not 0."""
+    """Return whether MuJoCo has warned since its data were reset, given its number of warnings of each kind."""
     count = 0
     for kind in range(warnings.size):
         count += warnings[kind]
@@ -60,7 +66,7 @@ def has_warned(warnings: NDArray[np.int32]) -> bool:
 
 @inner
 def stand(swarm: Swarm) -> None:
-    """Leave all robots where they are for one control period."""
+    """Let all robots stand for one control period: poses stay, speeds and gyro readings are 0."""
     for i in range(swarm.size):
         row = swarm[i]
         row.from_x_m, row.from_y_m, row.from_heading_rad = row.x_m, row.y_m, row.heading_rad
@@ -69,18 +75,22 @@ def stand(swarm: Swarm) -> None:
 
 @inner
 def freeze(world: World, swarm: Swarm, tick: int) -> None:
-    """Undo the period in which MuJoCo warned, as its numbers are wrong, and let all robots stand from then on."""
+    """Undo the control period at ``tick``, in which MuJoCo warned, and make all robots stand for good from then on.
+
+    The poses after that period cannot be trusted.
+    """
     world.frozen[0] = 1
     for i in range(swarm.size):
         row = swarm[i]
         row.x_m, row.y_m, row.heading_rad = row.from_x_m, row.from_y_m, row.from_heading_rad
+        # From this tick on, ``control_step.control`` treats the robot as failed and silent.
         row.fails_tick, row.silent_tick = min(row.fails_tick, tick), min(row.silent_tick, tick)
     stand(swarm)
 
 
 @inner
 def sees_something(swarm: Swarm, setup: Setup, i: int) -> bool:
-    """Return whether a wall or a robot is near enough for robot ``i``'s rays."""
+    """Return whether a wall or another robot may be within reach of robot ``i``'s rays."""
     row, reach_m = swarm[i], setup.ray_reach_m
     if row.x_m < reach_m or row.y_m < reach_m:
         return True
@@ -95,11 +105,12 @@ def sees_something(swarm: Swarm, setup: Setup, i: int) -> bool:
 
 @inner
 def shortest_ray_m(world: World, swarm: Swarm, setup: Setup, i: int, k: int) -> float:
-    """Return the shortest ray of robot ``i``'s sensor ``k`` by MuJoCo, m.
+    """Return the shortest ray of the cone of robot ``i``'s distance sensor ``k``, m.
 
-    It is infinite if no ray hits anything, and 0 if the sensor lies outside the arena or within another robot's disc.
+    It is infinite if no ray hits anything, and 0 if the sensor is outside the arena or within another robot's disc.
     """
     row = swarm[i]
+    # The sensor's position and, further down, its axis in the arena.
     ahead_x, ahead_y = math.cos(row.heading_rad), math.sin(row.heading_rad)
     x_m = row.x_m + row.ray_forward_m * ahead_x - setup.ray_side_m[k] * ahead_y
     y_m = row.y_m + row.ray_forward_m * ahead_y + setup.ray_side_m[k] * ahead_x
@@ -117,26 +128,31 @@ def shortest_ray_m(world: World, swarm: Swarm, setup: Setup, i: int, k: int) -> 
         along, aside = math.cos(world.cone_rad[part]), math.sin(world.cone_rad[part])
         world.direction[0] = axis_x * along - axis_y * aside
         world.direction[1] = axis_y * along + axis_x * aside
+        # After the groups: 1, as static geoms (walls) are seen; the first body of robot i, which is left out (body 0 is
+        # the world); and two zeros, as neither the geom that is hit nor its normal is requested.
         length_m = world.calls.ray(
             world.model, world.data, world.point.ctypes.data, world.direction.ctypes.data,
             world.groups.ctypes.data, 1, 1 + world.bodies * i, 0, 0,
         )  # fmt: skip
-        if length_m >= 0.0:
+        if length_m >= 0.0:  # -1: nothing is hit
             shortest_m = min(shortest_m, length_m)
     return shortest_m
 
 
 @inner
 def sense(world: World, swarm: Swarm, setup: Setup) -> None:
-    """Read the sensors of the robots whose program uses them in this step."""
-    placed = False
+    """Set ``nearest_mm``, the length of the shortest ray, of each robot whose program reads it at this tick.
+
+    ``nearest_mm`` is infinite while a robot ignores its rays after a turn, and if nothing is within ``look_m``.
+    """
+    placed = False  # whether MuJoCo's geoms have been moved to the robots' present positions
     for i in range(swarm.size):
         if setup.blind_ms > 0.0 and is_blind(swarm, i):
             swarm[i].nearest_mm = math.inf
         elif looks(load(swarm, i), setup, swarm[i].gyro_deg):
             shortest_m = math.inf
             if sees_something(swarm, setup, i):
-                if not placed:  # after a step, or a restored state, geoms lie where they were before
+                if not placed:  # a step of MuJoCo leaves the geoms where they were before that step
                     world.calls.kinematics(world.model, world.data)
                     placed = True
                 for k in range(setup.ray_side_m.size):
@@ -155,11 +171,12 @@ def end_period(
     run: int,
     tick: int,
 ) -> None:
-    """Record a control period after its moves: arcs, and the time of each robot in its mode.
+    """End the control period at ``tick``: record segments and moves, and count each robot's time in its mode.
 
     Args:
-        warned: whether MuJoCo has warned in this period. The period is then undone, and the robots stand from its
+        warned: whether MuJoCo has warned in this period. If so, the period is undone, and the robots stand from its
             beginning on.
+        opened: each robot's open segment (``arcs.OPEN_SEGMENT``), updated.
     """
     if world.frozen[0]:
         stand(swarm)

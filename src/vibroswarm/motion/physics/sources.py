@@ -6,7 +6,7 @@ from functools import partial
 from typing import Final
 
 from vibroswarm.motion.kernel_run import batch_of
-from vibroswarm.motion.physics.planar_run import PlanarRun
+from vibroswarm.motion.physics.planar import PlanarRun
 from vibroswarm.motion.physics.wheels_run import WheelsRun
 from vibroswarm.motion.source import Source, Tolerance, register
 

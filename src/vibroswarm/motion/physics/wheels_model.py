@@ -1,4 +1,4 @@
-"""The study's robot in MuJoCo: a chassis on four magnetic wheels, two of them driven, with gyro and accelerometer.
+"""The robot of the paper in MuJoCo: a chassis on four magnetic wheels, two of them driven, with gyro and accelerometer.
 
 | name | unit | value | |
 |---|---|---|---|
@@ -8,15 +8,15 @@
 | adhesion | N | 0.3 | of each magnetic wheel; assumed |
 | rotor | kg m^2 | 3e-5 | inertia of a motor behind its gears; assumed: it starts and stops within two periods |
 
-One front and one rear wheel are driven, on opposite sides, as in the study's robot; the others roll freely. Magnets are
-adhesion actuators. Wheels are balls to the floor, which touch it in one point. Chassis and walls touch at the height
-of the axles, without friction.
+One front and one rear wheel, on opposite sides, are driven, as in the robot of the paper; the others roll freely. The
+magnets are MuJoCo's adhesion actuators. Wheels are spheres, so that each touches the floor in one point. The chassis is
+a sphere too, whose centre is at the height of the axles; it touches walls and other chassis without friction.
 
-Only the pairs that may touch are tested. Contact of wheels and floor is softer than that of bodies: robots come to rest
-on it, and the solver needs one iteration for a robot that drives straight, not several.
+MuJoCo tests only the pairs of geoms that may touch. Contact between wheels and floor is softer than between bodies: so
+robots come to rest, and the solver needs one iteration for a robot that drives straight, not several.
 
-A motor is a servo of velocity. It has the inertia of its gears, as explicit steps of a stiff servo are stable only so.
-Each distance sensor is a cone of CONE_DEG (the study's robots: 27 degrees) of CONE_RAYS rays.
+A motor is a velocity servo. It has the inertia of its gears, without which explicit steps of such a stiff servo would
+be unstable. Each distance sensor is a cone of CONE_RAYS rays with an opening of CONE_DEG, that of the paper's robots.
 """
 
 from __future__ import annotations
@@ -30,46 +30,73 @@ from vibroswarm.motion.physics.arena_xml import BODIES, target_xml, walls_xml
 from vibroswarm.scenario.scenario import Scenario
 
 STEP_MS: Final = 5.0
+"""Longest duration of a step of MuJoCo, ms."""
 WHEEL_M: Final = 0.006
+"""Radius of a wheel."""
 ROLLING_M: Final = 0.00586
-"""Radius on which wheels roll: the magnets press them a little into the soft floor. Fitted to the speed."""
+"""Effective radius of a rolling wheel, as the magnets press it a little into the soft floor. Fitted to the speed."""
 BASE_M: Final = 0.018
+"""Distance from front to rear between the points in which wheels touch the floor."""
 TRACK_M: Final = 0.036
+"""Distance from left to right between the points in which wheels touch the floor."""
 DRIVEN: Final = 0.8
+"""Coefficient of friction on the floor, of driven wheels."""
 PASSIVE: Final = 0.6
+"""Coefficient of friction on the floor, of wheels that roll freely."""
 IMPRATIO: Final = 1.0
+"""MuJoCo's ratio of the impedance of friction to that of normal forces."""
 ADHESION_N: Final = 0.3
+"""Force with which the magnet of a wheel pulls the wheel to the floor."""
 ROTOR_KG_M2: Final = 3e-5
+"""Inertia of a motor behind its gears."""
 SERVO_N_M_S: Final = 3e-3
+"""Torque of a motor per difference (1 rad/s) between its target speed and its speed."""
 TORQUE_N_M: Final = 0.01
+"""Largest torque of a motor."""
 MARGIN_M: Final = 0.0004
+"""Distance between two bodies at which their contact begins to act."""
 FLOOR_STEPS: Final = 4.0
+"""Time constant of contacts with the floor, in steps. Wheels would never come to rest on a floor as stiff as walls."""
 BODY_STEPS: Final = 2.0
-"""Time constants of contacts, in steps. Wheels on a floor as stiff as walls would never come to rest."""
+"""Time constant of contacts between bodies, in steps."""
 SENSOR_HEIGHT_M: Final = 0.012
+"""Height of the sensors above the floor."""
 TOLERANCE: Final = 1e-4
-"""Of the solver (Newton's method). After 30 s a robot is 4 micrometres from where 1e-12 leads, and 1.7 mm with 1e-3."""
+"""Tolerance of the solver (Newton's method). After 30 s, positions differ by 4 micrometres from those with 1e-12; with
+1e-3 they differ by 1.7 mm."""
 SUNK_M: Final = 0.00026
-"""How deep wheels stand in the floor at rest."""
+"""Depth to which wheels sink into the floor at rest, m."""
 CONE_DEG: Final = 27.0
 CONE_RAYS: Final = 5
+"""Opening of the cone of a distance sensor, and the number of rays in it."""
 CONE_RAD: Final = tuple(math.radians(a) for a in np.linspace(-CONE_DEG / 2, CONE_DEG / 2, CONE_RAYS).tolist())
+"""Directions of the rays of a distance sensor, relative to its axis."""
 
 WHEELS: Final = (("front_left", 1, 1, True), ("rear_right", -1, -1, True), ("front_right", 1, -1, False),
                  ("rear_left", -1, 1, False))  # fmt: skip
-"""Name, signs of x and y, whether driven; the left of the driven ones first."""
+"""Each wheel's name, signs of its x and y in the robot's frame, and whether it is driven. The left driven wheel is
+first, then the right one: the order of a robot's motors."""
 
 
 def wheels_xml(scenario: Scenario, step_s: float, group: int | None = None) -> str:
-    """Return the model of a scenario as MJCF.
+    """Return MuJoCo's model of a scenario as a text in MJCF.
+
+    Parts of MuJoCo that the model does not need are disabled, to save time. So is MuJoCo's automatic reset after an
+    error: runs handle MuJoCo's warnings themselves.
 
     Args:
-        step_s: duration of a step of MuJoCo.
-        group: robots, if not all of the swarm; without accelerometers, which the robots' program does not read.
+        step_s: duration of a step of MuJoCo, s.
+        group: number of robots of a group (``groups``); None: the model of the whole swarm. Models of groups have no
+            accelerometers, which the robots' program does not read.
     """
     robots = scenario.swarm.robots if group is None else group
     accelerometer = '<accelerometer site="imu{0}"/>' if group is None else ""
+    # "Islands" make MuJoCo solve the contacts of bodies that do not touch each other separately.
     islands = "disable" if robots == 1 else "enable"
+    # Each robot's controls: two motors, then four magnets. Its sensors begin with the gyro. In the text below,
+    # ``memory`` is what MuJoCo may use for contacts, in MiB; it grows with the number of robots. ``contype`` and
+    # ``conaffinity`` of 0 mean that geoms touch only in the pairs of ``_contacts``. ``solimp`` is the impedance of
+    # contacts, which rises from 0.95 to 0.99 within a depth of 0.5 mm.
     actuators, sensors = [], []
     for i in range(robots):
         actuators += [
@@ -104,7 +131,9 @@ def wheels_xml(scenario: Scenario, step_s: float, group: int | None = None) -> s
 
 
 def _contacts(robots: int, step_s: float) -> str:
-    """Return the pairs of geoms that may touch: wheels and floor, chassis and walls, chassis and chassis."""
+    """Return MJCF of the pairs of geoms that may touch: wheels and floor, chassis and walls, two chassis."""
+    # condim: 3 for contacts with friction, whose first two coefficients are those of sliding; 1 for contacts without.
+    # solref: time constant of a contact, s, and its damping ratio.
     floor = f'condim="3" solref="{FLOOR_STEPS * step_s!r} 1"'
     others = f'condim="1" margin="{MARGIN_M}" solref="{BODY_STEPS * step_s!r} 1"'
     pairs = []
@@ -119,12 +148,15 @@ def _contacts(robots: int, step_s: float) -> str:
 
 
 def _others(i: int) -> list[str]:
-    """Return what the chassis of robot ``i`` may touch, other than those of robots after it."""
+    """Return the names of the geoms with which to pair the chassis of robot ``i``.
+
+    They are the four walls and the chassis of all robots of lower numbers, so that each pair of chassis is listed once.
+    """
     return [f"wall{k}" for k in range(4)] + [f"chassis{j}" for j in range(i)]
 
 
 def _robot(scenario: Scenario, i: int) -> str:
-    """Return one robot."""
+    """Return MJCF of robot ``i``: chassis, target of other robots' rays, inertial sensors and wheels."""
     radius_m = scenario.robot.body_radius_m
     wheels = "".join(
         f"""<body pos="{x * BASE_M / 2} {y * TRACK_M / 2} {WHEEL_M}" name="{name}{i}">
@@ -132,6 +164,8 @@ def _robot(scenario: Scenario, i: int) -> str:
           <geom name="{name}{i}" class="wheel" group="{BODIES}"/></body>"""
         for name, x, y, driven in WHEELS
     )
+    # Moment of inertia of a disc of 15 mm radius with the mass of the chassis. The armature, the inertia of a motor
+    # behind its gears, is almost 0 for wheels that roll freely.
     spin = 0.5 * 0.032 * 0.015**2
     return f"""<body><freejoint/>
       <inertial pos="0 0 0.01" mass="0.032" diaginertia="{spin!r} {spin!r} {spin!r}"/>

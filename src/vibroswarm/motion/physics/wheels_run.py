@@ -31,8 +31,10 @@ class WheelsRun(MujocoRun):
     cone_rad = CONE_RAD
 
     def compile(self) -> None:
-        """Compile the models: of all robots, and of groups."""
+        """Compile the models of the whole swarm and of groups of 1, 2, ..., LARGEST robots (``groups``)."""
         super().compile()
+        # A swarm of fewer than LARGEST robots has no larger groups. Models for larger groups are never used then, and
+        # get as many robots as the swarm has.
         robots = self.scenario.swarm.robots
         self.group_models: list[Any] = [
             mujoco().MjModel.from_xml_string(wheels_xml(self.scenario, self.step_s, min(size, robots)))
@@ -40,7 +42,7 @@ class WheelsRun(MujocoRun):
         ]
 
     def connect(self) -> None:
-        """Make MuJoCo's data, of all robots and of groups, and views of them for kernels."""
+        """Allocate MuJoCo's data of all models, and make views of their memory for kernels."""
         super().connect()
         robots, robot = self.scenario.swarm.robots, self.scenario.robot
         self.group_data: list[Any] = [mujoco().MjData(model) for model in self.group_models]
@@ -49,7 +51,9 @@ class WheelsRun(MujocoRun):
             for size, (model, data) in enumerate(zip(self.group_models, self.group_data, strict=True), 1)
         )
         self.reset_groups()
-        factor = max(float(self.speeds.max()), robot.speed_factor_max)
+        factor = max(float(self.speeds.max()), robot.speed_factor_max)  # no speed factor is larger
+        # The longest way that a robot drives in a control period. Two robots approach each other by at most two such
+        # steps; the gap includes four, to be safe.
         step_m = factor * robot.full_speed_m_s * self.scenario.tick_s
         self.wheels = Wheels(
             rolling_m=ROLLING_M, gap_m=2.0 * robot.body_radius_m + MARGIN_M + 4.0 * step_m,
@@ -58,7 +62,7 @@ class WheelsRun(MujocoRun):
         )  # fmt: skip
 
     def xml(self) -> str:
-        """Return the model of all robots as MJCF."""
+        """Return MuJoCo's model of the whole swarm as a text in MJCF."""
         return wheels_xml(self.scenario, self.step_s)
 
     def ray_height_m(self) -> float:
@@ -66,28 +70,38 @@ class WheelsRun(MujocoRun):
         return SENSOR_HEIGHT_M
 
     def place(self) -> None:
-        """Set MuJoCo's state to the robots' poses, at rest, with their magnets on."""
+        """Set MuJoCo's state, which has just been reset, to the robots' poses, with magnets on and all velocities 0."""
         robots = self.scenario.swarm.robots
-        poses, magnets = (values.reshape(robots, -1) for values in (self.data.qpos, self.data.ctrl))
+        # Views with one row per robot. A row of poses: x, y, z, heading as a quaternion (w, x, y, z), angles of wheels.
+        # A row of controls: two motors, four magnets.
+        poses, controls = (values.reshape(robots, -1) for values in (self.data.qpos, self.data.ctrl))
         poses[:] = 0.0
         poses[:, 0], poses[:, 1], poses[:, 2] = self.swarm["x_m"], self.swarm["y_m"], -SUNK_M
         half_rad = 0.5 * self.swarm["heading_rad"]
         poses[:, 3], poses[:, 6] = np.cos(half_rad), np.sin(half_rad)
-        magnets[:, 2:] = 1.0
+        controls[:, 2:] = 1.0
         self.reset_groups()
 
     def reset_groups(self) -> None:
-        """Switch the magnets of groups on, and forget warnings; poses are copied when they are stepped."""
+        """Reset the MuJoCo data of the models of 1, 2 and 3 robots, and switch all magnets on.
+
+        Robots that may touch each other form a group, which is stepped in one of these models (``groups``). Poses,
+        velocities and motor commands are copied from the model of the whole swarm whenever a group is stepped, so only
+        magnets are set here. The reset also sets the numbers of MuJoCo's warnings to 0.
+        """
         for model, data in zip(self.group_models, self.group_data, strict=True):
             mujoco().mj_resetData(model, data)
-            data.ctrl[:] = 1.0
+            data.ctrl[:] = 1.0  # magnets on; the motors' entries are overwritten before each step
 
     def warned(self) -> NDArray[np.int32]:
-        """Return how often MuJoCo has warned, of all robots and of groups, by kind."""
+        """Return the number of MuJoCo's warnings of each kind since the run began, in all models."""
         return sum((data.warning.number for data in self.group_data), start=super().warned())
 
     def step_to(self, until: int) -> int:
-        """Simulate up to the tick ``until``, while the buffers suffice and MuJoCo does not warn; return the tick."""
+        """Simulate from ``self.tick`` to the tick ``until``; stop earlier if buffers might overflow or MuJoCo warns.
+
+        Return the tick reached. ``self.tick`` stays as it is: ``go_on_to`` sets it.
+        """
         return wheels_steps(
             self.world, self.wheels, self.swarm, self.setup, self.speeds, self.record, self.opened,
             self.seed, self.run, self.tick, until,
@@ -95,7 +109,11 @@ class WheelsRun(MujocoRun):
 
 
 def _views(model: Any, data: Any, robots: int) -> Model:
-    """Return MuJoCo's model and data of some robots as kernels see them."""
+    """Return addresses and views of a model and its data for kernels.
+
+    Args:
+        robots: number of robots in the model.
+    """
     return Model(
         model=model._address, data=data._address, qpos=data.qpos, qvel=data.qvel, warmstart=data.qacc_warmstart,
         control=data.ctrl, sensors=data.sensordata, warnings=data.warning.number, robots=robots,

@@ -1,12 +1,12 @@
-"""One control period of robots on wheels in MuJoCo: sense, control, drive, sample.
+"""One control period of robots on wheels in MuJoCo: sense, control, sample, drive.
 
-The robots' program is that of the other engines (``control_step.control``). Its commands turn the driven wheels; it
-reads MuJoCo's rays and MuJoCo's gyro.
+The robots' program is that of the other engines (``control_step.control``). It reads MuJoCo's rays and MuJoCo's gyro;
+its commands set the speeds of the driven wheels.
 
 | name | unit | equation |
 |---|---|---|
-| wheel | rad/s | (speed -+ turn rate track / 2) / rolling radius: the commands of Eq. 19, as speeds of wheels |
-| gyro | deg | sum of the gyro's reading over the steps of a period, times their duration |
+| wheel | rad/s | (speed -+ turn rate track / 2) / rolling radius: Eq. 19 as angular speeds of left and right wheel |
+| gyro | deg | sum of the gyro's readings in the steps of a period, times the duration of a step |
 """
 
 from __future__ import annotations
@@ -29,48 +29,54 @@ from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import DRIVE
 
 MOTORS: Final = 2
-"""Controls of a robot that change: left and right motor. Its magnets are always on."""
+"""Number of a robot's controls that change: left and right motor. The other controls, its magnets, are always on."""
 
 
 class Wheels(NamedTuple):
-    """What steps of robots on wheels need, beside ``World``."""
+    """What kernels need to step robots on wheels, in addition to ``World``."""
 
     rolling_m: float
+    """Effective radius of a rolling wheel, m."""
     gap_m: float
-    """Distance of centres within which two robots may touch in one control period."""
+    """Distance of centres within which two robots may touch in one control period, m."""
     first: NDArray[np.int64]
+    """For each robot the lowest number of a robot in its group (``groups.set_groups``), shape (robots,)."""
     members: NDArray[np.int64]
-    """Groups of robots, (robots,) each."""
+    """Scratch memory for the members of a group, shape (robots,)."""
     all: Model
-    """All robots: their state is here."""
+    """The model of the whole swarm, in which the state of all robots is."""
     groups: tuple[Model, Model, Model]
-    """Models of 1, 2 and 3 robots."""
+    """Models of 1, 2 and 3 robots, into which groups are copied for a step."""
 
 
 @inner
 def turn_wheels(wheels: Wheels, swarm: Swarm, setup: Setup) -> None:
-    """Set the wheels' speeds to those that the robots command."""
+    """Set the target speeds of each robot's motors, rad/s, to those that give its commanded speed and turn rate."""
     control = wheels.all.control
-    controls = control.size // swarm.size
+    controls = control.size // swarm.size  # per robot
     for i in range(swarm.size):
         row, place = swarm[i], controls * i
         track_m = setup.drive_track_m if row.mode == DRIVE else setup.turn_track_m
-        apart_m_s = 0.5 * row.rate_rad_s * track_m
-        control[place] = (row.speed_m_s - apart_m_s) / wheels.rolling_m
-        control[place + 1] = (row.speed_m_s + apart_m_s) / wheels.rolling_m
+        half_difference_m_s = 0.5 * row.rate_rad_s * track_m
+        control[place] = (row.speed_m_s - half_difference_m_s) / wheels.rolling_m
+        control[place + 1] = (row.speed_m_s + half_difference_m_s) / wheels.rolling_m
 
 
 @inner
 def yaw_rad(qpos: NDArray[np.float64], place: int) -> float:
-    """Return the heading of the quaternion that begins at ``place``, rad."""
+    """Return the heading, rad, of the quaternion (w, x, y, z) in ``qpos`` that begins at index ``place``."""
     w, x, y, z = qpos[place], qpos[place + 1], qpos[place + 2], qpos[place + 3]
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 @inner
 def step_group(world: World, group: Model, swarm: Swarm, members: NDArray[np.int64]) -> None:
-    """Step the robots ``members``, which ``group`` holds, through one control period; add up their gyros' readings."""
-    sensors = group.sensors.size // group.robots
+    """Step a model through one control period, and add the angles that its gyros read to the robots' ``gyro_deg``.
+
+    Args:
+        group: the model. members: number in the swarm of each of its robots.
+    """
+    sensors = group.sensors.size // group.robots  # per robot; the third is the gyro's vertical axis
     for _ in range(world.steps):
         world.calls.step(group.model, group.data)
         for k in range(group.robots):
@@ -79,16 +85,16 @@ def step_group(world: World, group: Model, swarm: Swarm, members: NDArray[np.int
 
 @inner
 def step_apart(world: World, wheels: Wheels, swarm: Swarm, size: int) -> None:
-    """Step the first ``size`` of ``wheels.members`` through one control period in a model that holds only them.
+    """Step a group of robots, the first ``size`` of ``wheels.members``, through one control period in its own model.
 
-    Their state is copied there and back. Nothing happens if all of them rest.
+    The group's state is copied into that model and back. If all its robots are at rest, nothing is done.
     """
     whole, part, members = wheels.all, wheels.groups[size - 1], wheels.members
     controls = whole.control.size // whole.robots
-    standing = True
+    all_rest = True
     for k in range(size):
-        standing = standing and rests(whole, members[k])
-    if standing:
+        all_rest = all_rest and rests(whole, members[k])
+    if all_rest:
         return
     for k in range(size):
         copy_robot(whole, members[k], part, k)
@@ -101,17 +107,17 @@ def step_apart(world: World, wheels: Wheels, swarm: Swarm, size: int) -> None:
 
 @inner
 def move_wheels(world: World, wheels: Wheels, swarm: Swarm, setup: Setup) -> None:
-    """Let MuJoCo move the robots through one control period; set their poses, gyro readings, and the speeds and turn
-    rates that they actually had.
+    """Let MuJoCo move the robots through one control period.
 
-    Groups of at most LARGEST robots are stepped apart; if one is larger, all robots are stepped together.
+    Then set their poses, their gyro readings, and the speeds and turn rates that they actually had. Groups of robots
+    are stepped in separate models, unless one has more than LARGEST robots: then all are stepped together.
     """
     turn_wheels(wheels, swarm, setup)
     for i in range(swarm.size):
         swarm[i].gyro_deg = 0.0
     if set_groups(swarm, wheels.gap_m, wheels.first) <= LARGEST:
         for i in range(swarm.size):
-            size = members_of(wheels.first, i, wheels.members)
+            size = members_of(wheels.first, i, wheels.members)  # 0 unless i is the lowest number of its group
             if size > 0:
                 step_apart(world, wheels, swarm, size)
     else:
@@ -123,13 +129,14 @@ def move_wheels(world: World, wheels: Wheels, swarm: Swarm, setup: Setup) -> Non
         row, place = swarm[i], positions * i
         row.from_x_m, row.from_y_m, row.from_heading_rad = row.x_m, row.y_m, row.heading_rad
         row.x_m, row.y_m = world.qpos[place], world.qpos[place + 1]
+        # A heading is not wrapped; a quaternion gives it only up to whole turns.
         row.heading_rad += wrapped_rad(yaw_rad(world.qpos, place + 3) - row.heading_rad)
     fit_period(swarm, setup)
 
 
 @inner
 def has_warned_in_groups(world: World, wheels: Wheels) -> bool:
-    """Return whether MuJoCo has warned of robots, together or apart."""
+    """Return whether MuJoCo has warned since the run began, in the model of the whole swarm or in one of a group."""
     warned = has_warned(world.warnings)
     for k in range(LARGEST):
         warned = warned or has_warned(wheels.groups[k].warnings)
@@ -150,15 +157,21 @@ def wheels_steps(
     tick: int,
     until: int,
 ) -> int:
-    """Simulate from ``tick`` to ``until``, or while the buffers surely suffice; return the tick reached.
+    """Simulate from ``tick`` up to ``until``, or until the buffers of ``record`` might overflow.
 
-    It stops after a period in which MuJoCo warns. From that period on the robots stand.
+    Also stops after a period in which MuJoCo warns: from the beginning of that period on, the robots stand.
+
+    Args:
+        speeds: ``robot_params.speed_quantiles``. opened: each robot's open segment (``arcs.OPEN_SEGMENT``), updated.
+    Returns: the tick reached.
     """
     until = min(until, tick + room(record, swarm.size))
     for now in range(tick, until):
         sense(world, swarm, setup)
         if control(swarm, setup, seed, run, now) > 0:
-            sample(swarm, setup, speeds, record, seed, run, now)  # where they are now: they may be pushed on
+            # Record samples before the move: a robot that samples may be pushed in this period, and its sample has the
+            # pose at the beginning of the period. (In ``fixed_step.step`` robots that sample stay where they are.)
+            sample(swarm, setup, speeds, record, seed, run, now)
         warned = False
         if not world.frozen[0]:
             move_wheels(world, wheels, swarm, setup)
@@ -166,4 +179,4 @@ def wheels_steps(
         end_period(world, warned, swarm, setup, record, opened, run, now)
         if warned:
             return now + 1
-    return max(tick, until)
+    return max(tick, until)  # nothing has been simulated if ``until`` is not after ``tick``

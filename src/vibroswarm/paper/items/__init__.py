@@ -11,6 +11,7 @@ from vibroswarm.paper.item import Item
 @cache
 def all_items() -> tuple[Item, ...]:
     """Return all items, in the paper's order."""
+    # Imported here, so that importing this package does not load the modules of all items.
     from vibroswarm.paper.items import (
         calibration,
         example_run,
@@ -48,10 +49,12 @@ def all_items() -> tuple[Item, ...]:
 
 
 def items_named(names: list[str] | None) -> tuple[Item, ...]:
-    """Return the items of these names in the paper's order; all if None.
+    """Return the items with these names, in the paper's order; all items if ``names`` is None.
+
+    Underscores in names count as hyphens.
 
     Raises:
-        InputError: there is no such item.
+        InputError: a name is not the name of an item.
     """
     known = {item.name: item for item in all_items()}
     if names is None:

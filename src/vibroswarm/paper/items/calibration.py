@@ -1,6 +1,10 @@
 """Item 2: recordings and simulations compared: six similarities, error rates, battery, and three figures.
 
-The similarity of a simulation is that of a set of three simulated sessions to the recordings, over sets of three.
+A session is one run. The recordings are three sessions, so simulated sessions are compared in sets of three: each set
+has a similarity to the recordings, and the similarity of a simulation is the mean over its sets. A source is the real
+robots, the authors' simulator, or a column, which is a preset of the reproduction. The "null" is the similarity of
+uniformly spread values to the recordings; the "ceiling" is the similarity that a perfect simulation would have. The
+measured values of the claims are rows of ``claims.MEASURED``.
 """
 
 from __future__ import annotations
@@ -42,13 +46,14 @@ LABELS: Final = {
     "vibrating": "energy on vibrating tiles (RMS)",
     "still": "energy on still tiles (RMS)",
 }
+"""Labels of the x axis, by feature."""
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield states and energies, positions, steps: real robots next to each source; then the similarities."""
+    """Yield pictures of states, energies, positions and steps of all sources, then of the similarities."""
     yield Picture("calibration-states", "Time in each state", partial(_draw_states, tables["states"]))
     histograms = tables["histograms"]
-    for feature in ("avoidance", "vibrating", "still"):
+    for feature in ("avoidance", "vibrating", "still"):  # the features with one column; the others have two
         part = histograms.filter(pl.col("feature") == feature)
         draw = partial(draw_shares, part.select("x", "share", series="source"), x_label=LABELS[feature])
         yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), draw)
@@ -56,7 +61,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         part = histograms.filter(pl.col("feature") == feature)
         maps = partial(draw_maps, part.select("x", "y", "share", panel="source"), feature)
         yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), maps)
-    # The mark is the similarity, the bar goes from null to ceiling.
+    # The mark is the similarity, the bar goes from null to ceiling, and at least to the mark.
     spans = tables["similarities"].select(
         x="feature", series="source", estimate="at equal counts",
         low=pl.min_horizontal("null", "at equal counts"), high=pl.max_horizontal("ceiling", "at equal counts"),
@@ -67,11 +72,16 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 
 
 def _draw_states(states: pl.DataFrame) -> Drawn:
-    """Draw the share of time in each state, with intervals over sessions."""
+    """Draw the share of time in each state and source, with intervals over sessions.
+
+    Args:
+        states: table of ``_states`` for all sources.
+    """
+    # Mean over sessions with its limits, and the number of sessions.
     rows = [
-        (state, source[0], *mean_interval(part[state].to_numpy())[:3], part.height)
+        (state, source, *mean_interval(part[state].to_numpy())[:3], part.height)
         for state in ("walking", "sensing", "avoiding")
-        for source, part in states.group_by("source", maintain_order=True)
+        for (source,), part in states.group_by("source", maintain_order=True)
     ]
     intervals = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high", "runs"], orient="row")
     return draw_error_bars(
@@ -80,9 +90,9 @@ def _draw_states(states: pl.DataFrame) -> Drawn:
 
 
 SESSIONS: Final = 3
-"""Number of recorded sessions, and of sessions in a set."""
+"""Number of recorded sessions, and number of simulated sessions in a set."""
 THEIR_SETS: Final = 1
-"""Sets of three sessions behind each printed similarity."""
+"""Sets of three sessions behind each similarity that the paper prints."""
 NAMES: Final = {
     "avoidance": "state_times",
     "vibrating": "energy_vibrating",
@@ -93,68 +103,102 @@ NAMES: Final = {
 }
 """Names of the features in the paper."""
 Sets = dict[str, list[tuple[float, float]]]
+"""By feature, for each set: its similarity to the recordings, and the similarity of uniform values (the null)."""
 
 
 def similarity_by_set(real: Result, simulated: Result) -> Sets:
-    """Return the similarity to the recordings of each set of three sessions, and of uniform values, by feature."""
+    """Return the similarity of each set of three simulated sessions to the recordings, and its null, by feature.
+
+    The null is computed with as many uniform values as the set has (or the recordings, if they have fewer), so it is
+    computed once for all sets with the same number of values.
+
+    Args:
+        real: the recordings. simulated: simulated sessions; each three successive ones are a set.
+    """
     real_sessions = sessions_of(real)
     simulated_sessions = sessions_of(seen_through(simulated, camera_between(real, simulated)))
     by_feature: Sets = {}
     for feature in FEATURES:
         all_real = np.concatenate(real_sessions.values(feature))
-        even: dict[int, float] = {}
+        nulls: dict[int, float] = {}  # by number of values
         values = simulated_sessions.values(feature)
         for first in range(0, len(values), SESSIONS):
-            some = np.concatenate(values[first : first + SESSIONS])
-            count = min(len(all_real), len(some))
-            if count not in even:
-                even[count] = null_similarity(feature, all_real, count)
-            by_feature.setdefault(feature, []).append((similarity(feature, all_real, some), even[count]))
+            set_values = np.concatenate(values[first : first + SESSIONS])
+            count = min(len(all_real), len(set_values))
+            if count not in nulls:
+                nulls[count] = null_similarity(feature, all_real, count)
+            pair = (similarity(feature, all_real, set_values), nulls[count])
+            by_feature.setdefault(feature, []).append(pair)
     return by_feature
 
 
 def printed(feature: str) -> float:
-    """Return the printed similarity of a feature."""
+    """Return the similarity of a feature that the paper prints."""
     return float(published(f"calibration.cosine_similarity.{NAMES[feature]}"))
 
 
 def authors_rows(found: Comparison) -> list[Row]:
-    """Return the rows for the authors' own simulator against the recordings, minus the printed similarity."""
+    """Return the measured values of the claim about the printed similarities, one for each feature.
+
+    A value is the similarity of the authors' own simulator to the recordings, minus the printed one.
+    """
     return [
         exact(
-            "calibration-printed",
-            "paper",
-            WORDS[row_of.feature],
-            row_of.as_published - printed(row_of.feature),
+            claim="calibration-printed",
+            column="paper",
+            cell=WORDS[similarities.feature],
+            value=similarities.as_published - printed(similarities.feature),
         )
-        for row_of in found.similarities
+        for similarities in found.similarities
     ]
 
 
 def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
-    """Return the rows of all claims about a preset; ``sets`` are those of its simulation."""
+    """Return the measured values of all claims about a column (preset).
+
+    For each feature there are two values: the similarity minus the printed similarity, and the similarity minus the
+    null. Both are means over sets of three simulated sessions, which are the independent units here. The values of the
+    claims about error rates and about the battery follow.
+
+    Args:
+        sets: from ``similarity_by_set``, for the simulation of this column.
+    """
     rows = []
     for feature, pairs in sets.items():
-        alike, even = np.array(pairs).T
+        similarities, nulls = np.array(pairs).T
         published_value = printed(feature)
         rows.append(
             mean(
-                "calibration-ours", column, WORDS[feature], alike, published_value, published_runs=THEIR_SETS
+                claim="calibration-ours",
+                column=column,
+                cell=WORDS[feature],
+                values=similarities,
+                less=published_value,
+                published_runs=THEIR_SETS,
             )
         )
-        rows.append(mean("calibration-tells", column, WORDS[feature], alike - even))
+        rows.append(mean("calibration-tells", column, WORDS[feature], similarities - nulls))
     return rows + error_rows(settings, column) + battery_rows(settings, column)
 
 
 def error_rows(settings: Settings, column: str) -> list[Row]:
-    """Return the rows of the error rates of each run on the real floor, at the column's own threshold; needs no
-    recordings."""
+    """Return the measured values of the claim about error rates: false positives and false negatives.
+
+    A value is the mean rate over simulated runs on the real floor, at the threshold of the column's preset, minus the
+    published rate.
+    """
     scenario = settings.scenario(column, real_floor(), parameter_set=EMPIRICAL)
-    result = simulate(scenario, settings.seed, min(settings.runs, 100), energies=False)
-    kinds = np.array([int(tile) for row in real_floor()["floor.tiles"] for tile in row])
-    tile, read = (result.observations[name].to_numpy() for name in ("tile", "observation"))
-    run, kind = result.observations["run"].to_numpy(), kinds[tile]
-    shares = [np.bincount(run[kind == k], read[kind == k] != k) / np.bincount(run[kind == k]) for k in (0, 1)]
+    runs = min(settings.runs, 100)  # a run has many readings, so 100 runs at most are enough
+    result = simulate(scenario, settings.seed, runs, energies=False)
+    kinds = np.array([int(tile) for row in real_floor()["floor.tiles"] for tile in row])  # by tile index
+    run, tile, read = (result.observations[name].to_numpy() for name in ("run", "tile", "observation"))
+    kind = kinds[tile]  # 0: still, 1: vibrating
+    wrong = read != kind
+    # Share of wrong readings of each run, on still and on vibrating tiles.
+    shares = [
+        np.bincount(run[on_kind], wrong[on_kind]) / np.bincount(run[on_kind])
+        for on_kind in (kind == 0, kind == 1)
+    ]
     names = ("false_positive", "false_negative")
     return [
         mean(
@@ -170,45 +214,68 @@ def error_rows(settings: Settings, column: str) -> list[Row]:
 
 
 def battery_rows(settings: Settings, column: str) -> list[Row]:
-    """Return the rows of the battery factor at both ends of a run, minus the printed one."""
+    """Return the measured values of the claim about the battery.
+
+    They are the battery factors at the beginning and at the end of a run, minus the printed factors.
+    """
     scenario = settings.scenario(column)
     ends = zip((0.0, scenario.run.t_end_s), published("calibration.battery_first_last"), strict=True)
     return [
-        exact("battery", column, f"at {t_s:g} s", 1.0 - t_s / scenario.robot.battery_life_s - printed)
-        for t_s, printed in ends
+        exact("battery", column, f"at {t_s:g} s", 1.0 - t_s / scenario.robot.battery_life_s - printed_factor)
+        for t_s, printed_factor in ends
     ]
 
 
 SETS: Final = 10
 """Sets of three simulated sessions behind an interval."""
 ROBOTS, SIMULATOR = "real robots", "authors' simulator"
+"""Names of the sources that are no presets."""
 SHOWN_FIGURES: Final = (
     "start_speed_m_s", "drop", "between_m_s", "within_m_s", "spacing_s", "distance_m", "avoid_s", "density_corners",
     "near_walls", "lag_one_bits",
 )  # fmt: skip
+"""Names of the statistics of ``session_statistics`` that are shown, besides the error rates."""
 
 
 def _simulated(settings: Settings, column: str) -> Result:
+    """Simulate all sets of sessions with P0 on the real floor: at least two sets, and at most ``SETS``.
+
+    Between these bounds, there are as many sets as the runs of the reproduction allow.
+    """
     sets = min(SETS, max(2, settings.runs // SESSIONS))
     scenario = settings.scenario(column, real_floor(), parameter_set=EMPIRICAL)
     return simulate(scenario, settings.seed, sets * SESSIONS, segments=True)
 
 
 def _first_set(result: Result) -> Result:
-    return simulate(result.scenario, int(result.seed or 0), SESSIONS, segments=True)
+    """Return the first set of sessions of a simulation, as a result of its own.
+
+    The sessions are simulated again, and are the same sessions, because a run does not depend on how many runs are
+    simulated.
+
+    Args:
+        result: simulation with at least one set of sessions.
+    """
+    seed = int(result.seed or 0)  # None only for recordings, so 0 is never used
+    return simulate(result.scenario, seed, SESSIONS, segments=True)
 
 
 def compute(work: Work) -> Tables:
-    """Compute all comparisons with the recordings, and claims."""
+    """Compare the authors' simulator and our presets with the recordings, and measure the values for the claims.
+
+    Return tables of similarities, energy distances, error rates and driving, time in each state, and histograms, for
+    each source; and the claims' measured values.
+    """
     settings = work.settings
-    assert settings.recordings is not None
+    assert settings.recordings is not None  # otherwise the item is skipped
     real, authors = (read_recordings(settings.recordings, names) for names in (REAL, AUTHORS))
     work.progress(0.2)
     simulated = {column: _simulated(settings, column) for column in settings.columns}
+    # One set of sessions of each preset is compared in detail, because the authors' simulator has one set too.
     sources: dict[str, Result] = {SIMULATOR: authors}
     sources |= {column: _first_set(source) for column, source in simulated.items()}
     comparisons: dict[str, Comparison] = {}
-    known: RealCache = {}
+    known: RealCache = {}  # distances among the recordings, which all comparisons share
     for place, (name, source) in enumerate(sources.items()):
         comparisons[name] = compare(real, source, known)
         work.progress(0.2 + 0.6 * (place + 1) / len(sources))
@@ -230,43 +297,63 @@ def compute(work: Work) -> Tables:
 
 
 def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.DataFrame:
-    """Return the similarities of each source and feature with their references."""
+    """Return one row for each source and feature: its similarity to the recordings, null and ceiling.
+
+    Args:
+        found: comparison of each source with the recordings.
+        of_sets: ``similarity_by_set`` of the sources that are presets; other sources have only one set.
+    """
     rows = []
     for source, comparison in found.items():
-        for alike in comparison.similarities:
+        for similarities in comparison.similarities:
+            feature = similarities.feature
             row: dict[str, Any] = {
                 "source": source,
-                "feature": WORDS[alike.feature],
-                "printed": printed(alike.feature),
+                "feature": WORDS[feature],
+                "printed": printed(feature),
+                "as published": similarities.as_published,
             }
-            row["as published"] = alike.as_published
             if source in of_sets:
-                ends = mean_interval([pair[0] for pair in of_sets[source][alike.feature]])[:3]
+                # Mean over sets of three sessions, with its limits.
+                ends = mean_interval([pair[0] for pair in of_sets[source][feature]])[:3]
                 row |= dict(zip(("sets", "sets_low", "sets_high"), ends, strict=True))
             else:
                 row |= dict.fromkeys(("sets", "sets_low", "sets_high"))
-            row |= {"null": alike.null, "at equal counts": alike.at_equal_counts, "ceiling": alike.ceiling}
-            row["session"] = alike.by_session.mean
-            row["real session"] = None if alike.real_by_session is None else alike.real_by_session.mean
+            row |= {
+                "null": similarities.null,
+                "at equal counts": similarities.at_equal_counts,
+                "ceiling": similarities.ceiling,
+            }
+            row["session"] = similarities.by_session.mean
+            real_by_session = similarities.real_by_session
+            row["real session"] = None if real_by_session is None else real_by_session.mean
             rows.append(row)
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
-    """Return the energy distances and classifier accuracy of each source."""
+    """Return the energy distance of each source and feature, then the classifier's accuracy, one row each.
+
+    Each row has two measures with their intervals: the source against the recordings (effect), and the recordings
+    against each other (real).
+
+    Args:
+        found: comparison of each source with the recordings.
+    """
     rows = []
     for source, comparison in found.items():
-        named = [
+        measures = [
             (WORDS[distance.feature], distance.effect, distance.real) for distance in comparison.distances
         ]
-        named.append(
+        measures.append(
             (
                 "share of stretches told apart",
                 comparison.classifier.simulated_by_robot,
                 comparison.classifier.real,
             )
         )
-        for feature, effect, real in named:
+        for feature, effect, real in measures:
+            # The first three values of an interval are the estimate, the lower and the upper limit.
             row: dict[str, Any] = {"source": source, "feature": feature}
             row |= dict(zip(("effect", "low", "high"), effect[:3], strict=True))
             row |= dict(
@@ -277,7 +364,13 @@ def _distances(found: dict[str, Comparison]) -> pl.DataFrame:
 
 
 def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
-    """Return the error rates at the threshold of preset ``paper``, and statistics of driving, by source."""
+    """Return error rates and statistics of driving, one row for each source and statistic.
+
+    The energies of all sources are compared with the threshold of preset ``paper``, so that error rates are comparable.
+
+    Args:
+        settings: options of the reproduction. sources: results by name.
+    """
     threshold = settings.scenario("paper").sensor.rms_threshold
     rows = []
     for source, result in sources.items():
@@ -286,15 +379,23 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
                 figure.name in (*SHOWN_FIGURES, "false_positive", "false_negative")
                 and figure.interval is not None
             ):
-                words, times = FIGURES[figure.name]
-                ends = [times * value if np.isfinite(value) else None for value in figure.interval[:3]]
+                words, factor = FIGURES[figure.name]
+                # Mean, lower and upper limit.
+                ends = [factor * value if np.isfinite(value) else None for value in figure.interval[:3]]
                 rows.append((source, words, *ends, figure.interval.n))
     names = ["source", "figure", "mean", "low", "high", "sessions"]
     return pl.DataFrame(rows, schema=names, orient="row")
 
 
 def _states(source: str, result: Result) -> pl.DataFrame:
-    """Return the share of time in each state, one row per session."""
+    """Return the shares of time that the robots spend avoiding, sensing and walking, one row per session.
+
+    Walking is all time that is neither avoidance nor a stop to sense.
+
+    Args:
+        source: name of the source, for the first column. result: its sessions.
+    """
+    # All times are summed over the robots of a run.
     ends = result.ends.group_by("run", maintain_order=True).agg(pl.col("end_s").sum())
     spent = result.motion.group_by("run", maintain_order=True).agg(
         pl.col("avoid_s", "stop_s").cast(pl.Float64).sum()

@@ -1,4 +1,4 @@
-"""Item 9: an example run of seven robots, and how close such swarms come to the fill ratio."""
+"""Item 9: an example run of seven robots, and how close the estimates of such swarms come to the fill ratio."""
 
 from __future__ import annotations
 
@@ -20,12 +20,15 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
 ROBOTS: Final = 7
+"""Robots of the example run, and of the swarms of all cells."""
 FILL: Final = 0.48
+"""Fill ratio of the floors."""
 TILE: Final = 1 / 25
+"""Share of the floor that one tile covers."""
 
 
 def cells(settings: Settings) -> Cells:
-    """Return the cells by (column, strategy), with seven robots."""
+    """Return the cells by (column, strategy), with seven robots on random floors of fill ratio 0.48."""
     return {
         (column, strategy): settings.cell(
             column, {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS, "strategy.name": strategy}
@@ -37,19 +40,24 @@ def cells(settings: Settings) -> Cells:
 
 @cache
 def _simulated(scenario: Scenario, seed: int) -> Result:
+    """Simulate run 0 with its paths."""
     return simulate(scenario, seed, 1, segments=True)
 
 
 def example(settings: Settings) -> Result:
-    """Run 0 of the first column, with its paths."""
+    """Return run 0 of seven robots in the first column, with its paths."""
     values = {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS}
     return _simulated(settings.scenario(settings.columns[0], values), settings.seed)
 
 
 def compute(work: Work) -> Tables:
-    """Return the samples and paths of the run; estimates of many runs; claims."""
+    """Return the samples and paths of the example run, estimates over many runs, and the measured values of the claim.
+
+    A swarm's estimate is the mean of its robots' estimates of the fill ratio at the end of a run. A value of the claim
+    is the mean absolute error of the estimate over runs, minus the share of one tile.
+    """
     result = example(work.settings)
-    assert result.segments is not None
+    assert result.segments is not None  # ``example`` requests the paths
     samples = result.motion.select("robot", "sample", "time_s", "x_m", "y_m").hstack(
         result.observations.select("tile", "energy", "observation")
     )
@@ -60,7 +68,7 @@ def compute(work: Work) -> Tables:
             estimate = work.values((column, strategy), "estimate")
             error = abs(estimate - FILL)
             measured.append(mean("estimate", column, strategy, error, less=TILE))
-            figures = (float(estimate.mean()), float(error.mean()), float(estimate.std()))
+            figures = (float(estimate.mean()), float(error.mean()), float(estimate.std()))  # over runs
             command = cell.command(work.results.runs, work.results.seed)
             rows.append((column, strategy, error.size, *figures, command))
     names = ["column", "strategy", "runs", "estimate", "error", "spread", "command"]
@@ -73,12 +81,12 @@ def compute(work: Work) -> Tables:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield paths and samples."""
+    """Yield the picture of the example run's paths and samples."""
     yield Picture("example-run", "Paths and samples of seven robots", lambda: _draw(tables, settings))
 
 
 def _draw(tables: Tables, settings: Settings) -> Drawn:
-    """Draw the example run."""
+    """Draw the example run; it is simulated again, because saved tables do not hold the whole result."""
     result = example(settings)
     with drawn_with():
         figure = run_figure(result)

@@ -1,13 +1,23 @@
 """Item 16: accuracy, packet loss by size and sampling distance of the real experiments, with their pool of 16 robots.
 
+The accuracy is the mean belief in the truth; the distance is the mean distance between successive samples of a robot.
+Each real experiment used n robots of a pool of 16. With up to 8 robots, all 16 took part in turn; with 9 or 10 robots
+only a subset took part. So the distance with 9 or 10 robots may differ from the distance with 8 because other robots,
+with other speeds, took part.
+
 | name | symbol | equation |
 |---|---|---|
-| published mean, over 15 experiments | m | its error, which is not published: s / sqrt(15) |
-| sd of the accuracy | s | our sd over runs, the largest of all thresholds and gates |
-| variance over runs of a run's mean distance | V, V' | speeds drawn once a robot; at every sample, as elsewhere |
-| sd over subsets of n of 16 | S | sqrt((V - V') (16 - n) / 16) |
-| rise, with n robots | r | distance with n - that with 8 |
-| unexplained rise | z | (r published - r ours) / S |
+| error of a published mean over 15 experiments | - | s / sqrt(15), because the error is not published |
+| sd of the accuracy | s | our sd over runs, the largest with any threshold theta_E and any gate (what O_c counts) |
+| variance over runs of the distance, if a robot keeps its speed | V | speeds drawn once per robot |
+| variance over runs of the distance, if not | V' | speeds drawn at every sample, as in the other items |
+| sd of the distance over subsets of n of 16 robots | S | sqrt((V - V') (16 - n) / 16) |
+| rise, with n robots | r | distance with n robots - distance with 8 robots |
+| unexplained rise, in standard deviations | z | (r published - r ours) / S |
+
+A column is a preset of the reproduction. The measured values of the claims are rows of ``claims.MEASURED``;
+``Work.change`` makes one from the difference of two cells (first - second), paired by run. A comparison with published
+means has as many degrees of freedom as the 15 experiments give, because their scatter dominates.
 """
 
 from __future__ import annotations
@@ -43,66 +53,79 @@ from vibroswarm.plots import draw_error_bars
 from vibroswarm.report.html import Column
 
 POOL: Final = 16
+"""Robots from which the robots of each real experiment were taken."""
 WHOLE: Final = 8
-"""With up to so many robots, all robots of the pool ran, in batches."""
+"""With up to this number of robots, all robots of the pool took part, in turn."""
 POOL_RUNS: Final = 300
+"""Runs with speeds drawn once per robot."""
 POOL_COLUMN: Final = "paper"
-"""Its text draws one speed a robot; `calibrated` names five real robots, which are not a pool of 16."""
+"""Preset in which the pool is simulated; `calibrated` has the speeds of five real robots, which are no pool of 16."""
 BELIEF, DISTANCE = "belief_in_truth", "distance_m"
+"""Figures of a run: mean belief in the truth, and mean distance between successive samples of a robot (m)."""
 GROUPS: Final = 20
 """Groups of runs for the jackknife."""
 
 
 def cells(settings: Settings) -> Cells:
-    """Return the cells of ``experiment_times`` with loss, and those of the pool by ("pool", robots)."""
-    with_loss = experiment_times.cells(settings)
+    """Return the cells of ``experiment_times`` with message loss, and the cells of the pool.
+
+    The cells of the pool have the key ("pool", robots); in them a robot's speed is drawn once.
+    """
+    of_times = experiment_times.cells(settings)
+    with_loss = LOSSES[0]
     cells_of: Cells = {
-        key: cell for key, cell in with_loss.items() if isinstance(key, tuple) and key[1] == LOSSES[0]
+        key: cell for key, cell in of_times.items() if isinstance(key, tuple) and key[1] == with_loss
     }
     if POOL_COLUMN in settings.columns:
-        for robots in _some():
-            like: Cell = with_loss[_key(POOL_COLUMN, robots)]
-            drawn = like.scenario.with_values({"robot.speed_redraw": "robot"})
-            cells_of["pool", robots] = replace(like, scenario=drawn, runs=POOL_RUNS)
+        for robots in _subset_sizes():
+            cell: Cell = of_times[_key(POOL_COLUMN, robots)]
+            drawn_once = cell.scenario.with_values({"robot.speed_redraw": "robot"})
+            cells_of["pool", robots] = replace(cell, scenario=drawn_once, runs=POOL_RUNS)
     return cells_of
 
 
 def _key(
     column: str, robots: int, strategy: str = "none", how: tuple[float, str] = AS_TEXT
 ) -> tuple[str | float, ...]:
-    """Return the key of a cell, by default with the robots as in the text and without feedback."""
+    """Return the key of a cell with message loss, in the order of ``experiment_times.KEYS``.
+
+    Args:
+        how: threshold and gate; by default as the paper's text describes the robots.
+    """
     return column, LOSSES[0], *how, robots, strategy
 
 
-def _some() -> list[int]:
-    """Swarm sizes with which only a subset of the pool ran."""
+def _subset_sizes() -> list[int]:
+    """Return the swarm sizes with which only a subset of the pool took part."""
     return [robots for robots in sizes() if robots > WHOLE]
 
 
 def compute(work: Work) -> Tables:
-    """Compare accuracy with the published one and loss with a line; compute distances and claims."""
+    """Return tables of accuracy, loss and distances next to the published values, and the claims' measured values."""
     columns = columns_of(work.settings)
     tables: Tables = {"accuracy": _accuracy(work, columns), "loss": _loss()}
     measured = [row for column in columns for row in _measured(work, column)]
     if POOL_COLUMN in columns:
         for robots, off in tables["loss"].select("robots", "off the line").iter_rows():
             measured.append(exact("robots-loss-linear", POOL_COLUMN, f"{robots} robots", off))
-        pool = {robots: _to_explain(work, robots) for robots in _some()}
-        measured += [pool[robots] for robots in _some()]
-        tables["distance"] = _distances(work, pool)
+        unexplained = {robots: _to_explain(work, robots) for robots in _subset_sizes()}
+        measured += list(unexplained.values())
+        tables["distance"] = _distances(work, unexplained)
     return tables | {CLAIMS: frame(measured)}
 
 
 def _accuracy(work: Work, columns: Sequence[str]) -> pl.DataFrame:
-    """Return the accuracy as in the text and at ``FITTED``, with the published one."""
+    """Return our accuracy next to the published one, one row for each column, setting, strategy and swarm size.
+
+    A setting is a threshold and a gate: those of the paper's text, and ``FITTED``. ``less`` is our accuracy minus the
+    published accuracy, and ``error`` its standard error.
+    """
     rows = []
     for column, setting, strategy, robots in product(columns, (AS_TEXT, FITTED), STRATEGIES, sizes()):
         values = work.values(_key(column, robots, strategy, setting), BELIEF)
         published_mean = published_by_size(f"experiments.belief_in_truth.{strategy}")[robots]
-        own_mean, error = (
-            float(values.mean()),
-            error_of_difference(values, largest_sd(work, column, robots, strategy, BELIEF)),
-        )
+        own_mean = float(values.mean())
+        error = error_of_difference(values, largest_sd(work, column, robots, strategy, BELIEF))
         rows.append(
             {
                 "column": column, "theta_E": setting[0], "gate": setting[1], "strategy": strategy, "robots": robots,
@@ -116,7 +139,10 @@ def _accuracy(work: Work, columns: Sequence[str]) -> pl.DataFrame:
 
 
 def _loss() -> pl.DataFrame:
-    """Return plotted shares, their least-squares line, and the residuals."""
+    """Return the published shares of lost packets by swarm size, their least-squares line, and the residuals.
+
+    Columns: robots, plotted, line, and "off the line", which is plotted - line.
+    """
     robots = np.array(sizes(), dtype=np.float64)
     plotted = np.array(published("experiments.packet_loss_percent")) / 100
     line = np.polyval(np.polyfit(robots, plotted, 1), robots)
@@ -124,81 +150,126 @@ def _loss() -> pl.DataFrame:
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
-    """Yield rows of the claims about accuracy and distance."""
+    """Yield the measured values of the claims about accuracy and distance in a column.
+
+    They are, for each strategy: our accuracy minus the published accuracy with each swarm size, and the change of our
+    accuracy from the smallest to the largest swarm; and the rise of our distance with each size of a subset.
+    """
     for strategy in STRATEGIES:
         for robots, published_mean in published_by_size(f"experiments.belief_in_truth.{strategy}").items():
             values = work.values(_key(column, robots, strategy), BELIEF)
             error = error_of_difference(values, largest_sd(work, column, robots, strategy, BELIEF))
-            less, label = float(values.mean()) - published_mean, f"{robots} robots, {strategy}"
-            yield row("robots-belief", column, label, less, error, REAL_EXPERIMENTS)
+            difference, label = float(values.mean()) - published_mean, f"{robots} robots, {strategy}"
+            # n is the number of experiments, not of our runs: the scatter of the experiments dominates the error.
+            yield row("robots-belief", column, label, estimate=difference, error=error, n=REAL_EXPERIMENTS)
         first, second = (_key(column, n, strategy) for n in (max(sizes()), min(sizes())))
+        # Accuracies are compared even where the preset cannot answer the paper's question (``check=False``).
         yield work.change("robots-belief-size", column, strategy, BELIEF, first, second, check=False)
-    for robots in _some():
+    for robots in _subset_sizes():
         first, second = (_key(column, n) for n in (robots, WHOLE))
         label = f"{robots} less {WHOLE} robots"
         yield work.change("robots-distance-rises", column, label, DISTANCE, first, second)
 
 
 def _to_explain(work: Work, robots: int) -> Row:
-    """Return the row of z, with the errors of our runs (jackknife) and of the published means."""
-    drawn = work.values(("pool", robots), DISTANCE)
-    plain, fewer = (work.values(_key(POOL_COLUMN, n), DISTANCE) for n in (robots, WHOLE))
+    """Return the row of the unexplained rise z, with a standard error for our runs and the published means.
+
+    The error of our runs is a jackknife: z is computed again without each of ``GROUPS`` groups of runs in turn. The
+    estimate is NaN, so that the claim is inconclusive, if distances do not vary more over runs when speeds are drawn
+    once per robot: S is undefined then.
+
+    Args:
+        robots: swarm size, one of ``_subset_sizes``.
+    """
+    drawn_once = work.values(("pool", robots), DISTANCE)
+    redrawn, with_whole = (work.values(_key(POOL_COLUMN, n), DISTANCE) for n in (robots, WHOLE))
     printed = published_by_size("experiments.distance_between_samples_m_none")
-    rise = printed[robots] - printed[WHOLE]
-    estimate = _z(drawn, plain, fewer, robots, rise)
-    parts = np.array(
+    published_rise = printed[robots] - printed[WHOLE]
+    estimate = _z(drawn_once, redrawn, with_whole, robots, published_rise)
+    left_out = np.array(
         [
-            _z(_without(drawn, k), _without(plain, k), _without(fewer, k), robots, rise)
-            for k in range(min(GROUPS, drawn.size))
+            _z(
+                drawn_once=_without(drawn_once, group),
+                redrawn=_without(redrawn, group),
+                with_whole=_without(with_whole, group),
+                robots=robots,
+                published_rise=published_rise,
+            )
+            for group in range(min(GROUPS, drawn_once.size))
         ]
     )
-    own_error = np.sqrt((parts.size - 1) * np.mean((parts - parts.mean()) ** 2))
-    published_error = np.sqrt(2 * float(plain.var(ddof=1)) / REAL_EXPERIMENTS) / _subset_sd(
-        drawn, plain, robots
-    )
-    # nan, and so inconclusive, if speeds have no visible effect on distances
+    own_error = np.sqrt((left_out.size - 1) * np.mean((left_out - left_out.mean()) ** 2))
+    # The published rise is the difference of two means over 15 experiments, hence the 2.
+    rise_error = np.sqrt(2 * float(redrawn.var(ddof=1)) / REAL_EXPERIMENTS)
+    published_error = rise_error / _subset_sd(drawn_once, redrawn, robots)  # z is a rise divided by S
     error = float(np.hypot(own_error, published_error))
     return row("robots-subset", POOL_COLUMN, f"{robots} of {POOL} robots", estimate, error, REAL_EXPERIMENTS)
 
 
 def _without(values: NDArray[np.float64], group: int) -> NDArray[np.float64]:
-    """Return all runs except those of one group."""
+    """Return the values of all runs except every ``GROUPS``-th run from run ``group`` on."""
     return np.delete(values, np.s_[group::GROUPS])
 
 
 def _z(
-    drawn: NDArray[np.float64],
-    plain: NDArray[np.float64],
-    fewer: NDArray[np.float64],
+    drawn_once: NDArray[np.float64],
+    redrawn: NDArray[np.float64],
+    with_whole: NDArray[np.float64],
     robots: int,
-    rise: float,
+    published_rise: float,
 ) -> float:
-    """Return the unexplained rise in standard deviations over subsets."""
-    return (rise - float(plain.mean() - fewer.mean())) / _subset_sd(drawn, plain, robots)  # z
+    """Return the unexplained rise z: the published rise minus our rise, in standard deviations S over subsets.
+
+    Args:
+        drawn_once, redrawn: mean distance of each run with ``robots`` robots, whose speeds are drawn once or at every
+            sample, m, (runs,). with_whole: mean distance of each run with ``WHOLE`` robots, m, (runs,).
+    """
+    own_rise = float(redrawn.mean() - with_whole.mean())
+    return (published_rise - own_rise) / _subset_sd(drawn_once, redrawn, robots)  # z
 
 
-def _subset_sd(drawn: NDArray[np.float64], plain: NDArray[np.float64], robots: int) -> float:
-    """Return the standard deviation of the mean distance over subsets of the pool, m; nan if the variances do not show
-    one."""
-    between = float(drawn.var(ddof=1) - plain.var(ddof=1)) * (POOL - robots) / POOL
-    return between**0.5 if between > 0 else float("nan")  # S
+def _subset_sd(drawn_once: NDArray[np.float64], redrawn: NDArray[np.float64], robots: int) -> float:
+    """Return the standard deviation S of the mean distance over subsets of the pool, m.
+
+    The result is NaN if the distance does not vary more with speeds drawn once per robot than with speeds drawn at
+    every sample.
+
+    Args:
+        drawn_once, redrawn: mean distance of each run with speeds drawn once per robot, and with speeds drawn at every
+            sample, m, (runs,). robots: swarm size n.
+    """
+    variance = float(drawn_once.var(ddof=1) - redrawn.var(ddof=1)) * (POOL - robots) / POOL
+    return variance**0.5 if variance > 0 else float("nan")  # S
 
 
-def _distances(work: Work, pool: dict[int, Row]) -> pl.DataFrame:
-    """Return the distances between samples, published and ours, with the effect of the subset."""
+def _distances(work: Work, unexplained: dict[int, Row]) -> pl.DataFrame:
+    """Return the distances between samples, published and ours, one row per swarm size.
+
+    Sizes with which only a subset of the pool took part also have S ("subset_sd_m") and z ("to explain"). Both are null
+    for the other sizes.
+
+    Args:
+        unexplained: rows of ``_to_explain`` by swarm size.
+    """
     rows = []
     for robots, published_m in published_by_size("experiments.distance_between_samples_m_none").items():
-        plain = work.values(_key(POOL_COLUMN, robots), DISTANCE)
-        line: dict[str, Any] = {"robots": robots, "published_m": published_m, "ours_m": float(plain.mean())}
-        if robots in pool:
-            line["subset_sd_m"] = _subset_sd(work.values(("pool", robots), DISTANCE), plain, robots)
-            line["to explain"] = pool[robots]["estimate"]
-        rows.append({"subset_sd_m": None, "to explain": None} | line)
+        redrawn = work.values(_key(POOL_COLUMN, robots), DISTANCE)
+        size_row: dict[str, Any] = {
+            "subset_sd_m": None,
+            "to explain": None,
+            "robots": robots,
+            "published_m": published_m,
+            "ours_m": float(redrawn.mean()),
+        }
+        if robots in unexplained:
+            size_row["subset_sd_m"] = _subset_sd(work.values(("pool", robots), DISTANCE), redrawn, robots)
+            size_row["to explain"] = unexplained[robots]["estimate"]
+        rows.append(size_row)
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield accuracy by swarm size, one picture per strategy."""
+    """Yield one picture per strategy: the published accuracy over the swarm size, and ours with 95 % intervals."""
     for strategy in STRATEGIES:
         part = tables["accuracy"].filter(pl.col("strategy") == strategy)
         if not part.is_empty():

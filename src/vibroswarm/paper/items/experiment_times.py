@@ -1,14 +1,17 @@
 """The cells of the real experiments, the settings that fit the published times best, and the effect of packet loss.
 
+Two settings of the experiments are unknown: the threshold theta_E, and whether the minimal number of observations O_c
+counts those of all robots or a robot's own (the gate). So all combinations are simulated (``SETTINGS``).
+
 | name | symbol | equation |
 |---|---|---|
-| sd over runs of ours | s | stands for that over the published experiments, which is unknown |
+| sd over our runs | s | also used for the published experiments, whose sd is unknown |
 | error of the difference | e | s sqrt(1 / runs + 1 / 15) |
 | in standard errors | - | (ours - published) / e |
-| gap of a run | - | its time with positive feedback - that without, on the same motion, floor and readings |
-| effect of loss | - | gap with the published loss - the gap without any, run by run |
+| gap of a run | - | its time with positive feedback - its time without, on the same motion, floor and readings |
+| effect of loss | - | gap with the published loss - gap without loss, run by run |
 
-The best settings were chosen by the published times: a fit, not a test.
+The best settings (``FITTED``) were chosen by the published times: a fit, not a test.
 """
 
 from __future__ import annotations
@@ -27,16 +30,22 @@ from vibroswarm.plots import draw_error_bars
 from vibroswarm.report.html import Column
 
 COLUMNS: Final = ("paper", "calibrated")
+"""Presets in which the experiments are simulated."""
 T_END_S: Final = 1000.0
+"""End of a run; the published experiments ended when all robots had decided."""
 THRESHOLDS: Final = (1.33, 1.40, 1.55)
 """Thresholds of the recordings; which one the experiments had is unknown."""
 TEXTS: Final = 1.55
 """Threshold of Algorithm 2, which is for real experiments."""
 GATES: Final = ("total", "own")
-"""O_c counts all observations, as in the simulations, or a robot's own (a fifth as many), as in the real robots."""
+"""O_c counts the observations of all robots, as in the simulations, or a robot's own, as in the real robots. A robot's
+own observations need a fifth of the number, as there are five robots."""
 LOSSES: Final = ("with loss", "without loss")
+"""With the published share of lost messages, and without lost messages."""
 TIME: Final = "decision_time_s"
+"""Figure of a run: mean decision time of its robots, s."""
 KEYS: Final = ("column", "packets", "theta_E", "gate", "robots", "strategy")
+"""Parts of the cells' keys; packets is one of ``LOSSES``."""
 SETTINGS: Final = tuple(product(THRESHOLDS, GATES))
 """Thresholds and gates that the experiments may have had."""
 AS_TEXT: Final = (TEXTS, GATES[1])
@@ -54,25 +63,43 @@ def published_by_size(path: str) -> dict[int, float]:
 
 
 def largest_sd(work: Work, column: str, robots: int, strategy: str, name: str) -> float:
-    """Return the largest standard deviation over runs of a figure, over ``SETTINGS``."""
+    """Return the largest standard deviation over runs that the figure ``name`` has in any of the ``SETTINGS``.
+
+    It stands for the unknown standard deviation over the published experiments.
+
+    Args:
+        column, robots, strategy: parts of the cells' keys; the cells have message loss.
+    """
     keys = [(column, LOSSES[0], *setting, robots, strategy) for setting in SETTINGS]
     return max(float(work.values(key, name).std(ddof=1)) for key in keys)
 
 
 def points(frame: pl.DataFrame, series: pl.Expr, estimate: str, low: Any, high: Any) -> pl.DataFrame:
-    """Return the points of an error-bar plot over the swarm size."""
+    """Return the points of an error-bar plot over the swarm size, one per row of ``frame``.
+
+    Args:
+        frame: table with a column ``robots``. series: expression of the name of each row's line.
+        estimate: column of the estimate. low, high: columns or expressions of the limits.
+    """
     return frame.select(
         x=pl.col("robots").cast(pl.Float64), series=series, estimate=estimate, low=low, high=high
     )
 
 
 def loss_of(robots: int) -> float:
-    """Return the share of messages addressed to a robot that were lost; the plotted share includes its own."""
+    """Return the published share of messages addressed to a robot that were lost, for a swarm size.
+
+    The paper plots the share of all messages of n robots, the receiving robot's own included, which are never lost. Of
+    the messages addressed to a robot, which n - 1 robots send, the lost share is n / (n - 1) times as large.
+    """
     return published_by_size("experiments.packet_loss_percent")[robots] / 100 * robots / (robots - 1)
 
 
 def cells(settings: Settings) -> Cells:
-    """Return the cells by (column, packets, threshold, gate, robots, strategy); soft feedback only with loss."""
+    """Return the cells of the real experiments, by ``KEYS``.
+
+    Without message loss, only no feedback and positive feedback are run, between which the effect of loss is measured.
+    """
     return {
         (column, packets, threshold, gate, robots, strategy): settings.cell(
             column, _values(packets, threshold, gate, robots, strategy)
@@ -86,24 +113,34 @@ def cells(settings: Settings) -> Cells:
 
 
 def _values(packets: str, threshold: float, gate: str, robots: int, strategy: str) -> dict[str, Any]:
-    """Return the fields of a cell on the real floor."""
-    counted = published("parameters.P_star")[4]
+    """Return the fields that a cell sets, by dotted name: the real floor, and the parts of the cell's key.
+
+    With the gate "own", the robot's own observations have to reach the published O_c divided by the number of robots in
+    the paper's simulations.
+
+    Args: the parts of ``KEYS`` without the column.
+    """
+    *_, min_observations = published("parameters.P_star")  # O_c is the last parameter
+    if gate == "own":
+        min_observations //= published("simulation.robots")
     return real_floor() | {
         "run.t_end_s": T_END_S,
         "swarm.robots": robots,
         "strategy.name": strategy,
         "sensor.rms_threshold": threshold,
         "decision.gate": gate,
-        "decision.min_observations": counted
-        if gate == "total"
-        else counted // published("simulation.robots"),
+        "decision.min_observations": min_observations,
         "network.name": "loss",
         "network.loss.share": loss_of(robots) if packets == LOSSES[0] else 0.0,
     }
 
 
 def published_points(values: list[float], name: str = "published") -> pl.DataFrame:
-    """Return the paper's values by swarm size, as a series without interval."""
+    """Return the paper's values as the points of a line without intervals, in the columns of ``points``.
+
+    Args:
+        values: one value for each of ``sizes``. name: name of the line.
+    """
     numbers = [float(value) for value in values]
     columns = {"x": [float(n) for n in sizes()], "estimate": numbers, "low": numbers, "high": numbers}
     return (
@@ -124,11 +161,11 @@ SHOWN_FITS: Final = {
 
 
 def error_of_difference(values: Any, spread: float | None = None) -> float:
-    """Return the standard error of the difference between the mean of these runs and that of ``REAL_EXPERIMENTS``
-    experiments.
+    """Return the standard error e of the difference between our mean and a published mean.
 
     Args:
-        values: (runs,). spread: standard deviation of the experiments; default: that of the runs.
+        values: value of each of our runs, (runs,).
+        spread: standard deviation over the ``REAL_EXPERIMENTS`` published experiments; None: that over our runs.
     """
     own = float(np.std(values, ddof=1))
     published_sd = own if spread is None else spread
@@ -136,12 +173,15 @@ def error_of_difference(values: Any, spread: float | None = None) -> float:
 
 
 def in_standard_errors(less: float, error: float) -> float | None:
-    """Return a difference in standard errors; None if the error is 0, as where nobody decides."""
+    """Return a difference divided by its standard error; None if the error is 0, as in cells where no robot decides."""
     return less / error if error > 0 else None
 
 
 def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
-    """Return the times at ``FITTED`` with the published means, for each size and strategy."""
+    """Return our decision times at ``FITTED`` next to the published means, one row per column, strategy and size.
+
+    ``less_s`` is our mean minus the published mean, ``error_s`` its standard error, and "in errors" their ratio.
+    """
     rows = []
     for column, strategy, robots in product(columns, STRATEGIES, sizes()):
         values = work.values((column, LOSSES[0], *FITTED, robots, strategy), TIME)
@@ -158,7 +198,11 @@ def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
 
 
 def draw_fit(part: pl.DataFrame) -> Drawn:
-    """Draw the difference from the published means of one column, with two standard errors."""
+    """Draw our means minus the published means over the swarm size, with bars of two standard errors.
+
+    Args:
+        part: rows of ``fit_table`` of one column.
+    """
     less, half = pl.col("less_s"), 2 * pl.col("error_s")
     frame = points(part, pl.col("strategy"), "less_s", less - half, less + half)
     label = "ours - published (s)"
@@ -166,6 +210,7 @@ def draw_fit(part: pl.DataFrame) -> Drawn:
 
 
 Z: Final = 1.96
+"""Standard errors of a 95 % interval."""
 SHOWN_LOSSES: Final = {
     "column": Column("column"), "theta_E": Column("theta_E"), "gate": Column("gate"), "robots": Column("robots"),
     "packets lost": Column("packets lost", percent=True), "published_s": Column("published", "s"),
@@ -176,8 +221,11 @@ SHOWN_LOSSES: Final = {
 
 
 def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
-    """Return the difference in time (positive - none), with and without loss, and the effect of loss; paired run by
-    run."""
+    """Return the gap (time with positive feedback - time without) with and without loss, and the effect of loss.
+
+    There is one row per column, setting (threshold and gate) and swarm size; all differences are paired by run. The
+    columns with_s, without_s and change_s are means over runs, each with its standard error (NAME_error_s).
+    """
     rows = []
     printed = dict(zip(sizes(), published_gaps(), strict=True))
     for column, (threshold, gate), robots in product(columns, SETTINGS, sizes()):
@@ -194,13 +242,16 @@ def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
 
 
 def published_gaps() -> list[float]:
-    """Return the published difference in mean time (positive - none), s, by swarm size."""
+    """Return the published difference in mean time (positive - none), s, for each of ``sizes``."""
     none, positive = (published(f"experiments.decision_time_s.{name}") for name in ("none", "positive"))
     return [float(p) - float(n) for n, p in zip(none, positive, strict=True)]
 
 
 def gaps(work: Work, column: str, threshold: float, gate: str, robots: int) -> tuple[Any, Any, Any]:
-    """Return the difference in time (positive - none) of each run with loss, without, and the difference of both."""
+    """Return the gap of each run with loss, the gap of each run without loss, and the effect of loss, (runs,) each.
+
+    A gap is the time with positive feedback minus the time without feedback, s.
+    """
     gaps_of = [
         work.difference(
             TIME,
@@ -213,7 +264,13 @@ def gaps(work: Work, column: str, threshold: float, gate: str, robots: int) -> t
 
 
 def draw_loss(part: pl.DataFrame) -> Drawn:
-    """Draw the published differences, ours with loss, and ours without loss where that matters most."""
+    """Draw the published gaps, our gaps with loss in all settings, and our gaps without loss in the first setting.
+
+    The first setting has the lowest threshold, where loss matters most.
+
+    Args:
+        part: rows of ``loss_table`` of one column.
+    """
     frames = [published_points(published_gaps())]
     for name, (threshold, gate) in [*(("with", setting) for setting in SETTINGS), ("without", SETTINGS[0])]:
         of_setting = part.filter((pl.col("gate") == gate) & (pl.col("theta_E") == threshold))

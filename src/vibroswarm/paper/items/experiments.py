@@ -1,4 +1,12 @@
-"""Item 8: the published means of the real experiments compared with simulations on the real floor."""
+"""Item 8: the published means of the real experiments compared with simulations on the real floor.
+
+The threshold and the gate of the experiments are unknown (``experiment_times.SETTINGS``). So our mean of a swarm size
+and strategy is a band: the smallest and the largest mean over all thresholds and gates.
+
+A column is a preset of the reproduction; cells have the keys ``experiment_times.KEYS``. The measured values of the
+claims are rows of ``claims.MEASURED``; ``Work.change`` makes one from the difference of two cells (first - second),
+paired by run.
+"""
 
 from __future__ import annotations
 
@@ -42,23 +50,31 @@ WALKED: Final = (
     ("robots-avoidance", "avoid_per_sample_s", "avoidance per sample (s)", "avoidance_s_per_sample_none"),
     ("robots-distance", "distance_m", "distance between samples (m)", "distance_between_samples_m_none"),
 )
-"""Claim, figure, label, and name in ``published.json``."""
+"""Figures of how robots walk. Of each: claim, name of our figure, label, and name in ``published.json``."""
 _AS_TEXT: Final = (pl.col("theta_E") == AS_TEXT[0]) & (pl.col("gate") == AS_TEXT[1])
+"""Whether a row of a table of cells has the threshold and the gate of the paper's text."""
 
 
 def compute(work: Work) -> Tables:
-    """Compute cells, bands over thresholds and gates, the effect of loss, and claims."""
+    """Return the table of cells, bands over thresholds and gates, fit, effect of loss, and the claims' measured values.
+
+    One claim compares the paper with itself: the share of lost packets that the paper plots for the smallest and for
+    the largest swarm, minus the share that its text states.
+    """
     table = work.rows(KEYS)
     columns = columns_of(work.settings)
     measured = [row for column in columns for row in _measured(work, column)]
     if "paper" in work.settings.columns:
-        plotted = published("experiments.packet_loss_percent")
+        plotted = published("experiments.packet_loss_percent")  # one value for each of ``sizes``, ascending
+        # Two values: of the smallest and of the largest swarm.
         in_text = published("experiments.packet_loss_percent_in_text")
-        ends = zip((min(sizes()), max(sizes())), (plotted[0], plotted[-1]), in_text, strict=True)
-        for robots, plotted_percent, stated in ends:
-            measured.append(
-                exact("robots-loss-sizes", "paper", f"{robots} robots", (plotted_percent - stated) / 100)
-            )
+        smallest, largest = min(sizes()), max(sizes())
+        for robots, plotted_percent, stated_percent in (
+            (smallest, plotted[0], in_text[0]),
+            (largest, plotted[-1], in_text[1]),
+        ):
+            difference = (plotted_percent - stated_percent) / 100
+            measured.append(exact("robots-loss-sizes", "paper", f"{robots} robots", difference))
     bands = _bands(table)
     return {
         "cells": table,
@@ -71,7 +87,15 @@ def compute(work: Work) -> Tables:
 
 
 def _bands(table: pl.DataFrame) -> pl.DataFrame:
-    """Return the published means, the smallest and largest of ours, and ours with the robots as in the text."""
+    """Return the band of our mean times for each column, strategy and swarm size, next to the published mean.
+
+    Columns, beside the keys: ``least`` and ``most``, our smallest and largest mean over thresholds and gates, with
+    message loss; "as the text has it", our mean with the threshold and gate of the text; ``published``, the published
+    mean; ``width``, most - least; and ``inside``, whether the published mean is in the band.
+
+    Args:
+        table: table of cells.
+    """
     bands = (
         table.filter(pl.col("packets") == LOSSES[0])
         .group_by("column", "strategy", "robots", maintain_order=True)
@@ -97,14 +121,21 @@ def _bands(table: pl.DataFrame) -> pl.DataFrame:
 
 
 def _widths(bands: pl.DataFrame) -> pl.DataFrame:
-    """Return the mean width of the bands over the swarm sizes, and the published means to compare."""
+    """Return, for each column and strategy, means over the swarm sizes of the published time and of the band's width.
+
+    ``inside`` is the number of published means that lie inside their band.
+    """
     return bands.group_by("column", "strategy", maintain_order=True).agg(
         pl.col("published").mean(), pl.col("width").mean(), pl.col("inside").sum()
     )
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
-    """Yield rows of the claims about times, loss and walking."""
+    """Yield the measured values of the claims about times, loss and walking in a column.
+
+    They are, in order: soft feedback against the better of the other strategies; the effect of loss in the largest
+    swarm; our mean times minus the published ones; and our avoidance and distance minus the published ones.
+    """
     for robots in sizes():
         for threshold, gate in SETTINGS:
             yield _soft(work, column, threshold, gate, robots)
@@ -114,18 +145,29 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
         yield mean("robots-loss", column, f"theta_E {threshold}, gate {gate}", change, cannot=cannot)
     for robots in sizes():
         for strategy in STRATEGIES:
-            label, path = f"{robots} robots, {strategy}", f"decision_time_s.{strategy}"
             cannot = work.cannot((column, LOSSES[0], *AS_TEXT, robots, strategy))
-            yield _less_published(work, "robots-times", column, label, robots, strategy, TIME, path, cannot)
+            yield _less_published(
+                work, "robots-times", column, label=f"{robots} robots, {strategy}", robots=robots, strategy=strategy,
+                name=TIME, path=f"decision_time_s.{strategy}", cannot=cannot,
+            )  # fmt: skip
         for claim, name, _, path in WALKED:
-            yield _less_published(work, claim, column, f"{robots} robots", robots, "none", name, path)
+            yield _less_published(
+                work, claim, column, label=f"{robots} robots", robots=robots, strategy="none", name=name, path=path
+            )  # fmt: skip
 
 
 def _less_published(
     work: Work, claim: str, column: str, label: str, robots: int, strategy: str, name: str, path: str,
     cannot: str | None = None,
 ) -> Row:  # fmt: skip
-    """Return the row of a claim about the difference between ours, as the text has the robots, and a published mean."""
+    """Return the row of a claim about the difference between our mean and a published mean.
+
+    Our mean is from cells with message loss, and with the threshold and gate of the text.
+
+    Args:
+        label: label of the value. name: name of our figure. path: name of the published values below "experiments".
+        cannot: why the column cannot answer the question, or None.
+    """
     return mean(
         claim, column, label, work.values((column, LOSSES[0], *AS_TEXT, robots, strategy), name),
         less=published_by_size(f"experiments.{path}")[robots], published_runs=REAL_EXPERIMENTS,
@@ -134,7 +176,10 @@ def _less_published(
 
 
 def _soft(work: Work, column: str, threshold: float, gate: str, robots: int) -> Row:
-    """Return the row of the difference between soft feedback and the faster of the other strategies."""
+    """Return the row of the time with soft feedback minus the time with the faster of the other two strategies.
+
+    The faster strategy is the one with the smaller mean time in these cells.
+    """
     keys = {name: (column, LOSSES[0], threshold, gate, robots, name) for name in STRATEGIES}
     faster = min(STRATEGIES[:2], key=lambda name: float(work.values(keys[name], TIME).mean()))
     words = f"{robots} robots, theta_E {threshold}, gate {gate}"
@@ -142,16 +187,18 @@ def _soft(work: Work, column: str, threshold: float, gate: str, robots: int) -> 
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield bands and published means; the best fit; the effect of loss; how the swarms walked."""
+    """Yield pictures of the bands with the published means, of the fit, of the effect of loss, and of walking."""
     for strategy in STRATEGIES:
         part = tables["bands"].filter(pl.col("strategy") == strategy)
         own = points(part, pl.col("column"), "as the text has it", "least", "most")
+        # The table repeats the published means for each column of the reproduction; the first column's are enough.
         both = pl.concat([published_points(part["published"].to_list()[: len(sizes())]), own])
         band = f"band over thresholds and gates (mark: θ_E {TEXTS}, the robots' gate)"
         draw = partial(
             draw_error_bars, both, x_label="robots", label="decision time (s)", interval=band, spans=True
         )
         yield Picture(f"experiments-time-{strategy}", f"Decision time, {strategy}", draw)
+    # The fit is drawn for the last column: `calibrated`, for which the setting was chosen, if it was requested.
     part = tables["fit"].filter(pl.col("column") == tables["fit"]["column"].last())
     title = f"Ours at {FITTED[0]:.2f}, gate {FITTED[1]} - the published means: a fit"
     yield Picture("experiments-fit", title, partial(draw_fit, part))
@@ -169,6 +216,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         own = points(chosen, pl.col("column"), figure, f"{figure}_low", f"{figure}_high")
         both = pl.concat([published_points(published(f"experiments.{numbers}")), own])
         draw = partial(draw_error_bars, both, x_label="robots", label=label)
+        # The title is the label without its unit, and the file's name has the name of the figure without its unit.
         title = label.rpartition(" (")[0].capitalize()
         yield Picture(f"experiments-{figure.rpartition('_')[0].replace('_', '-')}", title, draw)
 

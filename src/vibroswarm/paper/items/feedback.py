@@ -1,13 +1,21 @@
-"""Items 4 and 13: soft feedback over eta and kappa, whether the best depend on the task; positive without loss.
+"""Items 4 and 13: soft feedback over eta and kappa, whether the best values depend on the task, and positive feedback
+without loss.
+
+A case is a swarm size and a floor. The paper's search found the best eta and kappa in one case; the question is what is
+lost if they are used in another case.
 
 | name | symbol | equation |
 |---|---|---|
 | cost of a run | c | mean time of its robots / T_end + 4 x its share of robots wrong |
-| choice on half of the runs | - | the eta and kappa of least mean cost there |
-| regret of a run | - | its cost with what was chosen elsewhere - that with what was chosen here |
+| choice of a case | - | the eta and kappa of least mean cost over one half of the case's runs |
+| regret of a run | - | its cost with the choice of the other case - its cost with the choice of its own case |
 
-The choice on one half is evaluated on the other, and vice versa, so that neither profits from a lucky choice. The
-paper's search counts a wrong robot as 5 in place of its time, so as 4 to 5 more.
+Choices are made on one half of the runs and evaluated on the other half, and vice versa, so that no choice profits from
+the luck of the runs it was made on. The paper's search counts a wrong robot as 5 instead of its time / T_end, which is
+at most 1. A wrong robot thus adds 4 to 5 to the cost; here it adds 4.
+
+A column is a preset of the reproduction. The measured values of the claims are rows of ``claims.MEASURED``;
+``Work.change`` makes one from the difference of two cells (first - second), paired by run.
 """
 
 from __future__ import annotations
@@ -40,18 +48,24 @@ from vibroswarm.plots import draw_error_bars
 from vibroswarm.report.html import Column
 
 FILL: Final = "random:0.48"
+"""Floor of the grid of eta and kappa: random floors of fill ratio 0.48."""
 
 
 def _etas() -> list[int]:
+    """Return the values of eta in the paper's grid."""
     return [int(eta) for eta in published("parameters.soft_feedback_grid.eta")]
 
 
 def _kappas() -> list[int]:
+    """Return the values of kappa in the paper's grid."""
     return [int(kappa) for kappa in published("parameters.soft_feedback_grid.kappa")]
 
 
 def cells_of_grid(settings: Settings) -> Cells:
-    """Return the cells by (column, strategy, eta, kappa)."""
+    """Return the cells of the grid by (column, strategy, eta, kappa).
+
+    Without soft feedback, eta and kappa do not exist; they are None in the key.
+    """
     by_key: Cells = {}
     for column in settings.columns:
         for strategy in ("none", "positive"):
@@ -66,12 +80,15 @@ def cells_of_grid(settings: Settings) -> Cells:
 
 
 def _measured_grid(work: Work, column: str) -> Iterator[Row]:
-    """Yield the rows of the claims about eta and kappa."""
+    """Yield the measured values of the claims about eta and kappa: differences between cells, paired by run.
+
+    Each is a difference (first - second) of time, belief or share of wrong robots between two keys of cells.
+    """
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     none = (column, "none", None, None)
-    most = (column, "soft", max(_etas()), max(_kappas()))
-    label = f"eta {most[2]}, kappa {most[3]}"
-    yield work.change("grid-approaches-none", column, label, time, most, none)
+    most_eta, most_kappa = max(_etas()), max(_kappas())
+    most = (column, "soft", most_eta, most_kappa)
+    yield work.change("grid-approaches-none", column, f"eta {most_eta}, kappa {most_kappa}", time, most, none)
     for eta in _etas():
         kappa_1, kappa_2, kappa_4 = ((column, "soft", eta, kappa) for kappa in (1, 2, 4))
         for claim, name, first, second in (
@@ -82,26 +99,38 @@ def _measured_grid(work: Work, column: str) -> Iterator[Row]:
         ):
             yield work.change(claim, column, f"eta {eta}", name, first, second)
     for kappa in _kappas():
-        low, high = ((column, "soft", eta, kappa) for eta in (min(_etas()), max(_etas())))
+        least_eta = min(_etas())
+        low, high = (column, "soft", least_eta, kappa), (column, "soft", most_eta, kappa)
         for claim, name in (("grid-eta-fast", time), ("grid-eta-belief", belief)):
-            yield work.change(claim, column, f"kappa {kappa}, eta {low[2]} less {high[2]}", name, low, high)
+            label = f"kappa {kappa}, eta {least_eta} less {most_eta}"
+            yield work.change(claim, column, label, name, low, high)
 
 
 def pictures_of_grid(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield a line for each kappa (κ) over eta (η), with no feedback and positive feedback across, as in the paper."""
+    """Yield pictures of the grid: a line over eta (η) for each kappa (κ) of soft feedback.
+
+    As in the paper, no feedback and positive feedback, which have no eta, are horizontal lines.
+    """
     table = tables["cells"]
     soft = table.filter(pl.col("strategy") == "soft").with_columns(series=pl.format("κ {}", pl.col("kappa")))
-    across = table.filter(pl.col("strategy") != "soft").drop("eta").rename({"strategy": "series"})
-    lines = across.join(pl.DataFrame({"eta": _etas()}), how="cross")
+    others = table.filter(pl.col("strategy") != "soft").drop("eta").rename({"strategy": "series"})
+    horizontal = others.join(pl.DataFrame({"eta": _etas()}), how="cross")  # the same value at every eta
     names = [name for name in soft.columns if name != "strategy"]
-    together = pl.concat([soft.select(names), lines.select(names)]).sort("series", maintain_order=True)
-    flat = ("none", "positive")
+    together = pl.concat([soft.select(names), horizontal.select(names)]).sort("series", maintain_order=True)
     yield from both_forms(
-        "feedback-grid", together, settings.columns, "eta", "η", "series", FIGURES[:5], flat
+        "feedback-grid",
+        together,
+        settings.columns,
+        x="eta",
+        x_label="η",
+        series="series",
+        figures=FIGURES[:5],  # without undecided robots
+        constant=("none", "positive"),
     )
 
 
 GRID_KEYS: Final = ("column", "strategy", "eta", "kappa")
+"""Parts of the keys of the grid's cells."""
 GRID: Final = Item(
     number=4,
     name="feedback-grid",
@@ -118,27 +147,36 @@ GRID: Final = Item(
 )
 
 HERE: Final = "random:0.48"
+"""Floor of the paper's search."""
 EASIER: Final = "random:0.44"
+"""Floor whose fill ratio is farther from one half, so that the decision is easier."""
 WRONG: Final = 4.0
+"""Cost of a wrong robot, added to its time / T_end."""
 ETAS: Final = (750.0, 1500.0, 2500.0)
+"""Values of eta that are tried in each case."""
 KAPPAS: Final = (1.0, 2.0, 3.0, 4.0)
+"""Values of kappa that are tried in each case."""
 CHOICES: Final = tuple(product(ETAS, KAPPAS))
+"""Pairs of eta and kappa that are tried in each case."""
 CASES: Final = {"as searched": (5, HERE), "ten robots": (10, HERE), "easier floor": (5, EASIER)}
-"""Robots and floor; eta and kappa were optimised in the first case."""
+"""Robots and floor of each case; the paper optimised eta and kappa in the first case."""
 COLUMN: Final = "paper"
+"""Preset in which the cases are simulated."""
 
 
 def cells(settings: Settings) -> Cells:
-    """Return the cells by (column, robots, floor, strategy), and those of the grid by (case, eta, kappa)."""
+    """Return the cells of item 13.
+
+    Cells of no feedback and of positive feedback have the keys (column, robots, floor, strategy). Cells of the cases,
+    with soft feedback, have the keys (case, eta, kappa).
+    """
     by_key: Cells = {}
     for column in settings.columns:
         for robots, floor in _where():
             for strategy in STRATEGIES[:2]:
                 values: dict[str, Any] = {"floor.source": floor, "strategy.name": strategy}
-                values |= {
-                    "swarm.robots": robots,
-                    "network.name": "ideal",
-                }  # preset `calibrated` has message loss
+                values["swarm.robots"] = robots
+                values["network.name"] = "ideal"  # preset `calibrated` has message loss
                 by_key[column, robots, floor, strategy] = settings.cell(column, values)
     if COLUMN in settings.columns:
         for (case, (robots, floor)), (eta, kappa) in product(CASES.items(), CHOICES):
@@ -150,13 +188,20 @@ def cells(settings: Settings) -> Cells:
 
 
 def _where() -> list[tuple[int, str]]:
-    """Swarm sizes and floors on which positive feedback is compared."""
+    """Return the pairs of swarm size and floor with which positive feedback is compared with no feedback.
+
+    They are all floors with the paper's swarm size, then the other swarm sizes on the floor ``HERE``.
+    """
     few = int(published("simulation.robots"))
     return [(few, f"random:{fill}") for fill in fills()] + [(n, HERE) for n in sizes() if n != few]
 
 
 def compute(work: Work) -> Tables:
-    """Compute cells with both strategies, their differences, the costs of eta and kappa, and claims."""
+    """Return the tables of item 13, and the claims' measured values.
+
+    The tables are the cells of no and of positive feedback, the gaps between the two in time, and the costs of each eta
+    and kappa. The claims about eta and kappa are about the regret of the choice made in the paper's case.
+    """
     columns = work.settings.columns
     measured = [row for column in columns for row in _positive(work, column)]
     keys = [(c, robots, floor, s) for c in columns for robots, floor in _where() for s in STRATEGIES[:2]]
@@ -170,7 +215,11 @@ def compute(work: Work) -> Tables:
 
 
 def _positive(work: Work, column: str) -> Iterator[Row]:
-    """Yield rows of the claims about positive feedback without loss."""
+    """Yield the measured values of the claims about positive feedback without loss in a column.
+
+    A gap is the time with positive feedback minus the time without feedback, run by run. The values are the gaps with
+    each swarm size and floor, and the gap in the largest swarm minus the gap in the paper's swarm.
+    """
     gaps = {}
     for robots, floor in _where():
         pair = (column, robots, floor, "positive"), (column, robots, floor, "none")
@@ -184,6 +233,11 @@ def _positive(work: Work, column: str) -> Iterator[Row]:
 
 
 def _gaps(measured: list[Row]) -> pl.DataFrame:
+    """Return the mean gaps with 95 % intervals, one row per column and cell.
+
+    Args:
+        measured: rows of ``_positive``; the rows of other claims are skipped.
+    """
     rows = [row for row in measured if row["claim"] == "positive-all-to-all"]
     table = frame(rows).rename({"estimate": "gap_s"})
     half = 1.96 * pl.col("standard_error")
@@ -191,7 +245,7 @@ def _gaps(measured: list[Row]) -> pl.DataFrame:
 
 
 def _costs(work: Work, case: str) -> NDArray[np.float64]:
-    """Return the cost of each run with each eta and kappa, (choices, runs)."""
+    """Return the cost of each run of a case with each eta and kappa, (choices, runs), in the order of ``CHOICES``."""
     t_end_s = work.cells[case, *CHOICES[0]].scenario.run.t_end_s
     return np.array(
         [
@@ -203,20 +257,30 @@ def _costs(work: Work, case: str) -> NDArray[np.float64]:
 
 
 def regrets(there: NDArray[np.float64], here: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the cost of each run with what was chosen there, minus that with what was chosen here, (runs,).
+    """Return the regret of each run of a case with the choice of another case, (runs,).
+
+    Runs with even numbers are evaluated with the choices made on runs with odd numbers, and vice versa.
 
     Args:
-        there, here: (choices, runs). Odd runs are evaluated with the choice on even ones, and vice versa.
+        there: costs of the other case, (choices, runs). here: costs of the case itself, (choices, runs).
     """
     regret = np.empty(here.shape[1])
-    for half in (0, 1):
-        chosen = [int(costs[:, 1 - half :: 2].mean(axis=1).argmin()) for costs in (there, here)]
-        regret[half::2] = here[chosen[0], half::2] - here[chosen[1], half::2]
+    for half in (0, 1):  # half 0: runs 0, 2, 4, ...; the choices are made on the other half, 1 - half
+        choice_there, choice_here = (
+            int(costs[:, 1 - half :: 2].mean(axis=1).argmin()) for costs in (there, here)
+        )
+        regret[half::2] = here[choice_there, half::2] - here[choice_here, half::2]
     return regret
 
 
 def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
-    """Return the mean cost of each case with each eta and kappa."""
+    """Return the mean cost of each case with each eta and kappa, with its interval, one row each.
+
+    The column ``least`` is True in the row of least mean cost of each case.
+
+    Args:
+        costs: costs of each run by case, (choices, runs) each.
+    """
     rows = []
     for case, values in costs.items():
         least = int(values.mean(axis=1).argmin())
@@ -233,7 +297,7 @@ def _cost_table(costs: dict[str, NDArray[np.float64]]) -> pl.DataFrame:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield gain of positive feedback without loss; costs over kappa."""
+    """Yield a picture of the gaps without loss, and a picture of the costs over kappa with the middle eta."""
     gaps = tables["gaps"].select("low", "high", estimate="gap_s", x="cell", series="column")
     draw = partial(draw_error_bars, gaps, label="difference in time, positive - none (s)")
     yield Picture("sharing-positive", "Difference in time (positive - none) without loss", draw)

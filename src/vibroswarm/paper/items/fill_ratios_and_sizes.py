@@ -1,4 +1,12 @@
-"""Items 5 and 6: decision time and accuracy over the fill ratios, and over swarms of 5 to 10 robots."""
+"""Items 5 and 6: decision time and accuracy over the fill ratios, and over swarms of 5 to 10 robots.
+
+A column is a preset of the reproduction. The accuracy is the mean belief in the truth, as in the paper. The measured
+values of the claims are rows of ``claims.MEASURED``; ``Work.change`` makes a row from the difference of two cells
+(first - second), paired by run.
+
+Results are drawn and tabulated in two forms (``cell_tables``): the paper's form, with the paper's error bars, and the
+proper form, with 95 % intervals over runs.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +21,9 @@ from vibroswarm.paper.columns import STRATEGIES, fills, published, sizes
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, Work, cells_and_claims
 
 NEAR: Final = ((0.48, 0.44), (0.52, 0.56))
-"""Fill ratios near one half, each with the farther one on the same side."""
+"""Pairs of fill ratios on the same side of one half: the one nearer to one half (harder), and the farther one."""
+HARDEST: Final = NEAR[0][0]
+"""Fill ratio for which the paper prints decision times in its text."""
 
 
 def cells(settings: Settings) -> Cells:
@@ -29,11 +39,14 @@ def cells(settings: Settings) -> Cells:
 
 
 def compute(work: Work) -> Tables:
-    """Return the cells and claims."""
+    """Return the table of cells, with the times that the paper prints in its text, and the claims' measured values.
+
+    The column ``printed_s`` is null except at fill ratio 0.48 with the strategies none and soft.
+    """
     stated = published("simulation.claim_speed_up_soft_vs_none")
     printed = pl.DataFrame(
         {
-            "fill ratio": [NEAR[0][0]] * 2,
+            "fill ratio": [HARDEST] * 2,
             "strategy": ["none", "soft"],
             "printed_s": [float(stated["none_s"]), float(stated["soft_s"])],
         }
@@ -44,7 +57,12 @@ def compute(work: Work) -> Tables:
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
-    """Yield the rows of the claims about the fill ratios in one column."""
+    """Yield the measured values of the claims about the fill ratios in one column: differences paired by run.
+
+    They compare, in order: fill ratios near one half with farther ones; soft feedback with the other strategies; the
+    time saved by soft feedback with the printed saving, and near one half with farther away; and our times with the
+    printed ones.
+    """
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     for strategy in STRATEGIES:
         for near, far in NEAR:
@@ -67,12 +85,13 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
             "soft-gain", column, f"fill ratio {near}", work.values(soft, time), work.values(none, time),
             less=printed["percent"] / 100, published_runs=published("simulation.runs"), cannot=work.cannot(none),
         )  # fmt: skip
+        saved_near = work.difference(time, none, soft)
         saved_far = work.difference(time, (column, far, "none"), (column, far, "soft"))
-        saved = work.difference(time, none, soft)
         cannot = work.cannot(none, (column, far, "none"))
-        yield mean("soft-gain-most-near-half", column, f"{near} less {far}", saved - saved_far, cannot=cannot)
+        label = f"{near} less {far}"
+        yield mean("soft-gain-most-near-half", column, label, saved_near - saved_far, cannot=cannot)
     for strategy in ("none", "soft"):
-        key = (column, NEAR[0][0], strategy)
+        key = (column, HARDEST, strategy)
         yield mean(
             "printed-times", column, strategy, work.values(key, time), less=printed[f"{strategy}_s"],
             published_runs=published("simulation.runs"), cannot=work.cannot(key),
@@ -80,9 +99,17 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Both forms for each column."""
+    """Yield pictures of time, belief and decisions over the fill ratio, with a line for each strategy.
+
+    Each picture shows one column (preset), some in the paper's form and some with intervals over runs.
+    """
     yield from both_forms(
-        "fill-ratios", tables["cells"], settings.columns, "fill ratio", "fill ratio", "strategy"
+        "fill-ratios",
+        tables["cells"],
+        settings.columns,
+        x="fill ratio",
+        x_label="fill ratio",
+        series="strategy",
     )
 
 
@@ -117,7 +144,10 @@ def cells_of_sizes(settings: Settings) -> Cells:
 
 
 def _measured_sizes(work: Work, column: str) -> Iterator[Row]:
-    """Yield the rows of the claims about the swarm's size."""
+    """Yield the measured values of the claims about the swarm's size in one column: differences paired by run.
+
+    They compare the largest swarm with the smallest one, and, for each size, soft feedback with no feedback.
+    """
     few, many = min(sizes()), max(sizes())
     words = f"{many} less {few} robots"
     for strategy in STRATEGIES:
@@ -133,12 +163,23 @@ def _measured_sizes(work: Work, column: str) -> Iterator[Row]:
 
 
 def pictures_of_sizes(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Both forms for each column; then how the swarms sampled, which does not depend on the strategy."""
+    """Yield pictures of time, belief and decisions over the swarm size, then pictures of how the swarms walked.
+
+    The first pictures show one column (preset) each, with a line for each strategy, some in the paper's form and some
+    with intervals over runs. How swarms walk does not depend on the strategy, so each of the last pictures shows all
+    columns, with a line for each.
+    """
     table = tables["cells"]
-    yield from both_forms("swarm-sizes", table, settings.columns, "robots", "robots", "strategy")
-    alike = table.filter(pl.col("strategy") == "none").with_columns(series=pl.col("column"))
-    walked = alike.with_columns(column=pl.lit("all"))
-    yield from both_forms("swarm-sizes", walked, ["all"], "robots", "robots", "series", WALK_FIGURES)
+    yield from both_forms(
+        "swarm-sizes", table, settings.columns, x="robots", x_label="robots", series="strategy"
+    )
+    # ``both_forms`` draws one picture per column. To get all columns into one picture, the name of the column becomes
+    # the name of a line, and all rows get the same column "all". One strategy stands for all strategies.
+    one_strategy = table.filter(pl.col("strategy") == "none").with_columns(series=pl.col("column"))
+    walked = one_strategy.with_columns(column=pl.lit("all"))
+    yield from both_forms(
+        "swarm-sizes", walked, ["all"], x="robots", x_label="robots", series="series", figures=WALK_FIGURES
+    )
 
 
 SWARM_SIZES: Final = Item(

@@ -1,4 +1,10 @@
-"""Item 12: headline cells recomputed by the fixed-step engine and on other seeds."""
+"""Item 12: headline cells recomputed by the fixed-step engine and on other seeds.
+
+A headline cell is a parameter set (P* or P0) and a strategy. It is run in three variants: "first" (event engine, the
+seed of the reproduction), "other seeds" (the event engine with a second seed), and "fixed-step" (the fixed-step engine
+with the first seed, which must give the same results run by run). The measured values of the claims are rows of
+``claims.MEASURED``.
+"""
 
 from __future__ import annotations
 
@@ -20,27 +26,29 @@ from vibroswarm.plots import draw_error_bars
 from vibroswarm.report.html import Column
 
 STEPPED_RUNS: Final = 100
-"""Runs by the fixed-step engine, which takes twelve times as long; each is compared with the first run by run."""
+"""Runs by the fixed-step engine, which takes twelve times as long."""
 COLUMN: Final = "paper"
+"""Preset in which the cells are simulated."""
 BOTH: Final = (OPTIMISED, EMPIRICAL)
+"""The parameter sets P* and P0."""
 
 
 def cells(settings: Settings) -> Cells:
-    """parameters, strategy, and variant: first, other seeds, fixed-step."""
+    """Return the cells by (parameter set, strategy, variant)."""
     by_key: Cells = {}
     for parameters in BOTH:
         for strategy in STRATEGIES:
             values = {"floor.source": "random:0.48", "strategy.name": strategy}
             first = settings.cell(COLUMN, values, parameter_set=parameters)
             by_key[parameters, strategy, "first"] = first
-            by_key[parameters, strategy, "other seeds"] = replace(first, block=1)
+            by_key[parameters, strategy, "other seeds"] = replace(first, block=1)  # block 1: the second seed
             stepped = replace(first, motion="fixed-step", runs=STEPPED_RUNS)
             by_key[parameters, strategy, "fixed-step"] = stepped
     return by_key
 
 
 def compute(work: Work) -> Tables:
-    """Compute both comparisons, and claims."""
+    """Return the table of headline cells, compared with other seeds and with fixed steps, and the claims' values."""
     keys = [(parameters, strategy) for parameters in BOTH for strategy in STRATEGIES]
     measured = [row for key in keys for row in _measured(work, key)]
     table = pl.DataFrame([_row(work, key) for key in keys], infer_schema_length=None)
@@ -48,14 +56,19 @@ def compute(work: Work) -> Tables:
 
 
 def _row(work: Work, key: tuple[str, str]) -> dict[str, Any]:
-    """Both comparisons of one cell."""
+    """Return the row of one headline cell: its time, and the comparisons with other seeds and with fixed steps.
+
+    change_s is the mean time with other seeds minus that with the first seed, with its limits; holds_zero says whether
+    0 lies between the limits. stepped_alike counts the runs that are equal with the event engine and with fixed steps.
+
+    Args:
+        key: parameter set and strategy.
+    """
     row: dict[str, Any] = dict(zip(("parameters", "strategy"), key, strict=True))
-    row |= {
-        name: work.results.row(work.cells[(*key, "first")])[name]
-        for name in ("runs", "decision_time_s", "command")
-    }
-    again = work.results.row(work.cells[(*key, "other seeds")])
-    row |= {"other_s": again["decision_time_s"], "other_command": again["command"]}
+    first = work.results.row(work.cells[(*key, "first")])
+    row |= {name: first[name] for name in ("runs", "decision_time_s", "command")}
+    other = work.results.row(work.cells[(*key, "other seeds")])
+    row |= {"other_s": other["decision_time_s"], "other_command": other["command"]}
     change = mean_interval(_against(work, key, "other seeds"))
     row |= dict(zip(("change_s", "change_low", "change_high"), change[:3], strict=True))
     row["holds_zero"] = not change.excludes(0.0)
@@ -63,39 +76,54 @@ def _row(work: Work, key: tuple[str, str]) -> dict[str, Any]:
     first_figures, stepped_figures = (
         work.results[work.cells[(*key, name)]].figures for name in ("first", "fixed-step")
     )
-    alike = _alike(first_figures, stepped_figures)
-    row |= {"stepped_runs": alike.size, "stepped_alike": int(alike.sum())}
+    equal = _equal_runs(first_figures, stepped_figures)
+    row |= {"stepped_runs": equal.size, "stepped_alike": int(equal.sum())}
     return row | {"stepped_command": stepped.command(work.results.runs, work.results.seed)}
 
 
-def _alike(first: Figures, second: Figures) -> NDArray[np.bool_]:
-    """Return the runs of the second (which may be fewer) with the same decisions at the same times, (runs,)."""
+def _equal_runs(first: Figures, second: Figures) -> NDArray[np.bool_]:
+    """Return for each run of ``second`` whether it has the same decisions at the same times in ``first``, (runs,).
+
+    ``first`` may have more runs, which are not compared.
+
+    Args:
+        first, second: figures of each run by name, (runs,) each.
+    """
     names = ("decision_time_s", "right_share", "wrong_share", "swarm_time_s")
     pairs = [(first[name][: second[name].size], second[name]) for name in names]
+    # 1e-6: the engines may differ by rounding errors; times that differ by a tick (20 ms) are not equal.
     same = [
         np.isclose(first_values, second_values, rtol=0.0, atol=1e-6, equal_nan=True)
         for first_values, second_values in pairs
     ]
-    alike: NDArray[np.bool_] = np.all(same, axis=0)
-    return alike
+    equal: NDArray[np.bool_] = np.all(same, axis=0)
+    return equal
 
 
 def _against(work: Work, key: tuple[str, str], which: str) -> Any:
-    """Return the difference in decision time of another variant from the first, run by run."""
+    """Return the decision time of a variant minus that of the variant "first", run by run, s, (runs of the variant,).
+
+    Args:
+        key: parameter set and strategy. which: name of the variant, which may have fewer runs than "first".
+    """
     first_s, variant_s = (work.values((*key, name), "decision_time_s") for name in ("first", which))
     return variant_s - first_s[: variant_s.size]
 
 
 def _measured(work: Work, key: tuple[str, str]) -> Iterator[Row]:
-    """Yield the rows of the claims about other seeds and the other engine."""
+    """Yield the measured values of the claims about other seeds and the other engine, for one headline cell.
+
+    The value for the engine is the largest difference of any run in the mean decision time, without sign; it has no
+    sampling error, because runs with the same seed must be equal.
+    """
     words = f"{key[0]}, {key[1]}"
     yield mean("headline-seeds", COLUMN, words, _against(work, key, "other seeds"))
-    apart = float(np.abs(_against(work, key, "fixed-step")).max())
-    yield exact("headline-engine", COLUMN, words, apart)
+    largest_s = float(np.abs(_against(work, key, "fixed-step")).max())
+    yield exact("headline-engine", COLUMN, words, largest_s)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield difference on other seeds."""
+    """Yield the picture of the differences between other seeds and the first seed."""
     points = tables["headline"].select(
         "runs",
         x=pl.format("{}, {}", "parameters", "strategy"),

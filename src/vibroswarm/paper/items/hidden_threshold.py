@@ -1,17 +1,21 @@
-"""Item 17: what soft feedback gives beyond another threshold of certainty.
+"""Item 17: what soft feedback gives beyond another credible threshold p_c.
 
-Without feedback, a lower p_c is faster and wrong more often; all values of p_c form a front of time against errors.
-Soft feedback is compared with the point of that front that takes as long.
+Without feedback, a lower p_c makes decisions faster and more often wrong, so the values of p_c form a front of time
+against errors. Soft feedback is compared with the point of this front that has the same mean time.
 
 | name | symbol | equation |
 |---|---|---|
-| no feedback at a mean time | a | (1 - m) x_r + m y_r of run r, between two neighbouring thresholds x and y |
-| mixing share | m | so that the mean time is that of soft feedback, on the other half of the runs |
+| figures of run r without feedback | x_r, y_r | with two neighbouring thresholds, one faster and one slower than soft |
+| mixing share | m | so that (1 - m) mean(x) + m mean(y) of the time is the mean time of soft feedback |
+| no feedback at this time | a_r | (1 - m) x_r + m y_r |
 | gain of soft feedback | g | mean over runs of a_r - soft_r |
 
-A swarm that drew one of the two thresholds for each run would have these means, so every point of the front can be
-reached. m is chosen on one half of the runs and evaluated on the other, and vice versa: neither side profits from a
-lucky choice.
+A swarm that used the second threshold in a share m of its runs, drawn by chance, would have these means, so every point
+of the front between two thresholds can be reached. The thresholds and m are chosen on one half of the runs and used on
+the other half, and vice versa, so that neither strategy profits from a lucky choice.
+
+Cells have the keys (robots, floor, strategy, p_c). A figure of a run is the mean over the two floors (``FLOORS``). The
+measured values of the claims are rows of ``claims.MEASURED``.
 """
 
 from __future__ import annotations
@@ -32,18 +36,24 @@ from vibroswarm.plots import draw_error_bars
 from vibroswarm.report.html import Column
 
 COLUMN: Final = "paper"
+"""Preset in which the cells are simulated."""
 SIZES: Final = (5, 10)
+"""Swarm sizes; the claim has a value for each of them."""
 FLOORS: Final = ("random:0.48", "random:0.52")
+"""Floors over which the figures of a run are averaged: one fill ratio on each side of one half."""
 THRESHOLDS: Final = (0.7, 0.75, 0.8, 0.85, 0.875, 0.9, 0.925, 0.95, 0.975, 0.99, 0.998)
+"""Credible thresholds p_c that are simulated with each strategy."""
 STRATEGIES: Final = ("none", "soft")
+"""No feedback and soft feedback."""
 FIGURES: Final = ("decision_time_s", "wrong_share", "undecided_share")
+"""Figures of a run that are compared."""
 PUBLISHED: Final = 0.95
 """p_c of the paper."""
 Array = NDArray[np.float64]
 
 
 def cells(settings: Settings) -> Cells:
-    """Return the cells by (robots, floor, strategy, p_c)."""
+    """Return the cells by (robots, floor, strategy, p_c); none without the column ``COLUMN``."""
     if COLUMN not in settings.columns:
         return {}
     return {
@@ -61,37 +71,44 @@ def cells(settings: Settings) -> Cells:
 
 
 class Matched(NamedTuple):
-    """No feedback at the mean time of soft feedback, see the head of this module; (runs,) each."""
+    """Results without feedback at the mean time of soft feedback, mixed from two thresholds p_c."""
 
     figures: dict[str, Array]
+    """The mixed figures a_r of each run by name, (runs,) each."""
     thresholds: tuple[float, ...]
-    """p_c that were mixed on either half, with equal weight to both."""
+    """For each half of the runs, the mean of the two mixed thresholds, weighted by the mixing share."""
 
 
 def compute(work: Work) -> Tables:
-    """Compute both fronts, the gains of soft feedback, and the claims."""
+    """Return the fronts of both strategies, the gains of soft feedback, and the claims' measured values.
+
+    A front has one row per threshold p_c, with the means of all figures. The gains have one row per swarm size and
+    threshold of soft feedback: the mean of each figure without feedback, at the same mean time, minus that with soft
+    feedback. Without the column ``COLUMN`` only an empty table of measured values is returned.
+    """
     if COLUMN not in work.settings.columns:
         return {CLAIMS: frame([])}
     measured: list[Row] = []
     rows: list[dict[str, Any]] = []
     for robots, threshold in product(SIZES, THRESHOLDS):
         soft = _over_floors(work, robots, "soft", threshold)
-        found = match(_front(work, robots), soft)
-        if found is None:
+        matched = match(_front(work, robots), soft)
+        if matched is None:  # no threshold without feedback gives this mean time
             continue
         row: dict[str, Any] = {
             "robots": robots,
             "p_c": threshold,
-            "mean p_c": float(np.mean(found.thresholds)),
+            "mean p_c": float(np.mean(matched.thresholds)),
         }
         for name in FIGURES:
-            gain = found.figures[name] - soft[name]
+            gain = matched.figures[name] - soft[name]
             limits = mean_interval(gain)
             row |= {
                 name: limits.estimate,
                 f"{name} from": plain(limits.low),
                 f"{name} to": plain(limits.high),
             }
+            # The claim is about the share of wrong robots at the paper's p_c.
             if threshold == PUBLISHED and name == "wrong_share":
                 keys = [(robots, floor, strategy, threshold) for floor in FLOORS for strategy in STRATEGIES]
                 words = f"{robots} robots, fill ratios 0.48 and 0.52"
@@ -110,7 +127,11 @@ def compute(work: Work) -> Tables:
 
 
 def _over_floors(work: Work, robots: int, strategy: str, threshold: float) -> dict[str, Array]:
-    """Return each figure of each run, averaged over the floors, which share their motion; (runs,) each."""
+    """Return each figure of each run by name, the mean over the floors, (runs,) each.
+
+    Runs with the same number have the same motion on all floors. They are not independent, so their mean counts as one
+    run.
+    """
     return {
         name: np.mean([work.values((robots, floor, strategy, threshold), name) for floor in FLOORS], axis=0)
         for name in FIGURES
@@ -118,10 +139,12 @@ def _over_floors(work: Work, robots: int, strategy: str, threshold: float) -> di
 
 
 def _front(work: Work, robots: int) -> dict[float, dict[str, Array]]:
+    """Return the figures of each run without feedback, by threshold p_c and name, (runs,) each."""
     return {threshold: _over_floors(work, robots, "none", threshold) for threshold in THRESHOLDS}
 
 
 def _means(figures: dict[str, Array]) -> dict[str, float | None]:
+    """Return the mean NAME of each figure over runs, with its 95 % interval NAME_low and NAME_high."""
     found: dict[str, float | None] = {}
     for name, values in figures.items():
         limits = mean_interval(values)
@@ -130,25 +153,34 @@ def _means(figures: dict[str, Array]) -> dict[str, float | None]:
 
 
 def match(front: dict[float, dict[str, Array]], soft: dict[str, Array]) -> Matched | None:
-    """Return no feedback at the mean time of soft feedback; None if its front does not reach that time.
+    """Mix two thresholds without feedback so that the mean time is that of soft feedback, see the head of this module.
+
+    For each half of the runs, the two thresholds and the mixing share m are chosen on the other half.
 
     Args:
-        front: figures by threshold. soft: figures to be matched.
+        front: figures without feedback, by threshold p_c and name, (runs,) each.
+        soft: figures with soft feedback, by name, (runs,) each.
+    Returns:
+        The mixed figures; None if the mean time of soft feedback is shorter or longer than all times of the front.
     """
     runs = soft["decision_time_s"].size
     figures = {name: np.empty(runs) for name in FIGURES}
     thresholds: list[float] = []
     for half in (0, 1):
+        # Half 0 has the runs 0, 2, 4, ...; ``other`` selects the other half, on which thresholds and m are chosen.
         other = slice(1 - half, None, 2)
         times = {p: float(values["decision_time_s"][other].mean()) for p, values in front.items()}
-        wanted = float(soft["decision_time_s"][other].mean())
-        ordered = sorted(times, key=lambda p: times[p])
-        above = next((k for k, p in enumerate(ordered) if times[p] >= wanted), None)
-        if above is None or (above == 0 and times[ordered[0]] > wanted):
+        wanted_s = float(soft["decision_time_s"][other].mean())
+        ordered = sorted(times, key=lambda p: times[p])  # from the fastest threshold to the slowest
+        # Index of the fastest threshold that takes as long as soft feedback, or longer; None if all are faster.
+        slower = next((k for k, p in enumerate(ordered) if times[p] >= wanted_s), None)
+        # All thresholds are faster than soft feedback, or all are slower.
+        if slower is None or (slower == 0 and times[ordered[0]] > wanted_s):
             return None
-        first, second = ordered[max(above - 1, 0)], ordered[above]
-        gap = times[second] - times[first]
-        share = (wanted - times[first]) / gap if gap > 0.0 else 0.0
+        # The two neighbours; the fastest threshold is its own neighbour if it takes exactly as long as soft feedback.
+        first, second = ordered[max(slower - 1, 0)], ordered[slower]
+        gap_s = times[second] - times[first]
+        share = (wanted_s - times[first]) / gap_s if gap_s > 0.0 else 0.0  # m
         for name in FIGURES:
             mixed = (1.0 - share) * front[first][name] + share * front[second][name]
             figures[name][half::2] = mixed[half::2]
@@ -157,7 +189,10 @@ def match(front: dict[float, dict[str, Array]], soft: dict[str, Array]) -> Match
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield wrong and undecided robots over time, with both strategies."""
+    """Yield pictures of the shares of wrong and of undecided robots over time, two pictures for each swarm size.
+
+    Each picture has a line for each strategy; its points are the thresholds p_c.
+    """
     if "fronts" not in tables:
         return
     for robots in SIZES:
@@ -177,6 +212,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 
 
 def _limits(name: str, title: str, *, percent: bool) -> dict[str, Column]:
+    """Return the columns of a figure and its interval in the table of gains, in percent or in seconds."""
     unit = "" if percent else "s"
     return {
         name: Column(title, unit, percent=percent),

@@ -1,4 +1,9 @@
-"""Items 1 and 7: the five patterns; their table of difficulty, and swarms on them with P0 and P*."""
+"""Items 1 and 7: the paper's table of difficulty of five floor patterns, and swarms on these patterns with P0 and P*.
+
+A pattern exists at two fill ratios, which the paper names 0.48 and 0.46. P0 are the paper's empirical parameters, P*
+the optimised ones. A column is a preset of the reproduction. The measured values of the claims are rows of
+``claims.MEASURED``; ``Work.change`` makes a row from the difference of two cells (first - second), paired by run.
+"""
 
 from __future__ import annotations
 
@@ -37,14 +42,18 @@ PATTERNS: Final = {
 }
 """The paper's five patterns and our names for them."""
 FILLS: Final = ("0.48", "0.46")
+"""Fill ratios as the paper names them; not all floors have exactly this share of vibrating tiles."""
 
 
 def _difficulty_table() -> pl.DataFrame:
-    """Return the printed, reproduced and correct values of each pattern and measure."""
+    """Return one row for each pattern and measure, with the printed value, the paper's computation and the right value.
+
+    The measures are the Moran index and the entropy.
+    """
     published_names = {own_name: name for name, own_name in PATTERNS.items()}
     rows = []
     for entry in paper_table():
-        kind, _, fill = entry.pattern.partition(":")
+        kind, _, fill = entry.pattern.partition(":")  # such as "stripe:0.48"
         key = "moran" if entry.measure == "Moran index" else "entropy"
         printed = float(published("patterns_10x10")[f"{key}_{fill}"][published_names[kind]])
         # Remove the rounding errors of logarithms.
@@ -55,7 +64,7 @@ def _difficulty_table() -> pl.DataFrame:
 
 
 def compute_difficulty(work: Work) -> Tables:
-    """Compute the 20 numbers exactly."""
+    """Return the table of difficulty, and the claim's 20 measured values: printed - correct, without sampling error."""
     table = _difficulty_table()
     measured = [
         exact("difficulty-printed", "paper", f"{row['pattern']}, {row['measure']}", row["printed less right"])
@@ -91,12 +100,15 @@ DIFFICULTY: Final = Item(
 )
 
 HARD: Final = ("diagonal", "stripe", "block-diagonal")
+"""Patterns on which, according to the paper, P0 is worse than P*."""
 EASY: Final = ("alternating", "random-fixed")
+"""The other patterns."""
 KEYS: Final = ("column", "parameters", "fill ratio", "pattern", "strategy")
+"""Parts of the cells' keys; the fill ratio is the one that the paper names."""
 
 
 def floor_of(pattern: str, fill: str) -> str:
-    """Return the floor that the paper used: its alternating "0.46" has 48 vibrating tiles."""
+    """Return the name of the floor that the paper used; its alternating pattern at "0.46" has 48 vibrating tiles."""
     return "alternating:paper-0.46" if (pattern, fill) == ("alternating", "0.46") else f"{pattern}:{fill}"
 
 
@@ -117,7 +129,10 @@ def cells(settings: Settings) -> Cells:
 
 
 def _measured(work: Work, column: str) -> Iterator[Row]:
-    """Yield the rows of the claims about patterns in one column."""
+    """Yield the measured values of the claims about patterns in one column (preset).
+
+    They are differences of beliefs (``_of_beliefs``), and with P* the time with soft feedback minus the time without.
+    """
     for fill in FILLS:
         for strategy in STRATEGIES:
             yield from _of_beliefs(work, column, fill, strategy)
@@ -127,7 +142,18 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
 
 
 def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[Row]:
-    """Yield the rows of the claims about beliefs at one fill ratio with one strategy."""
+    """Yield the measured values of the claims about beliefs in the truth, at one fill ratio with one strategy.
+
+    Each value is a difference (first - second) of beliefs, run by run:
+
+    - "patterns-steady", each pattern: belief with P* - mean belief with P* over all patterns.
+    - "patterns-start-drops", each hard pattern: belief with P0 - mean belief with P0 over the easy patterns.
+    - "patterns-optimised-better", each hard pattern: belief with P* - belief with P0.
+    - "patterns-start-easy", each easy pattern: belief with P0 - belief with P*.
+
+    Args:
+        column: preset. fill: fill ratio as the paper names it.
+    """
     keys = {
         (parameters, pattern): (column, parameters, fill, pattern, strategy)
         for parameters in (OPTIMISED, EMPIRICAL)
@@ -137,38 +163,54 @@ def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[R
         name: work.values(key, "belief_in_truth") for name, key in keys.items()
     }
 
-    def of_five(claim: str, words: str, values: Any, *patterns: str) -> Row:
-        cannot = work.cannot(*(keys[OPTIMISED, pattern] for pattern in patterns))
-        return mean(claim, column, words, values, bounded=True, cannot=cannot)
+    def value(claim: str, label: str, values: Any, *patterns: str) -> Row:
+        """Return the row of a mean over runs; ``patterns`` are those that must be able to answer the question.
 
-    mean_belief = np.mean([belief[OPTIMISED, pattern] for pattern in PATTERNS.values()], axis=0)
-    easy = np.mean([belief[EMPIRICAL, pattern] for pattern in EASY], axis=0)
+        The cells with P* stand for the cells with P0 too: their floors and sensors are the same, and nothing else
+        decides whether they can answer it.
+        """
+        cannot = work.cannot(*(keys[OPTIMISED, pattern] for pattern in patterns))
+        return mean(claim, column, label, values, bounded=True, cannot=cannot)
+
+    mean_of_patterns = np.mean([belief[OPTIMISED, pattern] for pattern in PATTERNS.values()], axis=0)
+    mean_of_easy = np.mean([belief[EMPIRICAL, pattern] for pattern in EASY], axis=0)
     for pattern in PATTERNS.values():
-        words = f"{pattern}:{fill}, {strategy}"
+        label = f"{pattern}:{fill}, {strategy}"
         optimised, empirical = belief[OPTIMISED, pattern], belief[EMPIRICAL, pattern]
-        yield of_five("patterns-steady", words, optimised - mean_belief, *PATTERNS.values())
+        yield value("patterns-steady", label, optimised - mean_of_patterns, *PATTERNS.values())
         if pattern in HARD:
-            yield of_five("patterns-start-drops", words, empirical - easy, pattern, *EASY)
-            yield of_five("patterns-optimised-better", words, optimised - empirical, pattern)
+            yield value("patterns-start-drops", label, empirical - mean_of_easy, pattern, *EASY)
+            yield value("patterns-optimised-better", label, optimised - empirical, pattern)
         else:
-            yield of_five("patterns-start-easy", words, empirical - optimised, pattern)
+            yield value("patterns-start-easy", label, empirical - optimised, pattern)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield pictures as in the paper: by pattern, P0 and P* with each strategy, for each fill ratio."""
+    """Yield pictures as in the paper: figures by pattern, with a series for each parameter set and strategy.
+
+    There is a picture for each figure, fill ratio and column (preset). The first two figures, time and belief, have the
+    paper's form. The others have intervals over runs: the shares of wrong and of undecided robots for the first column,
+    only the share of wrong robots for the later columns, whose pictures the report shows folded.
+    """
     for place, column in enumerate(settings.columns):
+        # FIGURES[4] is the share of wrong robots, FIGURES[5] that of undecided robots.
+        with_intervals = FIGURES[4:] if place == 0 else FIGURES[4:5]
         for fill in FILLS:
             chosen = (pl.col("column") == column) & (pl.col("fill ratio") == fill)
             part = tables["cells"].filter(chosen)
-            for figure, label, form, title in FIGURES[:2] + (FIGURES[4:] if place == 0 else FIGURES[4:5]):
+            for figure, label, form, title in FIGURES[:2] + with_intervals:
                 short = figure.removesuffix("_s").replace("_", "-")
                 name = f"patterns-{column}-{fill}-{short}-{form}"
                 draw = partial(_draw, part, figure, label, form)
-                yield Picture(name, f"{column}, fill ratio {fill}: {title}", draw, place > 0)
+                yield Picture(name, f"{column}, fill ratio {fill}: {title}", draw, folded=place > 0)
 
 
 def _draw(part: pl.DataFrame, figure: str, label: str, form: str) -> Drawn:
-    """Draw a figure by pattern, in the paper's form or with intervals."""
+    """Draw a figure by pattern, with the paper's error bars (form "papers") or with 95 % intervals over runs.
+
+    Args:
+        part: cells of one column and fill ratio.
+    """
     intervals = bars(part, figure) if form == "papers" else limits(part, figure)
     series = pl.format("{}, {}", "parameters", "strategy")
     intervals = intervals.select("estimate", "low", "high", "runs", x=pl.col("pattern"), series=series)

@@ -1,4 +1,11 @@
-"""Items 10 and 15: the effect of each choice that the text leaves open, or states wrongly, and of the sample timer."""
+"""Items 10 and 15: the effect of each choice that the paper's text leaves open or states wrongly, and of the sample
+timer.
+
+A reading is one way to understand the paper's text at one point. The base is the scenario of preset ``paper``, which
+simulates as the paper's own program did; each reading changes the base at one point. The measured values of the claims
+are rows of ``claims.MEASURED``; ``Work.change`` makes a row from the difference of two cells (first - second), paired
+by run.
+"""
 
 from __future__ import annotations
 
@@ -37,13 +44,17 @@ READINGS: Final[dict[str, dict[str, Any]]] = {
     },
     "2 % of packets lost": {"network.name": "loss", "network.loss.share": 0.02},
 }  # fmt: skip
+"""The fields that each reading sets; the fields of the reading ``LABELS`` are computed from the scenario."""
 BASE: Final = "as the simulations ran"
+"""Name of the base in tables."""
 COLUMN: Final = "paper"
+"""Preset in which the cells are simulated."""
 LABELS: Final = "labels of the energies as printed"
+"""Name of the reading in which the energies of vibrating and still tiles are swapped."""
 
 
 def cells(settings: Settings) -> Cells:
-    """Return the cells by (reading, strategy)."""
+    """Return the cells by (reading, strategy); the base counts as a reading."""
     by_key: Cells = {}
     for reading in (BASE, *READINGS):
         for strategy in STRATEGIES:
@@ -52,6 +63,7 @@ def cells(settings: Settings) -> Cells:
 
 
 def _values(settings: Settings, reading: str, strategy: str) -> dict[str, Any]:
+    """Return the fields, by dotted name, of a cell of item 10; the base sets no fields of a reading."""
     values = {"floor.source": "random:0.48", "strategy.name": strategy}
     if reading == LABELS:
         return values | swapped_labels(settings.scenario(COLUMN))
@@ -59,7 +71,7 @@ def _values(settings: Settings, reading: str, strategy: str) -> dict[str, Any]:
 
 
 def compute(work: Work) -> Tables:
-    """Compute cells, differences from the base, and claims."""
+    """Return the table of cells, the differences of each reading from the base, and the claims' measured values."""
     rows = []
     pairs = [(reading, strategy) for reading in (BASE, *READINGS) for strategy in STRATEGIES]
     table = work.rows(("reading", "strategy"), pairs)
@@ -75,7 +87,11 @@ def compute(work: Work) -> Tables:
 
 
 def _measured(work: Work) -> Iterator[Row]:
-    """Yield the rows of the claims about interpretations of the text."""
+    """Yield the measured values of the claims about the labels of the energies and the threshold, as printed.
+
+    They are the belief in the truth with swapped labels minus 0.5, and, at the printed threshold 1.55, the false
+    positive rate minus the false negative rate.
+    """
     for strategy in STRATEGIES:
         values = work.values((LABELS, strategy), "belief_in_truth")
         yield mean("labels-printed", COLUMN, strategy, values, less=0.5, bounded=True)
@@ -85,13 +101,13 @@ def _measured(work: Work) -> Iterator[Row]:
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield difference in time and belief of each reading from the base, without feedback."""
+    """Yield pictures of the differences in time and in belief of each reading from the base, without feedback."""
     part = tables["changes"].filter((pl.col("strategy") == "none") & (pl.col("reading") != BASE))
     for name, label in (
         ("decision_time_s", "change of decision time (s)"),
         ("belief_in_truth", "change of belief in the truth"),
     ):
-        title = label.partition(" (")[0].capitalize()
+        title = label.partition(" (")[0].capitalize()  # without the unit
         low, high = (f"{name}_change{end}" for end in ("_low", "_high"))
         frame = part.select(
             comparison=pl.col("reading").str.replace("theta_E", "θ_E", literal=True),
@@ -135,7 +151,8 @@ OPEN_READINGS: Final = Item(
 
 ALWAYS, FROZEN, RAN = "always", "frozen_in_avoidance", "reset_after_turn"
 TIMERS: Final = (ALWAYS, RAN, FROZEN)
-"""As in the text, as it ran, and as in earlier work according to the text."""
+"""Modes of the sample timer: as in the paper's text, as in the paper's program, and as in earlier work according to the
+text."""
 TIMER_KEYS: Final = ("timer", "strategy")
 
 
@@ -150,12 +167,17 @@ def cells_of_timers(settings: Settings) -> Cells:
 
 
 def compute_timers(work: Work) -> Tables:
-    """Return the cells and claims."""
+    """Return the table of cells, and the claims' measured values."""
     return {"cells": work.rows(TIMER_KEYS), CLAIMS: frame(list(_measured_timers(work)))}
 
 
 def _measured_timers(work: Work) -> Iterator[Row]:
-    """Yield the rows of the claims about the sample timer."""
+    """Yield the measured values of the claims about the sample timer, paired by run.
+
+    Each is a figure with the timer always on minus the same figure with the timer frozen in avoidance. Time and belief
+    are compared even if the preset cannot answer the paper's question (``check=False``), because the claim is only that
+    the task gets harder.
+    """
     pair = (ALWAYS, "none"), (FROZEN, "none")
     yield work.change("timer-near", COLUMN, "always less frozen in avoidance", "distance_m", *pair)
     for strategy in STRATEGIES:
@@ -168,7 +190,7 @@ def _measured_timers(work: Work) -> Iterator[Row]:
 
 
 def pictures_of_timers(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield decision time with each timer."""
+    """Yield the picture of the decision time with each timer."""
     points = limits(tables["cells"], "decision_time_s").select(
         "estimate", "low", "high", "runs", x=pl.col("timer").str.replace_all("_", " "), series="strategy"
     )

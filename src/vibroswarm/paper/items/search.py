@@ -1,13 +1,16 @@
-"""Items 3 and 14: the particle swarm, its optimum, and the validated costs; and short searches like it, repeated.
+"""Items 3 and 14: the paper's search by particle swarm, with its optimum and validated costs; and repeated searches.
 
-What one search does by chance, several do not:
+A score is a cost as the search estimates it, from few runs; the validated ("true") cost of a parameter set is estimated
+on fresh runs. The course of a single search is partly chance, so item 14 repeats shorter searches and summarises each:
 
 | name | symbol | equation |
 |---|---|---|
 | personal best of particle i after iteration k | b_ik | the lowest of its scores so far |
-| gap after iteration k | g_k | mean over i of b_ik - the least of them |
+| gap after iteration k | g_k | mean of b_ik over particles i, minus the smallest b_ik |
 | remaining gap | - | g_last / g_first |
 | change of the mean cost | - | mean over the last fifth of the iterations / mean over the first fifth - 1 |
+
+The measured values of the claims are rows of ``claims.MEASURED``.
 """
 
 from __future__ import annotations
@@ -35,24 +38,32 @@ from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
 
 COLUMN: Final = "paper"
+"""Preset in which the searches are made."""
 ELSEWHERE: Final = "optimised-cost"
-"""A preset found by another search; it waits longer."""
+"""A preset found by another search; its robots wait longer before they decide."""
 RUNS_AN_ITERATION: Final = 20
-"""Runs a cell for each iteration: 1000 give the paper's 50 iterations, fewer give fewer, more never more."""
+"""The search gets one iteration for this many runs per cell of the reproduction, so 1000 runs, or more, give the
+paper's 50 iterations."""
 SETTLED_AT: Final = 40
+"""Iteration of the paper's 50 at which its parameters have settled, according to the text."""
 LEAST_SHARE: Final = 0.5
-"""Of the paper's iterations; a shorter search gives no verdict on the score at which it ends."""
+"""A search with a smaller share than this of the paper's iterations gives no verdict on its final score."""
 
 
 def search_of(settings: Settings) -> Search:
-    """Return the paper's search: 25 particles, 50 iterations, the lowest score wins."""
+    """Return the paper's search: 25 particles, 50 iterations (fewer with few runs), the lowest score wins.
+
+    A personal best keeps the score with which it became the best, which is never computed again (``noise="fixed"``).
+    The search starts from P0 (``paper-empirical``).
+    """
     swarm = published("parameters.pso")
+    # At least two iterations, however few runs the reproduction has.
     iterations = min(swarm["iterations"], max(2, settings.runs // RUNS_AN_ITERATION))
     fill = swarm["fill_ratio"]
     return Search(
         study=Study(settings.scenario(COLUMN, {"floor.source": f"random:{fill}"}), seed=settings.seed),
         space=Space.of(PAPER),
-        objectives=(Objective("authors_code"),),
+        objectives=(Objective("authors_code"),),  # the cost as the authors' program computes it
         pso=PsoSettings(
             particles=swarm["particles"],
             iterations=iterations,
@@ -69,48 +80,62 @@ def search_of(settings: Settings) -> Search:
 
 
 def compute(work: Work) -> Tables:
-    """Search, then evaluate the winner, P0, P* and another optimum on fresh runs."""
+    """Search, then evaluate the winner, P0, P* and the parameters of the preset ``ELSEWHERE`` on fresh runs.
+
+    Return tables of the search's history and candidates, the validated costs ("truth"), and the claims' measured
+    values.
+    """
     search, workers = search_of(work.settings), work.settings.workers
     search_result = run_search(
         search,
         work.folder / search.hash,
         workers=workers,
-        mixed=True,
-        progress=lambda now: work.progress(0.8 * now.runs / max(now.wanted, 1)),
+        mixed=True,  # a search that another version began is continued
+        progress=lambda now: work.progress(0.8 * now.runs / max(now.wanted, 1)),  # the rest is the validation
     )
     others = [("P*", parameters("P_star")), (ELSEWHERE, search.space.values_of(preset(ELSEWHERE)))]
-    truth = truth_of(search_result, runs=max(work.settings.runs, 2), others=others, workers=workers)
+    fresh_runs = max(work.settings.runs, 2)  # an interval needs two runs
+    truth = truth_of(search_result, runs=fresh_runs, others=others, workers=workers)
     return {
         "history": history_table(search_result),
         "candidates": candidate_table(search_result),
-        "truth": _truth_table(search_result, truth),
+        "truth": _truth_table(truth),
         CLAIMS: frame(list(_measured(search_result, truth))),
     }
 
 
-def _truth_table(found: Found, truth: Truth) -> pl.DataFrame:
-    """Return the validated costs of the winner and the others, with the differences."""
+def _truth_table(truth: Truth) -> pl.DataFrame:
+    """Return one row for each validated parameter set, the winner first, with its parameters and costs.
+
+    ``believed`` is the winner's score in the search (null for the other sets), ``true`` the cost on fresh runs, and
+    ``less`` the cost of the winner minus the cost of the row's set (null for the winner itself).
+    """
     rows = []
-    for k, scored in enumerate((truth.winner, *truth.others)):
-        name = {"start": "P0"}.get(scored.name, scored.name)
-        less = None if k == 0 else truth.against[k - 1]
-        line: dict[str, Any] = {
-            "parameters": name,
-            **{n.rpartition(".")[2]: v for n, v in scored.values.items()},
+    differences = (None, *truth.against)  # None: the winner, which is not compared with itself
+    for scored, difference in zip((truth.winner, *truth.others), differences, strict=True):
+        is_winner = difference is None
+        row: dict[str, Any] = {
+            # The search names its first parameter set "start"; here it is P0.
+            "parameters": {"start": "P0"}.get(scored.name, scored.name),
+            **{field.rpartition(".")[2]: value for field, value in scored.values.items()},
         }
-        line |= {"believed": truth.believed if k == 0 else None}
-        line |= dict(zip(("true", "true_low", "true_high"), scored.score[:3], strict=True))
-        limits = (None, None, None) if less is None else less[:3]
-        rows.append(
-            line
-            | dict(zip(("less", "less_low", "less_high"), limits, strict=True))
-            | {"runs": scored.score.n}
-        )
+        row |= {"believed": truth.believed if is_winner else None}
+        # The first three values of an interval are the estimate, the lower and the upper limit.
+        row |= dict(zip(("true", "true_low", "true_high"), scored.score[:3], strict=True))
+        limits = (None, None, None) if difference is None else difference[:3]
+        row |= dict(zip(("less", "less_low", "less_high"), limits, strict=True))
+        rows.append(row | {"runs": scored.score.n})
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
 def _measured(found: Found, truth: Truth) -> Iterator[Row]:
-    """Yield rows of the claims about the search."""
+    """Yield the measured values of the claims about the search.
+
+    On fresh runs, they are the cost of P0 minus the cost of P*, and the cost of the preset ``ELSEWHERE`` minus the cost
+    of P*. For the search, they are the relative difference of the winner's final score from its cost on fresh runs,
+    and, for each parameter, how far its mean over particles still moves after the iteration at which the paper's search
+    has settled, as a share of the parameter's range.
+    """
     from vibroswarm.optimize.validation import paired_score
 
     objective = found.search.objectives[0]
@@ -118,52 +143,57 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     start, star, other = scored["start"], scored["P*"], scored[ELSEWHERE]
     yield of_interval("search-beats-start", COLUMN, "P0 less P*", paired_score(objective, start, star))
     yield of_interval("search-is-best", COLUMN, f"{ELSEWHERE} less P*", paired_score(objective, other, star))
-    shares = {iteration.number: iteration.mean_point for iteration in found.history}
-    last = max(shares)
+    # Mean of the particles after each iteration; each parameter as a share of its range, 0 to 1.
+    mean_points = {iteration.number: iteration.mean_point for iteration in found.history}
+    last = max(mean_points)
     published_iterations = published("parameters.pso.iterations")
     least = round(LEAST_SHARE * published_iterations)
     too_short = None if last >= least else f"the search took fewer than {least} iterations"
     ratio = _ratio(truth.believed, truth.winner.score)
-    yield of_interval("search-score-holds", COLUMN, "this search", ratio, too_short)
-    at = min(
-        shares, key=lambda number: abs(number - SETTLED_AT * last / published("parameters.pso.iterations"))
-    )
-    short = (
+    yield of_interval("search-score-holds", COLUMN, "this search", ratio, cannot=too_short)
+    # The iteration nearest to SETTLED_AT; in a shorter search, nearest to the same share of its length.
+    settled = min(mean_points, key=lambda number: abs(number - SETTLED_AT * last / published_iterations))
+    shortened = (  # why a search with fewer iterations than the paper's cannot answer the question, or None
         None
         if last >= published_iterations
         else f"the search took fewer than {published_iterations} iterations"
     )
     for k, name in enumerate(found.search.space.names):
-        moved = shares[last][k] - shares[at][k]
-        # A property of this search only.
-        yield exact("search-settles", COLUMN, name.rpartition(".")[2], moved, short)
+        moved = mean_points[last][k] - mean_points[settled][k]
+        # Exact, because it is a property of this one search.
+        yield exact("search-settles", COLUMN, name.rpartition(".")[2], moved, cannot=shortened)
 
 
 def _ratio(believed: float, true: Interval) -> Interval:
-    """Return believed / true - 1."""
+    """Return believed / true - 1 with its limits, from the interval of the true cost."""
     ends = sorted(believed / end - 1.0 for end in (true.low, true.high))
     return true._replace(estimate=believed / true.estimate - 1.0, low=ends[0], high=ends[1])
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Both figures of the paper: scores, and the mean of each parameter relative to its bounds."""
+    """Yield two pictures, as in the paper: scores, and the mean of each parameter as a share of its range.
+
+    The table of history has a column "personal I" for each particle I, and a column "mean NAME, of its bounds" for each
+    parameter, whose NAME is a dotted field.
+    """
     history = tables["history"].filter(pl.col("stage") == "search")
     personal = [name for name in history.columns if name.startswith("personal ")]
-    own = history.select("iteration", *personal).unpivot(index="iteration", value_name="score")
-    own = own.with_columns(particle=pl.col("variable").str.strip_prefix("personal ").cast(pl.Int64)).drop(
-        "variable"
-    )
+    by_particle = history.select("iteration", *personal).unpivot(index="iteration", value_name="score")
+    by_particle = by_particle.with_columns(
+        particle=pl.col("variable").str.strip_prefix("personal ").cast(pl.Int64)
+    ).drop("variable")
     scores = history.select(pl.col("iteration").cast(pl.Int64), "best", "mean")
     true = tables["truth"]["true"][0]
     yield Picture(
         "search-scores",
         "Costs over the iterations",
-        lambda: draw_search(scores, own, label="cost (mean + sd)", true=true),
+        lambda: draw_search(scores, by_particle, label="cost (mean + sd)", true=true),
     )
     shares = [name for name in history.columns if name.endswith(", of its bounds")]
     means = history.select("iteration", *shares).unpivot(
         index="iteration", value_name="share", variable_name="series"
     )
+    # The last part of the field's dotted name.
     field = (
         pl.col("series")
         .str.strip_prefix("mean ")
@@ -181,7 +211,7 @@ SEARCH: Final = Item(
     name="search",
     title="The search, P* and its validation",
     about=(
-        "The paper's particle swarm as its program ran it: 25 particles, 50 iterations, 10 runs a particle "
+        "The paper's particle swarm as its text has it: 25 particles, 50 iterations, 10 runs a particle "
         "and 10 more for the best fifth, cost of the authors' program, mean and standard deviation over runs; the "
         "lowest score wins and is never recomputed. It starts from P0 with preset `paper`. With fewer runs per cell it "
         "takes fewer iterations.",
@@ -212,20 +242,28 @@ SEARCH: Final = Item(
 )  # fmt: skip
 
 PARTICLES: Final = 10
+"""Particles of a short search."""
 ITERATIONS: Final = 12
+"""Most iterations of a short search."""
 LEAST_ITERATIONS: Final = 6
-"""Shorter searches give no verdict: their first and last fifths are next to each other."""
+"""Fewest iterations for a verdict: in shorter searches the first and the last fifth are next to each other."""
 RUNS_A_SHORT_ITERATION: Final = 80
+"""A short search gets one iteration for this many runs per cell of the reproduction, up to ``ITERATIONS``."""
 RUNS_A_SEARCH: Final = 250
-"""Runs a cell for each search: 1000 give 4 searches of all iterations."""
+"""There is one short search for this many runs per cell of the reproduction: 1000 runs give 4 searches."""
 FIFTH: Final = 0.2
+"""Share of the iterations at the beginning, and at the end, over which mean costs are averaged."""
 
 
 def searches_of(settings: Settings) -> list[Search]:
-    """Return the paper's search with fewer particles and iterations, each with its own seed."""
+    """Return the short searches: the paper's search with fewer particles and iterations, each with a seed of its own.
+
+    There are at least two searches, because standard errors are computed from the differences between searches.
+    """
     full = search_of(settings)
     iterations = min(ITERATIONS, max(2, settings.runs // RUNS_A_SHORT_ITERATION))
     pso = replace(full.pso, particles=PARTICLES, iterations=iterations)
+    # The paper's search (item 3) has the seed ``settings.seed``; the short searches have the next seeds.
     return [
         replace(full, pso=pso, study=replace(full.study, seed=settings.seed + 1 + place))
         for place in range(max(2, settings.runs // RUNS_A_SEARCH))
@@ -233,7 +271,7 @@ def searches_of(settings: Settings) -> list[Search]:
 
 
 def compute_repeats(work: Work) -> Tables:
-    """Run the searches one after the other; compute their summaries and claims."""
+    """Run the short searches one after the other; return histories, summaries, and the claims' measured values."""
     histories: list[pl.DataFrame] = []
     rows: list[dict[str, Any]] = []
     searches = searches_of(work.settings)
@@ -242,7 +280,8 @@ def compute_repeats(work: Work) -> Tables:
             search,
             work.folder / search.hash,
             workers=work.settings.workers,
-            mixed=True,
+            mixed=True,  # a search that another version began is continued
+            # The default value keeps this search's ``place``.
             progress=lambda now, place=place: work.progress(  # type: ignore[misc]
                 (place + now.runs / max(now.wanted, 1)) / len(searches)
             ),
@@ -260,24 +299,32 @@ def compute_repeats(work: Work) -> Tables:
 
 
 def _summary(found: Found) -> dict[str, float]:
-    """Return the summary of one search, see the head of this module."""
-    best = np.array([iteration.personal for iteration in found.history])
-    gaps = best.mean(axis=1) - best.min(axis=1)
+    """Return the summary of one search: its lowest score, its gaps, and its mean costs.
+
+    gap_first, gap_last and gap_left are g_first, g_last and their ratio; cost_first and cost_last are the mean costs
+    over the first and over the last fifth of the iterations, and cost_change is their relative change.
+    """
+    personal_best = np.array([iteration.personal for iteration in found.history])  # (iterations, particles)
+    gaps = personal_best.mean(axis=1) - personal_best.min(axis=1)
     costs = np.array([iteration.mean for iteration in found.history])
-    some = max(round(FIFTH * costs.size), 1)
+    fifth = max(round(FIFTH * costs.size), 1)
     return {
-        "best": float(best[-1].min()),
+        "best": float(personal_best[-1].min()),
         "gap_first": float(gaps[0]),
         "gap_last": float(gaps[-1]),
         "gap_left": float(gaps[-1] / gaps[0]),
-        "cost_first": float(costs[:some].mean()),
-        "cost_last": float(costs[-some:].mean()),
-        "cost_change": float(costs[-some:].mean() / costs[:some].mean() - 1.0),
+        "cost_first": float(costs[:fifth].mean()),
+        "cost_last": float(costs[-fifth:].mean()),
+        "cost_change": float(costs[-fifth:].mean() / costs[:fifth].mean() - 1.0),
     }
 
 
 def _history(found: Found, place: int) -> pl.DataFrame:
-    """Return the costs of each iteration of one search."""
+    """Return one row for each iteration of search number ``place``.
+
+    Columns: search; iteration; best, the lowest personal best; personal, the mean of the personal bests; mean, the mean
+    score of all particles.
+    """
     rows = [
         (place, iteration.number, min(iteration.personal), float(np.mean(iteration.personal)), iteration.mean)
         for iteration in found.history
@@ -288,6 +335,11 @@ def _history(found: Found, place: int) -> pl.DataFrame:
 
 
 def _measured_repeats(table: pl.DataFrame, iterations: int) -> Iterator[Row]:
+    """Yield the measured values of the claims about searches: means over the short searches.
+
+    Args:
+        table: summaries, one row per search. iterations: number of iterations of each search.
+    """
     too_short = (
         None
         if iterations >= LEAST_ITERATIONS
@@ -299,10 +351,11 @@ def _measured_repeats(table: pl.DataFrame, iterations: int) -> Iterator[Row]:
 
 
 def pictures_of_repeats(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield mean cost, mean personal best and global best over the iterations."""
+    """Yield the picture of the costs over the iterations (``LINES``), with intervals over the short searches."""
     rows = []
     for name, label in LINES.items():
         for (iteration,), part in tables["history"].group_by("iteration", maintain_order=True):
+            # ``str``, because polars gives keys the static type "object".
             rows.append((float(str(iteration)), label, *mean_interval(part[name].to_numpy())[:3]))
     points = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high"], orient="row")
     draw = partial(
@@ -317,6 +370,7 @@ LINES: Final = {
     "personal": "mean of the personal bests",
     "best": "best of all",
 }
+"""Columns of ``_history`` that are drawn, with their labels."""
 
 
 SEARCH_REPEATS: Final = Item(

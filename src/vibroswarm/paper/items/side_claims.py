@@ -1,4 +1,10 @@
-"""Item 11: density in the corners, the spread of the strategies, and the single floor."""
+"""Item 11: density of samples in the corners, spread of times with each strategy, and swarms on a single floor.
+
+The density is the number of samples on an area, divided by the number if samples were spread uniformly. It depends only
+on the sampling timer and the motion, so motion alone is simulated. A column is a preset of the reproduction. The
+measured values of the claims are rows of ``claims.MEASURED``; ``Work.change`` makes a row from the difference of two
+cells (first - second), paired by run.
+"""
 
 from __future__ import annotations
 
@@ -25,13 +31,15 @@ from vibroswarm.study.executors import processors
 MOST_RUNS: Final = 200
 """Most runs whose samples are analysed."""
 BINS: Final = 20
+"""Bins of the pictures of density, on each axis."""
 TILES: Final = 25
+"""Tiles of the floor (5 x 5)."""
 TIMERS: Final = ("as it ran", "always", "frozen_in_avoidance")
-"""Modes of the sample timer; the last does not count avoidance."""
+"""Modes of the sample timer: that of the column's preset; always on; stopped while a robot avoids."""
 
 
 def cells(settings: Settings) -> Cells:
-    """Return the cells by (column, floor, strategy)."""
+    """Return the cells by (column, floor, strategy); the floors are random floors, and the floor of the recordings."""
     by_key: Cells = {}
     for column in settings.columns:
         for strategy in STRATEGIES:
@@ -44,65 +52,94 @@ def cells(settings: Settings) -> Cells:
 
 
 def compute(work: Work) -> Tables:
-    """Compute cells, corner densities, positions of samples and claims."""
+    """Return corner densities, counts of samples on a grid, the table of cells, and the claims' measured values.
+
+    The motion for each column and timer is simulated by this function, because the results of cells hold no positions.
+    """
     columns = work.settings.columns
     keys = [(column, timer) for column in columns for timer in TIMERS]
     scenarios = {key: _scenario(work, *key) for key in keys}
-    distinct = list(dict.fromkeys(scenarios.values()))  # the timer as it ran may equal one of the others
+    # Each different scenario once: the timer "as it ran", that of the preset, may be one of the other two timers.
+    distinct = list(dict.fromkeys(scenarios.values()))
     with ThreadPoolExecutor(work.settings.workers or processors()) as pool:
         results = dict(zip(distinct, pool.map(partial(_placed, work), distinct), strict=True))
+    # By column and timer: run, x and y of each sample.
     placed = {key: results[scenario] for key, scenario in scenarios.items()}
     corners = {key: _corners(x, y, run) for key, (run, x, y) in placed.items()}
-    rows = [
-        {"column": column, "timer": timer, "density": interval.estimate, "low": interval.low, "high": interval.high,
-         "runs": interval.n}
-        for (column, timer), values in corners.items()
-        for interval in [mean_interval(values)]
-    ]  # fmt: skip
-    density = pl.concat([_counts(key[0], key[1], x, y) for key, (_, x, y) in placed.items()])
+    rows = []
+    for (column, timer), values in corners.items():
+        density = mean_interval(values)
+        rows.append(
+            {
+                "column": column, "timer": timer, "density": density.estimate, "low": density.low,
+                "high": density.high, "runs": density.n,
+            }
+        )  # fmt: skip
+    counts = pl.concat([_counts(column, timer, x, y) for (column, timer), (_, x, y) in placed.items()])
     measured = [row for column in columns for row in _measured(work, column, corners)]
+    # The keys of the cells are (column, floor, strategy), see ``cells``. The table shows only the cells on the two
+    # floors that a claim compares. All keys are tuples; ``isinstance`` is for the type checker, which knows only that
+    # keys are hashable.
     floors = (f"random:{published('parameters.pso.fill_ratio')}", REAL_FLOOR)
-    requested = [key for key in work.cells if isinstance(key, tuple) and key[1] in floors]
+    shown = [key for key in work.cells if isinstance(key, tuple) and key[1] in floors]
     return {
         "corners": pl.DataFrame(rows),
-        "places": density,
-        "cells": work.rows(("column", "floor", "strategy"), requested),
+        "places": counts,
+        "cells": work.rows(("column", "floor", "strategy"), shown),
         CLAIMS: frame(measured),
     }
 
 
 def _scenario(work: Work, column: str, timer: str) -> Scenario:
-    """Return the scenario with P0 and a timer."""
+    """Return the scenario of a column with P0 and a timer (one of ``TIMERS``)."""
     values = {} if timer == TIMERS[0] else {"sample.timer": timer}
     return work.settings.scenario(column, values, parameter_set=EMPIRICAL)
 
 
 def _placed(work: Work, scenario: Scenario) -> tuple[Any, Any, Any]:
-    """Run and position of all samples of some runs."""
+    """Simulate the motion of up to ``MOST_RUNS`` runs; return run, x (m) and y (m) of each sample, (samples,) each."""
     runs = list(range(min(work.settings.runs, MOST_RUNS)))
-    samples = source("event").batch(scenario, work.settings.seed, runs, False).samples
+    samples = source("event").batch(scenario, work.settings.seed, runs, segments=False).samples
     return samples["run"].to_numpy(), samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
 
 
 def _corners(x: Any, y: Any, run: Any) -> Any:
-    """Return the density of a run's samples in the four corner tiles relative to a uniform one, (runs,)."""
-    rim = [(place < 0.2) | (place >= 0.8) for place in (x, y)]
-    corner = rim[0] & rim[1]
-    return np.bincount(run, corner) / np.bincount(run) * TILES / 4
+    """Return the density of each run's samples on the four corner tiles, relative to a uniform density, (runs,).
+
+    Args:
+        x, y, run: position (m) in an arena of 1 m by 1 m, and run, of each sample, (samples,).
+    """
+    rim_x, rim_y = ((place < 0.2) | (place >= 0.8) for place in (x, y))  # on the outermost of 5 tiles
+    corner = rim_x & rim_y
+    # Of each run: samples in the corners / all samples.
+    share = np.bincount(run, corner) / np.bincount(run)
+    return share * TILES / 4  # a uniform density has the share 4 / TILES
 
 
 def _counts(column: str, timer: str, x: Any, y: Any) -> pl.DataFrame:
-    """Count samples on a grid over the arena."""
+    """Count samples on a grid over the arena of 1 m by 1 m; return one row per bin, with its centre.
+
+    Args:
+        column, timer: values of the first two columns of the table. x, y: positions of the samples, m, (samples,).
+    """
     counts, _, _ = np.histogram2d(x, y, BINS, ((0.0, 1.0), (0.0, 1.0)))
-    middle = (np.arange(BINS) + 0.5) / BINS
-    across, up = np.meshgrid(middle, middle, indexing="ij")
+    centre = (np.arange(BINS) + 0.5) / BINS
+    across, up = np.meshgrid(centre, centre, indexing="ij")
     return pl.DataFrame(
         {"x_m": across.ravel(), "y_m": up.ravel(), "count": counts.ravel().astype(np.int64)}
     ).select(pl.lit(column).alias("column"), pl.lit(timer).alias("timer"), "x_m", "y_m", "count")
 
 
 def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> Iterator[Row]:
-    """Yield the rows of the claims about corners, floors and strategies."""
+    """Yield the measured values of the claims about corners, floors and strategies in a column (preset).
+
+    They are: the corner density minus 1, and minus the density with the timer frozen in avoidance; the log ratio of the
+    standard deviations over runs with and without feedback; and the time on the floor of the recordings minus the time
+    on random floors.
+
+    Args:
+        corners: densities of ``_corners``, by column and timer.
+    """
     time = "decision_time_s"
     ran, frozen = corners[column, TIMERS[0]], corners[column, TIMERS[2]]
     yield mean("corners", column, "P0", ran, less=1.0)
@@ -121,15 +158,16 @@ def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> I
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
-    """Yield density of samples, with the timer as it ran and without avoidance."""
+    """Yield pictures of the density of samples, with the timer as it ran and with the timer frozen in avoidance."""
     for column in settings.columns:
         for timer in (TIMERS[0], TIMERS[2]):
             chosen = (pl.col("column") == column) & (pl.col("timer") == timer)
             part = tables["places"].filter(chosen).select("x_m", "y_m", "count")
             name = f"side-claims-{column}-density-{timer.replace(' ', '-').replace('_', '-')}"
             title = f"{column}: density of samples, timer {timer.replace('_', ' ')}"
+            # One scale for all pictures, so that they can be compared: it ends at twice the uniform density.
             draw = partial(draw_density, part, bins=BINS, highest=2.0)
-            yield Picture(name, title, draw, column != settings.columns[0])
+            yield Picture(name, title, draw, folded=column != settings.columns[0])
 
 
 ITEM: Final = Item(

@@ -1,4 +1,4 @@
-"""Scenarios by name: ``paper``, ``paper-empirical`` (P0) and ``text``."""
+"""Presets: scenarios of this package, by name: ``paper``, ``paper-empirical`` (P^0) and ``text``."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ def preset_names() -> list[str]:
 
 
 def preset_text(name: str) -> str:
-    """Return a preset's file as text.
+    """Return the TOML text of a preset.
 
     Raises:
-        InputError: there is no such preset; the nearest is named.
+        InputError: there is no such preset; the nearest name is suggested.
     """
     known = preset_names()
     if name not in known:
@@ -31,7 +31,7 @@ def preset_text(name: str) -> str:
 
 @cache
 def describe(name: str) -> str:
-    """Return a one-line description of a preset: the comment at its top."""
+    """Return a one-line description of a preset: the comment in the first line of its file."""
     text = (files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
-    tomllib.loads(text)
+    tomllib.loads(text)  # raises an error if the file is not valid TOML
     return text.splitlines()[0].removeprefix("# ")

@@ -1,22 +1,22 @@
-"""Robots that fail: which of a run, from when on, and what sensors that fail read.
+"""Faults: which robots of a run fail, from what time on, and which bits faulty sensors read.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| order | - | - | robots by their uniform number at (seed, run, robot, FAULT, kind): the first n fail |
-| n | - | - | share of the swarm times its robots, rounded half up |
-| since | - | s | given, or low + (high - low) u, u the robot's second number at that address |
-| below | F(theta_E) | - | share of energies below the threshold: 1 - false positives, or false negatives |
+| order | - | - | robots sorted by their uniform number at (seed, run, robot, FAULT, kind): the first n fail |
+| n | - | - | share of the swarm that fails times number of robots, rounded half up |
+| since | - | s | given, or low + (high - low) u, with u a second uniform number of the robot at that address |
+| below | F(theta_E) | - | share of energies at or below the threshold, on still or on vibrating tiles |
 | hours | h | h | time since the fault began |
-| still | - | - | F(theta_E) - shift - drift h: more false positives, cut off at 0 and 1 |
-| vibrating | - | - | F(theta_E) + shift + drift h: more false negatives, cut off at 0 and 1 |
-| observation | O | 0, 1 | 1 if u > that share, u the same number as without the fault |
+| still | - | - | biased sensor, still tile: F(theta_E) - shift - drift h, so more false positives |
+| vibrating | - | - | biased sensor, vibrating tile: F(theta_E) + shift + drift h, so more false negatives |
+| observation | O | 0, 1 | 1 if u > that share, with u the same number as without the fault |
 
-The numbers belong to seed and run, so a larger share contains the robots of a smaller one, and curves over shares are
-paired. Each kind has an order of its own, but for sensors stuck at 0 and at 1: these share one, from its two ends, so
-that no sensor is stuck at both.
+The uniform numbers depend on seed and run only. So the robots that fail at a small share also fail at a larger one, and
+curves over the share are paired. Each kind of fault sorts the robots by numbers of its own. But sensors stuck at 0 and
+sensors stuck at 1 use the same order, from its end and from its start, so that no sensor is stuck at both.
 
-A sensor that is stuck reads its bit whatever it stands on. The energy of a sample is that of the floor in any case: the
-fault lies in what the robot makes of it.
+A stuck sensor reads its bit on any tile. The recorded energy of a sample is never changed by a fault: the fault is in
+the bit that the robot derives from it.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ from vibroswarm.scenario.scenario import Scenario
 NUMBER_OF: Final = {
     "stuck_at_0": 0, "stuck_at_1": 0, "biased": 1, "opposite": 2, "radio_dead": 3, "stopped": 4, "battery_empty": 5,
 }  # fmt: skip
-"""Index of each kind's random numbers."""
+"""Index of each kind's random numbers; the two kinds of stuck sensors share one order of the robots."""
 OF_TIME: Final = 1
-"""Peer of the number that a fault's time is drawn from."""
+"""Last part of the address of the number that a fault's time is drawn from (``ALONE``: that of the order)."""
 
 FAULT_COLUMNS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -51,15 +51,16 @@ FAULT_COLUMNS: Final[dict[str, Any]] = {
 
 
 def onset_s(scenario: Scenario, seed: int, runs: Sequence[int], kind: str) -> NDArray[np.float64]:
-    """Return the time from which each robot has a fault, (runs, robots), s; inf: never.
+    """Return the time from which each robot has a fault of one kind, s: (runs, robots), inf for robots without it.
 
     Args:
-        kind: one of ``FAULTS``.
+        kind: kind of fault, one of ``FAULTS``.
     """
     robots, affected = scenario.swarm.robots, getattr(scenario.faults, kind)
     onset = np.full((len(runs), robots), math.inf)
-    if not affected:
+    if not affected:  # a share of 0, or an empty list of robots
         return onset
+    # One time for all robots, or the range that each robot's time is drawn from.
     since = getattr(scenario.faults, SINCE[kind])
     for r, run in enumerate(runs):
         for i in _who(scenario, seed, run, kind):
@@ -68,18 +69,19 @@ def onset_s(scenario: Scenario, seed: int, runs: Sequence[int], kind: str) -> ND
 
 
 def _who(scenario: Scenario, seed: int, run: int, kind: str) -> Sequence[int]:
-    """Return the robots of a run that have a fault."""
+    """Return the robots of a run that have a fault of one kind: those that the scenario lists, or a share of them."""
     affected, robots = getattr(scenario.faults, kind), scenario.swarm.robots
     if isinstance(affected, tuple):
         return affected
-    count, number = count_of(affected, robots), NUMBER_OF[kind]
+    count, index = count_of(affected, robots), NUMBER_OF[kind]
     free = list(range(robots))
+    # No sensor is stuck at both: leave out robots that the scenario lists for the other kind.
     if kind in ("stuck_at_0", "stuck_at_1"):
         other = getattr(scenario.faults, "stuck_at_1" if kind == "stuck_at_0" else "stuck_at_0")
         if isinstance(other, tuple):
             free = [i for i in free if i not in other]
-    order = sorted(free, key=lambda i: (uniform(seed, run, i, FAULT, number, ALONE), i))
-    if kind == "stuck_at_0":
+    order = sorted(free, key=lambda i: (uniform(seed, run, i, FAULT, index, ALONE), i))
+    if kind == "stuck_at_0":  # taken from the end of the order; "stuck_at_1" is taken from its start
         order.reverse()
     return order[:count]
 
@@ -91,7 +93,7 @@ def _time_s(since: tuple[float, ...], seed: int, run: int, robot: int, kind: str
 
 
 def working(scenario: Scenario, seed: int, runs: Sequence[int]) -> NDArray[np.bool_]:
-    """Return which robots have no fault before the end of the run (``run.t_end_s``), (runs, robots)."""
+    """Return whether each robot has no fault of any kind before the end of its run, ``run.t_end_s``: (runs, robots)."""
     fine = np.ones((len(runs), scenario.swarm.robots), dtype=np.bool_)
     for kind in scenario.faults.kinds:
         fine &= onset_s(scenario, seed, runs, kind) >= scenario.run.t_end_s
@@ -99,19 +101,22 @@ def working(scenario: Scenario, seed: int, runs: Sequence[int]) -> NDArray[np.bo
 
 
 def fault_frame(scenario: Scenario, seed: int, runs: Sequence[int]) -> pl.DataFrame | None:
-    """Return the table of faults (``FAULT_COLUMNS``), in the order of run, robot and kind; None: nobody can fail."""
+    """Return the table of faults (``FAULT_COLUMNS``), sorted by run, robot and kind.
+
+    Kinds sort in the order of ``FAULTS``. The result is None if no robot of the scenario can fail.
+    """
     if not scenario.faults.kinds:
         return None
-    numbers = np.array(runs, dtype=np.int64)
+    numbers = np.array(runs, dtype=np.int64)  # of the runs, which need not be consecutive
     rows: list[tuple[int, int, int, float]] = []
-    for place, kind in enumerate(FAULTS):
+    for kind_index, kind in enumerate(FAULTS):
         onset = onset_s(scenario, seed, runs, kind)
-        found, robots = np.nonzero(onset < scenario.run.t_end_s)
-        rows += zip(
-            numbers[found].tolist(),
+        run_rows, robots = np.nonzero(onset < scenario.run.t_end_s)
+        rows += zip(  # run, robot, index of the kind, time
+            numbers[run_rows].tolist(),
             robots.tolist(),
-            [place] * found.size,
-            onset[found, robots].tolist(),
+            [kind_index] * robots.size,
+            onset[run_rows, robots].tolist(),
             strict=True,
         )
     rows.sort()
@@ -128,25 +133,29 @@ def fault_words(kind: str) -> str:
 
 
 PER_H: Final = 1.0 / 3600.0
+"""One per hour, in 1/s."""
 
 
 class SensorFaults(NamedTuple):
-    """The sensors of some runs that fail, (runs, robots) each unless stated; of no rows if none does."""
+    """Faulty sensors of some runs. The times have shape (runs, robots), or no rows if no sensor can fail."""
 
     at_0_from_s: NDArray[np.float64]
-    """Since when a sensor is stuck at 0, s; inf: never. ``at_1_from_s``, ``biased_from_s``: likewise."""
+    """Time from which each sensor is stuck at 0, s; inf: never."""
     at_1_from_s: NDArray[np.float64]
+    """Time from which each sensor is stuck at 1, s; inf: never."""
     biased_from_s: NDArray[np.float64]
+    """Time from which each sensor is biased, s; inf: never."""
     shifts: NDArray[np.float64]
-    """(4,): shift and drift per s of the false positives, then of the false negatives."""
+    """(4,): shift and drift per s of the false positive rate, then shift and drift per s of the false negative rate."""
 
 
 _NONE: Final = read_only(np.empty((0, 0)))
-NO_SENSOR_FAULTS: Final = SensorFaults(_NONE, _NONE, _NONE, read_only(np.zeros(4)))
+NO_SENSOR_FAULTS: Final = SensorFaults(_NONE, _NONE, _NONE, shifts=read_only(np.zeros(4)))
+"""The faults of runs in which no sensor can fail: without rows of times."""
 
 
 def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorFaults:
-    """Return the sensors that fail in some runs."""
+    """Return the times from which sensors are faulty in some runs, and how; ``NO_SENSOR_FAULTS`` if no sensor fails."""
     faults = scenario.faults
     if not (faults.stuck_at_0 or faults.stuck_at_1 or faults.biased):
         return NO_SENSOR_FAULTS
@@ -161,11 +170,11 @@ def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorF
             faults.false_negative_drift_per_h * PER_H,
         ]
     )
-    return SensorFaults(at_0, at_1, biased, read_only(shifts))
+    return SensorFaults(at_0_from_s=at_0, at_1_from_s=at_1, biased_from_s=biased, shifts=read_only(shifts))
 
 
 def of_run(faults: SensorFaults, r: int) -> SensorFaults:
-    """Return the faults of run ``r``, counted from the first, alone."""
+    """Return the faults of one run alone; ``r`` is its row in the arrays."""
     at_0, at_1, biased = (onset[r : r + 1] for onset in faults[:3])
     return SensorFaults(at_0, at_1, biased, faults.shifts)
 
@@ -174,19 +183,21 @@ def of_run(faults: SensorFaults, r: int) -> SensorFaults:
 def observation_of(
     faults: SensorFaults, r: int, i: int, time_s: float, vibrates: bool, u: float, below: float
 ) -> int:
-    """Return the bit that robot ``i`` of run ``r``, counted from the first, reads.
+    """Return the bit that robot ``i`` reads at time ``time_s``, with the faults that its sensor has by then.
 
     Args:
-        vibrates: whether the tile that it senses does. u: the sample's uniform number. below: share of energies there
-            that are not above the threshold, without faults.
+        r: row of the run in the arrays of ``faults``. vibrates: whether the tile that the robot senses vibrates.
+        u: the sample's uniform number. below: share of this tile's energies at or below the threshold, without faults.
     """
-    if faults.at_0_from_s.shape[0] == 0:
+    if faults.at_0_from_s.shape[0] == 0:  # no rows: no sensor can fail
         return 1 if u > below else 0
     if time_s >= faults.at_1_from_s[r, i]:
         return 1
     if time_s >= faults.at_0_from_s[r, i]:
         return 0
-    for_s = time_s - faults.biased_from_s[r, i]
+    # A biased sensor reads 0 more often on vibrating tiles, and less often on still ones. A share beyond 0 or 1 acts as
+    # 0 or 1, because u is from 0 to 1.
+    for_s = time_s - faults.biased_from_s[r, i]  # how long it has been biased
     if for_s >= 0.0:
         if vibrates:
             below += faults.shifts[2] + faults.shifts[3] * for_s

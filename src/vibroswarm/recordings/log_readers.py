@@ -1,12 +1,14 @@
-"""Read logs by format name; a new reader is a function from a path to a ``Log`` and one ``register`` call.
+"""Read logs by format; a new format needs a function from a path to a ``Log``, and one call of ``register``.
 
-The console log of the study's simulator has lines of numbers among others, and samples only. A data line is ``1,
-time s, robot, energy, bit sent, belief, alpha, beta, sent, received, posterior mean, own mean, x m, z m, walking ms,
-avoiding ms, pause ms, decision time s, decision``, with y = 1 - z. Samples of the first 5 s are not printed, and each
-robot's last line is repeated. One of the first lines has the settings: ``gamma_0 gamma tau theta_c O_c feedback eta
-seed ...``.
+**webots**, the console log of the study's simulator. It has samples only; lines of data stand among other lines. A
+line of data is ``1, time s, robot, energy, bit sent, belief, alpha, beta, sent, received, posterior mean, own mean,
+x m, z m, walking ms, avoiding ms, pause ms, decision time s, decision``, with y = 1 - z. Samples of the first 5 s are
+not printed, and each robot's last line is repeated. One of the first lines has the settings: ``gamma_0 gamma tau
+theta_c O_c feedback eta seed ...``.
 
-The log of a tracked session is CSV, written here for ``lab track``, one session a file.
+**camera**, the log of a session tracked by ``lab track``: CSV, also written here, one session per file.
+
+**rugbot**, the CSV of the study's robots: read by a column map (``column_map``).
 """
 
 from __future__ import annotations
@@ -36,31 +38,39 @@ from vibroswarm.recordings.column_map import (
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
 
 CELLS: Final = 19
+"""Numbers in a line of data of a console log."""
 _PLACES: Final = {
     "time_s": 1, "robot": 2, "energy": 3, "message": 4, "belief_below": 5, "alpha": 6, "beta": 7, "sent": 8,
     "messages_received": 9, "x_m": 12, "y_m": 13, "avoid_total_s": 15, "stop_total_s": 16, "decision": 18,
 }  # fmt: skip
+"""Index of the cell of each column in a line of data."""
 _SETTINGS: Final = re.compile(
     r"^(\d+) (\d+) (\d+) (\d+) (\d+) ([012]) (\d+) (\d+) 1 (\d+) (\d+) 0 0\s*$", re.M
 )
+"""Line of settings: eight settings, 1, number of robots, tau, 0, 0."""
 _FEEDBACK: Final = ("none", "positive", "soft")
+"""Strategies by their number in the settings."""
 
 
 def looks_like_webots(head: str) -> bool:
-    """Return whether a text is a console log: one of its lines is a data line."""
+    """Return whether a text is a console log: at least one line looks like a line of data."""
     return any(line.startswith("1,") and line.count(",") == CELLS - 1 for line in head.splitlines())
 
 
 def read_webots(path: Path) -> Log:
-    """Read a console log.
+    """Read a console log of the study's simulator.
+
+    Bits that were read are set only where the bits that were sent determine them.
 
     Raises:
-        InputError: no data line, a data line of another length, text in place of numbers; names the line.
+        InputError: no line of data, a line of data of another length, or text in place of a number; the error names
+            the line.
     """
     name, text = str(path), text_of(path)
     rows: list[list[str]] = []
     numbers: list[int] = []
     for number, line in enumerate(text.splitlines(), start=1):
+        # Other lines are skipped; a line of data that was cut short is not, so that it is reported below.
         if line.count(",") < 10 or not line.startswith("1,"):
             continue
         cells = line.split(",")
@@ -74,7 +84,7 @@ def read_webots(path: Path) -> Log:
         raise InputError("has no data line (19 numbers separated by commas)", field=name)
     lines = pl.Series("line", numbers, dtype=pl.UInt32)
     table = [
-        numbers_of(pl.Series(cells), lines, name, f"{place}", ())
+        numbers_of(pl.Series(cells), lines, name, f"{place}", missing=())
         for place, cells in enumerate(zip(*rows, strict=True), start=1)
     ]
     columns: dict[str, Any] = {"line": lines} | {
@@ -82,7 +92,8 @@ def read_webots(path: Path) -> Log:
     }
     columns["y_m"] = 1.0 - columns["y_m"]
     for use in ("avoid_total_s", "stop_total_s"):
-        columns[use] = pl.Series(columns[use].to_numpy() / 1000.0)  # polars would multiply by 0.001
+        # Divided by NumPy, since polars would multiply by 0.001, which rounds differently.
+        columns[use] = pl.Series(columns[use].to_numpy() / 1000.0)
     for use, place in _PLACES.items():
         check_values(columns[use], lines, name, use, f"{place + 1}")
     settings = _settings(text)
@@ -93,17 +104,21 @@ def read_webots(path: Path) -> Log:
         name=path.name,
         reader="webots",
         samples=log_frame(columns, SAMPLES),
-        tracks=log_frame({}, TRACKS).clear(),
+        tracks=log_frame({}, TRACKS).clear(),  # without ``clear`` it would have one row of nulls
         settings=settings,
         counts={"rows": len(rows)},
     )
 
 
 def _bits_read(strategy: str | None, sent: pl.Series, decision: pl.Series) -> pl.Series:
-    """Return the bits read where the bits sent determine them, else null.
+    """Return the bits that were read, as far as the bits sent determine them; null elsewhere.
 
-    A robot without feedback sends the bit that it read; with positive feedback it does so until it decides, and sends
-    its decision from then on. With any other strategy, or an unknown one, all are null.
+    A robot without feedback sends the bit that it read. With positive feedback it does so until it decides, and from
+    then on sends its decision. With any other strategy, or if the strategy is unknown, all bits are null.
+
+    Args:
+        strategy: name of the robots' strategy; None: unknown. sent: bit sent with each sample. decision: decision after
+            each sample, -1 while undecided.
     """
     known = pl.lit(strategy == "none") | (pl.lit(strategy == "positive") & (pl.col("decision") == -1))
     frame = pl.DataFrame([sent.alias("sent"), decision.alias("decision")])
@@ -111,7 +126,7 @@ def _bits_read(strategy: str | None, sent: pl.Series, decision: pl.Series) -> pl
 
 
 def _settings(text: str) -> dict[str, Any]:
-    """Return the settings stated in the log; empty if there are none."""
+    """Return the fields of the scenario that the log's line of settings states; empty if there is no such line."""
     match = _SETTINGS.search(text)
     if match is None:
         return {}
@@ -130,7 +145,9 @@ def _settings(text: str) -> dict[str, Any]:
 
 
 CAMERA_LOG: Final = "log.csv"
+"""Name of the log in a folder written by ``lab track``."""
 CAMERA_COLUMNS: Final = tuple(name for name in SAMPLES if name != "line")
+"""Columns of the log of a tracked session: those of a log's samples, under the same names."""
 
 
 @cache
@@ -141,9 +158,10 @@ def camera_map() -> ColumnMap:
 
 
 def camera_log_bytes(log: Log) -> bytes:
-    """Return the log of a tracked session as CSV in the order of time.
+    """Return the log of a tracked session as CSV, in the order of time.
 
-    Rows with an energy are samples, the others positions. Times are rounded to a microsecond, places to a micrometre.
+    Rows with an energy are samples, all others are tracked positions. Times are rounded to a microsecond, places to a
+    micrometre.
     """
     tracks = log.tracks.with_columns(
         pl.lit(None, dtype=kind).alias(name)
@@ -151,7 +169,7 @@ def camera_log_bytes(log: Log) -> bytes:
         if name not in log.tracks.columns
     )
     rows = pl.concat([tracks.select(CAMERA_COLUMNS), log.samples.select(CAMERA_COLUMNS)])
-    # A sample whose position was seen at the same moment comes after it.
+    # The sort is stable: a sample stays behind a position of the same time.
     rows = rows.sort("time_s", "robot", maintain_order=True)
     return csv_bytes(rows.with_columns(pl.col("time_s", "x_m", "y_m", "heading_rad").round(6)))
 
@@ -162,10 +180,10 @@ def looks_like_camera(head: str) -> bool:
 
 
 def log_file(path: Path) -> Path:
-    """Return the log that a path stands for: itself, or that of a folder of ``lab track``.
+    """Return the path of a log: ``path`` itself, or the log inside if it is a folder written by ``lab track``.
 
     Raises:
-        InputError: a folder without one.
+        InputError: it is a folder without a log.
     """
     if not path.is_dir():
         return path
@@ -178,7 +196,11 @@ def log_file(path: Path) -> Path:
 
 
 def named_by_folder(log: Log, given: Path, file: Path) -> Log:
-    """Return a log under its folder's name, if a folder was given: all such files have the same name."""
+    """Return a log named by its folder if the user gave a folder, since all logs in folders have the same file name.
+
+    Args:
+        given: path that the user gave. file: path of the log, from ``log_file``.
+    """
     return log if given == file else replace(log, name=given.resolve().name)
 
 
@@ -186,13 +208,14 @@ def read_camera_log(path: Path) -> Log:
     """Read the log of a tracked session.
 
     Raises:
-        InputError: as of ``read_mapped``.
+        InputError: a column is missing, a required cell is empty, text stands in place of a number, a value is
+            impossible, or a robot has two tags; the error names the row.
     """
     return read_mapped(path, camera_map())
 
 
 HEAD: Final = 2**20
-"""Characters of a file that are examined to recognise its format."""
+"""Number of characters of a file that are examined to recognise its format."""
 
 
 @dataclass(frozen=True)
@@ -200,17 +223,21 @@ class Reader(NotebookView):
     """A log format."""
 
     name: str
+    """Name of the format."""
     about: str
+    """Description of the format, for lists of formats."""
     recognises: Callable[[str], bool]
-    """Whether a file that begins like this has the format."""
+    """Return whether a file has the format, from the text at its beginning."""
     read: Callable[[Path], Log]
+    """Read a file of this format."""
 
 
 _READERS: dict[str, Reader] = {}
+"""Registered formats by name, in the order in which they are tried."""
 
 
 def register(reader: Reader) -> None:
-    """Register a reader by its name."""
+    """Register a reader by its name; formats are tried in the order of registration."""
     _READERS[reader.name] = reader
 
 
@@ -220,10 +247,13 @@ def readers() -> list[Reader]:
 
 
 def read_log(path: str | Path, reader: str | None = None, columns: str | Path | None = None) -> Log:
-    """Read a log with the named reader, a column map, or the reader that recognises it.
+    """Read a log.
 
+    Args:
+        path: of the log. reader: name of the format; by default the first format that recognises the file.
+        columns: path of a column map; if it is given, the file is read by this map, whatever its format.
     Raises:
-        InputError: no reader recognises it, or the reader's own error.
+        InputError: an unknown format, no format recognises the file, or the reader's own error.
     """
     path = Path(path)
     if columns is not None:
@@ -246,9 +276,9 @@ def read_log(path: str | Path, reader: str | None = None, columns: str | Path | 
 
 
 def _has_head(head: str) -> bool:
-    """Return whether a text begins with at least five of the column names of the study's robots.
+    """Return whether the first line has at least five of the column names of the study's robots.
 
-    Not all are needed: a file that lacks some is still recognised, and the reader then names what is missing.
+    A file that lacks some of the columns is still recognised, so that the reader can report what is missing.
     """
     first = head.split("\n", 1)[0].split(",")
     names = {column.name for column in rugbot_map().columns.values()}

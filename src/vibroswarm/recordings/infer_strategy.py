@@ -1,0 +1,180 @@
+"""Infer the strategy of recorded robots by the likelihood of the bits that they sent, or that they received."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.recordings.inferred import STOP_S, Inferred, Intervals, undetermined
+from vibroswarm.recordings.log import Log
+from vibroswarm.strategies import soft
+
+STRATEGIES: Final = ("none", "positive", "soft")
+"""Strategies of the study's robots."""
+
+
+FLOOR_SHARE: Final = 0.01
+"""Mean probabilities of received bits are clipped to at least this distance from 0 and 1."""
+
+
+FLOOR_OF_SENT: Final = FLOOR_SHARE / 10
+"""Probabilities of single sent bits are clipped to at least this distance from 0 and 1. So a single bit that
+contradicts a strategy lowers its log likelihood by 6.9, and does not exclude it."""
+
+
+LAG_S: Final = 0.25
+"""A row may be written this long after its sample."""
+
+
+CLEAR_LEAD: Final = 9.2
+"""Difference of log likelihoods from which a strategy is inferred: a likelihood ratio of 10^4. A smaller ratio is not
+enough, since the bits of an interval are dependent."""
+
+
+def infer_strategy(
+    logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
+) -> Inferred:
+    """Infer the strategy under which the logged bits have the largest likelihood.
+
+    The bits are those sent, or if these are not logged, those received. The strategy is undetermined if neither kind is
+    logged, or if the second strategy has almost the same likelihood (``CLEAR_LEAD``).
+
+    Args:
+        threshold: theta_E, for bits read that are not logged. eta, kappa: parameters of soft feedback.
+    """
+    name = "strategy.name"
+    sent = _from_sent(logs, threshold, eta, kappa)
+    # Log likelihood by strategy, number of bits, and what these bits are.
+    likelihood, used, words = sent or _from_received(logs, between, threshold, eta, kappa)
+    if used == 0:
+        return undetermined(name, "neither bits sent, nor posteriors and decisions, are logged")
+    order = sorted(STRATEGIES, key=lambda strategy: -likelihood[strategy])
+    lead = likelihood[order[0]] - likelihood[order[1]]
+    evidence = f"{used} {words}; log likelihood " + ", ".join(
+        f"{strategy} {likelihood[strategy]:.1f}" for strategy in STRATEGIES
+    )
+    value = order[0] if lead > CLEAR_LEAD else None
+    if value is None:
+        evidence += ": too close to each other"
+    return Inferred(name, value, low=None, high=None, evidence=evidence)
+
+
+def _messages(log: Log, threshold: float, eta: float, kappa: float) -> dict[str, NDArray[np.float64]]:
+    """Return, for each strategy, the probability that the message of each sample of a session was a 1, (samples,).
+
+    Samples are ordered by time. For soft feedback the probability is nan if the posterior is not logged.
+
+    Args:
+        threshold: theta_E; a bit that is not logged is 1 if the energy is above it. eta, kappa: parameters of soft
+            feedback.
+    """
+    frame = log.samples.sort("time_s")
+    bit = (frame["energy"].to_numpy() > threshold).astype(float)
+    logged = frame["observation"].cast(pl.Float64).to_numpy()
+    bit = np.where(np.isnan(logged), bit, logged)
+    chances = {"none": bit}
+    decision = frame["decision"].cast(pl.Float64).to_numpy()
+    chances["positive"] = np.where(decision >= 0, decision, bit)  # the decision once there is one
+    alphas, betas, beliefs = (frame[name].to_list() for name in ("alpha", "beta", "belief_below"))
+    chances["soft"] = np.array(
+        [
+            np.nan
+            if alpha is None or beta is None or belief is None
+            else soft.probability(int(own_bit), alpha, beta, belief, eta, kappa)
+            for alpha, beta, belief, own_bit in zip(alphas, betas, beliefs, bit.tolist(), strict=True)
+        ]
+    )
+    return chances
+
+
+def _from_sent(
+    logs: Sequence[Log], threshold: float, eta: float, kappa: float
+) -> tuple[dict[str, float], int, str] | None:
+    """Compute the log likelihood of each strategy from the bits sent.
+
+    Args:
+        threshold: theta_E; a bit read that is not logged is 1 if the energy is above it. eta, kappa: parameters of soft
+            feedback.
+    Returns: log likelihood by strategy, number of bits, and the words "bits sent"; None if a log lacks bits sent.
+    """
+    if any(log.samples["message"].null_count() for log in logs):
+        return None
+    total, used = dict.fromkeys(STRATEGIES, 0.0), 0
+    for log in logs:
+        bit = log.samples.sort("time_s")["message"].to_numpy()
+        for strategy, chance_of_one in _messages(log, threshold, eta, kappa).items():
+            chance = np.clip(chance_of_one, FLOOR_OF_SENT, 1 - FLOOR_OF_SENT)
+            total[strategy] += float(np.log(np.where(bit == 1, chance, 1 - chance)).sum())
+        used += bit.size
+    return total, used, "bits sent"
+
+
+def _from_received(
+    logs: Sequence[Log], between: Intervals, threshold: float, eta: float, kappa: float
+) -> tuple[dict[str, float], int, str]:
+    """Compute the log likelihood of each strategy from the bits received.
+
+    Between two samples of a robot the number of ones among the bits received is known. It is taken as binomial, with
+    the mean probability of a 1 of the messages that others sent in that time. A log without the columns for this is
+    left out.
+
+    Args:
+        between: changes between consecutive samples of ``logs``. threshold: theta_E; the own bit of a sample is taken
+            as 1 if its energy is above it. eta, kappa: parameters of soft feedback.
+    Returns: log likelihood by strategy, number of bits used (which may be 0), and the words "bits received".
+    """
+    total, used = dict.fromkeys(STRATEGIES, 0.0), 0
+    own_bit = (between.energy > threshold).astype(float)
+    for session, log in enumerate(logs):
+        if (
+            log.samples.select("alpha", "beta", "messages_received", "decision", "belief_below")
+            .null_count()
+            .sum_horizontal()[0]
+        ):
+            continue
+        ordered = log.samples.sort("time_s")
+        times, sender = ordered["time_s"].to_numpy(), ordered["robot"].to_numpy()
+        chance = _messages(log, threshold, eta, kappa)
+        rows = np.flatnonzero(
+            (between.session == session)
+            & between.whole
+            & (between.new_received > 0)
+            & ~np.isnan(between.spacing_s)
+        )
+        # For each interval: ones received, bits received, and the mean probability of a 1 by strategy.
+        intervals: list[tuple[float, ...]] = []
+        for k in rows:
+            # Robots do not hear while they stand. So the messages of the interval were sent from the start of the
+            # previous stop to the start of this one; the rows of both may be written up to LAG_S later.
+            stop_began_s = between.time_s[k] - STOP_S
+            sent_from_s = stop_began_s - between.spacing_s[k] - LAG_S
+            first, last = np.searchsorted(times, [sent_from_s, stop_began_s + LAG_S])
+            others = np.flatnonzero(sender[first:last] != between.robot[k]) + first
+            n = int(between.new_received[k])
+            ones = int(between.new_alpha[k] - own_bit[k])  # alpha grew by the own bit and the ones received
+            if others.size == 0 or not 0 <= ones <= n:
+                continue
+            used += n
+            intervals.append((ones, n, *(float(chance[strategy][others].mean()) for strategy in STRATEGIES)))
+        if not intervals:
+            continue
+        ones_received, received, *shares = np.array(intervals).T
+        for strategy, share in zip(STRATEGIES, shares, strict=True):
+            likely = np.clip(share, FLOOR_SHARE, 1 - FLOOR_SHARE)
+            total[strategy] += math.fsum(_log_binomial(ones_received, received, likely))
+    return total, used, "bits received"
+
+
+def _log_binomial(
+    ones: NDArray[np.float64], n: NDArray[np.float64], share: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the log probability of ``ones`` ones among ``n`` bits that are 1 with probability ``share`` in (0, 1)."""
+    from scipy.special import gammaln
+
+    ways = gammaln(n + 1) - gammaln(ones + 1) - gammaln(n - ones + 1)
+    return np.asarray(ways + ones * np.log(share) + (n - ones) * np.log1p(-share))

@@ -1,0 +1,139 @@
+"""Run a study and return its result; merge the folders of its parts."""
+
+from __future__ import annotations
+
+import inspect
+import shutil
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import Any
+
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.progress_line import ProgressLine, is_watched
+from vibroswarm.errors import InputError, RunError, check_callable, check_keywords, check_kind, path_of
+from vibroswarm.study.plan import plan_of
+from vibroswarm.study.runner import Job, Progress, StudyProgress, run_study
+from vibroswarm.study.spec import Study
+from vibroswarm.study.store import SHARDS, Store
+from vibroswarm.study.study_result import StudyResult, _TemporaryFolder
+
+
+def run(
+    study: Study,
+    folder: str | Path | None = None,
+    *,
+    executor: str | Executor = "threads",
+    workers: int | None = None,
+    job: Job | None = None,
+    mixed: bool = False,
+    progress: Progress | None = None,
+    allow_failures: bool = False,
+) -> StudyResult:
+    """Run a study, or continue it, and return its result.
+
+    Args:
+        folder: where the study is saved; None: a temporary folder, which is removed with the result.
+        executor, workers, job, mixed, progress, allow_failures: see ``runner.run_study``.
+    Raises:
+        InputError, RunError: see ``runner.run_study``.
+    """
+    folder = None if folder is None else path_of(folder, "folder")
+    check_callable(progress, "progress")
+    if job is not None:
+        check_kind(job, Job, "job", "a Job")
+    temporary = _TemporaryFolder() if folder is None else None
+    # ``folder`` is None only if there is a temporary folder; ``or ""`` is for type checkers.
+    target = temporary.folder / "study" if temporary is not None else Path(folder or "")
+    store = run_study(
+        study,
+        target,
+        executor=executor,
+        workers=workers,
+        job=job,
+        mixed=mixed,
+        progress=progress,
+        allow_failures=allow_failures,
+    )
+    # The result refers to the temporary folder, which is removed with the last such result.
+    return StudyResult(study, store, selected=tuple(cell.number for cell in study.cells), _kept=temporary)
+
+
+def run_with_bar(
+    study: Study, folder: str | Path | None, progress: Progress | bool, how: Mapping[str, Any]
+) -> StudyResult:
+    """Run a study as ``Study.run`` does.
+
+    Args:
+        progress: called with the progress; True shows a bar if the output is a terminal or a notebook, False none.
+        how: the other keyword arguments of ``run``.
+    Raises:
+        InputError: ``how`` has a name that is no argument of ``run``. Besides, the errors of ``run``.
+    """
+    check_keywords(how, "run", [name for name in inspect.signature(run).parameters if name != "study"])
+    if not isinstance(progress, bool):
+        return run(study, folder, progress=progress, **how)
+    if not (progress and is_watched()):
+        return run(study, folder, **how)
+    line = ProgressLine("simulating")
+    try:
+        return run(study, folder, progress=lambda now: line.show(now.done, now.wanted, _failed(now)), **how)
+    finally:
+        line.end()
+
+
+def _failed(now: StudyProgress) -> str:
+    """Write how many batches failed; empty if none did."""
+    return f"{now.failed} batches failed" if now.failed else ""
+
+
+def merge(out: Path, shares: Sequence[Path]) -> Store:
+    """Merge the stores of several jobs of a study into one store.
+
+    Args:
+        out: folder of the merged store; created, or continued if it holds the same study.
+        shares: folders of the jobs, which are not changed.
+    Raises:
+        InputError: a folder holds no study, another study or one with a precision, or versions differ.
+        RunError: runs are missing in all folders; the message lists them. The merged store stays as far as it goes.
+    """
+    stores = [Store.open(folder) for folder in shares]
+    for store in stores[1:]:
+        if store.study.hash != stores[0].study.hash:
+            raise InputError(f"is of another study than '{shares[0]}'", field=str(store.folder))
+    for store in stores:
+        if store.study.until is not None:
+            raise InputError(
+                "runs until a precision; such a study has no jobs to merge", field=str(store.folder)
+            )
+    # The jobs may have been run with different numbers of runs: the merged study has the largest.
+    runs = max((store.study.runs or 0 for store in stores), default=0)
+    # All shards are put in one store in memory, to compare their versions before anything is written.
+    all_shards = [shard for store in stores for shard in store.shards]
+    Store(Path(out), stores[0].study, shards=all_shards).check_alike()
+    joined = Store.open_or_create(out, stores[0].study.with_runs(runs))
+    present = {shard.name for shard in joined.shards}
+    for store in stores:
+        for shard in store.shards:
+            if shard.name in present:
+                continue
+            # The description is copied last: without it, a shard is ignored.
+            for path in [*shard.files.values(), store.folder / SHARDS / f"{shard.name}.json"]:
+                with whole_file(joined.folder / SHARDS / path.name) as part:
+                    shutil.copyfile(path, part)
+    joined.refresh()
+    joined.check_alike()  # again, since ``out`` may have had shards before
+    damaged = [f"{store.folder}: {words}" for store in stores for words in store.damaged]
+    lost = [
+        f"{group.number}:{first}-{last}"
+        for group in plan_of(joined.study).groups
+        for _, first, last in joined.missing(group, runs)
+    ]
+    if lost:
+        damage = f" (damaged: {'; '.join(damaged[:3])})" if damaged else ""
+        some = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
+        raise RunError(
+            f"'{out}' is incomplete: batches {some} are in none of the folders{damage}. Run the job that lacks them "
+            f"again and merge it too, or finish here: vibroswarm sweep '{out / 'study.toml'}' --out '{out}'"
+        )
+    return joined

@@ -1,0 +1,76 @@
+"""Values of a study as TOML, as plain values for JSON, and the floors that its file defines."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import vibroswarm.simulation  # noqa: F401  (makes the engines known)
+from vibroswarm.errors import InputError
+from vibroswarm.floors.source import family, is_random
+from vibroswarm.study.factors import BLOCKS, flat
+
+
+def as_toml(values: Mapping[str, Any]) -> str:
+    """Write a study's values as TOML, blocks last.
+
+    Blocks and their fields keep their order, since the order of the cells follows from it. Names of fields are written
+    with dots, in quotes.
+    """
+    import tomli_w
+
+    parts = [tomli_w.dumps({k: v for k, v in values.items() if k not in BLOCKS})]
+    for name in (name for name in values if name in BLOCKS):
+        # The block ``list`` is an array of tables, each with the head [[list]]; every other block is one table.
+        head, tables = (f"[[{name}]]", values[name]) if name == "list" else (f"[{name}]", [values[name]])
+        for table in tables:
+            lines = (f"{json.dumps(field)} = {_inline(value)}" for field, value in flat(table).items())
+            parts.append("\n".join([head, *lines]))
+    return "\n".join(parts) + "\n"
+
+
+def _inline(value: Any) -> str:
+    """Write a value as TOML in one line.
+
+    A range would otherwise become a table, which TOML puts after all fields of its block and so out of order.
+    """
+    import tomli_w
+
+    if type(value) is int:  # numbers are written without tomli_w, which is faster
+        return str(value)
+    if type(value) is float and math.isfinite(value):
+        return repr(value)
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{name} = {_inline(part)}" for name, part in value.items()) + " }"
+    return tomli_w.dumps({"v": value}).removeprefix("v = ").strip()
+
+
+def plain_value(value: Any) -> Any:
+    """Return a NumPy number as a Python number, and any other value as it is."""
+    return value.item() if hasattr(value, "item") and hasattr(value, "dtype") else value
+
+
+def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of a base and of its sections, which can be changed without changing the base."""
+    return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
+
+
+def _checked_floors(values: Any) -> dict[str, tuple[str, ...]]:
+    """Return the table of named floors with rows as tuples.
+
+    Raises:
+        InputError: it is no table, a name means another floor already, or a floor is not a list of rows.
+    """
+    if not isinstance(values, Mapping):
+        raise InputError("must be a table of floors by name", field="floors")
+    for name, rows in values.items():
+        if is_random(name) or family(name) is not None:
+            raise InputError(
+                "is the name of a pattern or of a random floor; give this one a name of its own",
+                field=f"floors.{name}",
+            )
+        if not isinstance(rows, list | tuple) or not all(isinstance(row, str) for row in rows):
+            raise InputError("must be a list of rows of 0 and 1, the top row first", field=f"floors.{name}")
+    return {name: tuple(rows) for name, rows in values.items()}
