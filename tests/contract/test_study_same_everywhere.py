@@ -112,6 +112,31 @@ def test_a_process_that_dies_is_replaced(alone: StudyResult, tmp_path: Path) -> 
     assert not multiprocessing.active_children()
 
 
+def look_whether_to_stop(begun: Path) -> None:
+    begun.write_text(str(os.getpid()), encoding="utf-8")
+    while not executors._cancel.is_set():
+        pass
+
+
+@pytest.mark.slow
+def test_processes_that_die_while_they_look_whether_to_stop_block_nobody(tmp_path: Path) -> None:
+    """A lock that the dead process held would never be released."""
+    pools = executors.SingleProcessPools(1)
+    for number in range(6):
+        begun = tmp_path / str(number)
+        call = pools.submit(look_whether_to_stop, begun)
+        while not (begun.is_file() and begun.read_text(encoding="utf-8")):
+            time.sleep(0.01)
+        time.sleep(0.05)
+        os.kill(int(begun.read_text(encoding="utf-8")), signal.SIGKILL)
+        with pytest.raises(executors.WorkerDied):
+            call.result(60)
+    ending = threading.Thread(target=pools.shutdown, daemon=True)
+    ending.start()
+    ending.join(30)
+    assert not ending.is_alive()
+
+
 @pytest.mark.slow
 def test_a_dask_worker_is_killed_in_the_middle(alone: StudyResult, tmp_path: Path) -> None:
     with Cluster(tmp_path, 3) as cluster:

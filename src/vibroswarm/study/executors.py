@@ -6,6 +6,7 @@ process that dies is replaced and stops no other. A worker runs ``batch.do_batch
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import logging
 import multiprocessing
@@ -67,7 +68,7 @@ class Workers:
     name: str
     """Number and kind of the workers in words: ``4 threads``."""
     cancel: Any = None
-    """An event (of threading or multiprocessing); setting it stops running batches. None: they cannot be stopped."""
+    """An object with ``set`` and ``is_set``; setting it stops running batches. None: they cannot be stopped."""
 
     def submit(self, work: Batch) -> Future[BatchResult]:
         """Submit a batch. A thread also gets the function that returns whether the study was stopped."""
@@ -200,6 +201,25 @@ def _threads(count: int) -> Iterator[Workers]:
         pool.shutdown(wait=wait_for_threads, cancel_futures=True)
 
 
+class _ProcessFlag:
+    """A flag that processes share: once set, it stays set. It can be sent to a process only when that starts.
+
+    It has no lock, unlike ``multiprocessing.Event``: a process that was killed while it held the lock would block all
+    others for ever.
+    """
+
+    def __init__(self) -> None:
+        self._byte = multiprocessing.get_context("spawn").RawValue(ctypes.c_bool, False)
+
+    def set(self) -> None:
+        """Set the flag."""
+        self._byte.value = True
+
+    def is_set(self) -> bool:
+        """Return whether the flag is set."""
+        return bool(self._byte.value)
+
+
 class SingleProcessPools(Executor):
     """An executor of worker processes, each in a pool of its own.
 
@@ -209,7 +229,7 @@ class SingleProcessPools(Executor):
 
     def __init__(self, count: int) -> None:
         self._context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
-        self.cancel = self._context.Event()
+        self.cancel = _ProcessFlag()
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm-process")
         self._own = threading.local()  # in each thread, ``pool``: its process
         self._pools: list[ProcessPoolExecutor] = []
@@ -258,14 +278,14 @@ def _hold_off_ctrl_c() -> None:
 
 
 _cancel: Any = None
-"""In a worker process, the event that stops its batch. An event can be sent only when a process starts, not later."""
+"""In a worker process, the flag that stops its batch. It is replaced by the parent's when the process starts."""
 
 
-def _begin_process(cancel: Any) -> None:
-    """Initialise a worker process: it saves the event ``cancel``, ignores Ctrl-C, and ends when its parent ends.
+def _begin_process(cancel: _ProcessFlag) -> None:
+    """Initialise a worker process: it saves the flag ``cancel``, ignores Ctrl-C, and ends when its parent ends.
 
     Args:
-        cancel: event that is set when running batches have to stop; it becomes ``_cancel`` of this module.
+        cancel: flag that is set when running batches have to stop; it becomes ``_cancel`` of this module.
     """
     global _cancel
     _cancel = cancel
@@ -282,7 +302,7 @@ def _end_with_parent() -> None:
 
 
 def _do_in_process(work: Batch) -> BatchResult:
-    """Run a batch in a worker process; it is given up if the event that the process got at its start is set."""
+    """Run a batch in a worker process; it is given up if the flag that the process got at its start is set."""
     return do_batch(work, _cancel.is_set)
 
 
