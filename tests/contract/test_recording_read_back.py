@@ -11,6 +11,7 @@ import pytest
 from vibroswarm.analysis.sampling import packet_loss, walk_figures
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.cli.verdict_text import verdict_text
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.pose import pose
 from vibroswarm.recordings.assemble_recording import recording_of
@@ -152,3 +153,12 @@ def test_tables_as_csv(recording: Recording, tmp_path: Path) -> None:
     write_csv(recording, tmp_path / "csv")
     assert pl.read_csv(tmp_path / "csv" / "motion.csv").height == recording.motion.height
     assert {path.name for path in (tmp_path / "csv").iterdir()} >= {"observations.csv", "runs.csv"}
+
+
+def test_no_table_is_written_if_one_is_there_already(recording: Recording, tmp_path: Path) -> None:
+    (tmp_path / "runs.csv").write_text("mine", encoding="utf-8")
+    with pytest.raises(InputError, match=r"runs\.csv' exists already"):
+        write_csv(recording, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["runs.csv"]
+    write_csv(recording, tmp_path, replace=True)
+    assert pl.read_csv(tmp_path / "runs.csv").height == recording.runs.height

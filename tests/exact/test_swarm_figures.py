@@ -111,6 +111,9 @@ def test_tables_of_other_runs_are_refused() -> None:
         (robots.filter(pl.col("run") > 0), runs),
         (robots, runs.head(2)),
         (robots, runs.vstack(runs)),
+        (robots.with_columns(run=pl.col("run") + 1), runs),
+        # Runs 0, 0, 2 and 3, of which three are robots' runs too, and four of each.
+        (robots, runs.with_columns(run=pl.col("run").replace({1: 0}))),
     ):
         with pytest.raises(InputError, match="same runs"):
             run_figures(*pair, T_END)

@@ -123,10 +123,10 @@ def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.
         "belief_in_truth": by_run.mean(numbers(by_run.robots["belief_in_truth"])),
     }
     of_robots = pl.DataFrame({"run": by_run.runs, "robots": by_run.count})
-    # The inner join loses a run that only one table has, and repeats a run that occurs twice.
-    joined = runs.join(of_robots, on="run", how="inner").sort("run")
-    if joined.height != runs.height or of_robots.height != runs.height:
+    by_number = runs.sort("run")
+    if by_run.runs.tolist() != by_number["run"].to_list():  # each run of the robots once, in ascending order
         raise InputError("the tables of robots and of runs must have the same runs, once each", field="runs")
+    joined = by_number.join(of_robots, on="run", how="inner", maintain_order="left")
     columns = {name: numbers(joined[name]) for name in ("truth", "consensus_time_s", *COUNTS)}
     # of_swarms compares the integer codes of the categories.
     columns["consensus"] = joined["consensus"].cast(RUNS["consensus"]).to_physical().to_numpy()

@@ -98,7 +98,8 @@ RIGHT: Final = Camera()
 def corrected(result: Result, camera: Camera) -> Result:
     """Return a recording with the true positions of its samples and tracks; a simulation is returned unchanged.
 
-    The positions of a recording are those that the camera saw. The positions of a simulation are true already.
+    The positions of a recording are those that the camera saw. The positions of a simulation are true already. Samples
+    have their positions in the table ``motion``.
     """
     if camera == RIGHT or not isinstance(result, Recording):
         return result

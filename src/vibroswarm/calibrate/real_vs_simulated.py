@@ -95,7 +95,8 @@ def compare(
         known: distances among the sessions of ``real`` from earlier calls with the same ``real``, by feature; this call
             adds those that are missing. None: they are computed.
         camera: the camera through which simulated positions are seen; by default ``camera_between``.
-        intervals: whether to compare undisturbed intervals too, which takes half a minute.
+        intervals: whether to compare undisturbed intervals too: those between two samples in which the robot
+            only drove. It takes half a minute.
     Raises:
         InputError: no energies, or fewer than two robots.
     """

@@ -310,12 +310,13 @@ def _check(arguments: argparse.Namespace) -> int:
     first, second = scenario_named(names[0], "--check"), scenario_named(names[1], "--against")
     warn_of([first, second])
     _start(search)
-    all_runs = 4 * runs  # two scenarios, each with two blocks of seeds
+    # Two scenarios, each with two blocks of seeds. Runs are counted once, however many cases each is simulated in.
+    all_runs = 4 * runs
     with _counting("scoring on fresh runs", all_runs) as counted:
         comparison = compare_scenarios(
             first,
             second,
-            search.objectives[0],
+            search.objectives[0],  # the only one, or the first of several
             runs,
             search.seed,
             names=names,

@@ -249,6 +249,15 @@ MAX_NAME_LENGTH = 100
 """Number of characters of a name that are used in its temporary name, since file systems limit the length of names."""
 
 
+def check_free(path: Path) -> None:
+    """Raise ``InputError`` if there is a file or folder at ``path``, which the user did not allow to be replaced."""
+    if path.exists():
+        raise InputError(
+            f"'{path}' exists already; choose another name, or add --force (in Python: replace=True)",
+            field="--out",
+        )
+
+
 @contextmanager
 def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """Yield the path of a new empty file beside ``path``; after the ``with`` block, rename the file to ``path``.
@@ -264,11 +273,8 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     path = Path(path)
     if path.is_dir():
         raise InputError(f"'{path}' is a folder; give the name of a file", field="--out")
-    if path.exists() and not replace:
-        raise InputError(
-            f"'{path}' exists already; choose another name, or add --force (in Python: replace=True)",
-            field="--out",
-        )
+    if not replace:
+        check_free(path)
     # The name is chosen before the file is created, so that the file is removed below even if Ctrl-C interrupts its
     # creation.
     part = path.parent / f".{path.name[:MAX_NAME_LENGTH]}.{tag()}{path.suffix[:MAX_NAME_LENGTH]}"

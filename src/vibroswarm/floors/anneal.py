@@ -93,7 +93,7 @@ def add_tile(state: Clusters, cell: int) -> float:
         neighbour = label[cell + step]
         if neighbour > 0 and (keep == 0 or size[neighbour] > size[keep]):
             keep = neighbour
-    if keep == 0:  # the tile is a cluster of its own
+    if keep == 0:  # the tile is a cluster of its own, so far of size 0, as are all unused labels
         keep = _new_label(state)
     # S changes by the term of the new, joined cluster less the terms of the clusters that it joins.
     change = -state.terms[size[keep]]
@@ -137,7 +137,7 @@ def remove_tile(state: Clusters, cell: int) -> float:
 
 @kernel
 def _new_label(state: Clusters) -> int:
-    """Take an unused label from the stack, and return it."""
+    """Take an unused label, whose size is 0, from the stack, and return it."""
     new = state.free[state.free[0]]
     state.free[0] -= 1
     return int(new)
@@ -145,7 +145,7 @@ def _new_label(state: Clusters) -> int:
 
 @kernel
 def _free_label(state: Clusters, label: int) -> None:
-    """Put a label whose cluster no longer exists back on the stack of unused labels."""
+    """Put a label whose cluster no longer exists back on the stack of unused labels; its size becomes 0."""
     state.free[0] += 1
     state.free[state.free[0]] = label
     state.size[label] = 0

@@ -219,7 +219,8 @@ class ClosedLoop:
     def add_moves(self, rows: NDArray[np.void]) -> None:
         """Append moves (``motion.moves.MOVE_ROW``), which are copied.
 
-        A move that is still under way may be added, and is added again when it has ended.
+        A move that is still under way may be added, and is added again when it has ended. Of two rows of
+        one move, the one that was added last counts.
         """
         if self.replayer.reads_positions:
             self.moves.append(rows.copy())

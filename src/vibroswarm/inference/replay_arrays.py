@@ -331,7 +331,7 @@ def start_capacity(robots: int) -> int:
 def clear_inbox(inbox: Inbox) -> None:
     """Remove all messages of all robots."""
     inbox.first[:], inbox.last[:] = -1, -1
-    inbox.free[0], inbox.free[1] = -1, 0
+    inbox.free[0], inbox.free[1] = -1, 0  # no entry is free again, and none has been used
 
 
 @inlined

@@ -395,9 +395,10 @@ def move(swarm: Swarm, setup: Setup) -> None:
 
 @kernel
 def blocked(swarm: Swarm, setup: Setup, i: int) -> bool:
-    """Return whether robot ``i``'s move, computed by ``move``, would end in a wall or in another robot.
+    """Return whether robot ``i``'s move would end in a wall or in another robot.
 
-    The other robots are taken where they are now: those of lower index have moved already.
+    ``from_x_m`` and ``from_y_m`` hold the end of the move: ``move`` has written it there. The other robots are taken
+    where they are now: those of lower index have moved already.
     """
     x, y, r = swarm[i].from_x_m, swarm[i].from_y_m, setup.radius_m
     if x < r or y < r or x > setup.width_m - r or y > setup.height_m - r:

@@ -321,8 +321,7 @@ def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
         "columns": settings.columns,
         "control": settings.control,
         "also": item.also(settings),
-        "versions": versions(),
-        "code": code_hash(),
+        "versions": versions(),  # with the hash of the code
     }
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 

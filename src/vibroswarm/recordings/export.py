@@ -17,7 +17,7 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.atomic_io import check_free, whole_file
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.motion.pose import pose
@@ -190,16 +190,20 @@ def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = Fal
     Args:
         run: has no effect; all writers have this argument. replace: whether existing files may be replaced.
     Raises:
-        InputError: ``folder`` is a file, or cannot be written.
+        InputError: ``folder`` is a file, or cannot be written, or one of the files exists and ``replace`` is false.
+            Then no file is written.
+        RunError: the disk is full or failed.
     """
     if folder.exists() and not folder.is_dir():
         raise InputError(f"'{folder}' is a file; give the name of a folder", field="--out")
+    frames = {f"{name}.csv": getattr(result, name) for name in TABLES if getattr(result, name) is not None}
+    if not replace:
+        for name in frames:
+            check_free(folder / name)  # all of them before the first is written
     folder.mkdir(parents=True, exist_ok=True)
-    for name in TABLES:
-        frame = getattr(result, name)
-        if frame is not None:
-            with whole_file(folder / f"{name}.csv", replace=replace) as part:
-                part.write_bytes(csv_bytes(frame))
+    for name, frame in frames.items():
+        with whole_file(folder / name, replace=replace) as part:
+            part.write_bytes(csv_bytes(frame))  # no table of a result has nested values
 
 
 def _samples(result: Result, run: int) -> pl.DataFrame:

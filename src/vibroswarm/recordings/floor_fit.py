@@ -115,7 +115,8 @@ def _random_contrasts(mean: NDArray[np.float64], ones: int) -> NDArray[np.float6
     """Compute the contrasts of random floors with ``ones`` vibrating tiles among those sampled, (``FLOORS``,).
 
     Args:
-        mean: m_t, the mean of ln E, of each sampled tile, (tiles,). ones: number of vibrating tiles among them.
+        mean: m_t, the mean of ln E, of each sampled tile, (tiles,). ones: number of vibrating tiles among them, above 0
+            and below the number of tiles.
     """
     # Seed, run and robot are 0: the same random floors for every log.
     u = uniforms(0, 0, 0, Purpose.BOOTSTRAP, FLOORS * mean.size).reshape(FLOORS, mean.size)

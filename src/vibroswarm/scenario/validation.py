@@ -213,8 +213,8 @@ FACTOR_LIMIT = 10_000_000
 
 def _check_factors(s: Sections) -> None:
     """Refuse more pairs of a robot and a tile with a factor of their own than ``FACTOR_LIMIT``."""
-    # Without a spread all robots, or all tiles, have the same factor. All runs have floors of one size, so that of run
-    # 0 is enough.
+    # Without a spread all robots, or all tiles, have the same factor. The floor of run 0 stands for those of all runs,
+    # as they have the same number of tiles.
     robots = s.swarm.robots if s.sensor.robot_spread else 1
     tiles = s.floor.tiles_for(0, 0)[0].size if s.sensor.tile_spread else 1
     if robots * tiles > FACTOR_LIMIT:

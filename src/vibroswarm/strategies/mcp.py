@@ -122,7 +122,8 @@ def raw_estimate(ones: int, samples: int, true_positive: float, true_negative: f
     It is outside of [0, 1] if no fill ratio has that share.
 
     Args:
-        ones, samples: own readings so far. true_positive, true_negative: b and w of the table.
+        ones, samples: own readings so far; at least one. true_positive, true_negative: b and w of the table; their sum
+            is above 1, as a scenario's rates of wrong readings sum to less than 1.
     """
     return (ones / samples + true_negative - 1.0) / (true_positive + true_negative - 1.0)
 

@@ -111,7 +111,7 @@ def _list(block: Any, name: str) -> list[Point]:
 
 
 def _random(block: Any, name: str) -> list[Point]:
-    """Return points with uniform random values between the bounds."""
+    """Return points with uniform random values between the bounds; the block has its own ``points`` and ``seed``."""
 
     def draw(seed: int, dimensions: int, count: int) -> np.ndarray[Any, Any]:
         """Return uniform random points in the unit cube, (count, dimensions)."""
@@ -121,7 +121,7 @@ def _random(block: Any, name: str) -> list[Point]:
 
 
 def _sobol(block: Any, name: str) -> list[Point]:
-    """Return points of a scrambled Sobol sequence between the bounds."""
+    """Return points of a scrambled Sobol sequence between the bounds; the block has its own ``points`` and ``seed``."""
 
     def draw(seed: int, dimensions: int, count: int) -> np.ndarray[Any, Any]:
         """Return the first points of a scrambled Sobol sequence in the unit cube, (count, dimensions)."""
@@ -144,6 +144,7 @@ def _between_bounds(
 
     Args:
         block: ``points`` (how many), ``seed`` (0 if missing), and the range or list of choices of each field.
+        name: of the block, for messages.
         draw: called with seed, number of fields and number of points; returns numbers in [0, 1), (points, fields).
     """
     if not isinstance(block, Mapping):

@@ -79,8 +79,9 @@ def compared(result: StudyResult, reference: str | None, confirm: bool) -> Compa
     """Compare the selected cells pairwise.
 
     Args:
-        reference: value with which the other values of its field are compared, see ``cell_comparison.pairs_of``;
-            None: every two strategies are compared, and other fields with their first value.
+        reference: a value of one of the compared fields, with which the field's other values are compared. None: every
+            two strategies are compared; of any other field, each value with the first one. ``cell_comparison.pairs_of``
+            has the rules in full.
         confirm: whether the study is first repeated on another seed, to confirm the differences.
     """
     replicate = second_block(result) if confirm else None

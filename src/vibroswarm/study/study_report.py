@@ -279,7 +279,7 @@ def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
 
 
 def _equal_error_table(answers: Sequence[Answer]) -> ReportTable:
-    """Tabulate the comparisons at equal error, and at equal time, of the answers that have them."""
+    """Tabulate the comparisons at equal error, and at equal time, of the answers that have them: at least one."""
     frame = pl.DataFrame([a.as_row() for a in answers if a.matched is not None], infer_schema_length=None)
     columns = {
         "name": Column("compared"),
@@ -292,15 +292,16 @@ def _equal_error_table(answers: Sequence[Answer]) -> ReportTable:
             "difference in forced error", "points", percent=True, limits=_limits("error_difference")
         ),
     }
-    order = [
+    shown = frame.select(
         "name",
         "error",
         "time_difference_s",
         *_limits("time_difference_s"),
         "time_s",
         "error_difference",
-    ]
-    shown = frame.select(*order, *_limits("error_difference"), "runs")
+        *_limits("error_difference"),
+        "runs",
+    )
     return ReportTable(shown, columns, caption="First - second.", name="equal-error")
 
 

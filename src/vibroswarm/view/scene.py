@@ -225,8 +225,10 @@ class Scene:
     def _place(self, robot: int, time_s: float) -> None:
         """Show one robot's pose, belief and decision at a time, s; hide it if its place is not known."""
         x_m, y_m, heading_rad = self.playback.poses(robot, time_s)[0].tolist()
-        if not math.isfinite(x_m):
-            self.frames[robot].visible = False
+        is_known = math.isfinite(x_m)
+        if self.frames[robot].visible != is_known:
+            self.frames[robot].visible = is_known
+        if not is_known:
             return
         if self._poses.get(robot) != (x_m, y_m, heading_rad):
             self._poses[robot] = (x_m, y_m, heading_rad)
