@@ -124,7 +124,7 @@ def wilson(successes: int, n: int, level: float = 0.95) -> Interval:
     return Interval(successes / n, float(low), float(high), level, n, "wilson")
 
 
-def finite(values: ArrayLike) -> Values:
+def without_nan(values: ArrayLike) -> Values:
     """Return the values as a flat array without nan (runs in which a figure is undefined); infinite values stay."""
     array = np.asarray(values, dtype=np.float64).ravel()
     return array[~np.isnan(array)]
@@ -136,7 +136,7 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     The limits are infinite for one run, and equal to the mean if all runs have the same value.
     """
     check_level(level)
-    runs = finite(values)
+    runs = without_nan(values)
     if runs.size == 0:
         return undefined(level, 0, "t")
     mean = _mean(runs)
@@ -153,7 +153,7 @@ def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     A few shares near 0 or 1 have a skew distribution, and Student's limits of their mean may lie outside [0, 1]. So
     Student's limits are computed for asin(sqrt(share)) and transformed back. For one run the limits are 0 and 1.
     """
-    shares = finite(values)
+    shares = without_nan(values)
     of_shares = mean_interval(shares, level)
     if shares.size < 2:
         return of_shares._replace(low=max(of_shares.low, 0.0), high=min(of_shares.high, 1.0))
@@ -178,7 +178,7 @@ def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     multiplied by sqrt(n / (n - 1)), which makes their variance unbiased.
     """
     check_level(level)
-    runs = finite(values)
+    runs = without_nan(values)
     if runs.size == 0:
         return undefined(level, 0, "bootstrap")
     mean = _mean(runs)
@@ -321,7 +321,7 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     correction over many comparisons needs.
     """
     check_level(level)
-    d = finite(differences)
+    d = without_nan(differences)
     if d.size == 0:
         return SignFlip(undefined(level, 0, "sign flip"), math.nan)
     mean = _mean(d)
@@ -415,7 +415,7 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
     check_level(level)
     if not 0.0 < share < 1.0:
         raise InputError(f"{share!r} is not a quantile; give a share such as 0.5", field="share")
-    runs = np.sort(finite(values))
+    runs = np.sort(without_nan(values))
     n = runs.size
     if n == 0:
         return undefined(level, 0, "order statistics")

@@ -68,8 +68,8 @@ def draw_forest(
     )
     check_once(frame, ["comparison"])
     check_bounds(frame, "low", "difference", "high")
-    # ``furniture``: lines of text above the rows, for a heading and the arrow
-    rows = rows_of(sizes, frame["comparison"].to_list(), label, title=title, furniture=2 if better else 1)
+    # ``text_lines``: lines of text above the rows, for a heading and the arrow
+    rows = rows_of(sizes, frame["comparison"].to_list(), label, title=title, text_lines=2 if better else 1)
     with_counts = frame["wins"].is_not_null().any()
     for row, values in enumerate(frame.to_dicts()):
         _row(rows, sizes, row, values, with_counts)
@@ -178,7 +178,7 @@ def draw_outcomes(
     names = words if unit == "run" else [f"{kind} ({unit}s)" for kind in words]
     rows = rows_of(
         sizes, frame["cell"].to_list(), f"share of {unit}s", title=title,
-        furniture=legend_lines(sizes, names) + 1,  # lines of text below the rows: the legend and a line of space
+        text_lines=legend_lines(sizes, names) + 1,  # lines of text below the rows: the legend and a line of space
     )  # fmt: skip
     shares = frame.with_columns(
         pl.when(pl.col("runs") > 0).then(pl.col(kind) / pl.col("runs")).alias(kind) for kind in kinds

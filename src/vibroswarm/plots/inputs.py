@@ -242,7 +242,7 @@ def plane_of(
     named = series if len(series) > 1 else []
     # lines of text around the rows: the legend, and the heading ``missing``
     lines = legend_lines(style, named) + 1
-    rows = rows_of(style, cells, label, series=len(series), title=title, furniture=lines)
+    rows = rows_of(style, cells, label, series=len(series), title=title, text_lines=lines)
     of_rows = {} if named else row_looks(cells)  # looks by cell: colours show the series if there are several
     plane = Plane(
         rows=rows,

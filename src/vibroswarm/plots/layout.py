@@ -395,7 +395,7 @@ def rows_of(
     *,
     series: int = 1,
     title: str = "",
-    furniture: int = 0,
+    text_lines: int = 0,
 ) -> Rows:
     """Make a figure that grows with its rows; the names of the rows are at the left, broken or shortened to fit.
 
@@ -407,10 +407,10 @@ def rows_of(
         x_label: of the axis below.
         series: how many series share a row.
         title: above the rows; it counts as two lines.
-        furniture: number of lines of text above and below the rows, such as a heading and a legend.
+        text_lines: number of lines of text above and below the rows, such as a heading and a legend.
     """
     # height of everything around the rows; the axis and its label take about 3.4 lines
-    around = style.font_pt * LINE_SPACING * (3.4 + furniture + (2 if title else 0)) / 72
+    around = style.font_pt * LINE_SPACING * (3.4 + text_lines + (2 if title else 0)) / 72
     room_pt = style.width_in * 72 * LABEL_SHARE
     preferred = _preferred_row_in(style, names, series, room_pt)
     least = style.least_row_in * max(1.0, 0.75 * series)

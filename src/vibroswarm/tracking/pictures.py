@@ -132,7 +132,7 @@ def draw_time_line(
     Returns: the picture; its numbers are ``robot, mark, start_s, end_s``, with the marks gap, stop and doubtful.
     """
     sizes = style_named(style)
-    rows = rows_of(sizes, [f"robot {robot}" for robot in robots], "time in the video (s)", furniture=1)
+    rows = rows_of(sizes, [f"robot {robot}" for robot in robots], "time in the video (s)", text_lines=1)
     axes: Any = rows.axes
     numbers: list[tuple[int, str, float, float]] = []
     handles: dict[str, Any] = {}
