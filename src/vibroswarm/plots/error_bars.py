@@ -321,7 +321,9 @@ def _rows(
     named = list(series) if len(series) > 1 else []
     looks = looks_of(series)
     of_rows = row_looks(names) if not named else {}
-    rows = rows_of(style, names, label, series=len(series), title=title, text_lines=legend_lines(style, named))
+    rows = rows_of(
+        style, names, label, series=len(series), title=title, text_lines=legend_lines(style, named)
+    )
     axes = rows.axes
     for values in frame.to_dicts():
         index = series.index(values["series"])
