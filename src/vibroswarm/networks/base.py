@@ -102,11 +102,10 @@ class Network(Plugin):
         parameters = list(inspect.signature(self.send).parameters)
         # positions: the names that the author of ``send`` has given to ``x_m`` and ``y_m``
         positions = {parameters[PARAMETERS["send"].index(name)] for name in ("x_m", "y_m")}
-        # LOAD_FAST and its variants are the instructions that read an argument.
-        return any(
-            instruction.opname.startswith("LOAD_FAST") and instruction.argval in positions
-            for instruction in dis.get_instructions(self.send)
-        )
+        # The instructions that read an argument differ between versions of Python; some name two (from 3.13 on), some
+        # hand it to a comprehension. An instruction that only writes counts too: positions are then made for nothing.
+        named = (instruction.argval for instruction in dis.get_instructions(self.send))
+        return any(positions.intersection(name if isinstance(name, tuple) else (name,)) for name in named)
 
     @property
     def state_type(self) -> np.dtype[np.void]:

@@ -321,7 +321,8 @@ def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
         "columns": settings.columns,
         "control": settings.control,
         "also": item.also(settings),
-        "versions": versions(),  # with the hash of the code
+        "versions": versions(),  # their hash of the code is of what runs depend on
+        "code": code_hash(),  # of this module: that of all code and data
     }
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
