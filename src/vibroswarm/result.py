@@ -336,7 +336,7 @@ def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
     """Return floors as a table (``FLOORS``) with one row per run.
 
     Args:
-        floors: the floor of each run, by run number; rows are in the order of this mapping.
+        floors: the floor of each run, by run number, at least one; rows are in the order of this mapping.
     """
     # Tiles of 0 and 1 become the characters "0" and "1" by adding the code of "0".
     rows = [

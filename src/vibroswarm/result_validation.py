@@ -207,7 +207,10 @@ def _ends_s(scenario: Scenario) -> float:
 
 
 def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
-    """Check that each floor's tiles fit its rows and columns, and that every sampled tile exists on its run's floor."""
+    """Check that each floor's tiles fit its rows and columns, and that every sampled tile exists on its run's floor.
+
+    A sample off all tiles has the tile -1, which passes.
+    """
     floors = tables["floors"]
     name = _file(folder, "floors")
     size = floors["rows"].cast(pl.Int64) * floors["columns"].cast(pl.Int64)

@@ -64,8 +64,8 @@ def simulate(
         energies: whether it shall have the energies of the samples.
         progress: called with the share of the work done.
     Raises:
-        InputError: the seed or a run number is out of range, the source of motion is unknown, or readings cannot be
-            tested against the decision boundary.
+        InputError: the seed or a run number is out of range, the source of motion is unknown, the code of a strategy,
+            network or task is not loaded, or readings cannot be tested against the decision boundary.
     """
     check_scenario(scenario)
     check_callable(progress, "progress")
@@ -86,7 +86,7 @@ def simulate(
     timeline = timeline_of(scenario, moved)
     inference, finals = infer(scenario, seed, timeline, observations)
     if not wanted.moves:
-        moved = replace(moved, moves=None)  # a motion source may have made them all the same
+        moved = replace(moved, moves=None)  # a motion source may return moves that were not requested
     places = places_of(scenario, seed, timeline)
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion, places)
 
@@ -104,11 +104,12 @@ def replay(result: Result, scenario: Scenario) -> Result:
     the same, the readings do too.
 
     Args:
-        result: simulated runs that all lasted to ``run.t_end_s``.
+        result: simulated runs that all lasted to ``run.t_end_s``; with moves, if the new network or localisation reads
+            them.
         scenario: may differ from the result's scenario in all sections that do not determine motion (``OF_MOTION``).
     Raises:
-        InputError: the result was recorded, ``scenario`` would move the robots in another way, or the runs ended when
-            all robots had decided.
+        InputError: the result was recorded or lacks moves that are needed, ``scenario`` would move the robots in
+            another way or steers them, or the runs ended when all robots had decided.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     check_scenario(scenario)

@@ -78,7 +78,8 @@ class ByRun(NotebookView):
     """Robots grouped by run; sums have a fixed order, whatever the number of threads.
 
     ``robots`` is the table sorted by run; ``runs`` are the numbers of its runs, ``first`` the index of each run's first
-    row and ``count`` its number of robots, shape (runs,) each.
+    row and ``count`` its number of robots, shape (runs,) each. The methods take and return values of robots in the
+    order of this sorted table, which may differ from the order of the argument.
 
     Args:
         robots: table of robots, in any order.
@@ -95,11 +96,14 @@ class ByRun(NotebookView):
         self.count: NDArray[np.int64] = robots_per_run.astype(np.int64)
 
     def sum(self, values: Array) -> Array:
-        """Sum a value over the robots of each run, shape (runs,)."""
+        """Sum ``values``, one for each row of the attribute ``robots``, over the robots of each run, shape (runs,)."""
         return sum_by_run(values, self.first)
 
     def mean(self, values: Array) -> Array:
-        """Average a value over the robots that have it; nan if none has."""
+        """Average ``values`` over the robots of each run that have one, shape (runs,); nan if no robot has one.
+
+        ``values`` has one value for each row of the attribute ``robots``, nan for a robot without one.
+        """
         return mean_by_run(values, self.first)
 
     def capped_time_s(self, t_end_s: float) -> Array:
@@ -210,7 +214,8 @@ def summary(
         robots, runs: tables of one scenario's runs, as a ``Result`` has them. t_end_s: the end of a run, s.
         level: confidence level of each single interval. seed: seed of the bootstrap.
     Raises:
-        InputError: the tables have different runs, or the level is not between 0 and 1.
+        InputError: the tables have different runs, a run occurs twice, t_end is not above 0, or the level is not
+            between 0 and 1.
     """
     table = run_figures(robots, runs, t_end_s)
     robot_counts = table["robots"].to_numpy()
@@ -348,6 +353,6 @@ def design_effect(correlation: float, of: NDArray[np.int64]) -> float:
 
     Args:
         correlation: intra-run correlation; if it is nan (undefined), so is the result.
-        of: number of robots of each run, (runs,); the result is nan if there are no runs.
+        of: number of robots of each run, (runs,), whose mean is m; the result is nan if there are no runs.
     """
     return 1.0 + (float(of.mean()) - 1.0) * correlation if of.size else math.nan

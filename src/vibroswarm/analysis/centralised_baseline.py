@@ -194,7 +194,8 @@ def first_passages(
         result: its samples are sorted by run and time. runs: numbers of the runs to use.
         rule: evidence to compute, "count" or "belief". thresholds: values of h, increasing; by default ``THRESHOLDS``
             evenly spaced values up to the largest absolute evidence of these runs.
-    Returns: passages whose arrays have one row per run, in the order of ``runs``.
+    Returns: passages whose arrays have one row per run, in the order of ``runs``. A run without samples passes no
+        threshold.
     """
     run_of_sample = result.motion["run"].to_numpy()
     paths = []

@@ -92,7 +92,7 @@ class Decidability(NotebookView):
     effective_samples: float | None = None
     """Number of independent samples behind a measured share."""
     samples_needed: int | None = None
-    """Independent samples for the wanted error; None if no number suffices."""
+    """Independent samples for the wanted error; None unless the verdict is "decidable"."""
     threshold: float | None = None
     """The sensor's threshold theta."""
     mending_low: float | None = None
@@ -121,7 +121,10 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         scenario: only its task, sensor, arena, floor and decision are used, not its motion and strategy.
         error: wanted probability of a wrong majority of bits, for ``samples_needed``.
         floor: by default the floor of run 0 with seed 0. The random floors of a scenario all have its fill ratio,
-            unless the arena's border cuts tiles off.
+            unless the arena's border cuts tiles off. Some part of the given floor must lie in the arena; a scenario
+            refuses any other floor of its own.
+    Raises:
+        InputError: ``error`` is not between 0 and 0.5, and the verdict is "decidable".
     """
     floor, sensor = floor or scenario.floor_for(0, 0), scenario.sensor
     size = (scenario.arena.width_m, scenario.arena.height_m)
@@ -261,6 +264,9 @@ def mending_thresholds(
 def _falls_through(share: Callable[[float], float], level: float) -> float:
     """Find by bisection the threshold, 0 or more, at which the decreasing function ``share`` falls to ``level``.
 
+    ``level`` must be above 0, as every boundary is, and ``share`` must fall towards 0, as q does when the threshold
+    grows; otherwise the search for an upper limit does not end.
+
     Returns: the threshold; 0 if ``share`` is at most ``level`` already at the threshold 0.
     """
     low, high = 0.0, 1.0
@@ -284,7 +290,7 @@ class ObservedShare(NamedTuple):
     standard_error: float
     """Standard error of the share; nan without samples on tiles."""
     effective_samples: float
-    """Number of independent samples whose share of ones would have this standard error."""
+    """Number of independent samples whose share of ones would have this standard error; 0 without samples on tiles."""
     tiles: int
     """Number of tiles that were sampled; others are left out."""
 

@@ -61,6 +61,8 @@ def detection_curve(
         run), runs (number of runs), horizon_s, and the shares missed, wrong, false_alarm, robots_missed, robots_wrong
         and robots_false_alarm, each with ``_low`` and ``_high``. All shares are null if no run has a truth; false
         alarms are null unless truth is 0.
+    Raises:
+        InputError: no cell, a cell whose runs have different numbers of robots, or a level that is not between 0 and 1.
     """
     # By default without a horizon at 0, when no robot has decided.
     horizons = time_grid(
@@ -94,7 +96,7 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
     """Return the columns that describe a cell: fill_ratio (mean over runs), truth, robots (of each run) and runs.
 
     Raises:
-        InputError: the runs have different numbers of robots.
+        InputError: the runs have different numbers of robots, or there are no runs.
     """
     sizes = run_figures(robots, runs, t_end_s)["robots"].unique()
     if sizes.len() != 1:
@@ -108,12 +110,18 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
 
 
 def _fill_ratio(fills: pl.Series) -> float:
-    """Return the mean, or exactly the value if all are equal."""
+    """Return the mean, or exactly the value if all are equal.
+
+    Cells are grouped by this number, so rounding must not make equal fill ratios differ.
+
+    Args:
+        fills: fill ratio of each run, at least one.
+    """
     return float(fills[0] if fills.n_unique() == 1 else fills.mean())  # type: ignore[arg-type]
 
 
 def _truth(truths: pl.Series) -> int | None:
-    """Return the truth of all runs; None if it differs between runs or no decision is right."""
+    """Return the truth of all runs; None if it differs between runs, or if in some run no decision is right."""
     return int(truths[0]) if truths.n_unique() == 1 and truths.null_count() == 0 else None
 
 
@@ -193,11 +201,11 @@ def pairs(found: pl.DataFrame) -> pl.DataFrame:
 
     Args:
         found: table from ``needed``.
-    Returns: one row for each pair of floors and each number of robots. Columns, by the first three of which the rows
-        are sorted: fill_ratio (of the floor above the boundary), fill_ratio_below (of the floor below it), robots,
-        time_s, and fewest (whether this is the smallest number of robots with a time_s, for these two floors). time_s
-        is needed_s of the floor above the boundary; it is null unless that time is before clear_until_s of the floor
-        below it (null there: never too many false alarms).
+    Returns: one row for each pair of floors and each number of robots that both floors have in ``found``. Columns, by
+        the first three of which the rows are sorted: fill_ratio (of the floor above the boundary), fill_ratio_below (of
+        the floor below it), robots, time_s, and fewest (whether this is the smallest number of robots with a time_s,
+        for these two floors). time_s is needed_s of the floor above the boundary; it is null unless that time is before
+        clear_until_s of the floor below it (null there: never too many false alarms).
     """
     above = found.filter(pl.col("truth") == 1).select("fill_ratio", "robots", "needed_s")
     below = found.filter(pl.col("truth") == 0).select(

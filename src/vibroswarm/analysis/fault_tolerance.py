@@ -55,10 +55,15 @@ def judged_tables(
     """Return the tables of robots and of runs with only the judged robots counted.
 
     Args:
-        scenario, seed: of the runs. robots, runs: as a ``Result`` has them, with all robots of each run, sorted by run.
+        scenario, seed: of the runs. robots, runs: as a ``Result`` has them, with all robots of each run; both sorted by
+            run, and ``robots`` by robot within a run.
         judged: "working": the robots without any fault before the end of the run; "all": the tables as they are.
     Returns: the table of the judged robots, and the table of the runs with at least one of them. In the table of runs
         consensus, its time and the numbers of right, wrong and undecided robots are computed from these robots alone.
+        Both tables are empty if no run has a judged robot.
+    Raises:
+        InputError: another word for ``judged``, or a table of robots whose number of rows is not that of all robots in
+            all runs.
     """
     check_choice(judged, "judged", JUDGED)
     if judged == "all" or not scenario.faults.kinds:

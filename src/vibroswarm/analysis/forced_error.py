@@ -72,7 +72,7 @@ def forced_error_by_robot(robots: pl.DataFrame, runs: pl.DataFrame) -> Array:
     """Compute ``forced_errors`` of the rows of a table of robots.
 
     Args:
-        robots, runs: tables of one cell, as a ``Result`` has them.
+        robots, runs: tables of one cell (the runs of one scenario), as a ``Result`` has them.
     Returns: errors in the order of the rows of ``robots``; nan where neither decision is right.
     """
     truth = robots.select("run").join(
@@ -87,7 +87,7 @@ def forced_error_by_run(robots: pl.DataFrame, runs: pl.DataFrame) -> pl.DataFram
     """Average ``forced_errors`` over the robots of each run.
 
     Args:
-        robots, runs: tables of one cell, as a ``Result`` has them.
+        robots, runs: tables of one cell (the runs of one scenario), as a ``Result`` has them.
     Returns: run and forced_error (null if neither decision is right), one row per run, sorted by run.
     """
     errors = pl.Series("forced_error", forced_error_by_robot(robots, runs), nan_to_null=True)
@@ -147,7 +147,7 @@ def reached(scenario: Scenario, seed: int, runs: Sequence[int]) -> Reached:
     All points have the same motion and readings. A combination that the scenario refuses is left out.
 
     Args:
-        scenario: its strategy must not steer. seed: of the runs. runs: their numbers.
+        scenario: its strategy must not steer, which is not checked. seed: of the runs. runs: their numbers.
     Returns: times and errors of each point in each run; point 0 is the scenario as given.
     Raises:
         InputError: the scenario cannot be run, or in some run neither decision is right.

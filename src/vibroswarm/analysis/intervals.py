@@ -133,7 +133,8 @@ def without_nan(values: ArrayLike) -> Values:
 def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     """Compute a mean over runs with Student's limits; values of nan are left out.
 
-    The limits are infinite for one run, and equal to the mean if all runs have the same value.
+    The limits are infinite for one run, and equal to the mean if all runs have the same value. If a value is infinite,
+    so is the mean, and the limits of two or more runs are nan.
     """
     check_level(level)
     runs = without_nan(values)
@@ -175,7 +176,8 @@ def bootstrap_mean(values: ArrayLike, level: float = 0.95, seed: int = 0, draws:
 
     Runs with equal values are drawn together (by a multinomial over the distinct values), which is equivalent and
     faster. For very many distinct values the normal limit is used. The deviations of the draws from the mean are
-    multiplied by sqrt(n / (n - 1)), which makes their variance unbiased.
+    multiplied by sqrt(n / (n - 1)), which makes their variance unbiased. For one run the limits are infinite; without
+    runs, estimate and limits are nan.
     """
     check_level(level)
     runs = without_nan(values)
@@ -196,7 +198,8 @@ def _resampled(
     """Return the bootstrap limits of sum(numerator) / sum(denominator) over runs.
 
     Args:
-        numerators, denominators: of each kind of run, (distinct,); runs with equal values are of one kind.
+        numerators, denominators: of each kind of run, (distinct,); runs with equal values are of one kind. The callers
+            give denominators above 0.
         counts: number of runs of each kind, (distinct,); 2 or more in all. draws: number of bootstrap draws.
     """
     n = int(counts.sum())
@@ -213,7 +216,7 @@ def _resampled(
         weights = random.multinomial(n, shares, size=min(at_once, draws - first))
         bottom = weights @ denominators
         top = weights @ numerators
-        # A draw of runs without any robot has no ratio of its own; it gets the ratio of all runs.
+        # The denominators of all runs are above 0, so each draw has a ratio; the guard is for draws without any robot.
         drawn.append(np.divide(top, bottom, out=np.full(bottom.size, ratio), where=bottom > 0))
     spread = ratio + widen * (np.concatenate(drawn) - ratio)
     low, high = np.quantile(spread, [0.5 - level / 2, 0.5 + level / 2])  # Efron 1979
@@ -227,6 +230,7 @@ def cluster_share(count: ArrayLike, of: ArrayLike, level: float = 0.95, seed: in
     share) if fewer than ``FEW`` runs have a share other than 0, or other than 1. In that case the limits are Wilson's,
     with an effective number of independent robots in place of n: p (1 - p) / Var(share), but at most the number of
     robots. If the variance is 0, the effective number is the number of runs, as if each run were a single robot.
+    Without robots, share and limits are nan.
 
     Args:
         count: number of robots with an outcome, such as wrong, in each run, (runs,).
@@ -387,7 +391,8 @@ def _subsets(distinct: Values, counts: NDArray[np.int64], mean: float, seed: int
 def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
     """Compute the interval and p-value of ``sign_flip`` from the normal limit.
 
-    The mean of a random subset has the standard deviation sqrt(sum (d - mean)^2) / n about the mean of all d.
+    The mean of a random subset has the standard deviation sqrt(sum (d - mean)^2) / n about the mean of all d. It is
+    above 0, because this function is called only if many differences are distinct.
     """
     error = math.sqrt(float(((d - mean) ** 2).sum())) / d.size
     half = float(ndtri(0.5 + level / 2)) * error

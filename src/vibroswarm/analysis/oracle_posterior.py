@@ -211,6 +211,8 @@ _NOT_KNOWN: Final[dict[str, Any]] = {
 
 @dataclass(frozen=True)
 class _RunPosterior:
+    """What is known of the side of the boundary in one run."""
+
     row: tuple[Any, ...]
     """One value for each column of ``_RUNS``, in that order."""
     in_truth: Values | None
@@ -407,7 +409,7 @@ def on_both_sides(result: Result) -> Result:
     the floors are in the table of floors.
 
     Args:
-        result: runs to t_end, with floors drawn at random for each run.
+        result: at least one run, all simulated to t_end, with floors drawn at random for each run.
     Raises:
         InputError: floors are not drawn for each run, the arena's border cuts them, or their fill ratio is the
             boundary.

@@ -1,5 +1,7 @@
 """Compare two cells run by run: with the same seed, run r has the same motion and floor in both cells.
 
+A cell is the runs of one scenario.
+
 | figure | symbol | equation |
 |---|---|---|
 | difference | D | mean over runs of d_r = first_r - second_r |
@@ -48,7 +50,9 @@ FIGURES: Final = {
 """Columns of ``cell_summary.run_figures`` compared by default; 1 if higher is better, -1 if lower is better."""
 
 DIRECTIONS: Final = FIGURES | {"forced_error": -1, "swarm_right": 1, "swarm_wrong": -1, "swarm_time_s": -1}
-"""All columns that can be compared, each with 1 if larger values are better and -1 if smaller values are better."""
+"""All columns that can be compared, each with 1 if larger values are better and -1 if smaller values are better. All
+but ``forced_error`` are columns of ``cell_summary.run_figures``; ``forced_error`` has to be joined to its table from
+``forced_error.forced_error_by_run``."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ class Paired(NotebookView):
     """
 
     figure: str
-    """Name of the figure, a column of ``run_figures``."""
+    """Name of the figure, one of ``DIRECTIONS``."""
     first: float
     second: float
     difference: Interval
@@ -102,7 +106,7 @@ def compare(
 
     Args:
         first, second: ``run_figures`` of the two cells, of the same seed; rows with the same run number are a pair.
-        figures: columns to compare. level: confidence level of the intervals. seed: of the sign flips.
+        figures: columns to compare, of both tables. level: confidence level of the intervals. seed: of the sign flips.
     Returns: one comparison per figure, in the order of ``figures``.
     Raises:
         InputError: a figure that cannot be compared, or no run in both cells.

@@ -90,6 +90,7 @@ def walk_figures(
         visited equally often).
     Raises:
         ValueError: the two tables have different numbers of rows.
+        InputError: ``tiles`` is smaller than an index of a visited tile + 1.
     """
     if motion_samples.height != observations.height:
         raise ValueError("the tables of motion and of observations must have the same rows")
@@ -295,6 +296,8 @@ def effective_with_sensor(
         samples: n, number of samples on tiles. effective_visits: n_v, from ``effective_samples``; each is an array
             (runs,) or a number. fill_ratio: f.
         false_positive, false_negative: a and b, the error rates of the sensor.
+    Returns: n_eff of each run, or of the one run; nan if n_v is nan, or if all samples must read the same (q is 0 or
+        1); infinite for a sensor without errors and an infinite n_v.
     """
     n, visits = np.asarray(samples, dtype=np.float64), np.asarray(effective_visits, dtype=np.float64)
     f, a, b = fill_ratio, false_positive, false_negative
@@ -330,8 +333,9 @@ def correlogram(
         edges_m: edges of the bins of distance, increasing, m; by default 10 bins up to the shorter side of the arena.
         of: "bits": the values that were read; "tiles": 1 if the tile below vibrates, else 0, without sensor errors.
         level: confidence level of the limits.
-    Returns: one row per bin: from_m, to_m, pairs (mean number per run), correlation (mean over runs), low, high (its
-        limits); null in a bin without pairs.
+    Returns: one row per bin: from_m (included), to_m (excluded), pairs (mean number per run), correlation (mean over
+        runs), low, high (its limits). The last three are null in a bin without pairs, and low and high are null if
+        only one run has pairs in it.
     Raises:
         InputError: fewer than two edges, edges that do not increase, or another ``of``.
     """
@@ -432,12 +436,15 @@ def packet_loss(result: Result) -> pl.DataFrame:
     A recording may lack rows of samples whose messages were sent nevertheless. So messages are counted by the index
     ``sample`` of a robot's samples, not by rows.
 
-    Returns: one row per run, in the columns ``EXCHANGE``. heard and packet_loss are null if a recording does not
-        contain the number of received messages; packet_loss is also null if no message was addressed.
+    Returns: one row per run that has samples, in the columns ``EXCHANGE``. heard and packet_loss are null if a
+        recording does not contain the number of received messages; packet_loss is also null if no message was
+        addressed.
     """
     tick_s = result.scenario.tick_s
     tick = np.rint(result.motion["time_s"].to_numpy() / tick_s).astype(np.int64)
-    last = (  # one row per robot of each run: its last sample
+    # One row per robot of each run: its last sample. ``messages_received`` counts from the start of the run, so the
+    # last value is the robot's total.
+    last = (
         result.motion.with_columns(heard=result.inference["messages_received"])
         .with_row_index("row")
         .group_by("run", "robot", maintain_order=True)

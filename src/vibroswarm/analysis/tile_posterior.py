@@ -10,6 +10,9 @@
 
 With p_t = L_t / (1 + L_t), prod_t (1 - p_t + p_t z) = sum_k e_k z^k / prod_t (1 + L_t). So e_k is, up to a constant,
 the Poisson-binomial probability of k ones among N bits with probabilities p_t, which a recursion over tiles computes.
+
+The functions compute many posteriors at once: a row of an array holds the L_t of all tiles at one state of knowledge,
+such as one time of a run.
 """
 
 from __future__ import annotations
@@ -40,6 +43,8 @@ _SMALL: Final = 1e-290
 
 def log_ratios(result: Result, energies: bool = False) -> Values:
     """Compute ln [P(reading given vibrating) / P(reading given still)] of each sample, shape (samples,).
+
+    Samples off all tiles get a ratio too; the caller leaves them out.
 
     Args:
         energies: the reading is the sample's energy; by default it is the bit.

@@ -51,7 +51,8 @@ def time_error_curve(
     The tables of all robots of all points are in memory at once, some 100 bytes per robot and point.
 
     Args:
-        scenario: gives all settings but p_c and O_c; it is run to t_end, whatever its ``run.stop``. seed: of the runs.
+        scenario: gives all settings but p_c and O_c; it is run to t_end, whatever its ``run.stop``. Its strategy must
+            not steer, which is not checked: the robots move as if it did not. seed: of the runs.
         runs: number of runs, or their numbers.
         credible_thresholds: values of p_c. min_observations: values of O_c.
         undecided_counts: u, how much an undecided robot counts as an error, 0 to 1. level: confidence level.
@@ -113,7 +114,7 @@ def replayed(
     """Simulate the motion of runs once, compute decisions with the settings of each point, and yield their tables.
 
     Args:
-        base: scenario of the motion and the observations; its strategy must not steer.
+        base: scenario of the motion and the observations; its strategy must not steer, which is not checked.
         points: scenarios that differ from ``base`` only in decisions.
         seed: of the runs. runs: numbers of the runs. batch: number of runs computed together. workers: number of
             threads, each with one batch at a time.

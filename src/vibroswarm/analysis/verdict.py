@@ -69,7 +69,7 @@ class Verdict(NotebookView):
     """The outcome of one run; times in s."""
 
     consensus: str | None
-    """None if a recording does not contain decisions."""
+    """One of ``outcomes.CONSENSUS``; None if a recording does not contain decisions."""
     consensus_time_s: float | None
     """When the last robot decided; None without a consensus."""
     decision: int | None
@@ -167,7 +167,10 @@ def answers_of(scenario: Scenario) -> tuple[str, str]:
 
 
 def _robot(row: dict[str, Any]) -> RobotVerdict:
-    """Summarise one robot from its row of the table of robots, ``row``: values by column name."""
+    """Summarise one robot from its row of the table of robots, ``row``: values by column name.
+
+    ``alpha`` and ``beta`` are None together: in a recording without them, and for a strategy without a posterior.
+    """
     from scipy.special import betaincinv
 
     alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]

@@ -42,7 +42,7 @@ class Camera(NotebookView):
 
     @classmethod
     def of(cls, scenario: Scenario) -> Camera:
-        """Return the camera of the recordings that a scenario was fitted to."""
+        """Return the camera of the recordings that a scenario was fitted to; a field that is not set has no effect."""
         fields = scenario.camera
         return cls(fields.magnification or 1.0, fields.shift_x_m or 0.0, fields.shift_y_m or 0.0)
 

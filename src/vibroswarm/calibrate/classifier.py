@@ -164,7 +164,7 @@ def balanced_accuracy(train: tuple[Floats, Floats], test: tuple[Floats, Floats])
     """Train a classifier on rows of two classes, and return its balanced accuracy on other rows.
 
     Args:
-        train, test: rows of the first and of the second class, each (rows, columns).
+        train, test: rows of the first and of the second class, each (rows, columns) with at least one row.
     """
     columns = np.concatenate(train)
     mean, spread = columns.mean(axis=0), columns.std(axis=0)
@@ -190,8 +190,9 @@ def classifier_accuracy(
     other robots of this pair. ``real``: each pair of real sessions is distinguished in the same way.
 
     Args:
-        real, simulated: samples of each session (``features.sessions_of``).
-        level: confidence level of the intervals, which are over the real sessions.
+        real, simulated: samples of each session (``features.sessions_of``), at least one session each.
+        level: confidence level of the intervals, which are over the real sessions. With one real session the limits
+            are 0 and 1.
     Raises:
         InputError: a session has no times spent avoiding, or is too short for one stretch of each robot; or fewer than
             two robots took part in all sessions.

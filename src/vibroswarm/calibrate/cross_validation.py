@@ -159,7 +159,8 @@ def folds(
     Returns:
         One fold per session, in the order of ``found.sessions``.
     Raises:
-        InputError: fewer than two sessions.
+        InputError: fewer than two sessions, or sessions that ``fit`` or ``classifier_accuracy`` refuses, such as one
+            that is too short.
     """
     sessions = found.sessions
     if len(sessions) < 2:
@@ -264,7 +265,8 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
     """Return statistics of the bits (energy above the threshold) of one session, by name.
 
     The statistics are the false positive and false negative rates, over all samples and by distance from the edge
-    (``EDGES_M``), the share of ones, and the correlation of successive bits of a robot. A rate without samples is NaN.
+    (``EDGES_M``; larger distances are in no class), the share of ones, and the correlation of successive bits of a
+    robot. A rate without samples is NaN.
 
     Args:
         samples: samples of one session, with ``edge_m`` (``Dataset.samples``).

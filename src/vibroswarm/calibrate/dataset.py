@@ -31,9 +31,9 @@ class Dataset(NotebookView):
     """Sessions, numbered consecutively over all recordings (column ``run``)."""
 
     samples: pl.DataFrame
-    """One row per sample: the columns of ``features.sample_table``; edge_m, the signed distance from the nearest tile
-    of the other kind, negative on a vibrating tile; tile and other, the numbers of the tile below and of that nearest
-    tile."""
+    """One row per sample, ordered by run, robot and time: the columns of ``features.sample_table``; edge_m, the signed
+    distance from the nearest tile of the other kind, negative on a vibrating tile; tile and other, the numbers of the
+    tile below and of that nearest tile."""
     drives: pl.DataFrame
     """One row per undisturbed drive between two samples, with its speed and veer (columns ``drive.DRIVES``)."""
     approaches: pl.DataFrame

@@ -85,7 +85,7 @@ def drive_table(result: Result) -> pl.DataFrame:
     table = table.with_columns(since_s=pl.col("time_s").shift(1).over("run", "robot"))
     # In recordings, avoidance times are differences of logged totals; 1e-9 s allows for rounding.
     unavoided = table.filter((pl.col("avoid_s") < 1e-9) & (pl.col("distance_m") > LEAST_M))
-    usual_s = unavoided["spacing_s"].median()
+    usual_s = unavoided["spacing_s"].median()  # None without rows; the next filter then keeps none
     drives = unavoided.filter((pl.col("spacing_s") - usual_s).abs() <= CALM_S)
     rows: list[tuple[int, int, float, float, float | None]] = []
     for (run, robot), own in drives.group_by("run", "robot", maintain_order=True):
@@ -206,7 +206,7 @@ def _robot(own: pl.DataFrame) -> tuple[float, ...]:
     with fewer than ``LEAST_DRIVES`` measured veers.
 
     Args:
-        own: rows of ``drive_table`` of the robot, in the order of time.
+        own: rows of ``drive_table`` of the robot, in the order of time, at least ``LEAST_DRIVES``.
     """
     time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
     slope, start = np.polyfit(time, speed, 1)
@@ -253,7 +253,9 @@ def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
     key = ["run", "robot"]
     # In recordings, avoid_s is a difference of logged totals; 1e-9 s allows for rounding.
     without_avoidance = pl.col("avoid_s") < 1e-9
-    usual_s = samples.filter(without_avoidance)["spacing_s"].median()
+    usual_s = samples.filter(without_avoidance)[
+        "spacing_s"
+    ].median()  # None without rows: none is then chosen below
     usual_duration = (pl.col("spacing_s") - usual_s).abs() <= CALM_S
     calm = without_avoidance & usual_duration & (pl.col("distance_m") > LEAST_M)
     turn = pl.arctan2("dy_m", "dx_m").diff().over(key)

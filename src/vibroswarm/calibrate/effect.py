@@ -22,7 +22,8 @@ from vibroswarm.simulation import replay, simulate
 STRATEGIES: Final = ("none", "positive", "soft")
 """Strategies that are compared by default."""
 CONSENSUS: Final = ("right", "wrong", "split", "incomplete")
-"""Outcomes of a swarm."""
+"""Outcomes of a swarm whose shares are reported. ``truth_undefined`` is left out, so the shares may sum to less than
+1."""
 BATCH: Final = 100
 """Runs that are simulated at once."""
 Tables = tuple[pl.DataFrame, pl.DataFrame]
@@ -67,13 +68,17 @@ def effects(
     The motion of each scenario is simulated once for each seed, and replayed under each strategy.
 
     Args:
-        first, second: the scenarios to compare, with the same end of a run; their own strategies do not matter.
-        runs: number of runs for each scenario and seed.
+        first, second: the scenarios to compare, with the same end of a run. Their own strategies matter only if they
+            steer the robots, because the motion is simulated with them.
+        runs: number of runs for each scenario and seed, at least 1.
         seed: the seed of the estimates; ``seed`` + 1 is used to confirm the differences.
         strategies: names of the strategies.
         progress: called with the share of the work that is done, 0 to 1.
     Returns:
         One effect per strategy, in the order of ``strategies``.
+    Raises:
+        InputError: a scenario that cannot be simulated, or that cannot be replayed (``simulation.replay``) under one of
+            the strategies, such as one whose runs stop before t_end.
     """
     blocks = []  # blocks[block][scenario][strategy]: the tables of robots and of runs; block k has the seed seed + k
     done, batches = 0, 4 * -(-runs // BATCH)  # 2 seeds x 2 scenarios; the division rounds up

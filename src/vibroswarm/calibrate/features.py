@@ -111,7 +111,8 @@ def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
     none = pl.Series("wraps", np.zeros(frame.height, dtype=np.int64))
     if not isinstance(result, Recording):
         return none
-    wraps_at = {  # s, by run; None: not stated
+    # Seconds, by run; None: not stated. A recording has one session per run, and its runs have the numbers 0, 1, 2, ...
+    wraps_at = {
         run: session.get("wraps_at", {}).get("avoid_total_s") for run, session in enumerate(result.sessions)
     }
     key = ["run", "robot", "sample"]

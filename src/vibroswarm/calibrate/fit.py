@@ -28,7 +28,6 @@ from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 
-# Known differences between real robots and any fitted scenario.
 LACKS: Final = (
     "Speed that changes slowly within a robot: its wandering is new at every sample.",
     "Drives without any veer: one undisturbed interval in eighteen of the study's recordings is straight.",

@@ -123,7 +123,8 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
 def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
     """Return the statistics of one session, (statistics,), in the order of ``SUMMARIES``.
 
-    The rim is the outermost fifth of the arena on each side: the paper's floor has 5 x 5 tiles.
+    The rim is the outermost fifth of the arena on each side: the paper's floor has 5 x 5 tiles. Statistics are NaN if
+    no robot has two samples, or without times spent avoiding.
 
     Args:
         samples: samples of one session, ordered by robot and time.
@@ -238,7 +239,13 @@ def posterior(
 
 
 def _quadratic(unit: Floats) -> Floats:
-    """Return the columns of a quadratic polynomial: 1, each parameter, and each product of two parameters."""
+    """Return the columns of a quadratic polynomial: 1, each parameter, and each product of two parameters.
+
+    Args:
+        unit: parameters of the candidates, scaled to 0 to 1 within the prior, (candidates, parameters).
+    Returns:
+        Shape (candidates, columns); a product may be that of a parameter with itself.
+    """
     squares = [unit[:, i] * unit[:, j] for i in range(unit.shape[1]) for j in range(i + 1)]
     return np.column_stack([np.ones(len(unit)), unit, *squares])
 

@@ -6,10 +6,11 @@ than theta_c. Its distance from the wall is then
 
     d(i) = F cos i + max over rays of (R cos b_k cos i - (s_k + R sin b_k) sin i)
 
-with R = theta_c (the value that the robots were programmed with), b_k and s_k the angle and the lateral offset of ray
-k, and F how far ahead of the robot's centre its rays start (``rays.forward_each_m``). For given angles, the F of least
-absolute error is a weighted median. The outermost angle is found on a grid; the ratios between the rays' angles are
-those of the base scenario. Cones instead of rays explain the study's recordings no better (docs/calibration.md).
+with R = theta_c (the value that the robots were programmed with), b_k and s_k the angle (anticlockwise positive) and
+the lateral offset (to the left positive) of ray k, and F how far ahead of the robot's centre its rays start
+(``rays.forward_each_m``). For given angles, the F of least absolute error is a weighted median. The outermost angle is
+found on a grid; the ratios between the rays' angles are those of the base scenario. Cones instead of rays explain the
+study's recordings no better (docs/calibration.md).
 
 Turns at the end of a leg are uniform up to a largest angle A. Those beyond a_0 (``wall_approach.LEAST_TURN``) have the
 mean (a_0 + A) / 2, so A is estimated by 2 mean - a_0. Standard errors come from bootstraps: of the approaches of each
@@ -162,6 +163,7 @@ def _fit(distance: Floats, incidence: Floats, robot: Ints, base: Scenario) -> tu
 
     Args:
         distance, incidence, robot: distance (m), incidence (rad) and robot's number of each approach, (approaches,).
+            Each robot from 0 to the largest number has an approach, which ``fit_rays`` has checked.
         base: scenario with theta_c, the lateral offsets and the ratios of the rays' angles.
     """
     errors = [_fit_forward(distance, incidence, robot, base, ray_deg)[1] for ray_deg in GRID_DEG.tolist()]
@@ -196,7 +198,10 @@ def _fit_forward(
 
 
 def _weighted_median(values: Floats, weights: Floats) -> float:
-    """Return the smallest value at which the sum of weights, in the order of values, reaches half of the total."""
+    """Return the smallest value at which the sum of weights, in the order of values, reaches half of the total.
+
+    There must be at least one value, and weights must be above 0.
+    """
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])

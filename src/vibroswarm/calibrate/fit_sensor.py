@@ -169,7 +169,8 @@ def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
     is below the least energy. The reach is 0.5 cm, the blur 1.5 cm.
 
     Args:
-        energy: energy of each sample, (samples,). on: whether the tile below each sample vibrates, (samples,).
+        energy: energy of each sample, (samples,). on: whether the tile below each sample vibrates, (samples,); both
+            kinds must occur.
     """
     theta = []
     for kind in (True, False):

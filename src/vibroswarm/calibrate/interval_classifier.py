@@ -71,7 +71,7 @@ class IntervalAccuracy:
     simulated: Told
     """Accuracies of the pairs of a real and a simulated session."""
     real: Told
-    """Accuracies of the pairs of real sessions."""
+    """Accuracies of the pairs of real sessions; no values with one real session."""
     by_feature: dict[str, float]
     """Accuracy between real and simulated sessions with one feature alone, by its name; split by minutes, mean over
     pairs."""
@@ -93,7 +93,7 @@ def interval_accuracy(
     The result is None if a session has fewer than ``LEAST`` undisturbed intervals.
 
     Args:
-        real, simulated: samples of each session (``features.sessions_of``).
+        real, simulated: samples of each session (``features.sessions_of``), at least one session each.
     """
     real_intervals = [undisturbed(session) for session in real]
     simulated_intervals = [undisturbed(session) for session in simulated]
@@ -212,7 +212,7 @@ def boosted_accuracy(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) 
     """Train boosted trees on rows of two classes, and return their balanced accuracy on other rows.
 
     Args:
-        train, test: rows of the first and of the second class, (rows, columns) each.
+        train, test: rows of the first and of the second class, (rows, columns) each, none of them empty.
     """
     rows = np.concatenate(train)
     label = np.r_[np.zeros(len(train[0])), np.ones(len(train[1]))]

@@ -124,7 +124,7 @@ def _times(number: NDArray[Any], time_s: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def second_s(windows: Sequence[Windows]) -> float:
-    """Return the mean time between messages addressed to a robot, s."""
+    """Return the mean time between messages addressed to a robot, s; at least one message must have been sent."""
     return float(sum(w.length_s.sum() for w in windows) / sum(w.sent.sum() for w in windows))
 
 
@@ -135,7 +135,8 @@ def fit_bursts(windows: Sequence[Windows], start: Bursts | None = None) -> Burst
     ``Bursts``, ``parameters`` is the number of fitted parameters.
 
     Args:
-        windows: the receivers. start: model to start from; None: typical values.
+        windows: the receivers, at least one, to which at least one message was sent.
+        start: model to start from; None: typical values.
     """
     spacing_s = second_s(windows)
     table = _Table(windows)
@@ -198,7 +199,7 @@ def jackknife(windows: Sequence[Windows], found: Bursts) -> dict[str, float]:
     """Return standard errors of a fit's figures by name: the fit is repeated without each receiver in turn.
 
     Args:
-        windows: the receivers. found: their fit, from which the repeated fits start.
+        windows: the receivers, at least two. found: their fit, from which the repeated fits start.
     Returns:
         Standard errors of bad_share, bad_s, lost_in_bad and lost_in_good.
     """

@@ -98,7 +98,8 @@ def compare(
         intervals: whether to compare undisturbed intervals too: those between two samples in which the robot
             only drove. It takes half a minute.
     Raises:
-        InputError: no energies, or fewer than two robots.
+        InputError: no energies, or sessions that ``classifier_accuracy`` refuses: with fewer than two robots in common,
+            without times spent avoiding, or too short.
     """
     camera = camera_between(real, simulated) if camera is None else camera
     real_sessions = sessions_of(real)
@@ -207,11 +208,12 @@ def _draw(pair: NDArray[np.object_], values: list[Floats], feature: str) -> None
     A feature of one column is drawn as bars, a feature of two columns as a grey map.
 
     Args:
-        pair: the two axes. values: the real and the simulated values, (n, 1) or (n, 2) each.
+        pair: the two axes. values: the real and the simulated values, (n, 1) or (n, 2) each. There are some of each,
+            because ``compare`` counts a feature with few values as missing.
     """
     spans, bins = SPANS[feature], _BINS[feature]
     if len(spans) == 1:
-        # Shares of all values, those beyond the range included; 1 avoids a division by 0 without values.
+        # Shares of all values, those beyond the range included.
         heights = [np.histogram(each[:, 0], bins, spans[0])[0] / max(len(each), 1) for each in values]
         for axis, height, ink in zip(pair, heights, INK, strict=True):
             axis.stairs(height, np.linspace(*spans[0], bins + 1), fill=True, color=ink)

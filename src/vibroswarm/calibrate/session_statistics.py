@@ -77,6 +77,8 @@ def figures_of(result: Result, rms_threshold: float | None = None) -> list[Figur
 
     Args:
         rms_threshold: threshold that turns energies into bits; None: the scenario's.
+    Raises:
+        InputError: the result has no energies.
     """
     threshold = result.scenario.sensor.rms_threshold if rms_threshold is None else rms_threshold
     samples, drives, lost = sample_table(result), drive_table(result), packet_loss(result)

@@ -110,7 +110,10 @@ def similarity(feature: str, one: Floats, other: Floats) -> float:
 
 
 def ceiling(feature: str, real: Floats, n1: int, n2: int) -> float:
-    """Return the ceiling S_max for ``n1`` and ``n2`` values, with C estimated from the real values of a feature."""
+    """Return the ceiling S_max for ``n1`` and ``n2`` values, with C estimated from the real values of a feature.
+
+    It is NaN if fewer than two real values lie within the range of the histogram.
+    """
     counts = histogram(real, feature)
     n = counts.sum()
     c = float((counts * (counts - 1)).sum() / (n * (n - 1)))
@@ -141,6 +144,8 @@ def at_equal_counts(
     feature: str, one: Floats, other: Floats, count: int, drawn: Drawn | None = None
 ) -> float:
     """Return the similarity S of two sets of values, with ``count`` values drawn from each; the mean over draws.
+
+    It is NaN if a draw has no value within the range of the histogram, as when ``count`` is 0.
 
     Args:
         one, other: values of the feature, (n, columns) each.

@@ -33,7 +33,8 @@ DRIVES: Final = 0.62
 LEAST_STEPS: Final = 3
 """Fewest steps of a drive before a turn away from a wall."""
 COURSE_STEPS: Final = 4
-"""Steps from which a course is computed."""
+"""The course before a standstill is computed from at most this many steps, without the last one. A drive before or
+after a turn at the end of a leg has at least this many steps."""
 LONGEST_GAP_S: Final = 0.5
 """Longest time between two positions of a path without a gap."""
 LONGEST_TURN_S: Final = 3.2
@@ -238,7 +239,8 @@ def _course(path: _Path, first: int, last: int, end: int) -> float:
     end of the drive.
 
     Args:
-        first, last: indices of the positions at the beginning and at the end of the drive.
+        first, last: indices of the positions at the beginning and at the end of the drive, which has at least
+            ``COURSE_STEPS`` steps.
         end: 0: return the course at the beginning; -1: return the course at the end. It is also the index of the
             outermost step among the steps that are used.
     """

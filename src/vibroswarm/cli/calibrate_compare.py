@@ -129,7 +129,8 @@ def print_comparisons(found: dict[str, Comparison]) -> None:
 
     Args:
         found: the comparisons of one recording with each simulation, by the simulation's folder. A simulation that
-            has too few values of a feature, or too few samples for the classifier, gets a dash.
+            has too few values of a feature gets a dash. (``compare`` refuses one with too few samples for the
+            classifier.)
     """
     from vibroswarm.calibrate.features import FEATURES, WORDS
     from vibroswarm.cli.output import print_line, print_paragraph, print_table

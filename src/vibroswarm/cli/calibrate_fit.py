@@ -191,7 +191,9 @@ def print_folds(judged: list[Fold]) -> None:
     sessions, by how many standard deviations its recorded value is above its simulated value.
 
     Args:
-        judged: one entry for each held-out session; all have the same features and statistics, in the same order.
+        judged: one entry for each held-out session, at least one; all have the same features in the same order. The
+            second table has the statistics that are known in the first of these sessions; a session in which one is
+            unknown is left out of its row.
     """
     import numpy as np
 

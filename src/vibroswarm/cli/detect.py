@@ -120,6 +120,7 @@ def run(arguments: argparse.Namespace) -> int:
         _save(base, tables, (error, false_alarms), warnings, arguments)
 
     def show() -> None:
+        """Print the result."""
         print_detection(need, distinguished, base, error, false_alarms)
         if added:
             print_paragraph(
@@ -129,6 +130,7 @@ def run(arguments: argparse.Namespace) -> int:
             print_paragraph(f"Warning: {warning}")
 
     def document() -> dict[str, Any]:
+        """Return the result for ``--json``: each table as a list of rows."""
         named = {"pairs": distinguished.to_dicts(), "needed": need.to_dicts(), "curve": curve.to_dicts()}
         return named | {"warnings": warnings}
 

@@ -64,6 +64,9 @@ def study_from(arguments: argparse.Namespace) -> Study:
 
     If ``--strategy`` lists several strategies, they are a varied field like those of ``--vary``, and
     ``arguments.strategy`` is set to None.
+
+    Raises:
+        InputError: options conflict, or a name, field or value is wrong.
     """
     from vibroswarm.cli.scenario_options import chosen, scenario_from
     from vibroswarm.study.precision import Precision
@@ -127,6 +130,9 @@ def _varied(options: list[str]) -> dict[str, list[Any]]:
     """Return the varied values by dotted field name, parsed from the values of ``--vary``, texts ``FIELD=A,B``.
 
     If a value is user code (FILE.py:NAME), the file is loaded, so that the code's name and fields are known.
+
+    Raises:
+        InputError: a text is not of this form, a field is given twice, or a value of user code cannot be loaded.
     """
     from vibroswarm.cli.scenario_options import chosen
     from vibroswarm.scenario import plugins

@@ -135,7 +135,10 @@ def _list_paper(args: argparse.Namespace) -> int:
 
 
 def _show(args: argparse.Namespace) -> int:
-    """Draw a floor in the terminal, describe its difficulty, and save a picture if ``--out`` is given."""
+    """Draw a floor in the terminal, describe its difficulty, and save a picture if ``--out`` is given.
+
+    Returns the exit code.
+    """
     import shutil
 
     from vibroswarm.floors.difficulty import measure
@@ -168,7 +171,8 @@ def _measure(args: argparse.Namespace) -> int:
 def _make(args: argparse.Namespace) -> int:
     """Make a floor of the given difficulty, print and save it; return the exit code.
 
-    The exit code is 1 if no floor within the tolerance was found; the nearest one is then printed and saved.
+    The exit code is 1 if no floor within the tolerance was found; the nearest floor is then printed and saved. With
+    ``--json``, "asked" has the requested difficulty, and the other measures are those of the floor that was made.
     """
     import shutil
 

@@ -36,7 +36,8 @@ def listen() -> None:
     """
     _came.clear()
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        # Ctrl-C is ignored, as under nohup, or the program that imports this package handles it: leave that as it is.
+        # Ctrl-C is ignored, as under nohup, or handled already, by the program that imports this package or since an
+        # earlier call: leave that as it is.
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:

@@ -299,7 +299,9 @@ def run_export(arguments: argparse.Namespace) -> int:
     from vibroswarm.result import Result
 
     result = Result.read(arguments.folder)
-    run = arguments.session - 1  # runs are numbered from 0; the writer of CSV ignores it and writes all runs
+    run = (
+        arguments.session - 1
+    )  # runs are numbered from 0; the writer of CSV ignores `run` and writes all runs
     WRITERS[arguments.format](result, arguments.out, run, replace=arguments.force)
     print(f"Saved: {arguments.out}")
     return 0

@@ -163,6 +163,7 @@ def _row(name: str, found: SessionOutcome, *, is_logged: bool) -> list[object]:
         outcome if is_logged else f"{outcome} {100 * share:.3g} %"
         for outcome, share in found.consensus.items()
     )
+    # Robots without a decision count with the time of their last sample, so only a session without samples has no time.
     if found.decision_time_s is None:
         return [found.session, name, consensus, "-", "-", "-"]
     spread = "" if is_logged else f" [{found.decision_time_low_s:.0f}, {found.decision_time_high_s:.0f}]"

@@ -122,7 +122,8 @@ def _print_profile(profile: pl.DataFrame) -> None:
 
     Args:
         profile: result of ``edge_profile``: one row for each range of distances, the nearest first. The columns "still"
-            and "vibrating" are the numbers of samples on tiles of each kind.
+            and "vibrating" are the numbers of samples on tiles of each kind. Where one is 0, the error rate is NaN and
+            is printed as "nan".
     """
     from vibroswarm.cli.output import print_table
 

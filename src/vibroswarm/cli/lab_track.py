@@ -188,7 +188,7 @@ def run(arguments: argparse.Namespace) -> int:
     # to those that the log states or implies. So they are also part of the hash that identifies this work.
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
-    # Videos are identified by their paths, not by their content.
+    # Videos are identified by their paths, not by their content. --board, --partial and --any-floor do not count.
     work = hash_of(
         scenario.hash, stated, markers.to_toml(), [str(video.resolve()) for video in videos],
         [str(board) for board in boards], heights, None if samples is None else samples.to_dicts(),
@@ -299,7 +299,7 @@ def document(session: Stitched, tracked: TrackedLog | None) -> dict[str, Any]:
         "warnings": session.warnings(),
     }
     if len(session.cameras) > 1:
-        found["cameras"] = [
+        found["cameras"] = [  # the first camera has no overlap: None
             _about(camera) | (_about_overlap(overlap) if overlap is not None else {})
             for camera, overlap in zip(session.cameras, session.overlaps, strict=True)
         ]

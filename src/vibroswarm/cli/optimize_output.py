@@ -60,6 +60,7 @@ def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
 
 
 def _unit(objective: Objective) -> str:
+    """Return the unit of an objective after a blank, to be put after a score; an empty text if it has no unit."""
     return f" {objective.unit}".rstrip()
 
 

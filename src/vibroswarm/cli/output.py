@@ -23,7 +23,13 @@ MOST_ROWS: Final = 60
 
 
 def print_json(document: Any) -> None:
-    """Print one JSON document."""
+    """Print one JSON document.
+
+    JSON has no NaN and no infinity: callers replace them, usually by None.
+
+    Raises:
+        ValueError: the document holds such a number.
+    """
     print(json.dumps(document, indent=2, allow_nan=False))
 
 

@@ -141,6 +141,8 @@ def _refuse_other(folder: Path) -> None:
 def check(arguments: argparse.Namespace) -> int:
     """Recompute some cells of an archive, print whether they confirm it, and return exit code 0.
 
+    A cell is one scenario with its engine and seed, simulated many times.
+
     Raises:
         RunError: results differ; the differences are printed first.
     """

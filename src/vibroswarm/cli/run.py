@@ -171,7 +171,8 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
 def _print_map(result: Result) -> None:
     """Print the map of the floor that follows from the samples of all robots.
 
-    Nothing is printed if the robots' strategy keeps no map, or if the floor is too wide (``WIDEST_MAP``).
+    Nothing is printed if the robots' strategy keeps no map, or if the floor is too wide (``WIDEST_MAP``). A tile counts
+    as believed to vibrate if the belief is above 0.5.
     """
     import polars as pl
 

@@ -203,7 +203,7 @@ def print_outcome(result: StudyResult, second: StudyResult | None, arguments: ar
     """Summarise a study and print its tables; with ``--out``, save numbers, pictures and report; return the exit code.
 
     Args:
-        result: the study with its finished runs.
+        result: the study with its finished runs; without any, ``outcome_of`` raises ``InputError``.
         second: the repetition of its cells on other seeds, which confirms comparisons; None if it was not run.
     """
     from vibroswarm.cli.output import print_json

@@ -243,7 +243,8 @@ def _parts(table: Table, width: int) -> list[str] | None:
     """Lay out several tables one under the other, each with the names and as many other columns as fit.
 
     Returns:
-        The lines; None if a column does not fit beside the names, even if it is the only one.
+        The lines; None if a column does not fit beside the names, even if it is the only one. Empty if all columns are
+        names.
     """
     lines: list[str] = []
     remaining = list(range(table.names, len(table.columns)))
@@ -268,7 +269,10 @@ def _parts(table: Table, width: int) -> list[str] | None:
 
 
 def _records(table: Table, width: int) -> list[str]:
-    """Lay out a table as records: for each row, a line with its names, then a line ``column: value`` for each value."""
+    """Lay out a table as records: for each row, a line with its names, then a line ``column: value`` for each value.
+
+    If no column names the rows, the line of the names is empty, and separates the records.
+    """
     lines: list[str] = []
     for row in table.rows:
         lines += _wrap(GAP.join(filter(None, row[: table.names])), width)

@@ -68,7 +68,7 @@ def verdict_text(result: Result, found: Verdict) -> str:
     robots.
 
     Args:
-        result: a result of a single run, of any number: floor, faults and failures are taken from it.
+        result: a result of a single run, whose number need not be 0: floor, faults and failures are taken from it.
         found: the verdict on that run.
     """
     scenario, floor = result.scenario, result.floor(int(result.runs["run"][0]))

@@ -66,7 +66,8 @@ class Radio:
     addressed: NDArray[np.int64]
     """(robots,): number of messages that others sent to each robot."""
     latest: NDArray[np.uint8]
-    """(receivers, senders): state of the sender's latest message at the receiver; ``OWN`` if it has sent none."""
+    """(receivers, senders): state of the sender's latest message at the receiver; ``OWN`` if the sender has sent none,
+    and on the diagonal."""
 
 
 class Playback:
@@ -85,6 +86,7 @@ class Playback:
         self.floor = result.floor()
         self.robots = result.ends.height  # one row for each robot
         self.end_s = float(result.ends["end_s"][0])  # the same for all robots of a run
+        # ``motion`` is in order of time, which the join keeps.
         joined = result.motion.join(result.inference, on=["run", "robot", "sample"], maintain_order="left")
         self.log = self._message_log()
         self.samples = [joined.filter(pl.col("robot") == robot) for robot in range(self.robots)]

@@ -242,7 +242,8 @@ def _holder(path: Path) -> str:
 MARKER = "scenario.toml"
 """The file that marks a folder as a result."""
 OURS: Final = (MARKER, "study.toml", "search.toml", "tradeoff.csv", "printed.json", "recording.json", "items")
-"""Files that mark a folder as written by one of our commands: each such folder has at least one of them."""
+"""Files that mark a folder as written by one of our commands: each such folder has at least one of them, except those
+of ``export``, which have markers of their own."""
 MAX_TRIES = 20
 """Attempts to check or to replace a folder that other processes replace at the same time."""
 MAX_NAME_LENGTH = 100
@@ -389,6 +390,7 @@ def _swap_in(part: Path, path: Path) -> None:
     old: Path | None = None  # where the old folder was moved to
     try:
         if path.exists():
+            # The name is not cut, because ``remove_leftovers`` takes the folder's name from it.
             old = path.parent / f".{path.name}.{OLD_MARK}{tag()}"
             path.replace(old)
         part.replace(path)

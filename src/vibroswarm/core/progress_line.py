@@ -32,7 +32,8 @@ def is_watched(stream: TextIO | None = None) -> bool:
 class ProgressLine:
     """A line on stderr that is rewritten again and again: a bar, counts, rate and the time left.
 
-    ``width`` is the length of the text that is now on the line, in characters; 0 before the first text.
+    ``width`` is the length of the text that is now on the line, in characters; 0 before the first text. The caller has
+    checked that the stream exists (``is_watched``).
     """
 
     def __init__(self, what: str, stream: TextIO | None = None) -> None:

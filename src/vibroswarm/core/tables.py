@@ -146,6 +146,7 @@ def _check_columns(frame: pl.DataFrame, schema: Schema, name: str, what: str) ->
 
 
 def _kind(kind: Any) -> str:
+    """Return the name of a type of polars, which may be a class or an instance with parameters."""
     return str(kind) if isinstance(kind, pl.DataType) else str(kind.__name__)
 
 
@@ -173,7 +174,7 @@ def _check_values(values: pl.Series, nullable: bool, name: str) -> None:
 
 
 def _first(where: pl.Series) -> int:
-    """Return the number of the first row, from 0, in which a boolean column is true."""
+    """Return the number of the first row, from 0, in which a boolean column is true; the caller knows of one."""
     return int(where.arg_true()[0])
 
 

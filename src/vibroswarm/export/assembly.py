@@ -107,6 +107,8 @@ def parts_of(scenario: Scenario) -> RobotParts:
 def refuse_options(scenario: Scenario, strategy: Strategy) -> None:
     """Refuse parameters (options) for which a variant of the strategy runs: variants cannot be exported.
 
+    Nothing is refused if the default of no single parameter would change the variant. The package has no such strategy.
+
     Raises:
         InputError: it names the first such parameter, and the file of the variant's hooks.
     """

@@ -121,7 +121,10 @@ class Calls(Expressions):
         return Value(f"vs_uniform({', '.join(texts)})", REAL)
 
     def construct(self, node: ast.Call, struct: Struct) -> Value:
-        """Translate the construction of a row: without arguments all zeros, or with all fields given in order."""
+        """Translate the construction of a row: without arguments all zeros, or with all fields given in order.
+
+        Only a named tuple is constructed from its fields.
+        """
         if not node.args and not node.keywords:
             return Value(f"({struct.name}){{0}}", struct)
         names = list(struct.source._fields)

@@ -220,7 +220,8 @@ class Expressions:
     def on_subscript(self, node: ast.Subscript) -> Value:
         """Translate an element of an array, or a length such as ``a.shape[0]``, which is a constant.
 
-        Constant indices are checked against the length. ``VS_LOAD`` converts stored floating-point numbers.
+        Constant indices are checked against the length, others are not: a negative index would count from the end in
+        Python, but not in C. ``VS_LOAD`` converts stored floating-point numbers.
         """
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             array, axis = self.expression(node.value.value), self.expression(node.slice).constant
@@ -269,6 +270,9 @@ class Expressions:
 
         If both operands are constants, the result is computed here, as a constant. A product of 32-bit numbers has two
         further texts, in 64 bits and as a floating-point number, for uses where 32 bits might overflow.
+
+        Args:
+            node: the expression or statement, for errors.
         """
         if left.constant is not None and right.constant is not None:
             folded = ast.BinOp(ast.Constant(left.constant), operator, ast.Constant(right.constant))

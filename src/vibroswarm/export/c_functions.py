@@ -147,12 +147,13 @@ class Function(Calls):
         """Return the function in C.
 
         An assignment can widen a variable's type, as from ``int`` to ``float``, also for statements before it in a
-        loop. So the body is translated again and again until no type changes.
+        loop. So the body is translated again and again until no type changes. Types only widen, so this ends.
         """
         body = without_docstring(self.source.tree.body)
         while True:
             before = dict(self.types), self.returns
-            # Everything but the types starts anew; depth is the indentation of the body's lines.
+            # The text starts anew; depth is the indentation of the body's lines. ``changes`` may count on, since only
+            # its increase within an expression matters, and ``writes`` stays true once it is.
             self.aliases, self.depth, self.held = {}, 1, 0
             self.lines: list[str] = []
             for statement in body:
@@ -218,8 +219,9 @@ class Function(Calls):
     def do_return(self, node: ast.Return) -> None:
         """Translate ``return`` of a number, a constant row or several numbers; the result's type may widen.
 
-        All returns of a function must have results of one type, or numbers of which one type holds all. C returns
-        copies, so an array or a row that can be changed is refused: a change of the copy would be lost.
+        All returns of a function must have results of one type, or numbers of which one type holds all; a ``return``
+        without a value beside them is not refused. C returns copies, so an array or a row that can be changed is
+        refused: a change of the copy would be lost.
         """
         if node.value is None:
             self.write("return;")
@@ -268,7 +270,8 @@ class Function(Calls):
     def do_for(self, node: ast.For) -> None:
         """Translate a ``for`` loop over ``range(...)`` or over a tuple of numbers, such as ``for k in (0, 2, 5)``.
 
-        The variable must not be assigned in the body, because it is the counter of the loop in C.
+        The numbers of a tuple must be whole and constant, since they become a constant array of ``vs_int``; this is not
+        checked. The variable must not be assigned in the body, because it is the counter of the loop in C.
         """
         if node.orelse or not isinstance(node.target, ast.Name):
             self.refuse(node, f"the loop 'for {ast.unparse(node.target)}'")

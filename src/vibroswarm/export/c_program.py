@@ -121,6 +121,8 @@ def c_sources(parts: RobotParts) -> CSources:
 def precision_of(parts: RobotParts) -> tuple[int, str]:
     """Return the least precision in which robots act as they do in double precision, and the reason for it.
 
+    For strategies of the package, tests compare the precisions; a user's own strategy gets float without such a test.
+
     Returns:
         ``SINGLE`` (float), ``MIXED`` (double, with arrays in float) or ``DOUBLE``, and a sentence for the header.
     """

@@ -83,6 +83,7 @@ class CTuple:
     """Several values that a function returns."""
 
     items: tuple[Any, ...]
+    """Types of the values, which are all numbers."""
 
     @property
     def name(self) -> str:
@@ -140,7 +141,7 @@ def struct_of_class(
 
     Args:
         name: in C. declared: the Python class. mutable: whether fields can be changed in place. omitted: fields to
-            leave out. like: an instance, from which arrays take their types and shapes.
+            leave out. like: an instance, from which arrays take their types and shapes; None if no field is an array.
     """
     fields: list[tuple[str, Any]] = []
     for field_name, hint in get_type_hints(declared).items():

@@ -59,7 +59,7 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
 
 
 def c_number(value: Any) -> str:
-    """Return the text in C of a number, or of an array of numbers, flattened in braces."""
+    """Return the text in C of a number other than NaN, or of an array of such numbers, flattened in braces."""
     if isinstance(value, np.ndarray):
         return "{" + ", ".join(c_number(item) for item in value.ravel().tolist()) + "}"
     # Truth values come before integers, because a Python bool is an int, too.

@@ -72,6 +72,7 @@ def class_text(name: str, kind: Struct) -> str:
     """Return the text of a class for a row or named tuple.
 
     A row is constructed without arguments, and is all zeros. A named tuple is constructed from all fields, in order.
+    ``Mixture`` counts as a row, because its arrays are changed in place.
     """
     fields = [field for field, _ in kind.fields]
     lines = [f"class {name}:", f"    __slots__ = ({', '.join(repr(field) for field in fields)},)", ""]
@@ -244,7 +245,10 @@ class Rewriter(ast.NodeTransformer):
         return self.generic_visit(node) if known is None else self.visit(node.body if known else node.orelse)
 
     def visit_BoolOp(self, node: ast.BoolOp) -> Any:
-        """Leave out operands of ``and`` that are always true; ``visit_If`` treats tests that are always false."""
+        """Leave out operands of ``and`` that are always true.
+
+        ``visit_If`` and ``visit_IfExp`` treat tests that are always true or always false as a whole.
+        """
         if isinstance(node.op, ast.And):
             values = [item for item in node.values if self.truth(item) is not True]
             if len(values) == 1:
@@ -297,7 +301,10 @@ class Rewriter(ast.NodeTransformer):
         return ast.Attribute(value, node.attr, node.ctx)
 
     def visit_Subscript(self, node: ast.Subscript) -> Any:
-        """Replace ``a[i, j]`` by ``a[i][j]``, and ``a.shape[k]`` by ``len(a[0]...[0])``: arrays are nested lists."""
+        """Replace ``a[i, j]`` by ``a[i][j]``, and ``a.shape[k]`` by ``len(a[0]...[0])``: arrays are nested lists.
+
+        The axis ``k`` must be a constant; no array may be empty along an earlier axis.
+        """
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             inner: ast.expr = self.visit(node.value.value)
             for _ in range(int(self.known(node.slice))):

@@ -49,7 +49,7 @@ class Robot:
     number: int
     """Number of the robot, from 0."""
     tick: int
-    """Control periods since the start."""
+    """Number of control periods since the start."""
     world: World
     """What the robot knows about its task."""
     walk: WalkState
@@ -71,7 +71,7 @@ class Robot:
     belief: float
     """Belief that the share of vibrating tiles is below the boundary, after the last sample or timer."""
     decided_s: float
-    """Time of the decision; nan before."""
+    """Time of the current decision, s; nan before the first."""
     samples: int
     """Number of samples so far."""
     sent: int
@@ -91,7 +91,7 @@ class Robot:
     inbox_number: Any
     """The index of each message in the inbox among its sender's messages, from 0."""
     sampled_s: float
-    """Time of the last sample."""
+    """Time of the last sample, s; 0 before the first."""
     sees_from_ms: float
     """Driving time in the present leg from which on the rays are used again."""
     place: Any
@@ -99,7 +99,7 @@ class Robot:
     estimate: Any
     """Estimate of the place of the last stop, in the order of ``robot.pose_mixture.ESTIMATE``."""
     move_start_s: float
-    """Start of the present move."""
+    """Start of the present move, s."""
     move_turned_deg: float
     """Angle turned in the present move so far, by the gyro."""
     move_ray_m: float

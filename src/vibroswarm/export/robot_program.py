@@ -181,6 +181,8 @@ def is_blind(r: Robot) -> bool:
 def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     """Do one tick; return True to take the sample now, and then call ``sample`` before the next step.
 
+    If it returns False and ``r.sends`` is true, the timer has sent the message ``r.out``.
+
     Args:
         gyro_deg: angle turned since the last step, anticlockwise positive. nearest_mm: the shortest ray; used only if
             ``looks_now(r, gyro_deg)`` was true before the step.
@@ -237,6 +239,7 @@ def right_percent(r: Robot) -> float:
 def accelerate(r: Robot, ax: float, ay: float, az: float) -> None:
     """Process a reading of the accelerometer, made at ``SENSING.rate_hz``: acceleration along three axes.
 
+    The unit is that of ``RMS_THRESHOLD``.
     Readings count only in a stop, after the robot has settled, and up to the number that a sample takes.
     """
     stands = r.walk.mode == STOP and r.walk.stopped_ms >= SENSING.settle_ms
@@ -245,7 +248,10 @@ def accelerate(r: Robot, ax: float, ay: float, az: float) -> None:
 
 
 def observed(r: Robot) -> int:
-    """Return the observation of this stop: 1 if the acceleration's RMS is above the threshold."""
+    """Return the observation of this stop: 1 if the RMS of the filtered acceleration is above the threshold, else 0.
+
+    Before the first reading of the stop the RMS is 0.
+    """
     return observation(r.sense, RMS_THRESHOLD)
 
 
@@ -339,7 +345,10 @@ def read_inbox(r: Robot) -> None:
 
 
 def hear(r: Robot, sender: int, number: int, message: Message) -> None:
-    """Pass a message to the strategy now; the arguments are those of ``receive``."""
+    """Pass a message to the strategy now; the arguments are those of ``receive``.
+
+    A message changes the strategy's state only: ``r.belief`` and ``r.decision`` stay until the next sample or timer.
+    """
     on_message(
         r.state,
         r.arrays,
@@ -403,6 +412,10 @@ def stopped(r: Robot) -> None:
         add_sample(r.place, LOCALISER, r.estimate)
 
 
+# The exporter (``assembly``) puts the functions below in place of hooks and of ``strategies.world.belief_below``.
+# Arguments of one letter are those of the hooks (``inference.default_hooks``).
+
+
 def hear_bit(s: Any, a: Any, m: Any, sender: int, t_s: float, d: Any, p: Any, w: Any) -> None:
     """Hear a one-bit message, for strategies that have ``on_counts`` in place of ``on_message``."""
     on_counts(s, m.bit, 1 - m.bit, p, w)
@@ -414,7 +427,7 @@ def no_belief(s: Any, a: Any, p: Any, w: Any) -> float:
 
 
 def timer_of_state(s: Any) -> float:
-    """Return the time at which the timer is due, s."""
+    """Return the time at which the timer is due, s; called only if the strategy has a timer."""
     found: float = s.next_s
     return found
 
@@ -424,7 +437,10 @@ def on_counts(s: Any, ones: int, zeros: int, p: Any, w: Any) -> None:
 
 
 def belief_of_posterior(alpha: int, beta: int, w: Any) -> float:
-    """Return the belief that the share of ones is below the boundary, computed each time: a robot has no table."""
+    """Return the belief that the share of ones, with posterior Beta(alpha, beta), is below the boundary.
+
+    It is computed at each call: an exported robot has no table of beliefs.
+    """
     return posterior_below(alpha, beta, w.boundary)
 
 

@@ -89,7 +89,7 @@ def source_of(function: Any, instead: Mapping[str, Any] | None = None) -> Source
     Args:
         function: a Python function, or one compiled by Numba. instead: values that replace those of global names.
     Raises:
-        InputError: the source cannot be read.
+        InputError: the source cannot be read, or is not that of a plain function.
     """
     found = plain(function)
     tree, file, before = _parsed(found)

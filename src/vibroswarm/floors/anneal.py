@@ -111,7 +111,7 @@ def add_tile(state: Clusters, cell: int) -> float:
 
 @kernel
 def remove_tile(state: Clusters, cell: int) -> float:
-    """Make the vibrating ``cell`` still, splitting its cluster if it connected parts; return the change of S.
+    """Make the vibrating ``cell`` still, and split its cluster if it connected parts; return the change of S.
 
     S is in bits times tiles.
     """
@@ -205,7 +205,10 @@ class Goal(NamedTuple):
 
 
 class Schedule(NamedTuple):
-    """First and last temperature (units of energy, falling geometrically), number of swaps, energy at which to stop."""
+    """First and last temperature (units of energy, falling geometrically), number of swaps, energy at which to stop.
+
+    Both temperatures are above 0, and there is at least one swap.
+    """
 
     hot: float
     """First temperature."""
@@ -242,7 +245,7 @@ def _partner(u: float, p: int, zeros: Cells, blanks: int, tile: Cells, rows: int
     With probability 1/2 it is drawn from all still cells, else from the cells at most two rows and columns from ``p``.
 
     Args:
-        u: uniform number in (0, 1). zeros: indices of all still cells. blanks: number of still cells.
+        u: uniform number in [0, 1). zeros: indices of all still cells. blanks: number of still cells.
     Returns: index of the cell; -1 if the cell that was drawn near ``p`` vibrates or is outside the floor.
     """
     # u < 1/2 selects from all still cells, u >= 1/2 from the cells near p. Within its half u is uniform, and selects

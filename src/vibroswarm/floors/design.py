@@ -158,7 +158,8 @@ def make_floor(
 ) -> FloorDesign:
     """Design a floor of given size and difficulty, with each measure within ``TOLERANCE``.
 
-    If no such floor is found, return the nearest one that was found, with ``reached`` false.
+    If no such floor is found, return the nearest one that was found, with ``reached`` false. ``reached`` is also false
+    if the whole number of vibrating tiles makes the fill ratio deviate by more than ``TOLERANCE``.
 
     Args:
         rows, columns: size of the floor, at most ``TILE_LIMIT`` tiles in all.

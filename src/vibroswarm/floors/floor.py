@@ -39,7 +39,8 @@ class Floor(NotebookView):
         name: name of the floor in titles and results; equality ignores it.
 
     Raises:
-        InputError: there are no tiles, tiles other than 0 and 1, or a size that is not finite and positive.
+        InputError: there are no tiles, tiles other than 0 and 1, a size that is not finite and positive, or a position
+            that is not finite.
     """
 
     tiles: NDArray[np.uint8]
@@ -102,7 +103,8 @@ class Floor(NotebookView):
         """Return the fill ratio of the part of the floor that lies inside an arena of ``width_m`` by ``height_m``.
 
         It is the share of the tiled area inside the arena that vibrates; a tile that is cut by an edge of the arena
-        counts with the area that is inside. If all tiles are inside, it equals ``fill_ratio``.
+        counts with the area that is inside. If all tiles are inside, it equals ``fill_ratio``. If the whole floor is
+        outside, which scenarios refuse, it is nan.
 
         Raises:
             InputError: a size is not a finite number above 0.
@@ -179,7 +181,7 @@ def sides_inside(
         geometry: rows, columns, tile width and height, left and bottom of the floor (``Floor.geometry``).
         width_m, height_m: size of the arena.
     Returns: the widths, (columns,), from the left; the heights, (rows,), from the top; 0 for columns and rows outside.
-        None instead of both if all tiles lie inside.
+        None instead of both if all tiles lie inside. The arrays are cached, so they must not be changed.
     """
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry
     left = left_m + tile_width_m * np.arange(columns)

@@ -2,8 +2,8 @@
 
 A grid has one row of tiles per line, top row first: ``01010``, ``0 1 0 1 0``, ``0,1,0,1,0`` (also with ';' or tab). A
 list of coordinates has one vibrating tile per line, ``column,row``, counted from 0 at the top left; a line ``# -1``
-ends the list. A list does not state the size of the floor, so the user must give it. Empty lines, and other lines that
-begin with '#', are skipped.
+ends the list. A list of that line alone is a floor on which no tile vibrates. A list does not state the size of the
+floor, so it must be given. Empty lines, and other lines that begin with '#', are skipped.
 """
 
 from __future__ import annotations
@@ -95,7 +95,8 @@ def _lines(text: str, name: str) -> tuple[list[_Line], bool]:
     """Return the lines of a text that are neither empty nor comments, and whether a line ``# -1`` ended them.
 
     Raises:
-        InputError: there are no tiles, too many lines or tiles, or lines after ``# -1``.
+        InputError: there are too many lines or tiles, other lines than comments after ``# -1``, or neither tiles nor
+            ``# -1``.
     """
     # Refuse far too long a text before the split needs much memory. A line may end with two characters (\r\n), so twice
     # the limit is allowed here; the exact limit is checked below.

@@ -192,6 +192,8 @@ def empty_swarm(strategy: Strategy, network: Network, scenario: Scenario, runs: 
 def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.int64]) -> None:
     """Write the faults of the robots to the rows of ``swarm.failures`` (``FAILURE``).
 
+    If the scenario has no faults, the rows stay as ``empty_swarm`` has set them.
+
     Args:
         swarm: changed in place. runs: run numbers of the swarm's runs, in the order of its rows.
     """

@@ -96,7 +96,8 @@ def record_samples(
 
     Args:
         rows: the new samples (``motion.recorder.SAMPLE_ROW``), in order of time. ground: floor and sensors of the run.
-        buffer: changed. filled: number of samples in the buffer so far. seed, run: address of the sensors' noise.
+        buffer: changed; it must have room for all ``rows``, which is not checked. filled: number of samples in the
+            buffer so far. seed, run: address of the sensors' noise.
         tick_ms: control period.
     """
     for n in range(rows.size):
@@ -130,7 +131,9 @@ NO_STOP_TICKS: Final = np.empty(0, dtype=np.int64)
 def max_samples(scenario: Scenario) -> int:
     """Return an upper bound on the number of samples of a run, from the fewest ticks between two samples of a robot.
 
-    Two samples more per robot are allowed for those at the beginning and at the end of the run.
+    The bound holds for robots that keep ``sample_interval_ms`` and ``stop_ms``: the sample timer must exceed the
+    interval, so it takes at least one tick more. Two samples more per robot are allowed for those at the beginning and
+    at the end of the run.
     """
     tick_ms, sample = scenario.run.control_period_ms, scenario.sample
     between = 1 + int(sample.sample_interval_ms // tick_ms) + int(sample.stop_ms // tick_ms)
@@ -174,6 +177,7 @@ class ClosedLoop:
             estimates=read_only(self.estimates),
             log_ratios=read_only(self.log_ratios),
         )
+        # bounds: 0, and the number of samples in the buffer so far. runs: number of the present run.
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.rows = Rows(
             bounds=read_only(self.bounds),
@@ -337,7 +341,7 @@ class ClosedLoop:
 
 
 def sample_rows(samples: pl.DataFrame, tick_ms: int) -> NDArray[np.void]:
-    """Convert a motion table to rows (``motion.recorder.SAMPLE_ROW``).
+    """Convert a table of samples to rows (``motion.recorder.SAMPLE_ROW``) in the same order.
 
     The closed loop does not read the times spent driving, turning, avoiding and standing, so these fields are 0.
     """
@@ -392,6 +396,9 @@ def advance_loops(state: MotionState, loops: Sequence[ClosedLoop], until_s: floa
 def add_piece(piece: Motion, loops: Sequence[ClosedLoop], tick_ms: int) -> tuple[int, NDArray[np.int64]]:
     """Append the samples and, if needed, the moves of a piece of motion to each closed loop.
 
+    Args:
+        piece: motion of one run; its table of ends has one row per robot, in the order of robots. loops: changed.
+            tick_ms: control period.
     Returns: the arguments of ``ClosedLoop.catch_up``: the tick up to which motion is known, exclusive; the tick since
         which each robot stands, (robots,), -1: it walks.
     """

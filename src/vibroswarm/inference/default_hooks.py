@@ -68,7 +68,10 @@ def belief(s: Row, a: Any, p: Row, w: World) -> float:
 
 
 def steer(s: Row, a: Any, x: Reading, d: Draws, p: Row, w: World) -> tuple[float, float]:
-    """Return the turn (deg) and the duration of the leg (ms) after an own sample; nan keeps what was drawn."""
+    """Return the turn (deg) and the duration of the leg (ms) after an own sample; nan keeps what was drawn.
+
+    This default is never called: kernels call ``steer`` only if HAS_STEER is true.
+    """
     return 0.0, 0.0
 
 

@@ -44,8 +44,8 @@ class Reach(NamedTuple):
     """Receivers of each message if some messages are lost."""
 
     words: NDArray[np.uint64]
-    """(rows, words): 1 in the lane of each robot that hears the message of this row, so that one addition counts the
-    messages of several robots."""
+    """(rows, robots / LANES rounded up): 1 in the lane of each robot that hears the message of this row, so that one
+    addition counts the messages of several robots."""
     others: NDArray[np.int32]
     """(rows,): number of messages that the robot of this row had heard when it took this sample."""
     others_at_end: NDArray[np.int32]
@@ -214,11 +214,14 @@ def needs_moves(scenario: Scenario) -> bool:
 def timeline_of(scenario: Scenario, motion: Motion | Timeline) -> Timeline:
     """Return the timeline of a motion.
 
+    Samples must be sorted by run, time and robot, and ends by run and robot; each run of the samples must have ends.
+    This is not checked.
+
     Args:
         motion: the tables of a motion; or its timeline, which is returned unchanged.
     Raises:
-        ValueError: the table of ends does not have a row for each robot of each run, or a sample's robot does not
-            exist.
+        ValueError: the number of rows of the table of ends is not a multiple of the number of robots, or a sample's
+            robot does not exist.
     """
     if isinstance(motion, Timeline):
         return motion

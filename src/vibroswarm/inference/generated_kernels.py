@@ -94,7 +94,8 @@ def on_message(s, a, m, sender, t_s, d, p, w):
 def uses_uniforms(strategy: Strategy) -> bool:
     """Return whether the strategy's ``on_sample`` uses the function ``u``, and so may draw random numbers.
 
-    If it does, it is worth computing the first random number of each sample in advance, for all samples at once.
+    If it does, it is worth computing the first random number of each sample in advance, for all samples at once. Only
+    ``on_sample`` itself is searched: if only functions that it calls use ``u``, numbers are computed when drawn.
     """
     function = strategy.on_sample
     return any(value is u for value in globals_of(function).values())
@@ -102,6 +103,7 @@ def uses_uniforms(strategy: Strategy) -> bool:
 
 def key_of(*declared: Strategy | Network) -> str:
     """Return a hash, 12 hexadecimal digits, of all code from which the kernels of a strategy and a network are made."""
+    # ``source`` is the text of a user's file; it is empty for the strategies and networks of this package.
     texts = [item.source or _text_of(item) for item in declared]
     # ``source_hash`` is that of this package's own source, which includes the templates.
     text = "\0".join((source_hash(), *texts))
@@ -271,7 +273,8 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
     """Compile a function for use in a kernel, with the Python functions that it calls; return the compiled form.
 
     The function itself is not changed. What is compiled is a copy, in whose globals the functions that it calls are
-    replaced by their compiled forms.
+    replaced by their compiled forms. That is done for functions for which ``_is_hook_code`` is true. Any other function
+    stays as it is, and the kernel compiles only if Numba can compile a call of it.
 
     Args:
         function: a Python function; a function that is compiled already is returned as it is.

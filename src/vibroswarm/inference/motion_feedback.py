@@ -54,7 +54,7 @@ def steered_motion(
     A run ends at ``run.t_end_s`` or, if ``run.stop`` is "all_decided", one tick after all robots have decided.
 
     Args:
-        floors: floor of each run, by run number. motion: name of the motion source.
+        runs: run numbers, at least one. floors: floor of each run, by run number. motion: name of the motion source.
         wanted: tables requested beside the samples. progress: called after each run with the share of runs done.
     Raises:
         InputError: the motion source cannot be steered, or the strategy chooses a turn or a leg that is out of range.
@@ -208,7 +208,7 @@ def until_all_decided(
     """Simulate the motion of runs until one tick after all robots have decided, or to ``run.t_end_s``.
 
     Args:
-        floors: floor of each run, by run number. motion: name of the motion source.
+        runs: run numbers, at least one. floors: floor of each run, by run number. motion: name of the motion source.
         wanted: tables requested beside the samples. progress: called after each run with the share of runs done.
     """
     # first_s: length of a run's first piece. A run is likely to take at least the share LIKELY of the shortest run so

@@ -295,7 +295,8 @@ def run_figures(robots: Columns, runs: Columns, t_end_s: ArrayLike) -> dict[str,
 
     Args:
         robots: columns of the table of robots, (..., runs, robots) each. runs: columns of the table of runs, (...,
-            runs) each. t_end_s: end of a run, s: one number, or one for each cell in the shape of the leading axes.
+            runs) each, as ``run_columns`` returns them. t_end_s: end of a run, s: one number, or one for each cell in
+            the shape of the leading axes.
     """
     # t_end_s has one number per cell. It gets an axis for runs here, and another one for robots where that is needed.
     shape, end_s = robots["decision"].shape, np.asarray(t_end_s, dtype=np.float64)[..., None]
@@ -319,7 +320,10 @@ def of_swarms(runs: Columns, robots: ArrayLike, t_end_s: ArrayLike) -> dict[str,
     Where the truth is nan, the figures that count right or wrong decisions are nan too.
 
     Args:
-        runs: columns of the table of runs, (..., runs) each. robots: robots per run. t_end_s: end of a run, s.
+        runs: columns of the table of runs, (..., runs) each, as ``run_columns`` returns them: the truth is nan where
+            neither decision is right, and the consensus is an index into ``CONSENSUS``.
+        robots: robots per run. t_end_s: end of a run, s. Both are numbers, or arrays that are broadcast against (...,
+            runs).
     Returns: truth; consensus_time_s (nan without consensus); right, wrong, undecided (numbers of robots);
         right_share, wrong_share, undecided_share; swarm_right, swarm_wrong (1 if the consensus is right, or wrong, else
         0); swarm_time_s (capped consensus time).

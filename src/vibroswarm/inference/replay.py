@@ -47,7 +47,8 @@ def infer(
     Args:
         motion: the motion, or its timeline. observations: the observation table, with the rows of the motion table.
     Raises:
-        ValueError: the rows of motion and observations are not the same.
+        ValueError: the rows of motion and observations are not the same, or the strategy reads energies and some are
+            missing.
         CodeError: the strategy did something that strategies may not do.
     """
     timeline = timeline_of(scenario, motion)
@@ -68,7 +69,8 @@ def outcomes(
     Args:
         motion: the motion, or its timeline. observations: the observation table, with the rows of the motion table.
     Raises:
-        ValueError: the rows of motion and observations are not the same.
+        ValueError: the rows of motion and observations are not the same, or the strategy reads energies and some are
+            missing.
         CodeError: the strategy did something that strategies may not do.
     """
     timeline = timeline_of(scenario, motion)

@@ -25,7 +25,7 @@ DOES_NOT_SEND: Final = 1
 BUFFER_FULL: Final = 2
 """Status code: a buffer of messages is full; the call must be repeated with a larger one."""
 INVALID_DECISION: Final = 3
-"""Error code: a decision is not -1, 0 or 1."""
+"""Error code: a decision is not -1, 0 or 1. Only the kernel of ``replay_messages`` checks this."""
 AGREED_SINCE: Final = 0
 """Index in ``MessageBuffer.agreement`` of the tick since which all opinions agree; -1: they do not."""
 SETTLED: Final = 1
@@ -185,7 +185,7 @@ class Log(NamedTuple):
     belief: NDArray[np.float64]
     """Belief that the share of ones is below the boundary; nan if the strategy has none."""
     decision: NDArray[np.int8]
-    """-1: undecided."""
+    """-1: undecided. If the strategy decides by opinions, this is the robot's opinion, also before it is a decision."""
     sends: NDArray[np.uint8]
     """1 if the robot sends a message at this sample, else 0."""
 

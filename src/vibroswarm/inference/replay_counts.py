@@ -143,6 +143,9 @@ def replay(
 ) -> int:  # fmt: skip
     """Replay the runs, one after the other, from where the last call stopped; return ``DONE`` or an error code.
 
+    Only a single run without ``deliveries`` can be continued by a later call: ``counts`` holds the counts of one run,
+    and deliveries are read from their first one at each call.
+
     Args:
         rows, readings: samples and what robots read at them. replayed: (runs,): number of samples replayed so far,
             changed. swarm: state of all robots, changed. messages: (rows,), written: message sent at each sample.

@@ -133,12 +133,13 @@ def send_message(
 ) -> bool:  # fmt: skip
     """Send the message that the strategy of robot ``i``, in row ``e``, has written to the end of ``buffer``.
 
-    Its sender, tick and number are stored, it is put into the inboxes of its receivers, and it is counted as sent.
+    Its sender, tick and number are stored, it is put into the inboxes of its receivers, and it is counted as sent. The
+    caller has checked that ``buffer`` has a row for it.
 
     Args:
         network_params, network_state: (1,): rows of the network's parameters and state. network_arrays: the network's
             arrays, or 0 if it has none.
-    Returns: whether there was room; if not, the replay must be repeated with a larger buffer.
+    Returns: whether the inbox had room; if not, the replay must be repeated with a larger buffer.
     """
     row, m = swarm.agents[e], buffer.filled[0]
     buffer.sender[m], buffer.tick[m], buffer.number[m] = i, tick, row.sent
@@ -226,7 +227,8 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, 
     known, is ``hold_s`` later.
 
     Args:
-        first: row of the run's robot 0. tick: the present tick, or the last one that is known.
+        first: row of the run's robot 0. tick: the present tick, before any event at it is processed; or, when no event
+            is left, the tick up to which motion is known or is replayed.
     """
     since = buffer.agreement[AGREED_SINCE]
     long_enough = time_of(tick - since, world) >= world.hold_s
@@ -297,6 +299,8 @@ def log_sample(
     swarm: Swarm, e: int, k: int, out: Any, sends: bool, messages: NDArray[np.void], log: Log
 ) -> None:
     """Write a robot's state after a sample to ``log``, and its message to ``messages``.
+
+    The decision in the log is the robot's opinion. The two differ only if the strategy decides by opinions.
 
     Args:
         e: row of the robot. k: row of the sample, to which is written. out: the message. sends: whether the robot sends

@@ -49,7 +49,8 @@ class Replayer(ABC):
     """Replays some runs, in one or several calls of ``advance``, each from where the last one stopped.
 
     Args:
-        runs: number of runs. longest: number of samples of the longest run. rows: number of samples of all runs.
+        runs: number of runs. longest: number of samples of the longest run. rows: number of samples of all runs. Upper
+            bounds will do for both, as in a closed loop.
         messages: (rows,), written if given: the message sent at each sample.
         log: (rows,), written if given: the state after each sample.
         network: the network whose functions the kernel calls.

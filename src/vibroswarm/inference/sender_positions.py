@@ -144,7 +144,7 @@ def move_rows(moves: pl.DataFrame | None, tick_ms: int) -> NDArray[np.void]:
     table = _known(moves)
     rows = zero_rows(table.height, MOVE_ROW)
     rows["tick"] = np.rint(table["start_s"].to_numpy() * (1000.0 / tick_ms))
-    rows["kind"] = table["kind"].to_physical().to_numpy()
+    rows["kind"] = table["kind"].to_physical().to_numpy()  # indices into ``walk.KINDS``
     for name in ("robot", "x_m", "y_m", "heading_rad", "speed_m_s", "turned_rad", "ray_m"):
         rows[name] = table[name].to_numpy()
     rows["rate_rad_s"] = table["turn_rate_rad_s"].to_numpy()
@@ -167,7 +167,8 @@ def positions_at(
     """Write the positions of one run's robots at a tick to ``x_m`` and ``y_m``, (robots,) each.
 
     Each robot's entry of ``tracks.at`` moves forwards to the move in which the robot is at this tick. So calls must be
-    in order of time. Before the first call of a run, the caller sets ``tracks.at`` to each robot's first move.
+    in order of time. Before the first call of a run, the caller sets ``tracks.at`` to each robot's first move. Each
+    robot must have a move that starts at or before ``tick``; this is not checked.
 
     Args:
         first: row of the run's robot 0 in ``tracks.at``. tick_ms: control period, ms.

@@ -73,7 +73,7 @@ def belief_calibration(
             seed is changed.
         folder: where runs are saved; runs that are there already are not repeated. None: they are not saved.
         runs: number of motions; each is used on every floor.
-        how: further arguments of ``study_result.run``, such as workers.
+        how: further arguments of ``study.run.run``, such as workers.
     Returns: one row per entry whose strategy has a belief, settings and prior: ``COLUMNS``, the figures also with
         ``_low`` and ``_high`` (null if undefined). Empty if no entry has a belief.
     """
@@ -173,6 +173,8 @@ def prior_weights(prior: str, entry: Entry, league: League) -> Array:
 
 def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Array, Array, Array, Array]:
     """Sum over the robots of each run on each floor.
+
+    A run without rows, which failed, counts with 0 robots.
 
     Args:
         table: rows of robots with cell, run, decision, belief_below and truth. first: number of the cell of the first

@@ -105,7 +105,7 @@ class League(NotebookView):
         """Run the cells that are missing in ``folder``, and compute the standings of all.
 
         Args:
-            folder: where runs are saved; None: they are not saved. how: further arguments of ``study_result.run``,
+            folder: where runs are saved; None: they are not saved. how: further arguments of ``study.run.run``,
                 such as workers.
         Raises:
             InputError: the folder cannot be used, or runs failed.
@@ -120,7 +120,8 @@ class Standings(NotebookView):
     league: League
     values: Mapping[str, Array]
     """Values of each figure by its name, (entries, floors, units), in the order of the league. The units are all runs
-    of the first swarm size, then those of the next. A value is nan where neither decision is right."""
+    of the first swarm size, then those of the next. Forced error, right and wrong are nan where neither decision is
+    right."""
     study: StudyResult
     """Result of the league's study, with all tables."""
 
@@ -155,7 +156,7 @@ class Standings(NotebookView):
         """Return the floor on which an entry errs most, among those with a fill ratio nearest to 1/2, and the error.
 
         Every other unit serves to choose the floor, and the rest to estimate the forced error on it, so that the choice
-        does not bias the estimate.
+        does not bias the estimate. With a single unit there is none to estimate with, and the interval is nan.
 
         Args:
             entry: index of the entry.
@@ -220,7 +221,8 @@ class Standings(NotebookView):
         Args:
             reference: the label of an entry; by default the first.
         Returns: one row per figure of ``COMPARED`` and entry: name, reference, figure, difference (entry - reference)
-            with its 95 % limits, p_value, p_holm (corrected over the entries).
+            with its 95 % limits, p_value, p_holm (corrected over the entries). Empty, without columns, if there is only
+            one entry.
         Raises:
             InputError: no entry has the label ``reference``.
         """
@@ -253,6 +255,7 @@ class Standings(NotebookView):
             reference: the label of an entry; by default the first.
         Returns: one row per figure of ``COMPARED``, entry and floor: name, reference, pattern, fill_ratio, figure,
             difference (entry - reference), p_value of a paired t-test, p_holm (corrected over entries and floors).
+            Empty, without columns, if there is only one entry.
         Raises:
             InputError: no entry has the label ``reference``.
         """

@@ -97,9 +97,10 @@ def tune(
         space_of: search space by strategy: for each field its bounds, or a value that all settings share; by default
             ``spaces()``. points: settings of each strategy in the first round. runs: of each setting, floor and size
             in the first round.
-        seed: of the first round; the second round has seed + 1. progress: called with the share done, from 0.
+        seed: of the first round; the second round has seed + 1. progress: called before each strategy with
+            the share of strategies that are tuned.
         folder: where runs are saved, so that the same call continues after an interruption; None: they are not saved.
-        how: further arguments of ``study_result.run``, such as workers.
+        how: further arguments of ``study.run.run``, such as workers.
     Raises:
         InputError: a strategy has no space, or ``folder`` contains runs of another tuning.
     """

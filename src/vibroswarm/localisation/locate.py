@@ -295,8 +295,9 @@ def locate_robots(
         out: (samples, 9 or more), written: estimates and, with draws, places of draws (``estimate``).
         kind, start_s, duration_s, gyro_rad, ray_m: (moves,): columns of ``odometry.ODOMETER``, in which ``kind`` is an
             index into ``walk.KINDS`` and ``ray_m`` is nan where no avoidance began.
-        rows: indices of samples, agent by agent, in order of time. stop_start_s, time_s: (samples,): when the robot
-            stopped for the sample, and when it took it.
+        rows: indices of samples, agent by agent, in order of time. Each sample's stop must be among its agent's moves:
+            from the first sample on whose stop is missing, the agent's rows of ``out`` are not written.
+        stop_start_s, time_s: (samples,): when the robot stopped for the sample, and when it took it.
     """
     for e in range(agents.size):
         run, i = agents[e] // robots, agents[e] % robots

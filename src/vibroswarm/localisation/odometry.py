@@ -71,7 +71,7 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
 
     Args:
         seed: seed of the runs. moves, ends: tables of the motion. ``moves`` is sorted by run and start; ``ends`` states
-            until when each robot's motion is known.
+            until when each robot's motion is known, for all robots that have moves.
     """
     run, robot, start_s = (moves[name].to_numpy() for name in ("run", "robot", "start_s"))
     # kind: indices into KINDS

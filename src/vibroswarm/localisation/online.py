@@ -44,10 +44,11 @@ class OnlineLocalisation:
     def begin(self, run: int) -> None:
         """Set the state to the start of a run.
 
-        State of each robot: ``sampled_s``, time of its last sample; ``begun``, whether its filter has started;
-        ``zeroing``, mean and number of the gyro biases that it has measured; ``numbers``, number of its moves that the
-        filter has read; ``stop_tick``, tick at which it stopped for its last sample. ``given`` is a list of arrays of
-        moves (``MOVE_ROW``) that were added, and that the filters have not read yet.
+        State of each robot: ``sampled_s``, (robots, 1), time of its last sample, of which ``locate_robots`` takes a
+        row; ``begun``, whether its filter has started; ``zeroing``, (robots, 2), mean and number of the gyro biases
+        that it has measured; ``numbers``, number of its moves that the filter has read; ``stop_tick``, tick at which it
+        stopped for its last sample, -1 before. ``given`` is a list of arrays of moves (``MOVE_ROW``) that were added,
+        and that the filters have not read yet.
 
         Args:
             run: number of the run.
@@ -76,7 +77,7 @@ class OnlineLocalisation:
 
         Args:
             robot, stop_tick, time_s: (samples,), in order of time: the robot, the tick at which it stopped, the time of
-                the sample. All moves up to that stop must have been added.
+                the sample. All moves up to and including that stop must have been added.
             out: (samples, 9 or more), overwritten: the columns of ``pose_mixture.ESTIMATE``, then those of the draws of
                 places, if the strategy reads them.
         """

@@ -432,7 +432,8 @@ def refresh(
     """Update what changes at a sample of robot ``i``: speed factor, misalignment (veer) and battery.
 
     Args:
-        speeds: ``robot_params.speed_quantiles``. tick: the present tick, by which the battery has run down.
+        speeds: ``robot_params.speed_quantiles``. tick: the present tick, by which the battery has run down. Its factor
+            stays above 0, as scenarios with runs that last ``battery_life_s`` or longer are refused.
     """
     index = swarm[i].samples % AT_ONCE
     if index == 0:  # all of the AT_ONCE factors drawn before are used up

@@ -71,7 +71,8 @@ def check_steering(robots: int, robot: int, turn_deg: float, drive_ms: float) ->
     Args:
         robots: number of robots of the swarm.
     Raises:
-        InputError: ``robot`` is not below ``robots``, or the angle or the duration is out of range.
+        InputError: ``robot`` is not a whole number from 0 to ``robots`` - 1, or the angle or the duration is out of
+            range.
     """
     robot = whole_number_of(robot, "robot", 0, robots - 1)
     if not (math.isnan(turn_deg) or abs(turn_deg) <= MAX_TURN_DEG):
@@ -309,8 +310,10 @@ class KernelRun(ABC):
             until_s: as in ``advance``.
             take: called with the samples of that period (``SAMPLE_ROW``), one row for each robot that samples, in the
                 order of robots; the rows are overwritten later.
-            take_moves: called once with the moves that ended in this call (``MOVE_ROW``), sorted by start and robot.
-            take_segments: called with the segments that began in this call (``SEGMENT_ROW``), if any did.
+            take_moves: called once with the moves that ended in this call (``MOVE_ROW``), sorted by start and robot;
+                not called if moves are not recorded.
+            take_segments: called once with the segments that began in this call (``SEGMENT_ROW``), sorted by time and
+                robot; not called if segments are not recorded or nothing was simulated. There may be no rows.
         Returns: whether any robot sampled. If so, it sampled in the last control period before the new ``time_s``.
         """
         until, since, sampled = self.until_tick(until_s), self.tick, False
@@ -400,7 +403,7 @@ def batch_of(
     the processor's cache.
 
     Args:
-        segments, moves: whether these tables are recorded.
+        runs: run numbers, at least one. segments, moves: whether these tables are recorded.
     """
     end_s = scenario.run.t_end_s
     state = engine(scenario, seed, runs[0], segments, moves)

@@ -94,7 +94,7 @@ class Motion(NotebookView):
 
 
 def join(pieces: Sequence[Motion]) -> Motion:
-    """Join pieces of motion, which must be given in the order of runs, and of time within a run.
+    """Join pieces of motion: at least one, given in the order of runs, and of time within a run.
 
     Each piece contains the robots' ends and their moves under way. If several pieces contain the end of the same robot
     in the same run, or the same move, the row of the last piece is taken, as it is the latest. A failed run is reported
@@ -261,6 +261,8 @@ def _wrong(
     piece: Any, scenario: Scenario, run: int, before_s: float, until_s: float, after_s: float
 ) -> Iterator[str]:
     """Yield each error in a piece of motion, in words; nothing if it is valid.
+
+    The table ``failures`` is not checked.
 
     Args:
         piece: what ``advance(until_s)`` returned, or the part of a batch that belongs to ``run``.

@@ -91,7 +91,7 @@ def begin_move(
 ) -> None:
     """End robot ``i``'s current move, if it has one, and begin a new one; arguments as for ``note_move``.
 
-    The rows in the buffer stay sorted by tick, then robot.
+    The rows in the buffer stay sorted by tick, then robot. The buffer must have room for another row (``Record``).
     """
     row = swarm[i]
     if under_way[i].place >= 0:

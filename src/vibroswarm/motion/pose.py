@@ -14,12 +14,13 @@ def pose(segments: pl.DataFrame, run: int, robot: int, time_s: ArrayLike) -> NDA
     """Return the position and heading of one robot of one run at given times.
 
     Args:
-        segments: a segment table (see ``source``): exact arcs, each from its ``start_s`` to the next.
+        segments: a segment table (see ``source``): exact arcs, each from its ``start_s`` to the next, in order of time.
         time_s: times from 0 on, s, any shape. The last arc is continued for ever, so results at times beyond the end
             of the run are not meaningful.
     Returns: float64 of shape (\\*time_s.shape, 3): x (m), y (m), heading (rad, in [-pi, pi)).
     Raises:
-        InputError: the table has no such run or robot, or a time is before the robot's first segment.
+        InputError: the table has no such run or robot, or a time is nan, no number, or before the robot's first
+            segment.
     """
     return _along_arcs(segments, run, robot, time_s, "segment")
 
@@ -36,7 +37,7 @@ def place_from_moves(moves: pl.DataFrame, run: int, robot: int, time_s: ArrayLik
         time_s: times, s, as for ``pose``.
     Returns: float64 of shape (\\*time_s.shape, 2): x, y (m).
     Raises:
-        InputError: the table has no such run or robot, or a time is before the robot's first move.
+        InputError: the table has no such run or robot, or a time is nan, no number, or before the robot's first move.
     """
     return _along_arcs(moves, run, robot, time_s, "move")[..., :2]
 

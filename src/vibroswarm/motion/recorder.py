@@ -76,7 +76,11 @@ class Rows(NamedTuple):
 
 
 class Record(NamedTuple):
-    """The buffers of a run. A buffer of size 0 stands for a table that is not recorded."""
+    """The buffers of a run. A buffer of size 0 stands for a table that is not recorded.
+
+    Kernels do not check for room when they write a row. Engines stop before a buffer might overflow (``room``,
+    ``room_for``).
+    """
 
     samples: NDArray[np.void]
     """Rows of samples (``SAMPLE_ROW``)."""
@@ -392,7 +396,7 @@ def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) ->
 
     Args:
         samples: the samples of all runs. The samples in ``pieces`` are not used.
-        pieces: the rows of ends, segments, moves and failures; one piece per run, in the order of runs.
+        pieces: the rows of ends, segments, moves and failures; one piece per run, at least one, in the order of runs.
     """
     segments = [piece.segments for piece in pieces if piece.segments is not None]
     moves = [piece.moves for piece in pieces if piece.moves is not None]

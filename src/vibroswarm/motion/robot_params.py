@@ -97,7 +97,8 @@ no cost. Its fields are those of ``WalkProgram`` and:
 def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
     """Return the quantiles of the clipped speed factor at equally spaced probabilities, shape (SPEED_NODES + 1,).
 
-    If the scenario lists ``robot.speed_factors``, return that list instead, shape (entries,).
+    If the scenario lists ``robot.speed_factors``, return that list instead, shape (entries,). The array is cached and
+    must not be changed.
     """
     if robot.speed_factors is not None:
         return np.array(robot.speed_factors, dtype=np.float64)
@@ -302,7 +303,7 @@ def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sampl
 def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: int, run: int) -> None:
     """Set the ticks at which robots stop for good, parameters that the scenario lists per robot, and the veer.
 
-    A list that is shorter than the swarm is repeated.
+    A list that is shorter than the swarm is repeated; of a longer one, the rest is not used.
 
     Args:
         swarm: (robots,), as ``control_step.begin`` left it; changed. setup: ``setup_of(scenario)``.

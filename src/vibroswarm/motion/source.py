@@ -135,7 +135,8 @@ class Batch(Protocol):
     ) -> Motion:
         """Simulate whole runs, each to the end of the scenario; return their tables, in the order of ``runs``.
 
-        The tables are those that ``init`` and one call of ``advance`` would give for each run.
+        The tables are those that ``init`` and one call of ``advance`` would give for each run. ``runs`` has at least
+        one number.
         """
 
 
@@ -200,7 +201,7 @@ def one_after_the_other(
     segments: bool = False,
     moves: bool = False,
 ) -> Motion:
-    """Simulate whole runs one after the other, each created by ``init``; return them as one ``Motion``."""
+    """Simulate whole runs, at least one, one after the other by ``init``; return them as one ``Motion``."""
     end_s = scenario.run.t_end_s
     return join([init(scenario, seed, run, segments=segments, moves=moves).advance(end_s) for run in runs])
 

@@ -91,7 +91,8 @@ class Response(NamedTuple):
 def tile_below(x_m: float, y_m: float, place: Place) -> int:
     """Return the index of the tile under a point; -1 if no tile is there.
 
-    A point on the edge between two tiles belongs to the tile on the right, or to the lower one.
+    A point on the edge between two tiles belongs to the tile on the right, or to the lower one. A point on the right or
+    on the lower border of the floor is on no tile.
     """
     column = np.floor((x_m - place.left_m) / place.width_m)
     row = np.floor((place.top_m - y_m) / place.height_m)
@@ -106,6 +107,8 @@ def nearest_of_kind(
     x_m: float, y_m: float, kind: int, within_m: float, place: Place, tiles: NDArray[np.uint8]
 ) -> tuple[int, float]:
     """Return the index of the tile of a kind that is nearest to a point, and its distance from the point, m.
+
+    Of several tiles at the same distance, the one with the lowest index is returned.
 
     Args:
         kind: 1 vibrating, 0 still. within_m: distance up to which tiles are searched. tiles: (tiles,) of 0 and 1.

@@ -261,6 +261,8 @@ class Places:
         Args:
             floors: the floor of each run, by run number. energies: whether to fill also ``vibrating`` and ``factors``
                 of the readings, from which energies are computed.
+        Returns: the readings. All calls with floors of the same geometry share the arrays ``tile`` and ``numbers``,
+            which must not be changed.
         """
         count = self.samples.height
         floor_of_each = [floors[run] for run in self.runs.tolist()]

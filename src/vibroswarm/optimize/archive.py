@@ -170,6 +170,9 @@ class Archive(NotebookView):
         return sorted(range(len(self)) if keys is None else keys, key=lambda k: (self.cautious(k), k))
 
     def best(self, keys: Sequence[int] | None = None) -> int:
-        """Return which of the candidates ``keys`` (by default all) has the lowest estimate, the first of equals."""
+        """Return which of the candidates ``keys`` (by default all) has the lowest estimate, of equals the lowest key.
+
+        There must be at least one candidate.
+        """
         among = range(len(self)) if keys is None else keys
         return min(among, key=lambda k: (self.estimate(k)[0], k))

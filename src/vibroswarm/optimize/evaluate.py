@@ -318,7 +318,8 @@ def figures_of(
 
     Args:
         cases: scenarios in which each run is simulated. values: fields to set in all of them, by name.
-        objectives: compute the figures. runs: number of runs. seed: of the runs. workers: that simulate them.
+        objectives: compute the figures. runs: number of runs, at least 1. seed: of the runs. workers: that simulate
+            them.
         motion: the motion source. progress: called with the number of finished runs.
     Raises:
         InputError: a cost gives no number. RunError: all runs failed, or the workers are gone.

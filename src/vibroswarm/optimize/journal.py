@@ -63,6 +63,8 @@ class Journal:
     def __init__(self, folder: str | Path, search: Search, *, mixed: bool = False) -> None:
         """Check that the folder can be used for this search: it does not exist, is empty, or holds this search.
 
+        A folder that has only files that ``_is_begun`` recognises can be used, too.
+
         Nothing is written here; ``alone`` makes the folder.
 
         Args:

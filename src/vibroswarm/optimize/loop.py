@@ -90,7 +90,8 @@ class Found(NotebookView):
     """The iterations of the race, in which the best candidates (finalists) are compared on further runs; empty without
     a race."""
     front: tuple[int, ...] = ()
-    """With several objectives, the keys of the candidates on the Pareto front."""
+    """With several objectives, the keys of the candidates on the Pareto front; empty if no candidate has finite scores.
+    With one objective, it is always empty."""
 
     def __repr__(self) -> str:
         objective = self.search.objectives[0]

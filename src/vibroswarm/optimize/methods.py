@@ -51,7 +51,7 @@ class Iteration:
     best: float
     """Score of the best candidate so far, ``best_key``, as the method believes it."""
     mean: float
-    """Mean score of the candidates of this iteration."""
+    """Mean of the finite scores of the candidates of this iteration; infinite if there are none."""
     mean_point: tuple[float, ...]
     """Mean of their points in the unit cube."""
     personal: tuple[float, ...] = ()
@@ -102,7 +102,7 @@ class Method(Protocol):
     """Number of iterations if the budget is used up."""
 
     def ask(self) -> list[Ask]:
-        """Request runs; an empty list ends the method."""
+        """Request runs, at most once for each candidate; an empty list ends the method."""
 
     def tell(self) -> None:
         """Take the results of the requested runs, which are in the archive by now."""

@@ -69,7 +69,8 @@ class Objective(NotebookView):
     parameters: Mapping[str, float] = field(default_factory=dict)
     """Parameters of the cost by name, see ``PARAMETERS``; those that are left out have their default."""
     function: Callable[[Outcomes], Any] | None = field(default=None, compare=False)
-    """A user's cost, from ``Outcomes`` to one number per run. It is never read from a file."""
+    """A user's cost, from ``Outcomes`` to one number per run. It is never read from a file. If it returns a row of
+    numbers per run, the score is computed from the first number of each row."""
 
     def __post_init__(self) -> None:
         """Check all fields.

@@ -49,7 +49,8 @@ class Outcomes(NotebookView):
 
     The program of the paper checked every 20 s whether all robots had decided. It ended a run at the first such check,
     or at T_end, and the cost used the estimates at that time. ``end_s`` is that time here, regardless of the setting
-    ``run.stop``: also a run that goes on to T_end has the estimates of ``end_s``.
+    ``run.stop``: also a run that goes on to T_end has the estimates of ``end_s``. Only ``from_tables`` takes the end of
+    the run as it was simulated.
     """
 
     run: NDArray[np.int64]
@@ -66,7 +67,8 @@ class Outcomes(NotebookView):
     fill_ratio: Array
     """True fill ratio of the floor inside the arena, (runs,)."""
     truth: Array
-    """1 where the fill ratio lies above the boundary, 0 below, nan where no decision is right, (runs,)."""
+    """The right decision by the scenario's task, 0 or 1, (runs,); nan where no decision is right. With the task
+    ``fill_ratio`` it is 1 where the fill ratio lies above the boundary."""
     tiles: int
     """Number of tiles of the floor."""
     t_end_s: float
@@ -106,7 +108,7 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
     ``Outcomes.end_s`` is the end of each run as it was simulated, and the estimates are those at that time.
 
     Args:
-        scenario: of the tables. tiles: number of tiles of its floor.
+        scenario: the one whose runs the tables hold. tiles: number of tiles of its floor.
         robots: the table of robots, one row per run and robot, sorted by run, then robot.
         runs: the table of runs, one row per run, in the same order of runs.
     Raises:
@@ -138,7 +140,8 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
 def end_s(last_decision_s: float, t_end_s: float) -> float:
     """Return the end of a run for the cost, s: the first multiple of ``POLL_S`` at or after the last decision.
 
-    The paper's program checked every ``POLL_S`` whether all robots had decided, and ended the run at such a check.
+    The end is T_end if that comes earlier, or if a robot is undecided. The paper's program checked every ``POLL_S``
+    whether all robots had decided, and ended the run at such a check.
 
     Args:
         last_decision_s: when the last robot decided; inf if a robot is undecided. t_end_s: the latest end of a run.
@@ -162,7 +165,8 @@ def outcomes_of(
     The setting ``run.stop`` is not read: a run stops when its outcome is final.
 
     Args:
-        scenarios: one or several. seed: of all runs. runs: numbers of the runs. motion: the motion source.
+        scenarios: one or several. seed: of all runs. runs: numbers of the runs, at least one.
+        motion: name of the motion source.
     Raises:
         InputError: a scenario cannot be simulated.
     """
@@ -290,9 +294,9 @@ class _ScenarioRuns:
         """Choose when to check next whether all robots have decided, s; no result depends on the choice.
 
         Frequent checks cost time, and rare checks simulate motion after the end of the run. The remaining time m of
-        this run is estimated by the mean of recent runs that ended later than ``now_s``. If the end is equally likely
-        at any time, checking every sqrt(2 m ``MARGIN_S``) minimises the sum of both costs. But the next check is not
-        before the earliest end of these recent runs. If no recent run ended later, the next check is ``PIECE_S`` from
+        this run is estimated by the mean of recent runs that ended more than a tick after ``now_s``. If the end is
+        equally likely at any time, checking every sqrt(2 m ``MARGIN_S``) minimises the sum of both costs. But the next
+        check is not before the earliest end of these recent runs. If there are none, the next check is ``PIECE_S`` from
         now.
         """
         tick_s = self.scenario.tick_s
@@ -309,6 +313,7 @@ class _ScenarioRuns:
         """Store the outcome of the run that the closed loop has just simulated, at index ``r`` of the arrays."""
         loop, decided_s = self.loop, self.loop.all_decided_s
         self.end_s[r] = end_s(np.inf if decided_s is None else decided_s, self.scenario.run.t_end_s)
+        # Read before the rewind, which does not change them: current decisions were made by the end of the run.
         self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
         loop.rewind_to(float(self.end_s[r]))  # the motion may have been simulated beyond the end of the run
         self.estimate[r] = loop.estimate

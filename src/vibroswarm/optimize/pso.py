@@ -157,7 +157,7 @@ class Pso:
 
         Args:
             archive: gets the candidates. seed: of the search. settings: of the swarm.
-            starts: points in the unit cube.
+            starts: points in the unit cube; None: there are none.
         Raises:
             InputError: there are more starts than particles.
         """
@@ -223,11 +223,17 @@ class Pso:
             self._move()
 
     def best(self) -> int:
-        """Return the candidate that is the global best."""
+        """Return the key of the candidate that is the global best; of equals, that of the first particle.
+
+        Only after the first iteration: there are no personal bests before.
+        """
         return self.personal[int(np.argmin(self._personal_scores()))]
 
     def finalists(self, count: int) -> list[int]:
-        """Return up to ``count`` distinct personal bests, the best first."""
+        """Return the keys of up to ``count`` distinct personal bests, the best first.
+
+        Only after the first iteration, as ``best``.
+        """
         order = np.argsort(self._personal_scores(), kind="stable")
         return list(dict.fromkeys(self.personal[k] for k in order))[:count]
 

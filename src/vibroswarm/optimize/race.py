@@ -37,7 +37,7 @@ def allocate(
     Args:
         estimates, errors: score of each candidate, and its standard error. A candidate of which one of them is not
             finite gets no runs. If this is so for all candidates, no runs are allocated.
-        counts: runs of each candidate so far. more: runs to divide.
+        counts: runs of each candidate so far. more: runs to divide; with 0 or fewer, none are allocated.
     """
     value, n = np.asarray(estimates, dtype=np.float64), np.asarray(counts, dtype=np.float64)
     error = np.asarray(errors, dtype=np.float64)
@@ -49,7 +49,8 @@ def allocate(
         shares[valid[0]] = more
         return shares
     value, n = value[valid], n[valid]
-    noise = np.maximum(error[valid] * np.sqrt(n), 1e-12)  # above 0, since it is a divisor
+    # Above 0, since it is a divisor. So is sqrt(n) below: a candidate with a finite error has two runs or more.
+    noise = np.maximum(error[valid] * np.sqrt(n), 1e-12)
     best = int(np.argmin(value))
     # A distance of nearly 0 would give one candidate nearly all runs. Each distance is therefore at least half of the
     # candidate's standard error (below that it is not resolved anyway), so that nearly equal candidates share the runs.
@@ -78,8 +79,8 @@ def _share_out(weight: NDArray[np.float64], present: NDArray[np.float64], more: 
     """Divide ``more`` runs so that the totals of the candidates become proportional to their weights, if possible.
 
     Args:
-        weight: of each candidate, (candidates,). present: runs of each candidate so far, (candidates,).
-        more: runs to divide.
+        weight: of each candidate, above 0, (candidates,). present: runs of each candidate so far, (candidates,).
+        more: runs to divide, at least one.
     Returns:
         The further runs of each candidate, (candidates,), which sum to ``more``.
     """
@@ -113,7 +114,7 @@ class Race:
     name = "race"
 
     def __init__(self, archive: Archive, finalists: list[int], runs: int) -> None:
-        """Prepare a race of ``runs`` runs, in all, among the candidates with the keys ``finalists``.
+        """Prepare a race of ``runs`` runs, in all, among the candidates with the keys ``finalists``, at least one.
 
         For a finalist that already has runs, a new candidate at the same point, without runs, is added to the archive
         and takes part in its place.

@@ -115,9 +115,9 @@ def compare_scenarios(
         first, second: the scenarios. names: of the scenarios, for the result.
         objective: by default the cost of the paper's program. runs: of each scenario in each block.
         seed: from which the seeds of both blocks are derived.
-        cases: fields to set in both scenarios, one table for each case, such as several floors. By default there is
-            one case, in which no field is set. The objective decides whether the worst case counts; the ``FIGURES`` are
-            means over cases.
+        cases: fields to set in both scenarios, one table for each case, such as several floors; at least one. By
+            default there is one case, in which no field is set. The objective decides whether the worst case counts;
+            the ``FIGURES`` are means over cases.
         executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
     Raises:
         InputError: fewer than 2 runs. RunError: all runs of a scenario failed in a block.

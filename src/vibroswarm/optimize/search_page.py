@@ -9,8 +9,9 @@ played no part in the choice (see ``validation``). A start is a given point that
 several objectives the Pareto front replaces the three numbers.
 
 Most functions take the same arguments: ``found``, the result of the search; ``truth``, the winner and the starts on
-fresh runs, None if they were not scored; ``front``, the Pareto front on fresh runs, None with a single objective;
-``made_by``, the versions of the programs that made the search, several entries if other versions began it.
+fresh runs, None if they were not scored; ``front``, the Pareto front on fresh runs, None with a single objective, or if
+no candidate has a score under every objective; ``made_by``, the versions of the programs that made the search, several
+entries if other versions began it.
 """
 
 from __future__ import annotations

@@ -54,8 +54,8 @@ def history_table(found: Found) -> pl.DataFrame:
     """Tabulate the iterations of the search, then those of the race, one row each.
 
     Besides scores and numbers of runs, a row has, for each field, the mean over the candidates of the iteration: as a
-    value, and as a fraction of the field's bounds. In a race it is the value of the best candidate. Scores that are not
-    finite are null.
+    value, and as a fraction of the field's bounds. In a race it is the value of the best candidate. For a field with a
+    list of choices, the value is the choice at the mean coordinate. Scores that are not finite are null.
     """
     rows = []
     space = found.search.space
@@ -129,7 +129,8 @@ def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[s
 def front_picture(front: Front, style: str = "column") -> Picture:
     """Draw the scores on fresh runs of a front of two objectives.
 
-    ``draw_front`` calls its axes time and error: the first objective is drawn as the time, the second as the error.
+    ``draw_front`` calls its axes time and error: the first objective is drawn as the time, the second as the error. The
+    front has at least one candidate.
     """
     rows = [
         {
@@ -174,7 +175,11 @@ def as_dict(found: Found, truth: Truth | None, front: Front | None = None) -> di
 
 
 def _fresh(truth: Truth | None, front: Front | None) -> int:
-    """Count the fresh runs of the winner, of the others that were scored, and of the candidates of the front."""
+    """Count the fresh runs of the winner, of the others that were scored, and of the candidates of the front.
+
+    Each of the others counts as many runs as the winner. Failed runs of the winner are not counted, those of the front
+    are.
+    """
     of_winner = 0 if truth is None else truth.winner.rows.shape[0] * (1 + len(truth.others))
     return of_winner + (0 if front is None else front.runs * len(front.members))
 

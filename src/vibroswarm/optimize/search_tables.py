@@ -234,7 +234,10 @@ def against_table(search: Search, truth: Truth) -> ReportTable:
 
 
 def place_of(dimension: Dimension, value: Any) -> float:
-    """Return the position of a number between its bounds as a fraction from 0 to 1."""
+    """Return the position of a number between its bounds as a fraction from 0 to 1; 0 or 1 if it lies beyond them.
+
+    The dimension must be a range, not a list of choices.
+    """
     return dimension.share(min(max(value, dimension.low), dimension.high))
 
 
@@ -401,7 +404,11 @@ def _shown(value: Any, as_number: bool) -> float | str | None:
 
 
 def _stage(candidate: Candidate) -> str:
-    """Return the stage in which a candidate ran: finalists, surface minima and starts run in the race."""
+    """Return the stage in which a candidate ran, "race" or "search".
+
+    Candidates that were added for the race have the origin "finalist KEY", "surface" or "start". Starts that the method
+    itself proposes have the origin of the method, such as "pso 1".
+    """
     of_race = candidate.origin in ("surface", "start") or candidate.origin.startswith("finalist ")
     return "race" if of_race else "search"
 

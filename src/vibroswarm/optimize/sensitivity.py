@@ -80,7 +80,8 @@ class Sensitivity(NotebookView):
     failed: int
     """Always 0: the indices need all runs."""
     noise_share: float
-    """Share of the variance of the points' means that is noise of the runs."""
+    """Share of the variance of the points' means that is noise of the runs, both as estimated. If it is 1 or more, all
+    indices are nan. 0 with a single run per point, where the noise is unknown."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -100,7 +101,7 @@ def sobol_indices(
 
     Args:
         search: defines the space, the scenarios and the cost (the first column of its first objective).
-        budget: runs in all. replicates: runs of each point of the design.
+        budget: runs in all. replicates: runs of each point of the design, at least 1.
         executor, workers: see ``study.executors``. progress: called as runs finish.
     Raises:
         InputError: SALib is not installed, or the budget is too small. RunError: a run failed.
@@ -135,7 +136,7 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
     """Draw Saltelli's design in the unit cube, (N (d + 2), d), for d = ``dimensions`` fields.
 
     N is the largest power of two for which the design has at most ``points`` points: a Sobol sequence is evenly spread
-    only at powers of two.
+    only at powers of two. ``seed`` is that of the search.
 
     Raises:
         InputError: SALib is not installed, or N would be below 8, which is too few for the indices.

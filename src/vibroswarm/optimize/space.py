@@ -69,7 +69,8 @@ class Dimension:
         ``given`` is a table with the keys from, to, and optionally scale and whole; or it is a list of values.
 
         Raises:
-            InputError: the bounds are reversed, a log scale starts at 0 or below, or a list has fewer than two values.
+            InputError: the bounds are missing or reversed, a log scale starts at 0 or below, the table has another key,
+                such as ``steps``, which is for a grid, or a list has fewer than two values.
         """
         field = f"space.{name}"
         if isinstance(given, Sequence) and not isinstance(given, str):
@@ -84,7 +85,10 @@ class Dimension:
         return cls(name, low=float(low), high=float(high), scale=scale, whole=is_whole)
 
     def value(self, u: float) -> Any:
-        """Return the value of the field at the coordinate ``u`` in [0, 1]; ``share`` is the inverse."""
+        """Return the value of the field at the coordinate ``u`` in [0, 1].
+
+        The value at ``share(v)`` is ``v`` again, up to rounding errors, for whole numbers and choices exactly.
+        """
         if self.choices:
             # u = 1 is the last choice
             return self.choices[min(int(u * len(self.choices)), len(self.choices) - 1)]

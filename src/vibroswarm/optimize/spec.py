@@ -14,7 +14,7 @@
     particles = 25
 
 All other keys are those of a study; its blocks of varied fields are the cases in which every candidate is evaluated,
-such as several floors. The default space is the paper's, with P0 as the start.
+such as several floors. The default space is the paper's, with P0, the paper's empirical parameters, as the start.
 
 A search first runs its method. Then, unless it has several objectives, its best candidates (finalists) compete in a
 race on further runs (see ``race``). Both are paid from the budget. Last, the winner is scored on fresh runs, in
@@ -297,7 +297,11 @@ class Search(NotebookView):
 
     @property
     def final_runs(self) -> int:
-        """Runs of the race of the finalists; by default 0 with several objectives, or with the paper's swarm."""
+        """Runs of the race of the finalists.
+
+        By default ``FINAL_SHARE`` of the budget, but 0 with several objectives or with the paper's swarm (``fixed`` or
+        ``as-ran``).
+        """
         if self.settings.final is not None:
             return self.settings.final
         if len(self.objectives) > 1 or (self.settings.method == "pso" and self.pso.keeps_scores):
@@ -359,7 +363,10 @@ class Search(NotebookView):
 
     @cached_property
     def hash(self) -> str:
-        """16 hexadecimal digits that identify the search, computed from its values and its study."""
+        """16 hexadecimal digits that identify the search, computed from its values and its study.
+
+        Of a cost that is a function only the name counts: two different functions with one name give the same hash.
+        """
         values = self.to_values()
         values.pop("runs", None)  # the study's number of runs, which a search ignores
         text = json.dumps(values, sort_keys=True, default=str)  # ``str``: of types that JSON lacks

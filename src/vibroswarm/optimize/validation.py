@@ -304,7 +304,8 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
     """Estimate the difference of two scores, first - second, with a bootstrap over the runs that both have.
 
     Runs with the same number are paired. Each resample takes the same runs for both scores, so that noise that is
-    common to both cancels.
+    common to both cancels. If runs failed and fewer than two are left in both, the limits are infinite; without a run
+    in both, the difference is nan.
     """
     width = first.rows.shape[2]
     # the indices, in each score's rows, of the runs that both have
@@ -377,7 +378,7 @@ class Front(NotebookView):
     units: tuple[str, ...]
     """Units of the scores, in the order of ``names``."""
     members: tuple[Member, ...]
-    """The candidates of the front."""
+    """The candidates of the front, at least one."""
     runs: int
     """Fresh runs of each candidate."""
 
@@ -455,7 +456,7 @@ def front_of(
     """Score all candidates on the Pareto front of a search on the same fresh runs, under every objective.
 
     Args:
-        found: the result of the search. executor, workers: see ``study.executors``.
+        found: the result of the search; ``found.front`` must not be empty. executor, workers: see ``study.executors``.
         progress: called as runs finish, with the number done so far.
     Raises:
         RunError: all runs of a candidate failed.

@@ -126,14 +126,14 @@ HEAD: Final = "archive.json"
 FIGURES: Final = ("decision_time_s", "belief_in_truth", "robots_right", "robots_wrong", "robots_undecided")
 """Figures of a cell in ``cells.csv``."""
 _MADE: Final = (1980, 1, 1, 0, 0, 0)
-"""Entries have no date, so that the same reproduction gives the same file."""
+"""Date of all entries, the earliest that a zip file can hold, so that the same reproduction gives the same file."""
 
 
 def write_archive(made: Reproduction, path: Path) -> None:
     """Write the archive of a reproduction into the file ``path``, whole or not at all.
 
     Raises:
-        InputError: the results of the cells are missing, or the file cannot be written.
+        InputError: the results of the cells are missing, or the file cannot be written. RunError: the disk is full.
     """
     if made.results is None:
         raise InputError("needs the results of the cells; reproduce with with_cells=True", field="--archive")
@@ -164,7 +164,8 @@ def write_archive(made: Reproduction, path: Path) -> None:
 def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
     """Return the contents of all files of the archive but ``archive.json``, by name.
 
-    The tables ``cells``, ``robots`` and ``measured`` are left out if they would have no rows.
+    The tables ``cells``, ``robots`` and ``measured`` are left out if they would have no rows. ``verify_archive`` needs
+    the first two, so it refuses an archive of items without cells.
     """
     # Only cells that were run or read: cells of items with saved tables may have no results.
     cells = {key: cell for key, cell in made.cells.items() if key in results.cells}

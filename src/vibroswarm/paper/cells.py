@@ -42,11 +42,10 @@ ROWS_AT_A_TIME: Final = 400_000
 """Rows of a study (one per robot of a run) that are read and summarised at once, to limit memory."""
 Progress = Callable[[float], None]
 Figures = Mapping[str, NDArray[np.float64]]
-
 """Figures of each run of a cell, by name, (runs,) each."""
 
 WALKED: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
-"""Figures of how robots walked and what they read."""
+"""Figures of how robots walked and what they read, see ``analysis.sampling``; nan in runs in which no robot sampled."""
 OF_RUN: Final = ("truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALKED)
 """Columns of a study's rows that are the same for all robots of a run."""
 READ: Final = ("cell", *ROBOTS, *OF_RUN)
@@ -214,7 +213,7 @@ def _summaries(
     """
     by_key: dict[str, CellResult] = {}
     with ThreadPoolExecutor(workers or processors()) as pool:
-        for group in result.plan.groups:
+        for group in result.plan.groups:  # cells that share motion, and so the size of the swarm
             numbers, robots = [cell.number for cell in group.cells], group.first.swarm.robots
             step = max(ROWS_AT_A_TIME // (runs * robots), 1)  # cells of a block
             for first in range(0, len(numbers), step):

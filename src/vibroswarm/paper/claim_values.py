@@ -94,7 +94,8 @@ def of_interval(claim: str, column: str, cell: str, found: Interval, cannot: str
 
     The row holds a standard error instead of limits, because a claim is decided at a level of its own, from which its
     limits follow. The standard error is half the width of the interval, divided by Student's quantile at the
-    interval's level.
+    interval's level. Other intervals, such as the bootstrap intervals of the item ``search``, are treated as Student's
+    intervals of the same width about the estimate.
     """
     half = (found.high - found.low) / 2
     # With one run, which has no degree of freedom, the interval is infinite whatever the quantile is.
@@ -202,7 +203,7 @@ def share_saved(
     """Return the row of the relative saving, 1 - mean(first) / mean(second), minus ``less``.
 
     Args:
-        first, second: values of two cells, paired by run, (runs,) each.
+        first, second: values of two cells, paired by run, (runs,) each, without NaN; the mean of ``second`` is not 0.
         less: a constant, or a published saving.
         published_runs: number of runs behind each of the two means of a published saving. The error of the published
             saving is then included, computed from our standard deviations, as if its runs were not paired. None:

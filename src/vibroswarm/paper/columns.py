@@ -61,6 +61,7 @@ COLUMNS: Final = ("paper", "text", "calibrated")
 OPTIMISED, EMPIRICAL = "P*", "P0"
 """The paper's parameter sets: P* of its search, and P0, from which the search started."""
 STRATEGIES: Final = ("none", "positive", "soft")
+"""No feedback, positive feedback, soft feedback. Items rely on this order."""
 
 CONTROLS: Final = {
     "labels": "the energies of vibrating and still tiles are swapped, as the paper prints them",
@@ -96,8 +97,9 @@ def scenario_of(
 ) -> Scenario:
     """Return the scenario of a column.
 
-    In `calibrated`, swarms larger than the recorded one get the network ``loss_by_size``, in which the share of lost
-    messages grows with the size of the swarm, unless ``values`` set the network.
+    In `calibrated`, swarms larger than the recorded one, up to ``MOST`` robots, get the network ``loss_by_size``, in
+    which the share of lost messages grows with the size of the swarm, unless ``values`` set the network. It is not
+    fitted to larger swarms, which keep the network of the preset.
 
     Args:
         column: one of ``COLUMNS``. values: fields to set, by dotted name. parameter_set: P* or P0.
@@ -164,6 +166,11 @@ def with_errors(scenario: Scenario, false_positive: float, false_negative: float
     """Return the fields, by dotted name, that give the sensor these error rates.
 
     The energy distributions of still and of vibrating tiles are shifted; their shapes and scales stay.
+
+    Args:
+        scenario: gives the sensor with its present distributions and its threshold.
+        false_positive, false_negative: share of the readings of still tiles that are above the threshold, and share of
+            those of vibrating tiles that are below it; both are above 0 and below 1.
     """
     from scipy.stats import gamma  # here, because importing it takes long
 

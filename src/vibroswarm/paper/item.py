@@ -118,7 +118,7 @@ class Work:
 
         Args:
             names: columns for the parts of a key.
-            keys: keys of the cells, tuples; None: all keys that are tuples.
+            keys: keys of the cells, tuples; None: all keys that are tuples. Without keys, the table has no columns.
         """
         chosen = [key for key in self.cells if isinstance(key, tuple)] if keys is None else keys
         rows = [{**dict(zip(names, key, strict=True)), **self.results.row(self.cells[key])} for key in chosen]

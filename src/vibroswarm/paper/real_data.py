@@ -66,7 +66,10 @@ def missing(folder: Path | None) -> str | None:
 
 
 def hash_of(folder: Path) -> str:
-    """Return the SHA-256 of the contents of all files that are read in a folder: recordings, logs and floor."""
+    """Return the SHA-256 of the contents of all files that are read in a folder: recordings, logs and floor.
+
+    All these files must exist, see ``missing``.
+    """
     digest = hashlib.sha256()
     for name in (*REAL, *AUTHORS, FLOOR):
         digest.update((folder / name).read_bytes())
@@ -74,12 +77,14 @@ def hash_of(folder: Path) -> str:
 
 
 def read_recordings(folder: Path, names: tuple[str, ...]) -> Recording:
-    """Read the logs with these file names as one recording, in which each log is a session (run)."""
+    """Read the logs with these file names as one recording, in which each log is a session (run).
+
+    The files must exist, see ``missing``.
+    """
     floor = Floor.filling(read_tiles(folder / FLOOR, SIZE), name=FLOOR)
     return recording_of([read_log(folder / name) for name in names], floor, preset("paper"))
 
 
-# Number of bins along each axis, by feature.
 BINS: Final = {"avoidance": 40, "vibrating": 48, "still": 48, "places": 15, "distances": 24, "steps": 39}
 """Number of bins along each axis of the histograms, by feature."""
 _SCHEMA: Final = {

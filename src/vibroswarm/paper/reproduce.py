@@ -164,7 +164,8 @@ class Reproduction(NotebookView):
     cells: dict[str, Cell]
     """Cells of the items that were not skipped, by key."""
     results: CellResults | None
-    """Results of the cells; None if no item had to be computed, and the results were not requested."""
+    """Results of the cells of the items that had to be computed, or of all items with ``with_cells``. None without
+    ``with_cells`` if no item had to be computed."""
 
     def __repr__(self) -> str:
         counts = Counter(one.verdict for one in self.decided)

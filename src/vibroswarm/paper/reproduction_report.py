@@ -87,7 +87,7 @@ def claims_table(
     about this column.
 
     Args:
-        decided: verdicts on all claims.
+        decided: verdicts on claims of ``all_claims``; verdicts on other claims are not listed.
         items: names of the items whose claims are listed; None: all.
         kind: "claim" or "check", the kind that is listed; None: both.
     """
@@ -179,7 +179,8 @@ def _decimals(claim: Claim) -> int:
 def cells_table(decided: Sequence[Decided]) -> pl.DataFrame:
     """Return one row for each measured value of each claim in each column, with the interval that decided it.
 
-    Values are not scaled for printing, so percentages are shares, as the column ``unit`` says.
+    Values are not scaled for printing, so percentages are shares, as the column ``unit`` says. Without verdicts the
+    table has no columns.
     """
     frames = [
         verdict.cells.select(

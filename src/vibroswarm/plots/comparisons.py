@@ -151,7 +151,7 @@ def draw_outcomes(
 
     Args:
         frame: one row per cell with the columns ``cell`` (text) and the counts of runs ``right``, ``wrong``, ``split``,
-            ``incomplete`` and ``truth_undefined`` (missing columns count as 0). If it has ``right_low`` and
+            ``incomplete`` and ``truth_undefined`` (missing columns and nulls count as 0). If it has ``right_low`` and
             ``right_high`` (shares, 0 to 1), they are drawn as the interval of the share of right runs.
         interval: what that interval is, for the caption, such as "95 % Wilson interval".
         unit: what is counted, "run" or "robot".

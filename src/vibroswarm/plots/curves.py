@@ -63,7 +63,7 @@ def draw_incidence(
         runs: number of runs, for the caption.
         unit: what is counted, "run" or "robot".
         interval: what the limits are, for the caption.
-        t_end: time to which the curves are continued level, s; None: the last time of the frame.
+        t_end: time to which the curves are continued level, s; None, or an earlier time: the last time of the frame.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -400,7 +400,7 @@ def draw_detection(
         Picture; its numbers are ``fill_ratio, series, missed, low, high, runs``.
 
     Raises:
-        InputError: the frame is not as described, or a probability is not in 0 to 1.
+        InputError: the frame is not as described, ``missed`` is not in 0 to 1, or an interval does not contain it.
     """
     sizes = style_named(style)
     frame = tidy(frame, numbers=("fill_ratio", "missed", "low", "high"))

@@ -56,7 +56,7 @@ def draw_boxes(
         ``q05, q25, median, q75, q95`` of a box (null: later than t_end) and the ``value`` of a run.
 
     Raises:
-        InputError: the frame is not as described.
+        InputError: the frame is not as described, or a value is later than ``t_end``.
     """
     sizes = style_named(style)
     plane = plane_of(sizes, frame, label, t_end, missing, title)
@@ -180,7 +180,7 @@ def draw_violins(
         value; null if all runs have the same value).
 
     Raises:
-        InputError: the frame is not as described.
+        InputError: the frame is not as described, or a value is later than ``t_end``.
     """
     sizes = style_named(style)
     plane = plane_of(sizes, frame, label, t_end, missing, title)
@@ -245,8 +245,8 @@ def _draw(
     """Draw the violin of a group, the bar of its undecided runs, its quartiles and its median.
 
     Args:
-        values: of the points of the outline. relative: density at these points, relative to the highest density of all
-            groups; empty if all values are the same, which is drawn as a line.
+        values: of the points of the outline; none if no run is decided. relative: density at these points, relative to
+            the highest density of all groups; empty if all values are the same, which is drawn as a line.
         quantiles: by name; None: later than the end.
     """
     axes, y, looks = plane.rows.axes, plane.place(group), plane.look(group)

@@ -62,8 +62,8 @@ def draw_error_bars(
         percent: whether estimates are shares, written in percent.
         spans: whether low and high are a range (such as that of several settings) instead of an interval of the
             estimate. Then bands are drawn instead of bars.
-        constant: names of the series that do not depend on x. If it is empty, these are found by their values: see
-            ``is_constant``.
+        constant: names of the series that do not depend on x; each is drawn with its values at its least x. If it is
+            empty, these are found by their values: see ``is_constant``.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -176,7 +176,8 @@ def is_constant(part: pl.DataFrame) -> bool:
 def _constant(axes: Any, style: Style, part: pl.DataFrame, looks: Look) -> None:
     """Draw a series that does not depend on x as a line and a band across the picture.
 
-    ``part`` has the rows of the series; as all are equal, the first is drawn.
+    ``part`` has the rows of the series, sorted by x. The first row is drawn: all are equal (``is_constant``), or the
+    caller of ``draw_error_bars`` has named the series in ``constant``.
     """
     row = part.row(0, named=True)
     axes.axhline(
@@ -278,7 +279,8 @@ def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int,
     """Group the constant series that have equal values: map the first index of each group to all indices of the group.
 
     Args:
-        parts: rows of all series. constant: indices of the constant series.
+        parts: rows of all series, sorted by x. constant: indices of the constant series. Series are compared by their
+            first rows, which are the ones that are drawn.
     """
     sets: dict[tuple[float, ...], list[int]] = {}
     for k in constant:

@@ -53,7 +53,7 @@ def draw_front(
     Args:
         frame: one row per choice with the columns ``name`` (text) and ``time, error`` (less is better; a choice with
             null is not drawn, only counted in the caption), if known ``time_low, time_high, error_low, error_high`` and
-            ``runs``, and optionally ``front`` (true or false), which then says what is on the front.
+            ``runs``, and optionally ``front`` (true or false; null: false), which then says what is on the front.
         time_label: of time, with its unit. error_label: of error, with its unit.
         interval: what low and high are, for the caption.
         percent: whether errors are shares, written in percent.
@@ -124,7 +124,10 @@ def _write_names(
 def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which points are on the Pareto front, (points,): those that no other point dominates.
 
-    Less is better in both ``time`` and ``error``. Of equal points, all are on the front or none.
+    Less is better in both. Of equal points, all are on the front or none.
+
+    Args:
+        time, error: of the points, (points,) each; all finite.
     """
     by_time = np.lexsort((error, time))  # sorted by time, and points of equal time by error
     # The least error of the points so far, and the time of the point that has it.

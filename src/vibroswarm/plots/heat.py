@@ -307,7 +307,7 @@ def draw_density(
 
     Args:
         frame: one row per sample with the columns ``x_m, y_m``; or one row per place, with the number of samples there
-            in ``count``.
+            in ``count`` (null: 0). A column ``count`` of nulls alone counts as absent.
         width_m: of the arena. height_m: of the arena.
         bins: number of bins along the longer side; bins are nearly square.
         tiles: (rows, columns) of 0 and 1, row 0 at the top; None: no tiles are drawn.

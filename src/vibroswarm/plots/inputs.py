@@ -183,7 +183,7 @@ class Plane(NamedTuple):
     end: float | None
     """End of the runs, if it is known."""
     in_band: float
-    """x at which values later than the end are drawn, in the middle of the band."""
+    """x at which values later than the end are drawn, in the middle of the band; not used if the end is unknown."""
     looks: list[Look]
     """Looks of the series."""
     of_rows: dict[str, Look]
@@ -284,7 +284,7 @@ def _limits(plane: Plane, style: Style) -> float:
     """Set the limits and ticks of the axis, and draw the band for undecided runs if the end of the runs is known.
 
     Returns:
-        x of the middle of the band; if the end is unknown, the largest value.
+        x of the middle of the band. If the end is unknown, there is no band, and the result is not used.
     """
     values = np.concatenate([group.values for group in plane.groups])
     axes = plane.rows.axes

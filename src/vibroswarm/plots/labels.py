@@ -65,6 +65,7 @@ UNITS: Final = {
     "_rad": "rad",
     "_deg": "degrees",
 }
+"""Unit of each suffix of a field's name. The first suffix that fits counts, so ``_m_s`` stands before ``_s``."""
 
 
 def label_of(field: str) -> Label:

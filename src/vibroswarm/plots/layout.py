@@ -61,7 +61,7 @@ def fitted(text: object, size_pt: float, room_pt: float, lines: int = 1) -> str:
     """Break text into at most ``lines`` lines of the width ``room_pt``, in letters of ``size_pt``.
 
     Lines break after spaces and after separators in paths and names. If the text is too long, an ellipsis replaces as
-    much of its middle as necessary.
+    much of its middle as necessary; if not even one letter fits, the ellipsis alone is left.
     """
     full = plain(text).strip()
     # More letters than this never fit, so that they need not be tried.
@@ -155,7 +155,7 @@ def share(part: float, whole: float) -> str:
 def of_runs(counts: Sequence[int], unit: str = "run") -> str:
     """Write the numbers of runs of several groups, such as "1000 runs each" or "12 to 1000 runs each".
 
-    With one group it is "1000 runs". ``unit`` is what is counted, in the singular.
+    With one group it is "1000 runs". ``counts`` has at least one number. ``unit`` is what is counted, in the singular.
     """
     least, most = min(counts), max(counts)
     units = unit if most == 1 else f"{unit}s"
@@ -266,6 +266,7 @@ def ticks_at(axis: Any, style: Style, values: Sequence[float]) -> None:
     """Put ticks at the ``values`` themselves if the labels fit beside each other.
 
     If they do not fit and all values are whole, put ticks at whole numbers. Otherwise do not change the ticks.
+    ``values`` has at least one number; it may have repeated ones.
     """
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
@@ -403,7 +404,7 @@ def rows_of(
 
     Args:
         style: sizes of the picture.
-        names: of the rows.
+        names: of the rows, at least one.
         x_label: of the axis below.
         series: how many series share a row.
         title: above the rows; it counts as two lines.
@@ -449,7 +450,8 @@ def _preferred_row_in(style: Style, names: Sequence[object], series: int, room_p
     """
     line = style.small_pt * LINE_SPACING / 72
     broken = max(fitted(name, style.small_pt, room_pt, 3).count("\n") + 1 for name in names)
-    # With one series it is ``row_in``, and each further series adds 0.6 of it. A name has 0.35 of a line as space.
+    # With one series the height is ``row_in``, and each further series adds 0.6 of that. A name has 0.35 of a line as
+    # space.
     return max(style.row_in * (0.4 + 0.6 * series), line * (broken + 0.35))
 
 

@@ -148,6 +148,8 @@ def picture_bytes(figure: Figure, kind: str, *, dots_per_inch: int = 300) -> byt
     bytes: the metadata have no date.
     """
     stream = io.BytesIO()
+    # matplotlib reads some settings only when it saves: how text is written, and the salt of the ids in an SVG. They
+    # are the same in all styles.
     with settings(), _fonts_without_layout_tables() if kind == "pdf" else nullcontext():
         figure.savefig(stream, format=kind, dpi=dots_per_inch, metadata=dict(_NO_DATE[kind]))
     return stream.getvalue()

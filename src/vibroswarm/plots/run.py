@@ -126,6 +126,8 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     Args:
         result: has the run; the floor of the run must be known. Paths are drawn only if it has segments.
         run: number of the run.
+    Raises:
+        InputError: the result has no run of that number.
     """
     from matplotlib.figure import Figure
 
@@ -265,7 +267,8 @@ def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
     The suffix is .png, .svg or .pdf. ``run`` is the number of the run in ``result``.
 
     Raises:
-        InputError: the path has another suffix, or its folder cannot be written.
+        InputError: the path has another suffix, its folder cannot be written, or there is no such run.
+        RunError: the disk is full or failed.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"'{path.name}' ends in no known kind of picture; .png, .svg or .pdf", field="--out")

@@ -337,7 +337,8 @@ def looks_of(names: Sequence[str]) -> list[Look]:
     look k.
 
     Args:
-        names: of the series, each once, in the order in which they are drawn.
+        names: of the series, each once, in the order in which they are drawn; at most ``SERIES_UP_TO``, as
+            ``inputs.with_series`` and ``row_looks`` check.
     """
     strategy_of = [strategy_in(name) for name in names]
     if not any(strategy_of):

@@ -1,12 +1,12 @@
 """The side of the boundary on which a floor's fill ratio lies, estimated by Markov chains at several times of a run.
 
 A "sweep" of a chain proposes to change each tile and factor once. A "look" is an estimate, at one time, of the
-posterior
-given the samples so far: P(above the boundary) and P(under it). At each look all chains run some sweeps, starting from
-their states at the last look. If a side's posterior may then have reached ``1 - alpha``, more sweeps follow, until the
-posterior is clearly above or below ``1 - alpha``, or its Monte Carlo error is small. That error is the larger of two
-estimates: one from the differences between chains, one from the differences between batches of sweeps. Chains start
-from independent draws of the prior, so that a chain that is stuck differs from the others and increases the error.
+posterior given the samples so far: P(above the boundary) and P(under it). A side is known when its posterior is at
+least ``1 - alpha``, alpha being the accepted error. At each look all chains run some sweeps, starting from their states
+at the last look. If a side's posterior may then have reached ``1 - alpha``, more sweeps follow, until the posterior is
+clearly above or below ``1 - alpha``, or its Monte Carlo error is small. That error is the larger of two estimates: one
+from the differences between chains, one from the differences between batches of sweeps. Chains start from independent
+draws of the prior, so that a chain that is stuck differs from the others and increases the error.
 """
 
 from __future__ import annotations
@@ -79,7 +79,8 @@ def chain_target(log_prior: Values, boundary: float) -> Target:
     allowed numbers together; states on bridges are not counted in the posterior.
 
     Args:
-        log_prior: (tiles + 1,): ln of the prior of each number of vibrating tiles, -inf where it is ruled out.
+        log_prior: (tiles + 1,): ln of the prior of each number of vibrating tiles, -inf where it is ruled out; at least
+            one is finite.
         boundary: decision boundary, a fill ratio; a floor of exactly this fill ratio is on neither side.
     """
     tiles = log_prior.size - 1
@@ -105,7 +106,8 @@ class Chains:
 
     Args:
         evidence: the samples of the run. target: the distribution to sample from (``chain_target``). robots: number of
-            robots of the swarm. seed, run: address of the chains' random numbers. chains: number of chains.
+            robots of the swarm. seed, run: address of the chains' random numbers. chains: number of chains,
+            at least 2, since the error is estimated from their differences.
     """
 
     def __init__(
@@ -183,7 +185,8 @@ def _ratio_error(sums: Values, side: int, share: float) -> float:
     """Return the standard error of ``share``, the ratio ``sums[:, side].sum() / sums[:, 2].sum()``.
 
     Args:
-        sums: (n, 3): rows that are taken to be independent: weights above the boundary, under it, and in all.
+        sums: (n, 3), n at least 2: rows that are taken to be independent: weights above the boundary, under it, and in
+            all.
         side: 0 above, 1 under.
     """
     n = sums.shape[0]

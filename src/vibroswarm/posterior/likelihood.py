@@ -10,7 +10,9 @@
 
 This is the likelihood under the model that also draws the bits in simulations. Each sample has random numbers of its
 own for the tile that it senses and for its reading, so both are summed over. P(1) as a function of ln c is read from a
-table by linear interpolation. c_v is the factor of whichever of the two tiles vibrates, c_s that of the other.
+table by linear interpolation. c_v is the factor of whichever of the two tiles vibrates, c_s that of the other. F_v and
+F_s are the distribution functions of the energy on a vibrating and on a still tile at factor 1. s is the spread of the
+factors: one value for robots, one for tiles.
 """
 
 from __future__ import annotations
@@ -96,7 +98,7 @@ def evidence_of(
 
     Args:
         floor: only its geometry is used. robots: number of robots of the swarm.
-        robot, x_m, y_m, bit: (samples,), in order of time: robot, place and bit of each sample.
+        robot, x_m, y_m, bit: (samples,), in order of time: robot (from 0), place and bit of each sample.
     Raises:
         InputError: edges reach over too many tiles.
     """

@@ -89,7 +89,7 @@ class DrawAddress(NamedTuple):
 
 @inner
 def _draw(address: DrawAddress, state: State) -> float:
-    """Return the chain's next uniform number, and advance ``state.drawn``."""
+    """Return the chain's next uniform number in (0, 1), so that it has a logarithm; advance ``state.drawn``."""
     u: float = uniform(address.seed, address.run, address.chain, POSTERIOR, state.drawn[0], ALONE)
     state.drawn[0] += 1
     return u

@@ -132,7 +132,8 @@ def _described(
 ) -> tuple[Scenario, list[str]]:
     """Return the scenario that describes the sessions, and the names of its stated fields.
 
-    Values that the user stated come first, then values that a log states, then inferred values.
+    Values that the user stated come first, then values that a log states (of several logs the last), then inferred
+    values.
 
     Args:
         scenario: with the values that the user stated. stated: names of these fields. logs: after ``in_order``.
@@ -178,6 +179,7 @@ def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floo
         robot=pl.col("robot").replace_strict(number, return_dtype=pl.UInt16),
     ).sort("time_s", "robot")
     # The number of a sample is that of the messages sent before it, or if that is not logged, of the rows before it.
+    # ``in_order`` has checked that a robot's rows all have the number of messages or none, and that it grows.
     rows_before = pl.int_range(pl.len(), dtype=pl.Int64).over("robot")
     frame = frame.with_columns(sample=pl.coalesce("sent", rows_before).cast(pl.UInt32))
 
@@ -354,7 +356,8 @@ def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
             row["samples"] = last["sample"] + 1
             row["decision"] = last["decision"]
             if last["decision"] in (0, 1):
-                # The robot decided finally at the sample after the last one with another decision.
+                # The robot decided finally at the sample after the last one with another decision. A decision that is
+                # not logged (null) does not count as another one.
                 others = own.with_row_index().filter(pl.col("decision") != last["decision"])
                 decided = own.row(0 if others.is_empty() else int(others["index"][-1]) + 1, named=True)
                 row |= {
@@ -377,7 +380,8 @@ def _outcomes(
     undecided robots are null.
 
     Args:
-        finals: from ``_finals``, of all sessions. ends: the table of ends.
+        finals: from ``_finals``, of all sessions. ends: the table of ends. Both have a row for each robot of each
+            session, ordered by session and robot.
     """
     robots = scenario.swarm.robots
     runs = finals["run"].to_list()[::robots]  # there is a row for each run and robot

@@ -162,6 +162,8 @@ def numbers_of(
 def check_values(values: pl.Series, lines: pl.Series, name: str, use: str, column: str) -> None:
     """Check that the numbers of a column are in the range of its use (``_ALLOWED``); missing values pass.
 
+    A use that ``_ALLOWED`` does not have is not checked.
+
     Args:
         values: numbers of the column, after conversion. lines: number of each value's line, for errors.
         name: name of the file, for errors. use: column of ``log.SAMPLES`` that the numbers are for.

@@ -44,7 +44,9 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     Args:
         run: number of the run. replace: whether an existing file may be replaced.
     Raises:
-        InputError: no segments, no energies, an arena that is not 1 m x 1 m, or ``path`` cannot be written.
+        InputError: no such run, no segments, no energies, an arena that is not 1 m x 1 m, or ``path`` cannot be
+            written.
+        RunError: the disk is full or failed.
     """
     arena = result.scenario.arena
     if (arena.width_m, arena.height_m) != (1.0, 1.0):
@@ -83,7 +85,10 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
 
 
 def _place(time_s: float, robot: int, where: Any) -> str:
-    """Write the first cells of a row: time, robot (from 1), marker, x and y, m."""
+    """Write the first cells of a row: time, robot (from 1), marker, x and y, m.
+
+    Robots that the study did not have get the marker 100 + ``robot``. ``where`` is (x, y), m.
+    """
     marker = MARKERS[robot] if robot < len(MARKERS) else 100 + robot
     return f"{time_s:.2f},{robot + 1},{marker:.1f},{float(where[0]):.7f},{float(where[1]):.7f}"
 
@@ -108,7 +113,9 @@ def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
     Args:
         run: number of the run. replace: whether an existing file may be replaced.
     Raises:
-        InputError: no energies, bits sent or other columns that the format needs, or ``path`` cannot be written.
+        InputError: no such run, no energies, bits sent or other columns that the format needs, or ``path`` cannot be
+            written.
+        RunError: the disk is full or failed.
     """
     samples = _samples(result, run)
     for name in (
@@ -173,7 +180,7 @@ def _console(row: dict[str, Any], decided_s: float | None) -> str:
     own_mean = (1 + row["own_ones"]) / (row["sample"] + 3)
     counts = row["alpha"] + row["beta"]
     decided = decided_s is not None and row["time_s"] >= decided_s
-    # It is None in a recording, whose times of driving and turning are not known.
+    # ``walk_total_s`` is None in a recording, whose times of driving and turning are not known.
     walking_s = row["walk_total_s"] or 0.0
     return (
         f"1,{row['time_s']:.6f},{row['robot']},{row['energy']:.6f},{row['message']},{row['belief_below']:.6f},"

@@ -52,7 +52,7 @@ class FloorFit:
     orientation: str
     """One of ``ORIENTATIONS``."""
     contrast: float
-    """C: mean energy of a vibrating tile minus that of a still tile."""
+    """C: mean of m_t (which is in ln of the energy) over vibrating tiles minus that over still tiles."""
     probability: float
     """p-value: probability that a random floor fits as well."""
 
@@ -78,7 +78,8 @@ def floor_fits(floor: Floor, samples: pl.DataFrame) -> list[FloorFit]:
     An orientation is left out if the rotated grid has another shape, or if all sampled tiles would be of one kind.
 
     Args:
-        samples: a table with the columns x_m, y_m and energy.
+        samples: a table with the columns x_m, y_m and energy. Samples off all tiles, or without an energy above 0, do
+            not count.
     Returns: the fits; none if fewer than four tiles were sampled, or if all tiles of the floor are of one kind.
     """
     tile = floor.tile_at(samples["x_m"].to_numpy(), samples["y_m"].to_numpy())

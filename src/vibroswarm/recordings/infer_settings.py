@@ -209,7 +209,7 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
         f"{gate}: {_held(low)} while undecided and sure, at least {high:g} at a first decision"
         for gate, (low, high, _) in bounds.items()
     )
-    # The largest count is infinite if no robot was sure but undecided: then the gate held no robot back.
+    # The largest count is minus infinity if no robot was sure but undecided: then the gate held no robot back.
     if len(possible) != 1 or math.isinf(bounds[possible[0]][0]):
         options = ", ".join(possible) or "none"
         if len(possible) == 1:

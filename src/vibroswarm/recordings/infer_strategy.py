@@ -42,7 +42,8 @@ def infer_strategy(
     """Infer the strategy under which the logged bits have the largest likelihood.
 
     The bits are those sent, or if these are not logged, those received. The strategy is undetermined if neither kind is
-    logged, or if the second strategy has almost the same likelihood (``CLEAR_LEAD``).
+    logged, or if the second strategy has almost the same likelihood (``CLEAR_LEAD``). If bits sent are logged, but not
+    all posteriors, the log likelihood of soft feedback is nan, which sorts last: only the other two are compared.
 
     Args:
         threshold: theta_E, for bits read that are not logged. eta, kappa: parameters of soft feedback.

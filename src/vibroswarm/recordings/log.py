@@ -111,7 +111,8 @@ def log_frame(columns: Mapping[str, Any], schema: Mapping[str, Any]) -> pl.DataF
     """Return a table with the columns of a schema, converted to its types.
 
     Args:
-        columns: values by column name; columns that the schema does not have are left out.
+        columns: values by column name; columns that the schema does not have are left out. Without any column the table
+            has one row, of nulls.
         schema: type of each column; a column without values is filled with null.
     """
     frame = pl.DataFrame(dict(columns))
@@ -138,7 +139,8 @@ def in_order(log: Log, robots: Sequence[int] | None = None) -> Log:
         robots: numbers of the robots in the arena; None: those in the log.
     Raises:
         InputError: rows more than a second out of order, two different rows of one robot at one time, unknown
-            robots, or a counter that falls; the error names the row.
+            robots, a count of messages that falls or grows by more than ``MOST_LOST``, or messages sent that some rows
+            of a robot lack; the error names the row. (Impossible steps of a counter of time are set null.)
     """
     samples, late = _sorted(log.samples, log.name)
     tracks, late_tracks = _sorted(log.tracks, log.name)
@@ -348,7 +350,7 @@ def segments_of(run: int, robot: int, knots: pl.DataFrame, samples: pl.DataFrame
     time lies between the start of a stop and the sample at the end of this stop; otherwise it is "drive".
 
     Args:
-        knots: known positions, from ``knots_of``. samples: the robot's rows of the motion table, by time.
+        knots: known positions, from ``knots_of``, at least one. samples: the robot's rows of the motion table, by time.
     """
     time, x, y = (knots[name].to_numpy() for name in ("time_s", "x_m", "y_m"))
     if time.size and time[0] > 0.0:

@@ -237,7 +237,10 @@ _READERS: dict[str, Reader] = {}
 
 
 def register(reader: Reader) -> None:
-    """Register a reader by its name; formats are tried in the order of registration."""
+    """Register a reader by its name; formats are tried in the order of registration.
+
+    It replaces a reader of the same name, and takes its place in that order.
+    """
     _READERS[reader.name] = reader
 
 

@@ -66,7 +66,8 @@ _EXTRA_TABLES: Final = {
 class Recording(Result):
     """Sessions of real robots as a result.
 
-    The module's docstring says in what it differs from a simulated result.
+    The module's docstring says in what it differs from a simulated result. ``==`` is that of ``Result``: it does not
+    compare the fields below.
     """
 
     rows: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=ROWS))
@@ -80,7 +81,7 @@ class Recording(Result):
     stated: tuple[str, ...] = ()
     """Fields of the scenario stated by the user or by a log."""
     inferred: tuple[Mapping[str, Any], ...] = ()
-    """``infer_settings.Inferred`` as plain values."""
+    """``inferred.Inferred`` as plain values."""
     floor_words: str = ""
     """Result of the test whether the floor fits the energies."""
 

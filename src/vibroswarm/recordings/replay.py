@@ -149,7 +149,8 @@ def _replay_once(
 def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:
     """Return the energies of a session, (samples,), with those of restored samples drawn at random.
 
-    A restored sample gets one of the energies that were read in the session on tiles of the same kind.
+    A restored sample gets one of the energies that were read in the session on tiles of the same kind; a place off all
+    tiles counts as still. At least one such energy must have been read.
     """
     energy = rows.energy.copy()  # ``rows`` is used again by the other draws
     for k in np.flatnonzero(np.isnan(rows.energy)):
@@ -270,7 +271,7 @@ def _outcome(
 
 
 def with_beliefs(recording: Recording, seed: int = 0) -> Result:
-    """Return a recording that has no beliefs with the beliefs and decisions that its bits imply.
+    """Return a copy of a recording without beliefs, with the beliefs and decisions that its bits imply.
 
     They are computed by the strategy of the recording's scenario from the bits of the samples. Messages are delivered
     by the scenario's network, since it is not known which messages the real radio delivered.
@@ -313,7 +314,7 @@ def session_outcomes(recording: Recording, replayed: Replayed) -> list[SessionOu
 
 
 def logged_outcomes(recording: Recording) -> list[SessionOutcome]:
-    """Summarise the robots' own logged decisions as if they were a replay of a single draw."""
+    """Summarise the robots' own decisions as if they were a replay of a single draw; all must be logged."""
     number = pl.lit(0, dtype=pl.UInt32).alias("draw")
     robots, runs = recording.robots.select(number, *ROBOTS), recording.runs.select(number, *RUNS)
     return _session_outcomes(recording, robots, runs, recording.scenario.strategy.name)

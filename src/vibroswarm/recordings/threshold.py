@@ -51,7 +51,7 @@ def cluster_weights(seed: int, draw: int, stream: int, cluster: NDArray[np.int64
 
     Args:
         seed, draw, stream: address of the random numbers: the same address gives the same draw.
-        cluster: index of each row's cluster, from 0, (rows,).
+        cluster: index of each row's cluster, from 0, (rows,); at least one row.
     """
     clusters = int(cluster.max()) + 1
     return np.bincount(resample(seed, draw, stream, clusters), minlength=clusters)[cluster].astype(float)
@@ -111,7 +111,7 @@ class Threshold(NotebookView):
     inner_samples: Rates
     """Error rates of the samples with an edge distance above a margin."""
     share_by_session: Interval
-    """Share of ones with equal weight for each tile; the session is the unit."""
+    """Share of ones with equal weight for each tile: mean over sessions, whose limits are infinite for one session."""
     decidable: Decidability
     """From the samples of all sessions, with their effective number."""
 

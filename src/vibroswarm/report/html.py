@@ -247,6 +247,8 @@ class ReportCode(NotebookView):
 
 
 class _Drawn(Protocol):
+    """What ``picture_of`` uses of a ``vibroswarm.plots.Picture``."""
+
     @property
     def numbers(self) -> pl.DataFrame: ...
     @property
@@ -298,7 +300,8 @@ def write_report(path: Path | str, report: Report) -> None:
     """Write a report as an HTML file to ``path``, completely or not at all; an existing file is replaced.
 
     Raises:
-        InputError: a picture is not a plain SVG or too large, or the folder cannot be written.
+        InputError: a picture is not a plain SVG or too large, the address of a photograph is not a data URI of a JPEG
+            or PNG, or the folder cannot be written.
         RunError: the disk is full or failed.
     """
     text = report_html(report)
@@ -312,7 +315,8 @@ def report_html(report: Report) -> str:
     The same report always gives the same text.
 
     Raises:
-        InputError: a picture is not a plain SVG, or too large.
+        InputError: a picture is not a plain SVG or too large, or the address of a photograph is not a data URI of a
+            JPEG or PNG.
     """
     script = _asset("report.js")
     # The page's content security policy allows only the script with this hash: the template's script element contains

@@ -80,8 +80,8 @@ def number_text(value: float, column: Column, decimals: int | None = None) -> st
     """Write a number in the format of its column, with minus signs in place of hyphens.
 
     Args:
-        decimals: number of decimals, from ``decimals_of``; None: as many as this number needs to have
-            ``column.digits`` significant digits.
+        value: the number, not nan. decimals: number of decimals, from ``decimals_of``; None: as many as this number
+            needs to have ``column.digits`` significant digits.
     """
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"

@@ -62,7 +62,7 @@ def upper_tail(a: int, b: int, x: float) -> float:
     while term > SMALL * total:
         total += term
         term *= odds * left / right  # from P(K = k) to P(K = k + 1)
-        left -= 1
+        left -= 1  # 0 at the last k, a + b - 1: the next term is 0, so the sum ends there at the latest
         right += 1
     return min(total, 1.0)  # rounding must not give a probability above 1
 

@@ -249,7 +249,8 @@ def obstacle(f: Mixture, program: LocalisationProgram, ray_m: float, after_drive
         density += f.weights[i] * of_component
         of_robots += f.weights[i] * of_robot
         f.weights[i] *= of_component
-    # of_robots / density is the probability that the obstacle was a robot; the monitor sums it up as unexpected.
+    # of_robots / density is the probability that the obstacle was a robot; the monitor sums it up as unexpected. The
+    # density is above 0: ``meet`` adds LEAST to that of each component, and the weights summed to 1.
     f.monitor[UNEXPECTED] = KEPT * f.monitor[UNEXPECTED] + of_robots / density
     f.monitor[OBSTACLES] = KEPT * f.monitor[OBSTACLES] + 1.0
     resample(f)

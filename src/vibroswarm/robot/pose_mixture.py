@@ -152,7 +152,7 @@ def empty_mixture(components: int, lag: int, with_paths: bool = False) -> Mixtur
     """Allocate a robot's memory; all numbers are 0 until ``begin`` is called.
 
     Args:
-        components: number of Gaussians. lag: number of past samples whose places are kept and corrected.
+        components: number of Gaussians. lag: number of past samples whose places are kept and corrected, at least 1.
         with_paths: whether to save also, for each component, from which component of the last sample it descends, as
             ``place_draws`` needs.
     """

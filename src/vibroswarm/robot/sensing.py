@@ -102,11 +102,11 @@ def high_pass(cutoff_hz: float, rate_hz: float = 350.0) -> tuple[float, float, f
 
 
 def cutoff_hz(feedback: float, rate_hz: float = 350.0) -> float:
-    """Return the frequency (Hz) at which the gain of a high-pass with alpha_3 = -alpha_2 is half of its maximum.
+    """Return the frequency (Hz) at which a high-pass with alpha_3 = -alpha_2 has half of its largest squared gain.
 
-    It depends on alpha_1 only. With a = alpha_1, b = alpha_2 and c = cos(2 pi frequency / rate), the gain is
-    |H|^2 = b^2 (2 - 2 c) / (1 + a^2 - 2 a c). It is largest at c = -1. The result is
-    the frequency at which |H|^2 is half of that, the -3 dB point.
+    This frequency depends on alpha_1 only. With a = alpha_1, b = alpha_2 and c = cos(2 pi frequency / rate), the square
+    of the gain is |H|^2 = b^2 (2 - 2 c) / (1 + a^2 - 2 a c). It is largest at c = -1. The result is the frequency at
+    which |H|^2 is half of that, the -3 dB point.
 
     Args:
         feedback: alpha_1, in [0, 1). rate_hz: readings per second.

@@ -144,7 +144,10 @@ def turn_angle_deg(program: WalkProgram, u: float) -> float:
 
 @kernel
 def begin_walk(program: WalkProgram, dice: Dice) -> WalkState:
-    """Return the state at tick 0, at which the robot stands; it walks from tick 1."""
+    """Return the state at tick 0, at which the robot stands; it walks from tick 1.
+
+    ``sampled`` is set, so that the stop is over; but no sample is taken, and ``samples`` is 0.
+    """
     leg_ms = leg_duration_ms(program, dice.leg)
     return WalkState(STOP, DRIVE, True, leg_ms, 0, 0, 0, 0.0, 0.0, 1, 0, 0, math.nan)
 
@@ -181,7 +184,9 @@ def steered(state: WalkState, turn_deg: float, drive_ms: float) -> WalkState:
 
 @inlined
 def looks(state: WalkState, program: WalkProgram, gyro_deg: float) -> bool:
-    """Return whether ``walk_step`` at this tick uses the rays: only if the robot drives, or is about to drive.
+    """Return whether ``walk_step`` at this tick may use the rays: only if the robot drives, or is about to drive.
+
+    If a sample is due or the leg is over, it does not use them, although the result is true.
 
     Args:
         gyro_deg: angle turned since the last tick.

@@ -60,7 +60,8 @@ COLUMNS = {
 """The columns that the page reads from each table, which may have more."""
 
 OUTCOMES = ("right", "wrong", "split", "incomplete", "truth_undefined")
-"""Outcomes of the swarm; ``truth_undefined``: a consensus on a floor without a right answer."""
+"""Outcomes of the swarm: all robots decided rightly, or all wrongly; their decisions differ (``split``); a robot is
+undecided (``incomplete``); or a consensus on a floor without a right answer (``truth_undefined``)."""
 
 
 class MapsOverTime(NamedTuple):
@@ -154,7 +155,7 @@ class RunRecord:
     avoidance_threshold_m: float = 0.055
     """Distance at which a robot avoids an obstacle, m."""
     truth: int | None = None
-    """The right decision; None: neither, or given by the fill ratio (without ``answers``)."""
+    """The right decision, None if neither is; used only with ``answers``, since else the fill ratio gives it."""
     answers: tuple[str, str] | None = None
     """Meaning of decisions 0 and 1, if the question is not about the fill ratio."""
     faults: tuple[tuple[int, str, float, bool], ...] = ()
@@ -250,7 +251,7 @@ FORMAT = 1
 """Version of the payload, which the page's scripts check."""
 
 UNKNOWN = 255
-"""A message that a recording does not contain."""
+"""Stands for a missing message: the robot sent none, its messages are no bits, or a recording does not contain it."""
 
 SAMPLE_TYPES = {
     "robot": pl.UInt16,
@@ -269,15 +270,16 @@ SAMPLE_TYPES = {
     "belief_below": pl.Float64,
     "decision": pl.Int8,
 }
-"""Columns of the samples: those of motion, observations and inference."""
+"""Columns of the samples: those of motion, observations and inference. A column with missing values is packed as
+floats with nan, whatever its type here."""
 
 
 def payload(record: RunRecord) -> dict[str, Any]:
     """Convert a run to dicts, lists, text and finite numbers, which the page's scripts read.
 
-    Samples are packed columns (``packed_column``), sorted by robot and sample; a missing energy is nan, an unknown
-    message ``UNKNOWN``. Trajectories are rounded and thinned (``trajectory_thinning``). Everything else is copied from
-    the record.
+    Samples are packed columns (``packed_column``), sorted by robot and sample; a missing message is ``UNKNOWN``, any
+    other missing value nan. Trajectories are rounded and thinned (``trajectory_thinning``). Everything else is copied
+    from the record.
     """
     return {
         "format": FORMAT,
@@ -373,7 +375,8 @@ def _rule(record: RunRecord) -> dict[str, Any]:
 def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
     """Return the columns ``SAMPLE_TYPES`` of the samples that have a row in motion, observations and inference.
 
-    The samples are sorted by robot and sample number; a missing energy is nan, an unknown message ``UNKNOWN``.
+    The samples are sorted by robot and sample number. A missing message is ``UNKNOWN``, any other missing value nan: a
+    column with nulls, such as alpha of a strategy without a posterior, becomes one of floats.
     """
     table = record.motion
     for other in (record.observations, record.inference):
@@ -396,7 +399,8 @@ LAGGED_COLUMNS = ("lagged_sample", "lagged_x_m", "lagged_y_m", "lagged_spread_x_
 def _places(record: RunRecord, places: pl.DataFrame) -> dict[str, Any]:
     """Return the estimated places as packed columns, one entry for each sample of the page; nan without an estimate.
 
-    The samples are those of ``_samples``, in the same order: those with a row in all three tables, by robot and sample.
+    The samples are those of ``_samples``, in the same order: those with a row in motion, observations and inference, by
+    robot and sample.
     """
     names = (*PLACE_COLUMNS, *(name for name in LAGGED_COLUMNS if name in places.columns))
     known = places.select("robot", "sample", *names)

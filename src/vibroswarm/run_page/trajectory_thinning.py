@@ -81,6 +81,8 @@ def tracks(segments: pl.DataFrame, t_end_s: float) -> tuple[list[Track], list[st
 def along(start: Floats, end: Floats, time_s: Floats) -> Floats:
     """Return poses on the arcs between pairs of knots, by the equations of the module's docstring.
 
+    If both knots of a pair have the same time, the pose is that of the first.
+
     Args:
         start, end: (..., 4) time, x, y, heading of the knots before and after each time.
         time_s: (...) times between them, s.
@@ -185,8 +187,8 @@ def _thin(robot: NDArray[np.int64], kind: NDArray[np.int64], knots: Floats) -> N
     neighbouring knots becomes a knot, until the arcs between knots pass all other points within the tolerances.
 
     Args:
-        robot, kind: robot and kind of segment of each point, (points,). knots: time, x, y, heading of each point,
-            (points, 4), sorted by robot and time.
+        robot, kind: robot and kind of segment of each point, (points,), at least one point. knots: time, x, y, heading
+            of each point, (points, 4), sorted by robot and time.
     Returns: whether each point is kept, (points,).
     """
     first = np.diff(robot, prepend=-1) != 0
@@ -196,7 +198,9 @@ def _thin(robot: NDArray[np.int64], kind: NDArray[np.int64], knots: Floats) -> N
     point = np.arange(len(knots))
     while True:
         kept = np.flatnonzero(keep)
-        arc = np.cumsum(keep) - 1  # index in ``kept`` of the knot at, or before, each point
+        # Index in ``kept`` of the knot at, or before, each point. A robot's first and last points are knots, so both
+        # knots around any other point are of its robot.
+        arc = np.cumsum(keep) - 1
         before, after = kept[arc], kept[np.minimum(arc + 1, len(kept) - 1)]
         off = knots - along(knots[before], knots[after], knots[:, 0])
         badness = np.hypot(off[:, 1], off[:, 2]) / POSITION_TOLERANCE_M

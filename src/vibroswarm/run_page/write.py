@@ -80,6 +80,7 @@ def page_html(record: RunRecord) -> str:
         "script_hash": _script_hash(document, script),
         "data": script_json(payload(record)),
     }
+    # One pass over the template: text such as {{script}} in the title or in the data stays as it is.
     return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], document)
 
 
@@ -143,7 +144,8 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
     """Collect the content of the page of one run from a result.
 
     Args:
-        run: number of the run. title: heading of the page; by default the number of robots and the name of the floor.
+        result: simulated, or of a recording (without a seed). run: number of the run. title: heading of the page; by
+            default the number of robots and the name of the floor.
     Raises:
         InputError: the result has no such run, or was simulated without segments.
     """
@@ -217,7 +219,8 @@ def _maps_of(result: Result, run: int, end_s: float) -> MapsOverTime | None:
     """Return the robots' maps and the pooled map of a run at ``MAP_TIMES`` times up to its end, ``end_s``.
 
     If all these maps would be too large for a page, only the pooled map is returned. The result is None if the robots
-    keep no maps, or if the maps cannot be recomputed (a recording, or a result without moves).
+    keep no maps, or if the maps cannot be recomputed (a recording, or a result without the moves that estimated places
+    need).
     """
     if result.scenario.strategy.name not in WITH_MAP or result.seed is None:
         return None
@@ -250,6 +253,7 @@ def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
 
     Raises:
         InputError: the result has no such run, was simulated without segments, or ``path`` cannot be written.
+        RunError: the disk is full or failed.
     """
     path = path_of(path)
     write_page(record_of(result, run), path)

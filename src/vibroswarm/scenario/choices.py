@@ -52,9 +52,12 @@ class Choice(FrozenModel):
 
     model_config = ConfigDict(frozen=True, extra="allow", strict=True, allow_inf_nan=False)
     kind: ClassVar[str]
+    """What is selected: "strategy", "network" or "task", also the name of the section."""
     known: ClassVar[Callable[[], Mapping[str, Any]]]
+    """Returns the entries that are registered, by name."""
 
     name: str
+    """The selected entry."""
     code: str | None = None
     """File of the entry and its SHA-256, if it is not part of vibroswarm."""
 
@@ -228,7 +231,7 @@ class Choice(FrozenModel):
 
     @classmethod
     def kind_of(cls, name: str) -> Any:
-        """Return the type of a field, by its dotted name without the section: "name" or, for example, "soft.eta"."""
+        """Return the type of a field, by its dotted name without the section, one of ``field_names``."""
         table, separator, field = name.partition(".")
         if not separator:
             return str  # "name" is the only field without a table

@@ -54,7 +54,7 @@ def onset_s(scenario: Scenario, seed: int, runs: Sequence[int], kind: str) -> ND
     """Return the time from which each robot has a fault of one kind, s: (runs, robots), inf for robots without it.
 
     Args:
-        kind: kind of fault, one of ``FAULTS``.
+        runs: numbers of the runs, one for each row. kind: kind of fault, one of ``FAULTS``.
     """
     robots, affected = scenario.swarm.robots, getattr(scenario.faults, kind)
     onset = np.full((len(runs), robots), math.inf)
@@ -75,7 +75,8 @@ def _who(scenario: Scenario, seed: int, run: int, kind: str) -> Sequence[int]:
         return affected
     count, index = count_of(affected, robots), NUMBER_OF[kind]
     free = list(range(robots))
-    # No sensor is stuck at both: leave out robots that the scenario lists for the other kind.
+    # No sensor is stuck at both: leave out robots that the scenario lists for the other kind. ``check_faults`` has made
+    # sure that enough robots are left, and that two shares, taken from both ends of the order, do not meet.
     if kind in ("stuck_at_0", "stuck_at_1"):
         other = getattr(scenario.faults, "stuck_at_1" if kind == "stuck_at_0" else "stuck_at_0")
         if isinstance(other, tuple):
@@ -103,7 +104,8 @@ def working(scenario: Scenario, seed: int, runs: Sequence[int]) -> NDArray[np.bo
 def fault_frame(scenario: Scenario, seed: int, runs: Sequence[int]) -> pl.DataFrame | None:
     """Return the table of faults (``FAULT_COLUMNS``), sorted by run, robot and kind.
 
-    Kinds sort in the order of ``FAULTS``. The result is None if no robot of the scenario can fail.
+    Kinds sort in the order of ``FAULTS``. The result is None if the scenario has no faults; the table is empty if none
+    begins before the end of a run.
     """
     if not scenario.faults.kinds:
         return None
@@ -174,7 +176,10 @@ def sensor_faults(scenario: Scenario, seed: int, runs: Sequence[int]) -> SensorF
 
 
 def of_run(faults: SensorFaults, r: int) -> SensorFaults:
-    """Return the faults of one run alone; ``r`` is its row in the arrays."""
+    """Return the faults of one run alone, as row 0 of the result; ``r`` is its row in the arrays of ``faults``.
+
+    Arrays without rows (``NO_SENSOR_FAULTS``) stay without.
+    """
     at_0, at_1, biased = (onset[r : r + 1] for onset in faults[:3])
     return SensorFaults(at_0, at_1, biased, faults.shifts)
 

@@ -36,6 +36,7 @@ from vibroswarm.scenario.choices import NetworkChoice, StrategyChoice, TaskChoic
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
 from vibroswarm.scenario.localisation_fields import Localisation, Odometry
 
+# ``strict=False`` lets a tuple be given as a list, as TOML gives it; the models themselves are strict.
 Length = Annotated[float, Field(gt=0, le=1e4)]
 Duration = Annotated[float, Field(ge=0, le=1e9)]
 Lengths = Annotated[
@@ -273,6 +274,7 @@ class Sensor(FrozenModel):
     """Measured energies of vibrating tiles, for model = "energies"."""
     still_energies: Energies | None = None
     """Measured energies of still tiles."""
+    # If only one of these two is omitted, it is 0 (``observation.edge_response``).
     edge_reach_m: Annotated[float, Field(ge=-1, le=1)] | None = None
     """How far vibrating tiles reach beyond their edges: at this distance every second sample reads as on the tile.
     If this and ``edge_blur_m`` are omitted, a sample reads the tile under the centre, as in the paper."""
@@ -303,6 +305,7 @@ class Decision(FrozenModel):
     """p_c: a robot decides when its belief p, or 1 - p, exceeds this."""
     min_observations: Annotated[int, Field(ge=0, le=10**9)] = 381
     """O_c: strictly more observations are needed to decide."""
+    # "total": own readings and those received; ``strategies.bayes.enough`` counts them.
     gate: Literal["total", "received", "own"] = "total"
     """Which observations count towards ``min_observations``."""
     gate_counts_current: bool = False

@@ -34,6 +34,7 @@ GYRO_LEVELS: Final = {
     "poor": GyroErrors(0.03, 0.2, 2.0, 0.3),
     "bought": GyroErrors(0.03, 20.0, 2.0, 0.3),
 }
+"""Errors of each level; ``Odometry.level`` describes the levels."""
 Level = Literal["good", "poor", "bought"]
 
 
@@ -96,6 +97,7 @@ class Localisation(FrozenModel):
     """Standard deviation of s_d that they assume; likewise."""
     ray_noise_m: Annotated[float, Field(gt=0, le=1)] = 0.004
     """Standard deviation of the shortest ray at a wall that they assume."""
+    # The density of robots that it multiplies is that of ``localisation.locate``, for straight drives.
     robots_factor: Annotated[float, Field(ge=0, le=1000)] = 6.0
     """Factor by which they assume to meet more robots than chords of straight drives would."""
     monitor: bool = True

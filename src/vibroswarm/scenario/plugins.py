@@ -51,7 +51,7 @@ KINDS: Final[dict[str, Kind]] = {
     "network": Kind(Network, networks.register, networks.known, "vibroswarm.networks"),
     "task": Kind(Task, tasks.register, tasks.known, "vibroswarm.tasks"),
 }
-"""Kinds of objects that a file may define, by name."""
+"""Kinds of objects that a file may define, by name; ``motion.source`` adds "motion"."""
 
 _texts: dict[str, str] = {}
 """Texts of the loaded files, by the reference to code with hash."""
@@ -152,6 +152,8 @@ def resolve_codes(values: Any, path: str = "") -> Any:
     Args:
         values: nested tables, lists and values. path: dotted name of ``values`` in the data file. Only fields such as
             ``strategy.name`` are references; their section is the kind.
+    Raises:
+        InputError: as of ``resolve_code``.
     """
     if isinstance(values, str):
         # A list with the last part but one, such as "strategy"; empty if there is none.

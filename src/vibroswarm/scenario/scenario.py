@@ -271,7 +271,8 @@ def value_of(scenario: Scenario, name: str) -> Any:
     """Return the value of a field, by its dotted name, such as "walk.leg_min_ms" or "strategy.soft.eta".
 
     Returns:
-        The value. If the code of a strategy, network or task is not loaded, None for its parameters that are not given.
+        The value. If the code of a strategy, network or task is not loaded, None for its parameters that are not given;
+        also None for a name such as ``strategy.NAME.field`` with an unknown NAME, whose code might not be loaded.
     Raises:
         InputError: there is no such field.
     """

@@ -32,7 +32,7 @@ def _check_ranges(s: Sections) -> None:
     misalignments = (s.robot.misalignment_min, s.robot.misalignment_max, *(s.robot.misalignments or ()))
     # The speeds of the wheels are proportional to 1 - misalignment and 1 + misalignment.
     if max(abs(misalignment) for misalignment in misalignments) + widest_veer_shift(s) >= 1.0:
-        # The largest variation is the one to reduce.
+        # Misalignments themselves are between -1 and 1, so a variation is set. The largest is the one to reduce.
         name = max(VARIATIONS, key=lambda name: getattr(s.robot, name) or 0.0)
         raise InputError(
             f"{getattr(s.robot, name):g} is too much: with the misalignments, a wheel could stand or turn backwards",

@@ -152,7 +152,8 @@ def differs(estimate: float, estimates: Row, confidences: Row, type_2_error: flo
         estimate: the own estimate. estimates, confidences: (robots,), latest message of each robot. The confidence is 0
             for the robot itself and for robots not heard yet; these are left out. type_2_error: beta of the limit.
     Returns:
-        False if fewer than two robots were heard, because the spread of one estimate is unknown.
+        False if fewer than two robots were heard, because the spread of one estimate is unknown. If all robots heard
+        have the same estimate, the limit is 0 up to rounding, so that almost any own estimate differs.
     """
     n, total, squares = 0, 0.0, 0.0
     for j in range(confidences.size):

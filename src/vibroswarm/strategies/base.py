@@ -23,7 +23,8 @@ rows in place and are compiled by Numba. They allocate nothing, and draw random 
 
 ``s`` is the robot's State, ``a`` its arrays, ``m`` a Message heard, ``out`` the Message to fill in, ``p`` the Params,
 ``w`` a ``World``, ``x`` a ``Reading``, ``d`` the address of random numbers: ``u(d, k)`` is the k-th uniform number of
-this call. ``t_s`` is the time in s. ``decision`` is called after each sample and timer.
+this call. ``t_s`` is the time in s. ``decision`` is called after each sample and timer. ``steer`` returns nan for what
+it leaves to the walk (``robot.walk.steered``).
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, check_function
 from vibroswarm.strategies.world import DetailedReading, Reading, World
 
 Hook = Callable[..., Any]
+"""A function of a strategy that the simulator calls."""
 
 MAX_BYTES: Final = 144
 """Capacity of a message of the robots' radio, bytes."""
@@ -86,9 +88,9 @@ class Plugin(NotebookView):
     params: type = NoParams
     about: str = ""
     source: str = field(default="", compare=False)
-    """Text of its file, if that is not part of this package."""
+    """Text of its file, if that is not part of this package; else empty."""
     code: str = field(default="", compare=False)
-    """Name of that file, its name in it, and hash."""
+    """Reference to that file: ``voter.py:voter sha256:...`` (``scenario.plugins``); empty without such a file."""
 
     def __post_init__(self) -> None:
         """Check the name, and replace the class of parameters by a Pydantic model with the same fields."""

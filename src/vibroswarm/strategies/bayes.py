@@ -27,6 +27,7 @@ GATE_RECEIVED: Final = 1
 GATE_OWN: Final = 2
 """Value of ``World.gate``: only own readings count."""
 GATES: Final = ("total", "received", "own")
+"""Names of these values in a scenario (``decision.gate``); a value is the index of its name."""
 
 
 class State:

@@ -60,7 +60,7 @@ class Params:
 
 
 class State:
-    """Posterior, decision, and the last value sent."""
+    """Posterior, decision, number of own readings, the latest reading, and when to repeat the message."""
 
     alpha: int
     beta: int
@@ -117,7 +117,10 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Send the last value again, under its old number, and set the next timer; ``t_s`` is the time."""
+    """Send a message again under the number of the latest reading, and set the next timer; ``t_s`` is the time.
+
+    Receivers that have counted this number ignore it. The value is the decision if the robot has decided since then.
+    """
     s.next_s = t_s + p.repeat_s
     fill(s, out, p)
     return True

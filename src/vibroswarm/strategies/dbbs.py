@@ -195,7 +195,10 @@ def drawn_of(is_new: Row, count: int, number: float) -> int:
 
 @inner
 def log_belief(ones: float, zeros: float, fill: float, false_positive: float, false_negative: float) -> float:
-    """Return the logarithm of the belief in a fill ratio in (0, 1), before normalising."""
+    """Return the logarithm of the belief in a fill ratio in (0, 1), before normalising.
+
+    It is finite, because the error rates of a scenario sum to less than 1, and so the likelihood is in (0, 1) too.
+    """
     likelihood = false_positive + (1.0 - false_positive - false_negative) * fill
     return ones * math.log(likelihood) + zeros * math.log1p(-likelihood)
 

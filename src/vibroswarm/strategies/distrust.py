@@ -151,7 +151,8 @@ def two_sided_tail(k: int, n: int, a: int, b: int) -> float:
 def upper_tail(k: int, n: int, a: int, b: int) -> float:
     """Return P(K >= k) for k at or above the mean, where terms fall from k on, so that the sum may stop early.
 
-    ``k``, ``n``, ``a`` and ``b`` are those of the table; a, b >= 1.
+    ``k``, ``n``, ``a`` and ``b`` are those of the table; a, b >= 1. The result is 0 if P(K = k) is too small for a
+    double.
     """
     term, total = math.exp(log_probability(k, n, a, b)), 0.0
     while term > SMALL * total:

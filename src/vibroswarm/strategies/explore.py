@@ -93,7 +93,8 @@ class State(places.State, Course):
 
 
 class Arrays(places.Arrays):
-    """Those of ``places``, when a robot last sampled each tile or drove there, and scratch: how unsure each tile is."""
+    """Those of ``places``; for each tile, when this robot last sampled there or a message last named it as its sender's
+    target; and scratch: how unsure each tile is."""
 
     visited_s = array("float64", "tiles")
     uncertainty = array("float64", "tiles")
@@ -147,7 +148,11 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def steer(s: Row, a: Row, x: Reading, d: Draws, p: Row, w: World) -> tuple[float, float]:
-    """Return the turn to the best point in degrees (nan: none, it is straight ahead), and how long to drive in ms."""
+    """Return the turn to the best point in degrees, and how long to drive in ms.
+
+    The turn is nan if that point is straight ahead, or if there is none. The robot then resumes what its stop
+    interrupted, which may be a turn or an avoidance (``robot.walk.steered``).
+    """
     return math.nan if s.turn_rad == 0.0 else math.degrees(s.turn_rad), UNTIL_SAMPLE_MS
 
 
@@ -164,7 +169,7 @@ def middle_y_m(tile: int, w: World) -> float:
 def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
     """Set ``s.turn_rad`` and ``s.target``: the turn to the point of the greatest worth, and the tile of that point.
 
-    If all points are too close to walls, the robot goes on as its random walk would: no turn, and target -1.
+    If all points are too close to walls, the turn is 0 and the target -1.
     """
     likeliest = 0  # index of the likeliest pair of error rates
     for k in range(1, pairs_of(p)):

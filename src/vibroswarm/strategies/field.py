@@ -68,8 +68,8 @@ class Params:
 
 
 class State:
-    """The last own readings (the latest is the lowest bit), number of readings used, score needed, the share of the
-    arena that vibrates and its variance, and the decision."""
+    """The last own readings (the latest is the lowest bit), number of samples added, own and heard, score needed, the
+    estimated share of the arena that vibrates and its variance, and the decision."""
 
     bits: int
     heard: int
@@ -181,7 +181,7 @@ def add_sample(
         all_x += a.of_column[k]
         all_y += a.of_row[k]
     if all_x * all_y < 1e-9:
-        return  # practically all of the place is outside of the arena: no block has a share
+        return  # practically all of the place is outside of the arena: no block has a share. ``heard`` counts it anyway
     # Compute K = P q in a.gain, and q'm in ``expected``.
     for b in range(BLOCKS):
         a.gain[b] = 0.0

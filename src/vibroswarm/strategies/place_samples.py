@@ -39,6 +39,7 @@ from vibroswarm.strategies.world import DetailedReading, Draws, World
 __all__ = ["State", "begin", "decision"]
 
 MOST_DRAWS: Final = 4
+"""Most draws for which a message has places."""
 KEPT: Final = 25
 """Length of the ring of log ratios that wait until their place is known: ``localisation.lag`` is at most 24."""
 

@@ -44,7 +44,9 @@ from vibroswarm.strategies.world import DetailedReading, Draws, World
 __all__ = ["State", "begin", "decision"]
 
 HEADER_BYTES: Final = 5
+"""Size of a message without its map."""
 MOST_TILES: Final = 139
+"""Most tiles of a map that fits into a message (``MAX_BYTES`` less the header); ``place_options`` refuses more."""
 KEPT: Final = 25
 """Length of the ring of log ratios that wait until their place is known: ``localisation.lag`` is at most 24."""
 
@@ -78,9 +80,10 @@ class Arrays:
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Store the map, the weight and the number of samples in the message as the sender's latest ones.
+    """Replace what is stored of the sender by the map, the weight and the number of samples in the message.
 
-    ``s.heard``, the number of samples in all maps, grows by the samples that are new.
+    ``s.heard``, the number of samples in all maps, changes by the difference. If the network lets an older message
+    arrive after a newer one, the older map replaces the newer one, and ``s.heard`` falls.
     """
     tiles = w.rows * w.columns
     for t in range(tiles):
@@ -144,10 +147,10 @@ def add_own(s: Row, a: Row, x: DetailedReading, bit: int, p: Row, w: World) -> N
 
 
 def fill_map(a: Row, out: Row, number: int, w: World) -> None:
-    """Fill in the message ``out``: the own map and weight, rounded and limited to one byte each.
+    """Fill in the message ``out``: the own weight and the log odds of each tile, rounded to what one byte holds.
 
     Args:
-        number: index of the latest sample in the map.
+        number: index of the latest own sample in the map.
     """
     tiles = w.rows * w.columns
     out.number, out.samples = number, a.samples[w.robot]

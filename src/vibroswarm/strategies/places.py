@@ -185,8 +185,8 @@ class Params(MapParams, Options):
 
 
 class State:
-    """The last own readings (the latest is the lowest bit), number of readings in the map, score needed, and
-    decision."""
+    """The last own readings (the latest is the lowest bit), number of samples added, own and heard (those off the
+    floor too), score needed, and decision."""
 
     bits: int
     heard: int

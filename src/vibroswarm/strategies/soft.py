@@ -64,7 +64,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 @inner
 def weight(alpha: int, beta: int, belief: float, eta: float, kappa: float) -> float:
-    """Return delta (Eq. 18)."""
+    """Return delta (Eq. 18), with ``belief`` for p."""
     delta: float = math.exp(-eta * variance(alpha, beta)) * abs(0.5 - belief) ** kappa  # Eq. 18
     return delta
 
@@ -83,7 +83,7 @@ def message(
     """Draw the message m, 0 or 1: it is 1 if the uniform number ``u`` lies below ``probability``.
 
     Args:
-        observation: O. belief: p. u: uniform number in (0, 1).
+        observation: O. alpha, beta: those of the posterior. belief: p. u: uniform number in (0, 1).
     """
     # Most messages equal O, and are drawn here without an exponential or a power, which take long. The message differs
     # from O with probability delta * doubt (Eq. 16), where ``doubt`` is the belief against O. As |1/2 - p| is below 1,

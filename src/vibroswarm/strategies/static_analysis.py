@@ -52,6 +52,7 @@ NETWORK_HOOKS: Final[dict[str, tuple[str, ...]]] = {
         "w",
     ),
 }
+"""Arguments of the hooks of networks, by name of the hook; ``networks.base`` explains them."""
 PARAMETERS: Final = STRATEGY_HOOKS | NETWORK_HOOKS
 """Arguments of each hook. Their number and order are checked; a hook may give them other names."""
 CHANCE: Final = ("random", "secrets", "uuid")
@@ -155,7 +156,10 @@ def _with_callees(function: Callable[..., Any], seen: set[Any]) -> Iterator[Call
 
 
 def _attributes(function: Callable[..., Any]) -> list[tuple[tuple[str, str], int]]:
-    """Return every expression ``name.field`` in a function as ((name, field), line in the file)."""
+    """Return every expression ``name.field`` in a function as ((name, field), line in the file).
+
+    The list is empty if the source cannot be read.
+    """
     tree = tree_of(function)
     first = function.__code__.co_firstlineno - 1  # lines of the tree count from the function's own first line
     return [

@@ -65,7 +65,8 @@ class Effect:
     def words(self) -> str:
         """The size of the difference with its direction in words and its interval: ``127 s faster [102, 153]``.
 
-        The interval is left out if a limit is not finite.
+        The interval is left out if a limit is not finite. The difference must be significant: for 0 or nan the words
+        have no sense.
         """
         _, word_if_higher, word_if_lower = EFFECTS[self.figure]
         estimate, low, high = self.interval[:3]
@@ -124,7 +125,7 @@ class Answer:
     rest: str
     """The varied values that both cells share, as text."""
     effects: tuple[Effect, ...]
-    """In the order of ``EFFECTS``, one for each figure that was compared."""
+    """In the order of ``EFFECTS``, one for each figure that was compared; ``comparisons`` compares all of them."""
     pairs: int
     """Number of runs that the first figure compares."""
     matched: MatchedError | None
@@ -251,7 +252,7 @@ def answers_of(
     in which the values of ``rest`` first appear. Within such a group, the largest difference in time comes first.
 
     Args:
-        compared: all figures of all pairs.
+        compared: all figures of all pairs (``cell_comparison.comparisons``); empty: there are no answers.
         matched: comparisons at equal error, by the numbers of cell and reference (``cell_comparison.at_equal_error``).
     """
     # For each pair, its comparisons by figure. A pair is given by cell, reference and compared field.
@@ -278,7 +279,8 @@ def _answer(figures: Mapping[str, Compared], matched: MatchedError | None) -> An
     """Return the answer of one pair of cells.
 
     Args:
-        figures: the pair's comparisons by figure. matched: its comparison at equal error, None if there is none.
+        figures: the pair's comparisons by figure, those of ``EFFECTS`` among them. matched: its comparison at equal
+            error, None if there is none.
     """
     one = next(iter(figures.values()))  # all comparisons of the pair have the same cells and names
     effects = tuple(_effect(figures[figure]) for figure in EFFECTS if figure in figures)
@@ -312,7 +314,7 @@ def _effect(one: Compared) -> Effect:
 
 
 def _confirmed(shown: Sequence[Effect]) -> str:
-    """Write which of the significant differences ``shown`` the runs from the other seed confirm.
+    """Write which of the significant differences ``shown``, at least one, the runs from the other seed confirm.
 
     Returns: such as ``time confirmed on other seeds, wrong not confirmed``.
     """
@@ -358,7 +360,8 @@ def question(result: StudyResult, compared: Sequence[Compared]) -> str:
     cells = [result.study.cells[number] for number in result.selected]
     first = cells[0].scenario
     varied = result.study.varied
-    # The setting is what all cells share: a varied field is not part of it, but of the cells' names.
+    # The setting is what all cells share: a varied field is not part of it, but of the cells' names. The end of the
+    # runs is that of the first cell, even if it is varied.
     robots = (
         "" if "swarm.robots" in varied else f"{first.swarm.robots} robot{'s' * (first.swarm.robots != 1)}"
     )

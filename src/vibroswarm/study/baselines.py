@@ -61,7 +61,7 @@ class References:
     lag_one: Interval
     """Correlation of one robot's consecutive bits."""
     packet_loss: Interval
-    """Share of messages addressed to a robot that it did not receive; mean over runs."""
+    """Share of messages addressed to a robot that it did not receive; mean over runs. nan if there were none."""
 
     def as_row(self) -> dict[str, Any]:
         """Return a flat row for a table; figures of a missing reference (None) are left out.
@@ -163,7 +163,7 @@ def _has_motion_for(earlier: Result, group: Group, cell: Cell, runs: list[int]) 
 
 
 def _references(cell: Cell, simulated: Result) -> References:
-    """Compute the references of one cell from its simulated runs."""
+    """Compute the references of one cell from its simulated runs; its task must be about the fill ratio."""
     pooled = None
     # Pooled counting needs all samples up to the end of each run, and a right decision in each run.
     if not simulated.runs["stopped_early"].any() and simulated.runs["truth"].null_count() == 0:
@@ -218,5 +218,5 @@ def _could_be_known(result: Result) -> tuple[Known | None, tuple[str, ...]]:
 
 
 def reference_table(references: list[References]) -> pl.DataFrame:
-    """Tabulate references, one row per cell."""
+    """Tabulate references, one row per cell; without references the table has no columns."""
     return pl.DataFrame([reference.as_row() for reference in references], infer_schema_length=None)

@@ -165,7 +165,8 @@ class _SharedMotion:
         self.motion, self.request = motion, request
         self.timeline = timeline_of(scenario, motion)
         self.places, self.walk = Places(request.seed, motion.samples), Walk(motion.samples)
-        # Time at which each run ends, (runs,): a run ends with its last robot. ``ends`` has one row per run and robot.
+        # Time at which each run ends, (runs,): a run ends with its last robot. ``ends`` has one row per run and robot,
+        # sorted by both.
         self.end_s = motion.ends["end_s"].to_numpy().reshape(-1, self.timeline.robots).max(axis=1)
         self._floors: dict[Any, dict[int, Floor]] = {}
 
@@ -340,7 +341,7 @@ class Batch:
     motion: str
     keep: tuple[str, ...]
     code: tuple[tuple[str, str], ...] = ()
-    """The files of user code that the cells need: name and text of each."""
+    """The files of user code that the cells need: reference to code (``plugins``) and text of each."""
 
     @property
     def name(self) -> str:
@@ -484,7 +485,8 @@ def _check_outcomes(frame: pl.DataFrame, robots: int, name: str) -> None:
     """Check that exactly the robots that decided have a decision time, and that no count exceeds the number of robots.
 
     Args:
-        frame: the table ``robots`` of a shard. robots: number of robots in a run. name: of the file, for messages.
+        frame: the table ``robots`` of a shard, with at least one row and no nulls in the columns ``NEVER_NULL``, as
+            ``check_shard`` has checked. robots: number of robots in a run. name: of the file, for messages.
     Raises:
         InputError: a column is wrong; it names the file and the column.
     """

@@ -101,6 +101,8 @@ def _empty(kinds: Mapping[str, Any], shape: tuple[int, ...]) -> dict[str, NDArra
 def columns_of(result: Result) -> tuple[Columns, Columns]:
     """Return the columns of a result as ``BatchRows.put`` takes them for one row of outcomes.
 
+    The tables of a result are sorted by run and robot, so no rows are moved.
+
     Returns: the columns ``OF_ROBOTS``, (1, runs, robots) each; and ``OF_RUNS`` without ``WALK``, (runs,) each.
     """
     shape = (1, result.runs.height, -1)
@@ -126,6 +128,8 @@ def arrays_of(
         cells: their numbers, ascending. runs: number of runs, which are numbered from 0. robots: number of robots.
     Returns: the columns of robots, (cells, runs, robots) each, and the columns of runs, (cells, runs) each. Null is
         nan; the consensus is its index in ``outcomes.CONSENSUS``.
+    Raises:
+        ValueError: the number of rows is not that of all cells, runs and robots.
     """
     shape = (len(cells), runs, robots)
     cell, run, robot = (rows[name].to_numpy().astype(np.int64) for name in ("cell", "run", "robot"))

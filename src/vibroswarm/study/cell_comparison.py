@@ -123,7 +123,8 @@ def pairs_of(study: Study, reference: str | None = None) -> list[tuple[Cell, Cel
             compared with the cells of this value; in any other field, with the cells of the field's first value. If
             ``reference`` is None, every two strategies are compared, and in other fields cells are compared with the
             cells of the first value, or with those that do not set the field if there are any.
-    Returns: an empty list if there are more than ``MOST_PAIRS`` pairs.
+    Returns: the pairs; a cell without a reference that is equal in all other fields is in none. An empty list if there
+        are more than ``MOST_PAIRS`` pairs.
     Raises:
         InputError: no compared field has this value.
     """
@@ -188,7 +189,8 @@ def _compared_fields(study: Study) -> list[str]:
 def _word_fields(study: Study) -> list[str]:
     """List the varied fields with 2 to ``MOST_VALUES`` values that are words, or true and false.
 
-    The floor and labels are left out. The value in the first cell stands for the kind of a field's values.
+    The floor and labels are left out. The value in the first cell stands for the kind of a field's values; a field that
+    the first cell does not set is left out.
     """
     fields = []
     for name in study.varied:
@@ -296,7 +298,7 @@ def _pair(figures: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Pai
 
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
-    """Tabulate comparisons, one row per pair of cells and figure."""
+    """Tabulate comparisons, one row per pair of cells and figure; without comparisons the table has no columns."""
     return pl.DataFrame([comparison.as_row() for comparison in compared], infer_schema_length=None)
 
 
@@ -402,6 +404,6 @@ def at_equal_error(
 
 
 def _runs(result: StudyResult, cell: Cell) -> list[int]:
-    """List the runs of a cell that are replayed: the first stored ones, up to the limits of runs and robots."""
+    """List the numbers of a cell's runs that are replayed: the first stored ones, within the limits above."""
     most_by_robots = max(MATCHED_ROBOTS // cell.scenario.swarm.robots, MATCHED_ANYWAY)
     return result.runs_there(cell.number, min(MATCHED_RUNS, most_by_robots))

@@ -83,7 +83,10 @@ class Workers:
         return self.count
 
     def check(self) -> None:
-        """Raise RunError if no worker is left; called when no batch has finished for a while."""
+        """Raise RunError if no worker is left; called when no batch has finished for a while.
+
+        Here it does nothing; ``_DaskWorkers`` overrides it.
+        """
 
 
 @contextmanager
@@ -137,7 +140,8 @@ def do_all(
         workers: checked if no task has finished for a second.
         tasks: emptied in place. The last one is submitted first.
         submit: starts a task. take: processes a finished future, and returns the tasks to submit again.
-        ahead: returns how many tasks should be submitted and unfinished now; it may change while the work runs.
+        ahead: returns how many tasks should be submitted and unfinished now, at least 1; it may change while the work
+            runs.
         progress: called each time that tasks have finished, and at least once a second.
         rescue: if an exception ends the work, called with each future that is finished but was not yet given to
             ``take``, so that its result can be saved.

@@ -53,6 +53,8 @@ LARGEST_NUMBER: Final = 1e150
 def points_of(blocks: Mapping[str, Any]) -> list[Point]:
     """Return every combination of the points of all blocks; the points of the last block vary fastest.
 
+    Without blocks there is one empty point, for a study of one cell.
+
     Args:
         blocks: as TOML gives them, by the names of ``BLOCKS``, in the order in which they are written.
     Raises:

@@ -34,7 +34,8 @@ class Layout:
 def layout_of(cells: Sequence[Cell]) -> Layout:
     """Put the numeric field with most values along x; cells that are equal in all other fields are one series.
 
-    If no varied field is numeric, there is no x, and each cell is a series under its own name.
+    Of several fields with most values, the first is taken. If no varied field is numeric, there is no x, and each cell
+    is a series under its own name.
     """
     numeric = {name: values for name in _varied(cells) if (values := _numbers(cells, name)) is not None}
     # A number that is the same in all cells makes no axis.
@@ -66,7 +67,7 @@ def plane_of(cells: Sequence[Cell]) -> tuple[str, str] | None:
 
 
 def number_of(cell: Cell, field: str) -> float:
-    """Return the value of a numeric field in a cell; for a floor, its fill ratio: 0.48 of ``random:0.48``."""
+    """Return the value of a field that ``plane_of`` returned; for a floor, its fill ratio: 0.48 of ``random:0.48``."""
     value = cell.point[field]
     return float(value.rpartition(":")[2]) if field == SOURCE else float(value)
 

@@ -57,8 +57,8 @@ class NamedPicture:
 def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
     """Yield all pictures that fit the study, the most informative first.
 
-    A picture with a row for each cell is left out if there are more than ``MOST_ROWS`` cells. The names of pictures are
-    file names; the user calls a picture by its name.
+    A picture with a row for each cell is left out if there are more than ``MOST_ROWS`` cells. The name of a picture is
+    its file name without a suffix; ``StudyResult.plot`` takes it too.
     """
     cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
     if len(cells) <= MOST_ROWS:
@@ -78,14 +78,13 @@ def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
     yield from _samples(outcome)
 
 
-# For each figure (a field of ``CellSummary``): title of its picture, label of its axis, and whether it is in percent.
 _FIGURES: Final = (
     ("decision_time_s", "Decision time (restricted mean)", "decision time (s)", False),
     ("belief_in_truth", "Belief in the truth (the paper's accuracy)", "belief in the truth", False),
     ("robots_right", "Robots that decided rightly", "robots right", True),
     ("robots_wrong", "Robots that decided wrongly", "robots wrong", True),
 )
-"""Figures with a picture: field of ``CellSummary``, title, label of the axis, and whether the figure is a share."""
+"""Figures with a picture: field of ``cell_summary.CellSummary``, title, label of the axis, whether it is a share."""
 
 
 def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
@@ -249,6 +248,8 @@ def _incidence(
 def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Picture]:
     """Return the function that draws the distribution of consensus times for each cell.
 
+    A run without consensus has no such time (null); it is counted as "without consensus".
+
     Args:
         draw: ``draw_boxes`` or ``draw_violins``.
     """
@@ -266,7 +267,7 @@ def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
     """Yield a picture of decision time against error for each floor.
 
     A front shows alternatives from which a user can choose. The floor is not such a choice, so cells on different
-    floors are in different pictures.
+    floors are in different pictures. A floor with only one cell has no picture.
     """
     floors: dict[str, list[CellOutcome]] = {}
     for cell_outcome in cells:
@@ -312,6 +313,7 @@ def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
         ),
     ):
         scale = 1.0 if figure == "decision_time_s" else 100.0  # shares are shown in percentage points
+        # ``first``: the difference in the study's own runs, not in a second block from another seed.
         rows = [
             {
                 "comparison": comparison.name,
@@ -352,6 +354,7 @@ def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Pi
                 "runs": cell_outcome.summary.runs,
             }
         )
+    # The picture has one boundary: that of the first cell.
     boundary = cells[0].cell.scenario.decision.decision_boundary
     return partial(draw_detection, _frame(rows).head(MOST_POINTS), boundary=boundary)
 
@@ -379,6 +382,7 @@ def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
 
 def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
     """Draw where the robots of a cell sampled, with the tiles of the floor if it is the same in all runs."""
+    # At least one run: the cells of an outcome have stored runs.
     chosen = outcome.result.runs_again(one.cell.number, SIMULATED_RUNS)
     result, runs = outcome.result.result(one.cell.number, chosen), len(chosen)
     arena, floor = one.cell.scenario.arena, result.floor(chosen[0])
@@ -423,10 +427,11 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
     """Tabulate the 5, 25, 50, 75 and 95 % quantiles of the belief over all robots and runs, at ``TIMES`` times.
 
     A robot's belief at a time is the belief after its latest sample up to that time. Before its first sample, and if
-    the strategy gives no belief, it is the belief of the prior.
+    the strategy gives no belief, it is the belief of the prior. A run in which no robot sampled is left out.
 
     Args:
-        samples: run, robot, time_s and belief_below of each sample. robots: number of robots in a run.
+        samples: run, robot, time_s and belief_below of each sample, in any order; at least one.
+        robots: number of robots in a run.
     Returns: time_s, series (the cell's name), and the quantiles q05, q25, q50, q75 and q95.
     """
     times = np.linspace(0.0, one.summary.t_end_s, TIMES)

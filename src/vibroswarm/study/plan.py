@@ -219,7 +219,8 @@ def plan_of(study: Study) -> Plan:
             tuple(tuple(equal_cells) for equal_cells in inferences.values())
             for inferences in observations.values()
         ]
-        # The longest runs come first: their motion is simulated, and shorter runs use its beginning.
+        # The longest runs come first: their motion is simulated, and shorter runs use its beginning. All cells of an
+        # entry have the same t_end_s, which is one of the fields that determine the readings.
         entries.sort(key=lambda entry: -entry[0][0].scenario.run.t_end_s)
         groups.append(Group(number=number, observed=tuple(entries), robot_s=robot_s_of(study.motion)))
     plan = Plan(study, tuple(groups))

@@ -96,7 +96,10 @@ class Precision(NotebookView):
         return 1.0 - (1.0 - self.level) * 6.0 / (math.pi * (look + 1)) ** 2
 
     def reached(self, estimate: float, low: float, high: float) -> bool:
-        """Return whether [low, high] is narrow enough; an interval of width 0 is not, as it comes from too few data."""
+        """Return whether [low, high] is narrow enough; an interval of width 0 is not, as it comes from too few data.
+
+        Limits that are infinite or nan, as those of a figure with one value or none, are not narrow enough either.
+        """
         target = self.half_width * abs(estimate) if self.figure in TIMES else self.half_width
         return 0.0 < (high - low) / 2.0 <= target
 

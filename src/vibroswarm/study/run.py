@@ -92,10 +92,11 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
 
     Args:
         out: folder of the merged store; created, or continued if it holds the same study.
-        shares: folders of the jobs, which are not changed.
+        shares: folders of the jobs, at least one; they are not changed.
     Raises:
         InputError: a folder holds no study, another study or one with a precision, or versions differ.
-        RunError: runs are missing in all folders; the message lists them. The merged store stays as far as it goes.
+        RunError: runs are missing in all folders; the message lists the first of them. What was merged stays in
+            ``out``.
     """
     stores = [Store.open(folder) for folder in shares]
     for store in stores[1:]:

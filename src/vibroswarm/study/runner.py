@@ -220,6 +220,7 @@ class _Runner:
             # batch in the queue.
             ahead=lambda: 2 * self.crew.width + 1,
             progress=lambda: self.progress(StudyProgress(self.done, self.wanted, self.failed)),
+            # Batches that are finished when an exception ends the work are saved too.
             rescue=lambda future: self._save(future.result()),
         )
 
@@ -269,6 +270,7 @@ class _Runner:
         middle = (work.first + work.last) // 2
         if middle > work.first and self.halvings < MOST_HALVINGS:
             self.halvings += 1
+            # The last task of a list is submitted first (``do_all``), so the first half runs first.
             return [(replace(work, first=middle), 1), (replace(work, last=middle), 1)]
         self._fail(work, why)
         return []

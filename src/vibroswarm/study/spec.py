@@ -129,7 +129,7 @@ class Study(NotebookView):
         keep: further tables that the store saves: "samples" or nothing.
         floors: floors by name, each a list of rows of 0 and 1, the top row first; ``floor.source`` may name them.
         name: a title.
-        folder: folder of the floor files that the study names.
+        folder: folder of the floor files that the study names; None: the current folder.
     Raises:
         InputError: something is wrong; the message names it, and says what would be right.
     """
@@ -146,7 +146,10 @@ class Study(NotebookView):
     folder: Path | None = field(default=None, compare=False)
 
     def __post_init__(self) -> None:
-        """Check all fields and bring each into one form: a base as sections, paths as ``Path``, codes with their hash.
+        """Check all fields and bring each into one form.
+
+        The base becomes sections by name, and the folder a ``Path``. References to user code in ``vary`` and ``motion``
+        get the hash of the code (``plugins.resolve_codes``).
 
         The dataclass is frozen, so a field can be set only by ``object.__setattr__``.
         """
@@ -368,7 +371,7 @@ class Study(NotebookView):
         Args:
             folder: where the study is saved; by default a temporary folder, which is removed with the result.
             progress: whether a bar is shown in a terminal or notebook; or a function that is called with the progress.
-            how: ``executor``, ``workers``, ``job``, ``mixed``, ``allow_failures``, see ``study_result.run``.
+            how: ``executor``, ``workers``, ``job``, ``mixed``, ``allow_failures``, see ``run.run``.
         Raises:
             InputError: the folder is of another study, or was changed. RunError: runs failed, or workers are gone.
         """

@@ -142,12 +142,13 @@ def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
     """Convert a table of a study to an xarray Dataset, see ``StudyResult.to_xarray``.
 
     Its dimensions are the varied fields; then ``run`` for the tables ``runs`` and ``robots``; then ``robot`` for the
-    table ``robots``.
+    table ``robots``. Values are missing where the study has no cell with a combination of varied values.
 
     Args:
         table: name of the table, see ``StudyResult.to_pandas``.
     Raises:
-        InputError: the cells form no grid of the varied fields, or xarray is not installed.
+        InputError: several rows have the same place in the dimensions, as cells with the same varied values have, or
+            the samples of a cell; or xarray or what ``to_pandas`` needs is not installed.
     """
     try:
         import xarray

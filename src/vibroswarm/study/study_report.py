@@ -138,7 +138,7 @@ def report_of(
 
 
 def count_range(counts: Iterable[int]) -> str:
-    """Write the range of numbers of runs: ``1,000`` if all are equal, else ``100 to 1,000``."""
+    """Write the range of numbers of runs, at least one: ``1,000`` if all are equal, else ``100 to 1,000``."""
     ordered = sorted(counts)
     low, high = ordered[0], ordered[-1]
     return f"{low:,}" if low == high else f"{low:,} to {high:,}"
@@ -341,7 +341,7 @@ _REFERENCE_COLUMNS: Final = {
 
 
 def _reference_table(references: Sequence[References]) -> ReportTable:
-    """Tabulate the references by cell; the caption gives the number of runs behind them."""
+    """Tabulate the references, at least one, by cell; the caption gives the number of runs behind them."""
     table = reference_table(list(references))
     # A reference that is missing in all cells has no column in the table.
     names = [name for name in _REFERENCE_COLUMNS if name in table.columns]

@@ -1,4 +1,4 @@
-"""Run a study, and read its results as tables of cells, robots, runs and samples; merge a study's jobs into one store.
+"""Read the results of a study as tables of cells, robots, runs and samples, and simulate some of its runs again.
 
 A source of motion is slow if it takes longer than the engines of this package, as physics simulators do. Fewer runs of
 it are simulated again for pictures and references, and they are cached.
@@ -257,6 +257,8 @@ class StudyResult(NotebookView):
     def samples(self, *cells: int) -> pl.DataFrame:
         """Return the table of samples of ``cells`` (by default all selected), with the varied fields.
 
+        Rows are in the order of the store: they are not sorted by cell and run.
+
         Raises:
             InputError: the study does not save samples, or none of these cells has runs yet.
         """
@@ -334,10 +336,11 @@ class StudyResult(NotebookView):
         """Convert a table to an xarray Dataset.
 
         Its dimensions are the varied fields; also ``run`` for the tables ``runs`` and ``robots``, and ``robot`` for
-        the table ``robots``.
+        the table ``robots``. Values are missing where the study has no cell with a combination of varied values.
 
         Raises:
-            InputError: the cells form no grid of the varied fields, or xarray is not installed.
+            InputError: several rows have the same place in the dimensions, as cells with the same varied values have,
+                or the samples of a cell; or xarray or what ``to_pandas`` needs is not installed.
         """
         from vibroswarm.study.study_outputs import dataset_of
 

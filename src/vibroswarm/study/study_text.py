@@ -32,9 +32,10 @@ def as_toml(values: Mapping[str, Any]) -> str:
 
 
 def _inline(value: Any) -> str:
-    """Write a value as TOML in one line.
+    """Write a value as TOML, as it stands after ``name =``.
 
-    A range would otherwise become a table, which TOML puts after all fields of its block and so out of order.
+    A mapping (a range) is written as an inline table. ``tomli_w`` would write it as a table of its own, which TOML puts
+    after all fields of its block and so out of order.
     """
     import tomli_w
 
@@ -53,7 +54,10 @@ def plain_value(value: Any) -> Any:
 
 
 def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a base and of its sections, which can be changed without changing the base."""
+    """Return a copy of a base, that is sections of a scenario by name, and of each section.
+
+    Fields of the copied sections can be set without changing the base; tables within a section are shared with it.
+    """
     return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
 
 

@@ -90,6 +90,7 @@ class Outcome(NotebookView):
         if self.has_failed_runs:
             counts = pl.Series("failed_runs", [cell.failed.height for cell in self.cells], dtype=pl.Int64)
             figures = figures.insert_column(figures.columns.index("runs") + 1, counts)
+        # Both tables have a row for each selected cell, in the same order.
         return varied.hstack(figures)
 
     @property
@@ -246,7 +247,10 @@ def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
 
 
 def _failed_batches_words(result: StudyResult) -> str:
-    """Write how many runs of which cells are missing because their batches failed, with the first cause."""
+    """Write how many runs of which cells are missing because their batches failed, with the first cause.
+
+    The store has at least one failure. All cells of a failed batch are named, whether they are selected or not.
+    """
     failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
     names = dict.fromkeys(cell.name for failure in failures for cell in groups[failure["group"]].cells)
     runs = sum(failure["last"] - failure["first"] for failure in failures)

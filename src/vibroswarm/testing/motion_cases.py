@@ -31,7 +31,7 @@ class Case:
     """
 
     name: str
-    values: dict[str, Any] = field(hash=False)
+    values: dict[str, Any] = field(hash=False)  # a dict has no hash, and ``motion_of`` needs one of the case
     runs: tuple[int, ...] = (0, 1)
     seed: int = 11
 

@@ -104,6 +104,7 @@ class PlainRun(NotebookView):
     """Result of ``plain_run``: a row per sample, in order of time and robot, and the robots at the end."""
 
     rows: list[dict[str, Any]]
+    """Keys: robot, sample (its number), sends, message, state, messages_received, belief_below, decision (opinion)."""
     robots: list[PlainRobot]
     too_early: list[TooEarly]
     """Messages delayed to the next tick, although the network gave an earlier one."""
@@ -267,7 +268,7 @@ class _Plain:
         return [arrival if arrival < 0 else max(arrival, tick + 1) for arrival in ticks]
 
     def places(self, tick: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return x and y (robots,) of all robots at a tick, m; two empty arrays if the network reads no positions.
+        """Return x and y (robots,) of all robots at a tick, m; two empty arrays if no moves were given.
 
         A robot that drives is on the arc of its move; any other robot is where its move began.
         """

@@ -85,6 +85,7 @@ class Doubt:
     words: str
     """A sentence: who, when, what."""
     robot: int | None = None
+    """The robot's name; None: the doubt is not about one robot."""
     time_s: float | None = None
     """When it happens: for the kinds gap, sample, stop and late on the session's clock, for all others on the camera's
     clock. None: it is there all the time."""
@@ -125,7 +126,10 @@ def doubts_of(
 
 
 def _shown_by(session: Stitched, robot: int, at_s: float) -> int:
-    """Return the index of the camera that saw a robot nearest in time to ``at_s``, a time on the session's clock."""
+    """Return the index of the camera that saw a robot nearest in time to ``at_s``, a time on the session's clock.
+
+    It is 0, the first camera, if no camera ever saw the robot.
+    """
     apart_s = []  # for each camera, time between ``at_s`` and the nearest detection of the robot
     for number, camera in enumerate(session.cameras):
         own = camera.positions.filter(pl.col("robot") == robot)["time_s"].to_numpy()
@@ -155,6 +159,7 @@ def _gaps(session: Stitched) -> list[Doubt]:
             found.append(Doubt("gap", words, robot=robot, time_s=start_s))
             continue
         # A gap at the beginning of the session has no frame with the robot before it; one at the end, none after it.
+        # The gap of a robot that was never seen is the whole session, and has neither.
         was_seen_before, is_seen_again = start_s > first_s, end_s < last_s
         camera = _shown_by(session, robot, start_s if was_seen_before else end_s)
         shots = [(start_s, "seen last")] if was_seen_before else []
@@ -399,6 +404,8 @@ def marker_sizes_m(tracking: Tracking) -> dict[int, float]:
 
 def square_residuals(tracking: Tracking, most: int = 400) -> tuple[Floats, Floats]:
     """Return where robots' markers were seen, and how far their corners are from squares of the median size.
+
+    There is at least one detection: ``marker_detection.detect`` refuses a video without any.
 
     Args:
         most: how many detections are taken, evenly spread over all.

@@ -57,7 +57,7 @@ class Markers:
 
     dictionary: str
     robots: Mapping[int, int]
-    """The name of each robot, by its marker."""
+    """The name of each robot, by its marker. Arrays and lists with an entry per robot have this order."""
     size_m: float
     """Edge of a robot's marker."""
     height_m: float

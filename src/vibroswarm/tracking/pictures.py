@@ -41,7 +41,7 @@ def draw_tracks(
     """Draw the robots' paths over the floor, to scale; lines break where a robot was not seen for more than a second.
 
     Args:
-        positions: ``track.POSITIONS``. stops: ``stops.STOPS``.
+        positions: ``track.POSITIONS``, at least one row. stops: ``stops.STOPS``.
         floor_markers: x, y (m) and angle of each floor marker, by its number.
     Returns: the picture; its numbers are ``robot, time_s, x_m, y_m`` of the points that are drawn.
     """
@@ -127,7 +127,8 @@ def draw_time_line(
     """Draw a row for each robot: when it was seen, when it stood, when it was not seen, and doubtful moments.
 
     Args:
-        robots: their names. gaps: robot, start_s, end_s of the times in which it was not seen. stops: ``stops.STOPS``.
+        robots: their names. gaps: result of ``track.gaps_in``, which are in the order of time for each robot.
+        stops: ``stops.STOPS``.
         span_s: when the video begins and ends. moments: robot and time of each doubt that is not about a gap.
     Returns: the picture; its numbers are ``robot, mark, start_s, end_s``, with the marks gap, stop and doubtful.
     """
@@ -297,7 +298,7 @@ def draw_overlap(places_m: Floats, apart_m: Floats, *, most: int = 400, style: s
     """Draw by how much the positions of two cameras differ, on the part of the floor that both see.
 
     Args:
-        places_m: positions by the first camera, at times at which both saw a robot, (pairs, 2).
+        places_m: positions by the first camera, at times at which both saw a robot, (pairs, 2); at least one pair.
         apart_m: position by the second camera minus position by the first, (pairs, 2).
         most: how many arrows are drawn at most, evenly chosen.
     Returns: the picture; its numbers are ``x_m, y_m, dx_mm, dy_mm`` of the arrows.

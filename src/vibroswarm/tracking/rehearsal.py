@@ -90,7 +90,7 @@ def write_rehearsal(
 
     Args:
         result: with paths (``segments=True``). out: the video; the other files are named after it.
-        markers: of the robots and of the floor.
+        markers: of the robots, one for each robot of the result in the order of their numbers, and of the floor.
         look: how the video is recorded. run, seed: number of the run, and seed of what is random in the video.
         start_s, duration_s: beginning and length of the part of the run that is filmed; None: to the run's end.
         clock_offset_s: time on the robots' clock when the time of the run is 0.

@@ -324,6 +324,7 @@ def camera_section(tracking: Tracking, name: str = "") -> Section:
         if camera.calibrated
         else "fitted to the markers of the video itself; a chessboard (`--lens`) is more exact"
     )
+    # Not empty: ``marker_detection.detect`` refuses a video that shows no robot's marker.
     sizes = [size for size in marker_sizes_m(tracking).values() if np.isfinite(size)]
     text = (
         f"Camera {camera.position_m[2]:.2f} m above the floor, above ({camera.position_m[0]:.2f}, "

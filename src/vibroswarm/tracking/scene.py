@@ -118,7 +118,8 @@ class Scene:
 
         Args:
             time_s: middle of the exposure.
-            poses: x, y and heading of each robot when the exposure begins, (robots, 3).
+            poses: x, y and heading of each robot when the exposure begins, (robots, 3), in the order of
+                ``markers.robots``.
             end_poses: the same when the exposure ends; None: nothing moves.
         Returns: the picture, uint8 (height, width); and whether the hand covers the centre of each robot's marker when
             the exposure begins, (robots,).
@@ -389,5 +390,5 @@ def scene_of(
 def poses_at(result: Result, run: int, robots: int, times_s: Floats) -> Floats:
     """Return the poses of the robots 0 to ``robots`` - 1 of a run, (times, robots, 3): x, y (m), heading (rad)."""
     segments = result.segments
-    assert segments is not None
+    assert segments is not None  # ``scene_of`` has refused a result without paths
     return np.stack([pose(segments, run, robot, times_s) for robot in range(robots)], axis=1)

@@ -308,6 +308,8 @@ class Stitched:
 def stitch(cameras: Sequence[Tracking]) -> Stitched:
     """Merge what several cameras saw of one session; for a single camera, return what it saw.
 
+    Args:
+        cameras: at least one. The session's clock is that of the first one.
     Raises:
         InputError: the clock of a camera cannot be matched with the others; the message names its video.
     """

@@ -30,7 +30,8 @@ Floats = NDArray[np.float64]
 POSITIONS: Final = {
     "robot": pl.Int64, "time_s": pl.Float64, "x_m": pl.Float64, "y_m": pl.Float64, "heading_rad": pl.Float64,
 }  # fmt: skip
-"""Columns of positions: robot's name, seconds from the first frame, and its pose; a row for each time it was seen."""
+"""Columns of positions: robot's name, seconds from the first frame, and its pose; a row for each time it was seen. Rows
+of a robot are in the order of time."""
 GAP_S: Final = 1.0
 """Positions are not interpolated over longer gaps."""
 SMALL_PX: Final = 20.0

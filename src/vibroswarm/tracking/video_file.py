@@ -179,8 +179,8 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
     Args:
         partial: whether a video that ends early is accepted.
     Raises:
-        InputError: the video has no frames. Unless ``partial`` is true, also if it has fewer frames than its head
-            states, or if its head states no number of frames.
+        InputError: the video has no frames. Unless ``partial`` is true, also if its head states no number of frames,
+            or if it has fewer frames than its head states; this is raised only after the last frame.
     """
     cv2 = opencv()
     info = video_info(path)

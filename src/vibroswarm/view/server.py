@@ -67,7 +67,7 @@ class Server:
 
     Args:
         result: the result that has the run. run: number of the run. port: port to listen on; 0: any free port.
-        speed: simulated seconds per second, until the user moves the slider.
+        speed: simulated seconds per second, 1 to 200, until the user moves the slider.
     Raises:
         InputError: viser is missing, the port is not free, or the run cannot be shown.
     """

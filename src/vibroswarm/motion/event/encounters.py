@@ -1,6 +1,7 @@
 """Schedule encounters: each robot wakes, at the latest, at the first tick at which another one may affect it.
 
-All functions change the arrays in ``world`` in place. ``i`` and ``j`` are numbers of robots.
+The module ``engine`` explains plans, their pieces, and how robots wake. All functions change the arrays in ``world`` in
+place. ``i`` and ``j`` are numbers of robots.
 """
 
 from __future__ import annotations

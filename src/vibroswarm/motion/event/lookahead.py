@@ -55,7 +55,7 @@ ROUNDING_M = 1e-12
 def set_chord(row: Planner, setup: Setup) -> None:
     """Set the approximate position of a plan (mid, chord, position error), for other robots that look ahead on it.
 
-    For a driver, also set its pose at ``self_event_tick``.
+    For a driver, also set its pose at ``self_event_tick``, which is at least one tick after the plan's tick.
     """
     set_standing(row)
     if row.mode == STOP:
@@ -147,7 +147,8 @@ def ticks_until_closed(gap: float, approach: float, swerve: float) -> float:
         return 0.0
     # The root is written as a quotient that also holds for swerve 0, where the usual formula is 0 / 0.
     denominator = approach + math.sqrt(approach * approach + 2.0 * swerve * gap)
-    return min(2.0 * gap / denominator, SIDE_TICKS)  # if the gap never closes, the quotient is infinite
+    # If the gap never closes, the denominator may be 0: kernels divide as NumPy does, and the quotient is infinite.
+    return min(2.0 * gap / denominator, SIDE_TICKS)
 
 
 @inner

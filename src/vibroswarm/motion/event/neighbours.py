@@ -69,7 +69,8 @@ def measure_all(
     """Write the squared distances from robot ``i``, at (x_m, y_m), to all robots into ``apart[i, 1:]``, m^2.
 
     They are distances to the approximate positions at ``tick``; the distance to robot ``i`` itself is infinite. The
-    position of robot ``i`` in ``places`` is then set to (x_m, y_m), so that later calls for other robots use it.
+    position of robot ``i`` in ``places`` is then set to (x_m, y_m), with error 0, so that calls for other robots at the
+    same tick use it.
 
     Returns: the smallest squared distance, m^2 (infinite if there is no other robot), and the largest position error
         of the others, m.
@@ -110,7 +111,8 @@ def measure_meetings(
     # other robot.
     moves, last = float(row.self_event_tick - tick), float(row.plan_end_tick - tick)
     error, minded = row.position_error_m + ROUNDING_M, minded_m(row, setup)
-    # The number of robots is rounded up, here to a multiple of 8, for the same reason as in ``measure_all``.
+    # The number of robots is rounded up, here to a multiple of 8, for the same reason as in ``measure_all``. The
+    # results of lanes without a robot may be nan; they are not read.
     for k in range(np.uint64((robots + 7) & ~7)):
         passed = tick - places.tick[k]  # ticks since the other robot's plan began
         b_x, b_y = places.chord_x_m[k], places.chord_y_m[k]
@@ -265,6 +267,8 @@ def update_list(
 ) -> None:  # fmt: skip
     """Write the list of robot ``i``'s neighbours: the robots within the radius, from its own and the adjacent cells.
 
+    A row of ``near`` has room for all of them (``most_listed``).
+
     Args:
         grid: linked lists of the robots in each cell (``empty_grid``), with ``across`` columns and ``up`` rows.
     """
@@ -285,7 +289,10 @@ def update_list(
 
 @inner
 def insert(numbers: NDArray[np.integer[Any]], count: int, j: int) -> int:
-    """Insert ``j`` into the first ``count`` numbers, which are sorted; return 1, or 0 if it is already among them."""
+    """Insert ``j`` into the first ``count`` numbers; return 1, or 0 if it is already among them.
+
+    These numbers are in ascending order and remain so. ``numbers`` must have room for one more.
+    """
     place = count
     while place > 0 and numbers[place - 1] >= j:
         place -= 1

@@ -67,7 +67,8 @@ def passes_by(
     half_turn = 0.5 * abs(row.rate_rad_s) * (row.self_event_tick - row.tick) * setup.tick_s
     margin = slack + max(setup.sight_m, setup.zone_m) * half_turn
     # on, off: the other robot's coordinates along and across the chord, times the chord's length (a division is saved).
-    # That length is at most ``max_step_m``, so the limits are multiplied by ``max_step_m`` to be safe.
+    # That length is at most ``max_step_m``, so the limits are multiplied by ``max_step_m`` to be safe. For a blocked
+    # driver, both are 0: no comparison below is true, and so the result is False.
     ahead = (max(setup.fan_ahead_m + row.ray_forward_m, setup.zone_m) + margin) * row.max_step_m
     behind = (min(setup.fan_behind_m + row.ray_forward_m, -setup.zone_m) - margin) * row.max_step_m
     lateral = (max(setup.fan_beside_m, setup.zone_m) + margin) * row.max_step_m
@@ -336,6 +337,7 @@ def ticks_until_seen(
         gap = off - setup.disc_radius_m - slack
         if gap <= 0.0:
             return 0.0
+        # ``off`` is above 0 here, since ``gap`` is.
         free = min(free, ticks_until_closed(gap, creep - (off_x * d_ahead + off_y * d_left) / off, swerve))
     return free
 

@@ -74,7 +74,8 @@ PLANNER = np.dtype(
   last computed for another robot.
 * ``blocked``: 1 if the move at ``tick`` was blocked; ``intended_speed_m_s`` is the speed that it would have had.
 * ``mid``, ``chord``, ``position_error_m``: the approximate position (``lookahead``). ``max_step_m``: the longest way
-  that the robot moves in a tick. ``clearance_m``: no other robot's centre is nearer than this at ``tick``.
+  that the robot moves in a tick. ``clearance_m``: no neighbour's centre (``neighbours``) is nearer than this at
+  ``tick``; infinite without neighbours.
 * ``written_tick``: a turn's segments are written up to this tick.
 """
 
@@ -188,7 +189,7 @@ def block(row: Planner) -> None:
 def turned_to(row: Planner, setup: Setup, n: int) -> tuple[float, float, float]:
     """Return error (deg), integral (deg s) and gyro (deg) of a turn ``n`` ticks after the plan's tick.
 
-    They are those just before the step at that tick.
+    They are those just before the step at that tick; ``n`` is at least 1.
     """
     if n == row.end_turn_ticks:  # the end of the plan, for which they were computed when the plan was made
         return row.end_error_deg, row.end_integral_deg_s, row.end_gyro_deg
@@ -335,7 +336,7 @@ def blocked_turn_end(row: Planner, setup: Setup, turned_deg: float, gyro_deg: fl
 
 @inlined
 def catch_up(row: Planner, setup: Setup, tick: int) -> None:
-    """Bring the row of a robot that drives or turns to ``tick``, to its state just before the step there.
+    """Bring the row of a robot that drives or turns to a later ``tick``, to its state just before the step there.
 
     Changed are pose, clocks, the state of a turn, and the ticks spent in the mode. The clocks (sample timer and driving
     time) gain one period less than has passed, since the step at the plan's tick counted its own period already.

@@ -165,7 +165,8 @@ def saturated_ticks(
         return 0
     per_tick = 100.0 * gain
     # At full command, the error falls by ``per_tick`` in each tick, and the integral grows by the sum of the errors. So
-    # after k ticks the command before clipping is above 100 % by beyond - fall k - bend k^2. Find the root.
+    # after k ticks the command before clipping is above 100 % by beyond - fall k - bend k^2. Find the positive root.
+    # ``fall`` may be negative: the command then rises at first.
     by_integral = 0.5 * setup.integral_gain * setup.tick_s
     fall = setup.gain * per_tick - by_integral * (2.0 * error - per_tick)
     bend = by_integral * per_tick

@@ -32,10 +32,11 @@ class World(NamedTuple):
     near: NDArray[np.uint32]
     """Each robot's list of neighbours (``neighbours``)."""
     places: Places
-    """Copies of the plans of a small swarm, in columns (``neighbours.Places``)."""
+    """Copies of the plans of a small swarm, in columns (``neighbours.Places``); not used for a large swarm."""
     apart: NDArray[np.float64]
     """One row per robot, scratch memory: the largest error of the approximate distances to other robots, m; then the
-    squares of these distances, m^2 (``look_around``), to all robots of a small swarm, else to its neighbours."""
+    squares of these distances, m^2 (``look_around``), to all robots of a small swarm, else to its neighbours. When
+    encounters are scheduled in a small swarm, margins replace the squares (``neighbours.measure_meetings``)."""
     awake: NDArray[np.uint32]
     """The robots awake at this tick, in the order of their numbers; the rest of the array is not used."""
     setup: Setup
@@ -68,7 +69,8 @@ def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Se
 def look_around(world: World, i: int, tick: int) -> bool:
     """Compute the approximate distances from robot ``i`` to others; return whether one may be in its contact zone.
 
-    Writes robot ``i``'s row of ``World.apart``, and its ``clearance_m``, a lower bound on the distances to all others.
+    Writes robot ``i``'s row of ``World.apart``, and its ``clearance_m``, a lower bound on these distances (infinite if
+    there are no others).
     """
     row = world.planners[i]
     # Robot i's plan has ended at ``tick``, and its next plan is made later. Until then its position is the exact one.
@@ -101,8 +103,8 @@ def candidate(planners: Planners, near: NDArray[np.uint32], i: int, m: int) -> i
 def within2(apart: NDArray[np.float64], i: int, distance_m: float) -> float:
     """Return a threshold for the squared approximate distances in robot ``i``'s row of ``apart``, m^2.
 
-    A robot may be within ``distance_m`` of robot ``i`` only if its entry in that row is below the threshold, which is
-    the square of ``distance_m`` plus the largest error of the distances.
+    A robot may be within ``distance_m`` of robot ``i`` only if its entry in that row is below the threshold. With e,
+    the largest error of the distances in that row, the threshold is (``distance_m`` + e)^2.
     """
     bound_m = distance_m + apart[i, 0]
     return float(bound_m * bound_m)

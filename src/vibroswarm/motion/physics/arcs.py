@@ -109,7 +109,9 @@ def note_arcs(
 def note_segment(
     record: Record, opened: NDArray[np.void], swarm: Swarm, setup: Setup, run: int, tick: int, i: int
 ) -> None:
-    """Begin a segment of robot ``i`` at ``tick``, unless the arc of its open segment still leads to its present pose.
+    """Begin a segment of robot ``i`` at ``tick``, unless its open segment goes on.
+
+    That segment goes on if the robot's mode is the same and the segment's arc still leads to the robot's present pose.
 
     The arguments are those of ``note_arcs``.
     """

@@ -26,13 +26,13 @@ from vibroswarm.motion.control_step import Swarm
 LARGEST: Final = 3
 """Number of robots in the largest group for which there is a model."""
 REST: Final = 1e-4
-"""Bound on the velocities of a robot at rest, m/s and rad/s. It would roll on by 2 micrometres."""
+"""Bound on the velocities of a robot at rest, m/s and rad/s. A robot as fast as that would roll on by 2 micrometres."""
 
 
 class Model(NamedTuple):
     """MuJoCo's model and data of some or all robots, as kernels use them.
 
-    In each array, all robots have the same number of entries, in the order of robots.
+    In each array except ``warnings``, all robots have the same number of entries, in the order of robots.
     """
 
     model: int

@@ -80,7 +80,7 @@ class MujocoRun(KernelRun):
         mujoco().mj_resetData(self.model, self.data)
         self.world.frozen[0] = 0
         self.place()
-        # Each robot's open segment: the robot stands from tick 0 on.
+        # Each robot's open segment: the robot stands from tick 0 on. ``go_on_to`` writes the row of this segment.
         for name in ("x_m", "y_m", "heading_rad"):
             self.opened[name] = self.swarm[name]
         for name in ("tick", "speed_m_s", "rate_rad_s"):

@@ -93,7 +93,7 @@ def sees_something(swarm: Swarm, setup: Setup, i: int) -> bool:
     """Return whether a wall or another robot may be within reach of robot ``i``'s rays.
 
     Both distances of ``setup`` are from the robot's centre: no ray sees a wall at ``ray_reach_m`` or farther, nor a
-    robot whose centre is at ``sight_m`` or farther, which is that plus the radius of its disc.
+    robot whose centre is at ``sight_m`` or farther. ``sight_m`` is ``ray_reach_m`` plus the radius of a robot's disc.
     """
     row, reach_m = swarm[i], setup.ray_reach_m
     if row.x_m < reach_m or row.y_m < reach_m:

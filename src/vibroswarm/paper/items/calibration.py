@@ -113,7 +113,7 @@ def similarity_by_set(real: Result, simulated: Result) -> Sets:
     computed once for all sets with the same number of values.
 
     Args:
-        real: the recordings. simulated: simulated sessions; each three successive ones are a set.
+        real: the recordings. simulated: simulated sessions; each three successive ones are a set, none is left over.
     """
     real_sessions = sessions_of(real)
     simulated_sessions = sessions_of(seen_through(simulated, camera_between(real, simulated)))
@@ -216,7 +216,8 @@ def error_rows(settings: Settings, column: str) -> list[Row]:
 def battery_rows(settings: Settings, column: str) -> list[Row]:
     """Return the measured values of the claim about the battery.
 
-    They are the battery factors at the beginning and at the end of a run, minus the printed factors.
+    They are the battery factors at the beginning and at the end of a run, minus the printed factors. The battery factor
+    at time t is 1 - t / ``robot.battery_life_s``.
     """
     scenario = settings.scenario(column)
     ends = zip((0.0, scenario.run.t_end_s), published("calibration.battery_first_last"), strict=True)

@@ -262,7 +262,8 @@ def regrets(there: NDArray[np.float64], here: NDArray[np.float64]) -> NDArray[np
     Runs with even numbers are evaluated with the choices made on runs with odd numbers, and vice versa.
 
     Args:
-        there: costs of the other case, (choices, runs). here: costs of the case itself, (choices, runs).
+        there: costs of the other case, (choices, runs). here: costs of the case itself, (choices, runs). At least two
+            runs, so that neither half is empty.
     """
     regret = np.empty(here.shape[1])
     for half in (0, 1):  # half 0: runs 0, 2, 4, ...; the choices are made on the other half, 1 - half

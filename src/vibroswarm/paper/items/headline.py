@@ -28,7 +28,7 @@ from vibroswarm.report.html import Column
 STEPPED_RUNS: Final = 100
 """Runs by the fixed-step engine, which takes twelve times as long."""
 COLUMN: Final = "paper"
-"""Preset in which the cells are simulated."""
+"""Preset in which the cells are simulated, also if it is not among the requested columns."""
 BOTH: Final = (OPTIMISED, EMPIRICAL)
 """The parameter sets P* and P0."""
 

@@ -159,9 +159,10 @@ def match(front: dict[float, dict[str, Array]], soft: dict[str, Array]) -> Match
 
     Args:
         front: figures without feedback, by threshold p_c and name, (runs,) each.
-        soft: figures with soft feedback, by name, (runs,) each.
+        soft: figures with soft feedback, by name, (runs,) each; at least two runs.
     Returns:
-        The mixed figures; None if the mean time of soft feedback is shorter or longer than all times of the front.
+        The mixed figures; None if, in one of the halves, the mean time of soft feedback is shorter or longer than all
+        mean times of the front.
     """
     runs = soft["decision_time_s"].size
     figures = {name: np.empty(runs) for name in FIGURES}

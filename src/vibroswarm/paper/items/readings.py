@@ -48,7 +48,7 @@ READINGS: Final[dict[str, dict[str, Any]]] = {
 BASE: Final = "as the simulations ran"
 """Name of the base in tables."""
 COLUMN: Final = "paper"
-"""Preset in which the cells are simulated."""
+"""Preset in which the cells are simulated, also if it is not among the requested columns."""
 LABELS: Final = "labels of the energies as printed"
 """Name of the reading in which the energies of vibrating and still tiles are swapped."""
 

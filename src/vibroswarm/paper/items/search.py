@@ -38,7 +38,7 @@ from vibroswarm.scenario.scenario import preset
 from vibroswarm.study.spec import Study
 
 COLUMN: Final = "paper"
-"""Preset in which the searches are made."""
+"""Preset in which the searches are made, also if it is not among the requested columns."""
 ELSEWHERE: Final = "optimised-cost"
 """A preset found by another search; its robots wait longer before they decide."""
 RUNS_AN_ITERATION: Final = 20
@@ -165,7 +165,7 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
 
 
 def _ratio(believed: float, true: Interval) -> Interval:
-    """Return believed / true - 1 with its limits, from the interval of the true cost."""
+    """Return believed / true - 1 with its limits, from the interval of the true cost, whose limits are above 0."""
     ends = sorted(believed / end - 1.0 for end in (true.low, true.high))
     return true._replace(estimate=believed / true.estimate - 1.0, low=ends[0], high=ends[1])
 

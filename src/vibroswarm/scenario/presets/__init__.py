@@ -31,7 +31,7 @@ def preset_text(name: str) -> str:
 
 @cache
 def describe(name: str) -> str:
-    """Return a one-line description of a preset: the comment in the first line of its file."""
+    """Return a one-line description of a preset, one of ``preset_names``: the first line of its file, a comment."""
     text = (files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
     tomllib.loads(text)  # raises an error if the file is not valid TOML
     return text.splitlines()[0].removeprefix("# ")
