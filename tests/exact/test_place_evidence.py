@@ -159,6 +159,10 @@ def test_a_map_that_was_sent_is_the_senders_but_for_rounding_and_the_newest_coun
     place_summaries.opposite(out)
     place_summaries.on_message(states[1], receiver, out, 1, 0.0, None, p, worlds[1])  # type: ignore[arg-type]
     assert receiver.odds.reshape(ROBOTS, TILES)[1] == pytest.approx(-got)
+    older = SimpleNamespace(number=0, samples=39, weight=0.5, steps=np.ones(place_summaries.MOST_TILES))
+    place_summaries.on_message(states[1], receiver, older, 1, 0.0, None, p, worlds[1])  # type: ignore[arg-type]
+    assert receiver.odds.reshape(ROBOTS, TILES)[1] == pytest.approx(-got), "it was overtaken, and is ignored"
+    assert states[1].heard == 40
 
 
 def test_a_robot_that_reads_one_everywhere_gives_itself_no_weight() -> None:

@@ -13,10 +13,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from helpers.exported_robots import STRICT
+from vibroswarm import preset
 from vibroswarm.errors import InputError
+from vibroswarm.export import assembly
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_library import ASSETS
 from vibroswarm.export.c_types import BOOL, INT, REAL, CArray, Struct, Value, struct_of_class, typedef
+from vibroswarm.strategies import strategy as strategy_of
 
 NUMBERS: tuple[str, ...] = ("one", "two")
 
@@ -237,3 +240,14 @@ def test_files_of_users_are_named(tmp_path: Path) -> None:
     spec.loader.exec_module(module)
     with pytest.raises(InputError, match=r"mine\.py, line 3: Dict '\{1: y\}', in on_sample"):
         program().function(module.on_sample, [REAL])
+
+
+def test_a_variant_that_several_options_select_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No option alone is to blame; the package has no such strategy, so one is made up."""
+    scenario = preset("paper").with_values({"strategy.name": "soft"})
+    monkeypatch.setattr(assembly, "strategy_used", lambda scenario: strategy_of("positive"))
+    with pytest.raises(
+        InputError, match=r"these options cannot be exported yet \(see .*positive.py, line"
+    ) as caught:
+        assembly.refuse_options(scenario, strategy_of("soft"))
+    assert caught.value.field == "strategy.soft"

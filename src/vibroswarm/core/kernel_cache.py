@@ -151,6 +151,7 @@ class _Files(IndexDataCacheFile):
             return None
         if hashlib.sha256(content[DIGEST:]).digest() == content[:DIGEST]:
             return content[DIGEST:]
+        # ``_cache_path`` is the subfolder of one source file; the message names the folder of all kernels.
         warn_once(f"kernels in '{Path(self._cache_path).parent}' are damaged and will be recompiled")
         return None
 
@@ -190,7 +191,7 @@ class KernelCache(FunctionCache):
 
     def _say(self, error: OSError) -> None:
         """Warn once that the cache cannot be used."""
-        folder = Path(self._cache_path).parent
+        folder = Path(self._cache_path).parent  # of all kernels, as in ``_read``
         warn_once(
             f"kernels cannot be read from '{folder}' or saved there ({error.strerror or error}); "
             "those not saved are compiled at every start"

@@ -107,27 +107,30 @@ def parts_of(scenario: Scenario) -> RobotParts:
 def refuse_options(scenario: Scenario, strategy: Strategy) -> None:
     """Refuse parameters (options) for which a variant of the strategy runs: variants cannot be exported.
 
-    Nothing is refused if the default of no single parameter would change the variant. The package has no such strategy.
-
     Raises:
-        InputError: it names the first such parameter, and the file of the variant's hooks.
+        InputError: a variant runs. It names the file of the variant's hooks, and the first parameter whose default
+            would select another variant or none; the strategy, if several parameters have to change for that.
     """
     used, params = strategy_used(scenario), scenario.strategy.params
     if used is strategy:
         return
+    variant_hook = source_of(used.on_sample)
+    place = f"see {variant_hook.file}, line {variant_hook.before + 1}"
     for name, field in type(params).model_fields.items():
         value = getattr(params, name)
         # The parameter is to blame if its default would select another strategy.
         with_default = scenario.with_values({f"strategy.{strategy.name}.{name}": field.default})
         if value != field.default and strategy_used(with_default) != used:
-            variant_hook = source_of(used.on_sample)
             shown = str(value).lower() if isinstance(value, bool) else value
             raise InputError(
                 f"{shown}: robots with this option cannot be exported yet, because an exported program cannot hold "
-                f"their messages and readings (see {variant_hook.file}, line {variant_hook.before + 1}); leave it at "
-                f"{str(field.default).lower()}",
+                f"their messages and readings ({place}); leave it at {str(field.default).lower()}",
                 field=f"strategy.{strategy.name}.{name}",
             )
+    raise InputError(
+        f"robots with these options cannot be exported yet ({place}); leave them at their defaults",
+        field=f"strategy.{strategy.name}",
+    )
 
 
 def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:

@@ -67,8 +67,9 @@ def note_move(
         swarm: the robots' rows after the step at ``tick``. x_m, y_m, heading_rad: the robot's pose at ``tick``.
     """
     row = swarm[i]
-    # One number for the mode (0 to 3), whether the robot is blocked (0 or 1), and the legs and avoidances begun. The
-    # last part tells two turns, or two avoidances, that follow each other directly apart.
+    # One number for the mode (0 to 3), whether the robot is blocked (0 or 1), and the legs and avoidances begun. By the
+    # legs and avoidances, a turn differs from another that follows it directly, and an avoidance too. A robot that
+    # stands makes no move that could be blocked; its ``blocked`` may be left from before.
     doing = 8 * (row.legs + row.avoidances) + 2 * row.mode + (row.blocked if row.mode != STOP else 0)
     if doing != under_way[i].doing:
         begin_move(moves, under_way, filled, swarm, i, setup, run, tick, x_m, y_m, heading_rad)

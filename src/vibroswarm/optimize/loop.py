@@ -111,10 +111,12 @@ class Found(NotebookView):
 
         In the paper's swarm, a candidate keeps the score with which it became the best one. Without a race, that score
         is returned; it is too low on average, since the luckiest candidate wins. In every other search it is the
-        estimate from all runs of the winner, corrected for small-sample bias.
+        estimate from all runs of the winner, corrected for small-sample bias. With several objectives it is the score
+        under the first one.
         """
         if self.race or self.search.settings.method != "pso" or not self.search.pso.keeps_scores:
-            return self.archive.estimate(self.best)[0]
+            score, _ = self.archive.estimate(self.best)  # with its standard error
+            return score
         return self.history[-1].best
 
     @property

@@ -138,7 +138,8 @@ def _replay_once(
         leftover_from=np.zeros(robots, np.int64),
         new_from=np.zeros(robots, np.int64),
     )
-    # Fills swarm, messages and log.
+    # Fills swarm, messages and log. A robot may hold no more readings than the session has (``count``); that sets the
+    # size of its table of beliefs.
     missing = kernels(strategy, network, "replay_from_counts").replay_from_counts(
         session, swarm, messages, heard_messages, log, world_of(scenario, count), SLACK_S, seed, run
     )

@@ -82,9 +82,11 @@ class Arrays:
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
     """Replace what is stored of the sender by the map, the weight and the number of samples in the message.
 
-    ``s.heard``, the number of samples in all maps, changes by the difference. If the network lets an older message
-    arrive after a newer one, the older map replaces the newer one, and ``s.heard`` falls.
+    A message of the sender that is older than the stored one is ignored: a network may let messages overtake each
+    other. A map of more samples is newer. ``s.heard``, the number of samples in all maps, grows by the difference.
     """
+    if m.samples < a.samples[sender]:
+        return
     tiles = w.rows * w.columns
     for t in range(tiles):
         a.odds[sender * tiles + t] = RATIO_STEP * m.steps[t]

@@ -282,8 +282,9 @@ def _answer(figures: Mapping[str, Compared], matched: MatchedError | None) -> An
         figures: the pair's comparisons by figure, those of ``EFFECTS`` among them. matched: its comparison at equal
             error, None if there is none.
     """
-    one = next(iter(figures.values()))  # all comparisons of the pair have the same cells and names
-    effects = tuple(_effect(figures[figure]) for figure in EFFECTS if figure in figures)
+    # The comparison of the first figure. All figures of the pair have the same cells and names.
+    one = next(iter(figures.values()))
+    effects = tuple(_effect(figures[figure]) for figure in EFFECTS)
     first_name, reference_name, rest = one.names
     return Answer(
         cell=one.cell,

@@ -175,30 +175,35 @@ def track(
         lens=lens,
         camera_height_m=camera_height_m,
     )
-    tables, stops, dropped = _robot_tables(seen, is_seen, camera, markers)
+    positions, stops, dropped = _robot_tables(seen, is_seen, camera, markers)
     return Tracking(
         video,
         markers,
         camera,
         detections=seen,
-        positions=pl.concat(tables),
-        stops=pl.concat(stops) if stops else pl.DataFrame(schema=STOPS),
-        jumps=sum(part.height for part in dropped),
-        dropped=pl.concat(dropped),
+        positions=positions,
+        stops=stops,
+        jumps=dropped.height,
+        dropped=dropped,
     )
 
 
 def _robot_tables(
     seen: Detections, is_seen: NDArray[np.bool_], camera: Camera, markers: Markers
-) -> tuple[list[pl.DataFrame], list[pl.DataFrame], list[pl.DataFrame]]:
-    """Return tables of each robot that was seen: positions, stops, and positions that were dropped as too fast.
+) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame]:
+    """Return the robots' positions (``POSITIONS``), stops (``stops.STOPS``), and positions dropped as too fast.
+
+    Each table has the robots one after the other; robots that were never seen have no rows.
 
     Args:
         is_seen: whether a robot's marker was seen, (frames, robots).
-    Returns: three lists with a table for each of these robots: ``POSITIONS``, ``stops.STOPS``, and ``POSITIONS`` that
-        were dropped. The last list begins with an empty table, so that it can be concatenated even without robots.
     """
-    tables, stops, dropped = [], [], [pl.DataFrame(schema=POSITIONS)]
+    # Empty tables come first, so that no list is empty.
+    tables, stops, dropped = (
+        [pl.DataFrame(schema=POSITIONS)],
+        [pl.DataFrame(schema=STOPS)],
+        [pl.DataFrame(schema=POSITIONS)],
+    )
     for i, name in enumerate(markers.robots.values()):
         own = seen.corners_px[is_seen[:, i], i]
         if not len(own):  # the robot was never seen
@@ -218,7 +223,7 @@ def _robot_tables(
         dropped.append(table.filter(pl.Series(~kept)))
         time_s, centre, heading = time_s[kept], centre[kept], heading[kept]
         stops.append(stops_of(name, time_s, centre[:, 0], centre[:, 1], heading))
-    return tables, stops, dropped
+    return pl.concat(tables), pl.concat(stops), pl.concat(dropped)
 
 
 def wrapped(angle_rad: Floats) -> Floats:

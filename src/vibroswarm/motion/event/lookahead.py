@@ -128,7 +128,8 @@ def avoidance_tick(row: Planner, setup: Setup) -> int:
 
     After a turn, a robot ignores its rays for ``blind_ms`` of driving: until its driving time is ``sees_from_ms``.
     """
-    # A plan is made after the step at ``row.tick``, so the next tick is the first at which rays can matter.
+    # A plan is made after the step at ``row.tick``, so the next tick is the first at which rays can matter. The period
+    # from ``row.tick`` to that tick is already in ``driven_ms``.
     if setup.blind_ms <= 0.0:
         return int(row.tick + 1)
     return int(row.tick + 1 + max(0, math.ceil((row.sees_from_ms - row.driven_ms) / setup.tick_ms)))

@@ -208,7 +208,10 @@ def pose_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float]
 
 @inlined
 def facing_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float, float, float]:
-    """Return (x_m, y_m, heading_rad, sin_h, cos_h) of a robot at a tick within its plan; the heading is not wrapped."""
+    """Return (x_m, y_m, heading_rad, sin_h, cos_h) of a robot at a tick within its plan; the heading is not wrapped.
+
+    A driver's tick must lie in the first piece of its plan, the drive: a robot whose stop begins gets a new plan then.
+    """
     n = tick - row.tick
     if n == 0 or row.mode == STOP:
         return row.x_m, row.y_m, row.heading_rad, row.sin_h, row.cos_h
