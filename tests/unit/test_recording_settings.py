@@ -65,3 +65,16 @@ def test_bits_that_are_logged_tell_threshold_and_strategy(console_logs: list[Pat
     settings = {one.name: one for one in infer_settings(logs)}
     assert settings["strategy.name"].value == "positive", settings["strategy.name"].evidence
     assert settings["sample.sample_interval_ms"].value == 2000
+
+
+def test_without_a_usual_interval_there_is_no_tau(tmp_path: Path) -> None:
+    """Intervals of 2, 3, 4, ... s: none is like another."""
+    times = [sum(range(2, 2 + k)) for k in range(25)]
+    rows = "".join(f"1,{time_s},0.5,0.5,1.0\n" for time_s in times)
+    uses = ("robot", "time_s", "x_m", "y_m", "energy")
+    (tmp_path / "log.csv").write_text(",".join(uses) + "\n" + rows)
+    (tmp_path / "map.toml").write_text("[columns]\n" + "".join(f'{use} = "{use}"\n' for use in uses))
+    log = in_order(read_log(tmp_path / "log.csv", columns=tmp_path / "map.toml"))
+    tau = {one.name: one for one in infer_settings([log])}["sample.sample_interval_ms"]
+    assert (tau.value, tau.low, tau.high) == (None, None, None)
+    assert tau.evidence == "24 undisturbed intervals: too different from each other"
