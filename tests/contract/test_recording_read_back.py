@@ -116,6 +116,22 @@ def test_a_recording_is_kept_and_read_back(recording: Recording, tmp_path: Path)
     assert Result.read(tmp_path / "kept").same_tables(recording)
 
 
+def test_recordings_that_differ_are_not_equal(recording: Recording) -> None:
+    assert replace(recording) == recording
+    changes: dict[str, object] = {
+        "rows": recording.rows.with_columns(pl.col("line") + 1),
+        "tracks": recording.tracks.head(10),
+        "names": (11, 12, 13, 14, 15),
+        "sessions": recording.sessions[::-1],
+        "stated": ("sensor.settle_ms",),
+        "inferred": (),
+        "floor_words": "",
+        "seed": 3,
+    }
+    for name, value in changes.items():
+        assert replace(recording, **{name: value}) != recording, name
+
+
 def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_path: Path) -> None:
     """Centimetres, milliseconds, a y that counts down, a robot's number from 7 on, no posteriors."""
     table = made.motion.join(made.observations, on=KEY).filter(pl.col("run") == 0)

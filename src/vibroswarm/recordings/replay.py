@@ -86,7 +86,8 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         scenario: that of the recording, in which the sections sensor (its threshold), strategy and decision may be
             changed. seed: of the first draw; each further draw has the next seed.
     Raises:
-        InputError: another section differs, no draws, or the logs do not count the messages received.
+        InputError: another section differs, no draws, the logs do not count the messages received, or a row was lost on
+            a kind of tile of which its session has no energy.
     """
     if draws < 1:
         raise InputError(f"{draws} is too few; at least 1", field="draws")
@@ -150,11 +151,21 @@ def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:
     """Return the energies of a session, (samples,), with those of restored samples drawn at random.
 
     A restored sample gets one of the energies that were read in the session on tiles of the same kind.
+
+    Raises:
+        InputError: no energy was read on tiles of that kind.
     """
     energy = rows.energy.copy()  # ``rows`` is used again by the other draws
     for k in np.flatnonzero(np.isnan(rows.energy)):
         # Sorted, so that the draw does not depend on the order of the samples.
         same_kind = np.sort(rows.energy[(rows.vibrating == rows.vibrating[k]) & ~np.isnan(rows.energy)])
+        if same_kind.size == 0:
+            kind = "vibrating" if rows.vibrating[k] else "still"
+            raise InputError(
+                f"a row was lost on a {kind} tile, and there is no energy of such tiles to replace it; leave "
+                "this session out of the recording",
+                field=f"session {run + 1}",
+            )
         # The last argument, the number of a second robot, is 0: a reading has none.
         u = uniform(
             seed, run, int(rows.session.robot[k]), int(Purpose.SENSING), int(rows.session.sample[k]), 0
