@@ -232,7 +232,7 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
     """Check decisions, consensus and posterior counts.
 
     Exactly the robots that decided have a decision time, and exactly the runs with a known consensus have counts of
-    right, wrong and undecided robots. A robot has all of its posterior counts or none.
+    right, wrong and undecided robots. A robot has both counts of its posterior or none.
     """
     robots, runs = tables["robots"], tables["runs"]
     decided, timed = robots["decision"].is_in([0, 1]), robots["decision_time_s"].is_not_null()
@@ -255,12 +255,8 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
                 f"column '{column}' counts more than {scenario.swarm.robots} robots",
                 field=_file(folder, "runs"),
             )
-    is_null = pl.col("alpha", "beta", "messages_received").is_null()
-    all_null = robots.select(null=pl.all_horizontal(is_null))["null"]
-    any_null = robots.select(null=pl.any_horizontal(is_null))["null"]
-    # A user's strategy (one with ``code``) may have some of these columns only.
-    if not all_null.equals(any_null) and scenario.strategy.code is None:
+    # A user's strategy (one with ``code``) may have one of these columns only. A log may count messages without them.
+    if (robots["alpha"].is_null() != robots["beta"].is_null()).any() and scenario.strategy.code is None:
         raise InputError(
-            "columns 'alpha', 'beta', 'messages_received' must be given together or not at all",
-            field=_file(folder, "robots"),
+            "columns 'alpha' and 'beta' must be given together or not at all", field=_file(folder, "robots")
         )

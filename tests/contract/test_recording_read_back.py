@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,14 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.pose import pose
 from vibroswarm.recordings.assemble_recording import recording_of
-from vibroswarm.recordings.export import write_csv
+from vibroswarm.recordings.export import write_csv, write_rugbot, write_webots
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.replay import with_beliefs
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import record_of
-from vibroswarm.scenario.scenario import preset
+from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.simulation import simulate
 
 KEY = ["run", "robot", "sample"]
 
@@ -114,6 +116,22 @@ def test_a_recording_is_kept_and_read_back(recording: Recording, tmp_path: Path)
     assert Result.read(tmp_path / "kept").same_tables(recording)
 
 
+def test_recordings_that_differ_are_not_equal(recording: Recording) -> None:
+    assert replace(recording) == recording
+    changes: dict[str, object] = {
+        "rows": recording.rows.with_columns(pl.col("line") + 1),
+        "tracks": recording.tracks.head(10),
+        "names": (11, 12, 13, 14, 15),
+        "sessions": recording.sessions[::-1],
+        "stated": ("sensor.settle_ms",),
+        "inferred": (),
+        "floor_words": "",
+        "seed": 3,
+    }
+    for name, value in changes.items():
+        assert replace(recording, **{name: value}) != recording, name
+
+
 def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_path: Path) -> None:
     """Centimetres, milliseconds, a y that counts down, a robot's number from 7 on, no posteriors."""
     table = made.motion.join(made.observations, on=KEY).filter(pl.col("run") == 0)
@@ -147,6 +165,54 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     shown = with_beliefs(found)
     assert set(shown.robots["decision"].to_list()) <= {-1, 0, 1}
     assert record_of(shown, title="replayed").consensus in ("right", "wrong", "split", "incomplete")
+
+
+@pytest.mark.parametrize("strategy", ["bayes_bots", "places"])
+def test_a_console_log_has_strategies_of_the_study_only(
+    strategy: str, told: Scenario, tmp_path: Path
+) -> None:
+    result = simulate(told.with_values({"strategy.name": strategy, "run.t_end_s": 30.0}), 3, 1)
+    with pytest.raises(InputError, match=f"strategy '{strategy}' has no number in this format"):
+        write_webots(result, tmp_path / "log.txt")
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_a_robots_log_cannot_know_is_written_as_empty(
+    told: Scenario, recording: Recording, ground: Floor, tmp_path: Path
+) -> None:
+    """A strategy without beliefs, and a recording without beliefs, decisions and counters."""
+    simulated = simulate(
+        told.with_values({"strategy.name": "three_valued", "run.t_end_s": 60.0}), 3, 1, segments=True
+    )
+    unknown = {
+        "inference": ("alpha", "beta", "messages_received", "belief_below", "decision"),
+        "motion": ("avoid_s", "stop_s"),
+    }
+    poor = replace(
+        recording,
+        **{
+            name: getattr(recording, name).with_columns(
+                pl.lit(None, dtype=frame_type).alias(column)
+                for column, frame_type in getattr(recording, name).schema.items()
+                if column in columns
+            )
+            for name, columns in unknown.items()
+        },
+    )
+    for number, result in enumerate((simulated, poor)):
+        path = tmp_path / f"{number}.csv"
+        write_rugbot(result, path)
+        samples = read_log(path).samples
+        made = result.inference.filter(pl.col("run") == 0)
+        assert samples.height == made.height
+        for name in unknown["inference"]:
+            assert samples[name].null_count() == made[name].null_count(), name
+        for name in ("avoid", "stop"):
+            nulls = result.motion.filter(pl.col("run") == 0)[f"{name}_s"].null_count()
+            assert samples[f"{name}_total_s"].null_count() == nulls
+        assert made["belief_below"].null_count() == made.height
+    again = recording_of([read_log(tmp_path / "1.csv")], ground, preset("paper"))
+    assert again.robots["decision"].to_list() == [None] * 5
 
 
 def test_tables_as_csv(recording: Recording, tmp_path: Path) -> None:

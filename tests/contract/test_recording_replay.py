@@ -11,6 +11,7 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.observe import vibrating_at
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
@@ -179,6 +180,22 @@ def test_a_lost_row_is_put_back(logs: list[Path], ground: Floor, told: Scenario,
     assert frame.height == found.motion.height + 2
     assert unsent <= 8  # when it was sent is not known to a second
     assert replay_recording(found, scenario_of(found, told), draws=1).put_back == 2
+
+
+def test_a_lost_row_without_an_energy_to_draw_from_is_refused(
+    logs: list[Path], ground: Floor, told: Scenario, tmp_path: Path
+) -> None:
+    """Of the samples above vibrating tiles all are lost: no energy is known for those that are put back."""
+    whole = recording_of([read_log(logs[0])], ground, described(told), RULES)
+    on_vibrating = whole.observations.with_columns(
+        vibrates=pl.Series(vibrating_at(ground, whole.observations["tile"].to_numpy()))
+    )
+    gone = set(whole.rows.filter(on_vibrating["vibrates"])["line"])
+    lines = [line for k, line in enumerate(logs[0].read_text().splitlines(), start=1) if k not in gone]
+    (tmp_path / "short.csv").write_text("\n".join(lines) + "\n")
+    found = recording_of([read_log(tmp_path / "short.csv")], ground, described(told), RULES, any_floor=True)
+    with pytest.raises(InputError, match=r"session 1: a row was lost on a vibrating tile, .* no energy"):
+        replay_recording(found, scenario_of(found, told), draws=1)
 
 
 def test_what_is_told(recording: Recording) -> None:

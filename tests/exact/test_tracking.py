@@ -249,3 +249,23 @@ def test_a_file_of_markers_is_read_as_it_was_written(tmp_path: Path) -> None:
             continue
         with pytest.raises(InputError, match=words):
             read_markers(path)
+
+
+def test_numbers_of_markers_and_robots_are_whole(tmp_path: Path) -> None:
+    path = tmp_path / "markers.toml"
+    markers = usual_markers([7, 3], 1.0, 1.0)
+
+    def with_ids(ids: str) -> dict[int, int]:
+        text = markers.to_toml().replace("ids = { 7 = 0, 3 = 1 }", f"ids = {ids}")
+        path.write_text(text, encoding="utf-8")
+        return dict(read_markers(path).robots)
+
+    assert with_ids("[3, 7]") == {3: 0, 7: 1}
+    assert with_ids('{ 10 = 1, "11" = 2 }') == {10: 1, 11: 2}
+    for ids, words in (
+        ("[0.5, 1.9]", "0.5 is not a marker; give a whole number from 0 to 49"),
+        ("[true, 0]", "True is not a marker"),
+        ("{ 10 = 1.5, 11 = 2 }", "robots.ids: 1.5 is not the number of a robot; give a whole number"),
+    ):
+        with pytest.raises(InputError, match=words):
+            with_ids(ids)

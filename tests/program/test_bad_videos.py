@@ -13,6 +13,8 @@ import polars as pl
 import pytest
 
 from vibroswarm.cli import main
+from vibroswarm.errors import InputError
+from vibroswarm.tracking import video_file
 
 cv2 = pytest.importorskip("cv2")
 drawn = pytest.importorskip("helpers.drawn_video")
@@ -216,3 +218,27 @@ def test_without_opencv_the_command_says_what_to_install(folder: Path) -> None:
     assert done.returncode == 2
     assert "pip install 'vibroswarm[video]'" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_an_upright_video_without_frames_is_closed(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The size of an upright video is that of its first frame; without one the file must not stay open."""
+    captures = []
+
+    class Empty:
+        """A capture of a video that was taken upright and has no frames."""
+
+        released = False
+
+        def get(self, _: int) -> float:
+            return 90.0
+
+        def read(self) -> tuple[bool, None]:
+            return False, None
+
+        def release(self) -> None:
+            self.released = True
+
+    monkeypatch.setattr(video_file, "_opened", lambda _: captures.append(Empty()) or captures[-1])
+    with pytest.raises(InputError, match="has no frames"):
+        video_file.video_info(folder / "good.mp4")
+    assert [capture.released for capture in captures] == [True]

@@ -13,6 +13,7 @@ import pytest
 
 from vibroswarm import preset
 from vibroswarm.cli import main
+from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, value_of
@@ -81,6 +82,33 @@ def test_replay(kept, capsys):
     about = told(capsys)
     assert list(about["replayed"]) == ["soft"]
     assert about["replayed"]["soft"][1]["session"] == 2
+
+
+def test_a_log_without_decisions_is_replayed(kept, tmp_path, capsys):
+    """A CSV with bits sent and messages received, but no decisions: what was logged is shown as unknown."""
+    log = read_log(SHIPPED / "session-1.csv")
+    uses = ("robot", "time_s", "x_m", "y_m", "energy", "sent", "messages_received")
+    log.samples.select(uses).write_csv(tmp_path / "mine.csv")
+    (tmp_path / "map.toml").write_text("[columns]\n" + "".join(f'{use} = "{use}"\n' for use in uses))
+    arguments = [str(tmp_path / "mine.csv"), "--columns", str(tmp_path / "map.toml"), *FLOOR]
+    assert main(["lab", "import", *arguments, "--out", str(tmp_path / "mine")]) == 0
+    command = ["lab", "replay", str(tmp_path / "mine"), "--strategy", "none", "--draws", "2"]
+    capsys.readouterr()
+    assert main([*command, "--json"]) == 0
+    about = told(capsys)
+    unknown = {
+        "decision_time_s",
+        "decision_time_low_s",
+        "decision_time_high_s",
+        "undecided",
+        "belief_in_truth",
+    }
+    assert about["as_logged"][0]["consensus"] == {}
+    assert {name for name, value in about["as_logged"][0].items() if value is None} == unknown
+    assert about["replayed"]["none"][0]["undecided"] is not None
+    assert main(command) == 0
+    row = next(line for line in capsys.readouterr().out.splitlines() if "as logged" in line)
+    assert row.split() == ["1", "as", "logged", "-", "-", "-", "-"]
 
 
 def test_threshold(kept, capsys):

@@ -13,7 +13,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.floor_fit import ORIENTATIONS, check_floor, floor_fits, turned
-from vibroswarm.recordings.log import in_order, unwrapped
+from vibroswarm.recordings.log import Log, in_order, unwrapped
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.scenario.scenario import preset
 
@@ -54,7 +54,7 @@ def put(line: int, cell: int, text: str) -> Callable[[Rows], object]:
         (put(40, 1, ""), r"row 40: empty cell in column 'Timestamp'"),
         (put(40, 2, "2.5"), r"row 40: 2.5 in column 'ROV Number' is not a whole number from 0 on"),
         (put(40, 2, "77"), r"row 40: robot 77 has marker|unknown robot 77"),
-        (lambda rows: rows[39].append("1"), r"row 40: 16 cells, but the first line has 15"),
+        (lambda rows: rows[39].append("1"), r"row 40: 16 cells, but the header has 15"),
         (lambda rows: put(first_sample(rows) + 1, 10, "7")(rows), r"'7' in column 'd_f' is not one of 2, 0, 1"),
         (lambda rows: put(first_sample(rows) + 1, 9, "1.5")(rows), r"1.5 in column 'Belief' is not a prob"),
         (lambda rows: put(first_sample(rows) + 1, 6, "-1")(rows), r"-1 in column 'Energy' is not a number of 0"),
@@ -120,6 +120,41 @@ def test_no_log_at_all(tmp_path: Path) -> None:
     (tmp_path / "map.toml").write_text('[columns]\nrobot = "a"\n')
     with pytest.raises(InputError, match="does not name the column for time_s"):
         read_log(tmp_path / "some.csv", columns=tmp_path / "map.toml")
+
+
+PLAIN = "robot,time_s,x_m,y_m,energy,{}\n"
+PLAIN_MAP = "[columns]\n" + "".join(
+    f'{use} = "{use}"\n' for use in ("robot", "time_s", "x_m", "y_m", "energy")
+)
+
+
+def read_plain(folder: Path, text: str) -> Log:
+    (folder / "plain.csv").write_text(text, encoding="utf-8")
+    (folder / "map.toml").write_text(PLAIN_MAP, encoding="utf-8")
+    return read_log(folder / "plain.csv", columns=folder / "map.toml")
+
+
+def test_a_column_may_be_named_line(tmp_path: Path) -> None:
+    log = read_plain(tmp_path, PLAIN.format("line") + "\n1,2.0,0.5,0.5,1.25,77\n")
+    assert log.samples["line"].to_list() == [3]
+    assert log.samples["energy"].to_list() == [1.25]
+
+
+def test_a_header_whose_repeated_names_cannot_be_told_apart_is_refused(tmp_path: Path) -> None:
+    """The second of two columns "note" is named "note (7)", after its number."""
+    text = PLAIN.format("note,note") + "1,2.0,0.5,0.5,1.25,a,b\n"
+    assert read_plain(tmp_path, text).samples.height == 1
+    with pytest.raises(InputError, match=r"has two columns 'note \(7\)'; give them different names"):
+        read_plain(tmp_path, PLAIN.format("note,note,note (7)") + "1,2.0,0.5,0.5,1.25,a,b,c\n")
+
+
+def test_line_breaks_in_cells_do_not_shift_the_numbers_of_lines(tmp_path: Path) -> None:
+    text = PLAIN.format('"a\nnote"') + '1,2.0,0.5,0.5,1.25,"two\nlines"\n\n1,4.0,0.5,0.5,1.25,one\n'
+    assert read_plain(tmp_path, text).samples["line"].to_list() == [3, 6]
+    with pytest.raises(InputError, match=r"row 7: 'late' in column 'time_s' is not a number"):
+        read_plain(tmp_path, text + '1,late,0.5,0.5,1.25,"one\nmore"\n')
+    with pytest.raises(InputError, match=r"row 7: 1 cells, but the header has 6"):
+        read_plain(tmp_path, text + "1\n")
 
 
 @pytest.mark.parametrize("orientation", ORIENTATIONS[1:])

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 import pytest
 
-from vibroswarm.recordings.export import write_rugbot
+from vibroswarm.recordings.export import write_rugbot, write_webots
 from vibroswarm.recordings.infer_settings import infer_settings
-from vibroswarm.recordings.log import in_order
+from vibroswarm.recordings.inferred import Inferred
+from vibroswarm.recordings.log import Log, in_order
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
@@ -65,3 +68,49 @@ def test_bits_that_are_logged_tell_threshold_and_strategy(console_logs: list[Pat
     settings = {one.name: one for one in infer_settings(logs)}
     assert settings["strategy.name"].value == "positive", settings["strategy.name"].evidence
     assert settings["sample.sample_interval_ms"].value == 2000
+
+
+@pytest.fixture
+def soft_logs(told: Scenario, tmp_path: Path) -> list[Log]:
+    """A log of robots with soft feedback that has bits read, bits sent and posteriors."""
+    write_webots(simulate(told.with_values({"strategy.name": "soft"}), 11, 1), tmp_path / "soft.txt")
+    log = in_order(read_log(tmp_path / "soft.txt"))
+    bits = (pl.col("energy") > told.sensor.rms_threshold).cast(log.samples.schema["observation"])
+    return [replace(log, samples=log.samples.with_columns(observation=bits))]
+
+
+def strategy_without_posteriors(logs: list[Log], is_left_out: pl.Expr) -> Inferred:
+    columns = [pl.when(~is_left_out).then(name).alias(name) for name in ("alpha", "beta", "belief_below")]
+    changed = [replace(log, samples=log.samples.with_columns(columns)) for log in logs]
+    return {one.name: one for one in infer_settings(changed)}["strategy.name"]
+
+
+def test_bits_sent_without_a_posterior_count_for_no_strategy(soft_logs: list[Log]) -> None:
+    """Soft feedback cannot be tested with them; with the others it is found."""
+    whole = strategy_without_posteriors(soft_logs, pl.lit(False))
+    some = strategy_without_posteriors(soft_logs, pl.int_range(pl.len()) % 10 == 0)
+    count, left_out = soft_logs[0].samples.height, -(-soft_logs[0].samples.height // 10)
+    assert whole.value == some.value == "soft"
+    assert whole.evidence.startswith(f"{count} bits sent; log likelihood none -")
+    assert some.evidence.startswith(
+        f"{count - left_out} bits sent ({left_out} without a posterior left out); log"
+    )
+
+
+def test_without_posteriors_no_strategy_is_inferred(soft_logs: list[Log]) -> None:
+    found = strategy_without_posteriors(soft_logs, pl.lit(True))
+    assert found.value is None
+    assert "bits sent are logged, but no posterior" in found.evidence
+
+
+def test_without_a_usual_interval_there_is_no_tau(tmp_path: Path) -> None:
+    """Intervals of 2, 3, 4, ... s: none is like another."""
+    times = [sum(range(2, 2 + k)) for k in range(25)]
+    rows = "".join(f"1,{time_s},0.5,0.5,1.0\n" for time_s in times)
+    uses = ("robot", "time_s", "x_m", "y_m", "energy")
+    (tmp_path / "log.csv").write_text(",".join(uses) + "\n" + rows)
+    (tmp_path / "map.toml").write_text("[columns]\n" + "".join(f'{use} = "{use}"\n' for use in uses))
+    log = in_order(read_log(tmp_path / "log.csv", columns=tmp_path / "map.toml"))
+    tau = {one.name: one for one in infer_settings([log])}["sample.sample_interval_ms"]
+    assert (tau.value, tau.low, tau.high) == (None, None, None)
+    assert tau.evidence == "24 undisturbed intervals: too different from each other"

@@ -100,12 +100,10 @@ def read_acceleration(path: Path) -> pl.DataFrame:
         InputError: a column is missing, or a cell is not a number; the error names the row.
     """
     name = str(path)
-    table = table_of(text_of(path), name)
+    lines, table = table_of(text_of(path), name)
     check_columns({f"'{column}'": column for column in COLUMNS}, table.columns, name)
-    numbers = {
-        column: numbers_of(table[column], table["line"], name, column, missing=()) for column in COLUMNS
-    }
-    return pl.DataFrame({"line": table["line"], **numbers})
+    numbers = {column: numbers_of(table[column], lines, name, column, missing=()) for column in COLUMNS}
+    return pl.DataFrame({"line": lines, **numbers})
 
 
 def _check_window(

@@ -78,42 +78,50 @@ def text_of(path: Path) -> str:
     return text
 
 
-def table_of(text: str, name: str) -> pl.DataFrame:
-    """Parse CSV text with a header into a table: ``line``, the number of a row's line from 1, and the file's columns.
+def table_of(text: str, name: str) -> tuple[pl.Series, pl.DataFrame]:
+    """Parse CSV text with a header into a table of the file's columns; return it after the numbers of its lines.
 
     Cells stay strings. Empty lines are skipped. A name that the header repeats gets its column's number:
     "x", "x (3)".
 
     Args:
         name: of the file, for errors.
+    Returns: for each row the number of the line on which it begins, from 1, as the series ``line``; and the table.
     Raises:
-        InputError: it is not CSV, or a row has another number of cells than the header.
+        InputError: it is not CSV, a row has another number of cells than the header, or names of the header cannot be
+            told apart.
     """
-    lines = text.splitlines()
+    reader = csv.reader(text.splitlines())
+    lines: list[int] = []
+    rows: list[list[str]] = []
     try:
-        head = next(csv.reader(lines[:1]))
-        rows = list(csv.reader(lines[1:]))
+        head = [cell.strip() for cell in next(reader)]
+        begins = reader.line_num + 1  # a quoted cell may have line breaks
+        for row in reader:
+            if row:
+                lines.append(begins)
+                rows.append(row)
+            begins = reader.line_num + 1
     except (csv.Error, StopIteration) as error:
         raise InputError(f"is not a CSV file: {error}", field=name) from None
-    head = [cell.strip() for cell in head]
-    not_empty = [(number, row) for number, row in enumerate(rows, start=2) if row]
-    for number, row in not_empty:
+    for number, row in zip(lines, rows, strict=True):
         if len(row) != len(head):
             raise InputError(
-                f"{len(row)} cells, but the first line has {len(head)}", field=f"{name}, row {number}"
+                f"{len(row)} cells, but the header has {len(head)}", field=f"{name}, row {number}"
             )
-    # Without rows every column is empty.
-    columns = list(zip(*(row for _, row in not_empty), strict=True)) or [()] * len(head)
-    # Columns are named by their numbers at first, since names of the header may repeat.
-    numbered = {f"{place}": list(cells) for place, cells in enumerate(columns)}
-    frame = pl.DataFrame(
-        {"line": [number for number, _ in not_empty], **numbered},
-        schema={"line": pl.UInt32, **dict.fromkeys(numbered, pl.String)},
-    )
     names = [
         cell if head.index(cell) == place else f"{cell} ({place + 1})" for place, cell in enumerate(head)
     ]
-    return frame.rename(dict(zip(numbered, names, strict=True)))
+    for place, cell in enumerate(names):
+        if cell in names[:place]:
+            raise InputError(f"has two columns '{cell}'; give them different names", field=name)
+    # Without rows every column is empty.
+    columns = list(zip(*rows, strict=True)) or [()] * len(head)
+    frame = pl.DataFrame(
+        {column: list(cells) for column, cells in zip(names, columns, strict=True)},
+        schema=dict.fromkeys(names, pl.String),
+    )
+    return pl.Series("line", lines, dtype=pl.UInt32), frame
 
 
 def check_columns(wanted: Mapping[str, str], there: list[str], name: str) -> None:
@@ -325,10 +333,8 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
             impossible, or a robot has two tags; the error names the row.
     """
     name = str(path)
-    table = table_of(text_of(path), name)
-    # The first column of the table is ``line``, which the file does not have.
-    check_columns({use: column.name for use, column in by.columns.items()}, table.columns[1:], name)
-    lines = table["line"]
+    lines, table = table_of(text_of(path), name)
+    check_columns({use: column.name for use, column in by.columns.items()}, table.columns, name)
     columns: dict[str, pl.Series] = {"line": lines}
     for use, column in by.columns.items():
         columns[use] = _converted(table[column.name], lines, name, use, column, by.missing)

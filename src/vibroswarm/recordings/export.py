@@ -2,8 +2,8 @@
 
 | format | contains | does not contain |
 |---|---|---|
-| rugbot | positions every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms | bits read and sent, headings, times of samples more exact than 0.22 s, times of driving and turning |
-| webots | samples after 5 s: time, position, energy to 1e-6, bit sent, posterior, counters; settings that are whole numbers | paths, headings, sessions without bits sent |
+| rugbot | positions every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms; None where the result has no value | bits read and sent, headings, times of samples more exact than 0.22 s, times of driving and turning |
+| webots | samples after 5 s: time, position, energy to 1e-6, bit sent, posterior, counters; settings that are whole numbers | paths, headings, sessions without bits sent, strategies other than none, positive and soft |
 | csv | every table of the result, one file per table | - |
 """  # noqa: E501
 
@@ -94,35 +94,50 @@ def _place(time_s: float, robot: int, where: Any) -> str:
 
 
 def _sample_cells(row: dict[str, Any]) -> str:
-    """Write the further cells of a sample's row: energy, alpha, beta, belief, decision and counters."""
-    # The robots cut the belief to three digits; the 1e-9 keeps rounding from lowering a belief that has only three.
-    belief = math.floor(row["belief_below"] * 1000 + 1e-9) / 1000
+    """Write the further cells of a sample's row: energy, alpha, beta, belief, decision and counters.
+
+    A value that the result does not have is written as "None".
+    """
+    belief, received = row["belief_below"], row["messages_received"]
+    if belief is not None:
+        # The robots cut the belief to three digits; the 1e-9 keeps rounding from lowering a belief that has only three.
+        belief = f"{math.floor(belief * 1000 + 1e-9) / 1000:g}"
     decision = 2 if row["decision"] == -1 else row["decision"]  # the robots log 2 for undecided
-    counters = [round(1000 * row[name]) % WRAP_MS for name in ("avoid_total_s", "stop_total_s")]
+    counters = [
+        None if row[name] is None else round(1000 * row[name]) % WRAP_MS
+        for name in ("avoid_total_s", "stop_total_s")
+    ]
     return (
-        f",{row['energy']:.3f},{row['alpha']},{row['beta']},{belief:g},{decision},"
-        f"{row['sample'] % WRAP_MS},{row['messages_received'] % WRAP_MS},{counters[0]},{counters[1]}"
+        f",{row['energy']:.3f},{row['alpha']},{row['beta']},{belief},{decision},"
+        f"{row['sample'] % WRAP_MS},{None if received is None else received % WRAP_MS},{counters[0]},{counters[1]}"
     )
 
 
 def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
     """Write one run as a console log of the study's simulator: a line per sample after 5 s.
 
-    At the end each robot's last line is repeated, as that simulator does.
+        At the end each robot's last line is repeated, as that simulator does.
 
-    Args:
-        run: number of the run. replace: whether an existing file may be replaced.
-    Raises:
-        InputError: no such run, no energies, bits sent or other columns that the format needs, or ``path`` cannot be
-            written.
+        Args:
+            run: number of the run. replace: whether an existing file may be replaced.
+        Raises:
+            InputError: no such run, no energies, bits sent or other columns that the format needs, a strategy that it has
+            no number for, or ``path`` cannot be written.
         RunError: the disk is full or failed.
     """
     samples = _samples(result, run)
+    if result.scenario.strategy.name not in _FEEDBACK:
+        raise InputError(
+            f"strategy '{result.scenario.strategy.name}' has no number in this format, only {', '.join(_FEEDBACK)} "
+            "have; write rugbot or csv",
+            field="webots",
+        )
     for name in (
         "energy",
         "message",
         "alpha",
         "beta",
+        "messages_received",
         "belief_below",
         "decision",
         "avoid_total_s",

@@ -286,8 +286,9 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
 
 
 def infer_tau(between: Intervals) -> Inferred:
-    """Infer tau from the time between samples without avoidance; undetermined with fewer than 20 such intervals.
+    """Infer tau from the time between samples without avoidance.
 
+    It is undetermined with fewer than 20 such intervals, or if only one of them is near the most frequent duration.
     The usual interval is tau, a stop and up to two ticks. An interval is longer if the robot first had to finish a
     turn; so only intervals near the most frequent duration count.
     """
@@ -305,6 +306,8 @@ def infer_tau(between: Intervals) -> Inferred:
     in_windows = np.convolve(np.histogram(spacing, edges)[0], [1, 1], "valid")
     middle_s = edges[int(np.argmax(in_windows))] + UNDISTURBED_S / 2
     usual = spacing[np.abs(spacing - middle_s) <= UNDISTURBED_S]
+    if usual.size < 2:  # one interval has no standard deviation
+        return undetermined(name, f"{spacing.size} undisturbed intervals: too different from each other")
     stop = between.stop_s[calm]
     stop_s = STOP_S if np.isnan(stop).all() else float(np.nanmedian(stop))
     tau_s = float(usual.mean()) - stop_s - TICKS_S

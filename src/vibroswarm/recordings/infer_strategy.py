@@ -41,9 +41,9 @@ def infer_strategy(
 ) -> Inferred:
     """Infer the strategy under which the logged bits have the largest likelihood.
 
-    The bits are those sent, or if these are not logged, those received. The strategy is undetermined if neither kind is
-    logged, or if the second strategy has almost the same likelihood (``CLEAR_LEAD``). If bits sent are logged, but not
-    all posteriors, the log likelihood of soft feedback is nan, which sorts last: only the other two are compared.
+    The bits are those sent, or if these are not logged, those received. A bit whose probability under soft feedback is
+    unknown, since its posterior is not logged, is left out for all strategies. The strategy is undetermined if no bit
+    is left, or if the second strategy has almost the same likelihood (``CLEAR_LEAD``).
 
     Args:
         threshold: theta_E, for bits read that are not logged. eta, kappa: parameters of soft feedback.
@@ -52,6 +52,10 @@ def infer_strategy(
     sent = _from_sent(logs, threshold, eta, kappa)
     # Log likelihood by strategy, number of bits, and what these bits are.
     likelihood, used, words = sent or _from_received(logs, between, threshold, eta, kappa)
+    if used == 0 and sent is not None:
+        return undetermined(
+            name, "bits sent are logged, but no posterior, without which soft feedback cannot be tested"
+        )
     if used == 0:
         return undetermined(name, "neither bits sent, nor posteriors and decisions, are logged")
     order = sorted(STRATEGIES, key=lambda strategy: -likelihood[strategy])
@@ -101,18 +105,23 @@ def _from_sent(
     Args:
         threshold: theta_E; a bit read that is not logged is 1 if the energy is above it. eta, kappa: parameters of soft
             feedback.
-    Returns: log likelihood by strategy, number of bits, and the words "bits sent"; None if a log lacks bits sent.
+    Returns: log likelihood by strategy, number of bits used (which may be 0), and what these bits are in words; None if
+        a log lacks bits sent.
     """
     if any(log.samples["message"].null_count() for log in logs):
         return None
-    total, used = dict.fromkeys(STRATEGIES, 0.0), 0
+    total, used, left_out = dict.fromkeys(STRATEGIES, 0.0), 0, 0
     for log in logs:
-        bit = log.samples.sort("time_s")["message"].to_numpy()
-        for strategy, chance_of_one in _messages(log, threshold, eta, kappa).items():
-            chance = np.clip(chance_of_one, FLOOR_OF_SENT, 1 - FLOOR_OF_SENT)
+        chances = _messages(log, threshold, eta, kappa)
+        # Without a posterior only the other strategies have a probability; the sums must be of the same bits.
+        is_known = ~np.isnan(chances["soft"])
+        bit = log.samples.sort("time_s")["message"].to_numpy()[is_known]
+        for strategy, chance_of_one in chances.items():
+            chance = np.clip(chance_of_one[is_known], FLOOR_OF_SENT, 1 - FLOOR_OF_SENT)
             total[strategy] += float(np.log(np.where(bit == 1, chance, 1 - chance)).sum())
         used += bit.size
-    return total, used, "bits sent"
+        left_out += int((~is_known).sum())
+    return total, used, "bits sent" + (f" ({left_out} without a posterior left out)" if left_out else "")
 
 
 def _from_received(

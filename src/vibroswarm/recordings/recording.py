@@ -85,6 +85,19 @@ class Recording(Result):
     floor_words: str = ""
     """Result of the test whether the floor fits the energies."""
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether all that a result has is the same, and all that a recording adds."""
+        if not isinstance(other, Recording):
+            return super().__eq__(other)
+        head = ("names", "sessions", "stated", "inferred", "floor_words")
+        return (
+            super().__eq__(other)
+            and all(getattr(self, name) == getattr(other, name) for name in head)
+            and all(getattr(self, name).equals(getattr(other, name)) for name in _EXTRA_TABLES)
+        )
+
+    __hash__ = None
+
     __repr__ = Result.__repr__  # a dataclass would write all tables
 
     @property

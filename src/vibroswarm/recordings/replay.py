@@ -86,7 +86,8 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         scenario: that of the recording, in which the sections sensor (its threshold), strategy and decision may be
             changed. seed: of the first draw; each further draw has the next seed.
     Raises:
-        InputError: another section differs, no draws, or the logs do not count the messages received.
+        InputError: another section differs, no draws, the logs do not count the messages received, or a row was lost on
+            a kind of tile of which its session has no energy.
     """
     if draws < 1:
         raise InputError(f"{draws} is too few; at least 1", field="draws")
@@ -151,12 +152,22 @@ def _drawn(rows: _Rows, run: int, seed: int) -> NDArray[np.float64]:
     """Return the energies of a session, (samples,), with those of restored samples drawn at random.
 
     A restored sample gets one of the energies that were read in the session on tiles of the same kind; a place off all
-    tiles counts as still. At least one such energy must have been read.
+    tiles counts as still.
+
+    Raises:
+        InputError: no energy was read on tiles of that kind.
     """
     energy = rows.energy.copy()  # ``rows`` is used again by the other draws
     for k in np.flatnonzero(np.isnan(rows.energy)):
         # Sorted, so that the draw does not depend on the order of the samples.
         same_kind = np.sort(rows.energy[(rows.vibrating == rows.vibrating[k]) & ~np.isnan(rows.energy)])
+        if same_kind.size == 0:
+            kind = "vibrating" if rows.vibrating[k] else "still"
+            raise InputError(
+                f"a row was lost on a {kind} tile, and there is no energy of such tiles to replace it; leave "
+                "this session out of the recording",
+                field=f"session {run + 1}",
+            )
         # The last argument, the number of a second robot, is 0: a reading has none.
         u = uniform(
             seed, run, int(rows.session.robot[k]), int(Purpose.SENSING), int(rows.session.sample[k]), 0
@@ -296,15 +307,16 @@ class SessionOutcome(NotebookView):
     strategy: str
     """Name of the strategy."""
     consensus: dict[str, float]
-    """Share of the draws with each consensus."""
+    """Share of the draws with each consensus; empty if decisions are not logged."""
     decision_time_s: float | None
-    """Mean over draws of the mean over robots; a robot that never decides counts with the time of its last sample."""
+    """Mean over draws of the mean over robots; a robot that never decides counts with the time of its last sample. None
+    if decisions are not logged or no robot has a sample; so are its quantiles."""
     decision_time_low_s: float | None
     """5 % quantile over the draws."""
     decision_time_high_s: float | None
     """95 % quantile over the draws."""
-    undecided: float
-    """Share of undecided robots."""
+    undecided: float | None
+    """Share of undecided robots; None if decisions are not logged."""
     belief_in_truth: float | None
     """Mean over draws and robots; None if no decision is right, or beliefs are not known."""
 
@@ -326,6 +338,8 @@ def _session_outcomes(
 ) -> list[SessionOutcome]:
     """Summarise the decisions of each session over all draws, in the order of sessions.
 
+    If the decision of any robot is not logged, the session has no consensus, decision times and undecided robots.
+
     Args:
         robots, runs: tables of the robots and of the runs of all draws, with the column ``draw``.
         strategy: name of the strategy, copied to the outcomes.
@@ -338,9 +352,11 @@ def _session_outcomes(
     outcomes = []
     for run in recording.runs["run"].to_list():
         own, of_run = timed.filter(pl.col("run") == run), runs.filter(pl.col("run") == run)
+        is_known = own["decision"].null_count() == 0
         # Mean decision time over robots, one value per draw.
-        means_s = own.group_by("draw").agg(pl.col("time_s").mean())["time_s"].drop_nulls().to_numpy()
-        shares = of_run["consensus"].cast(pl.String).value_counts(normalize=True, sort=True)
+        known = own if is_known else own.clear()
+        means_s = known.group_by("draw").agg(pl.col("time_s").mean())["time_s"].drop_nulls().to_numpy()
+        shares = of_run["consensus"].drop_nulls().cast(pl.String).value_counts(normalize=True, sort=True)
         belief = own["belief_in_truth"].drop_nulls().to_numpy()
         outcomes.append(
             SessionOutcome(
@@ -350,7 +366,7 @@ def _session_outcomes(
                 decision_time_s=float(means_s.mean()) if means_s.size else None,
                 decision_time_low_s=float(np.quantile(means_s, 0.05)) if means_s.size else None,
                 decision_time_high_s=float(np.quantile(means_s, 0.95)) if means_s.size else None,
-                undecided=float((own["decision"] == -1).to_numpy().mean()),
+                undecided=float((own["decision"] == -1).to_numpy().mean()) if is_known else None,
                 belief_in_truth=float(belief.mean()) if belief.size else None,
             )
         )

@@ -246,12 +246,30 @@ def _quantity(
 def _marker(text: Any, count: int, field: str) -> int:
     """Return the number of a marker of a dictionary with ``count`` markers; raise InputError if it is none."""
     try:
-        marker = int(text)
-    except (TypeError, ValueError):
+        marker = (
+            int(text) if isinstance(text, str) or _is_whole(text) else -1
+        )  # keys of a TOML table are text
+    except ValueError:
         marker = -1  # refused below
     if not 0 <= marker < count:
-        raise InputError(f"{shown(text)} is not a marker; give a number from 0 to {count - 1}", field=field)
+        raise InputError(
+            f"{shown(text)} is not a marker; give a whole number from 0 to {count - 1}", field=field
+        )
     return marker
+
+
+def _is_whole(value: Any) -> bool:
+    """Return whether a value of a TOML file is a whole number; true and false are none."""
+    return type(value) is int or (isinstance(value, float) and value.is_integer())
+
+
+def _robot_name(value: Any, field: str) -> int:
+    """Return the name of a robot; raise InputError unless it is a whole number from 0 to 2^31."""
+    if not _is_whole(value) or not 0 <= value <= 2**31:
+        raise InputError(
+            f"{shown(value)} is not the number of a robot; give a whole number from 0 to {2**31}", field=field
+        )
+    return int(value)
 
 
 def _robot_ids(value: Any, count: int, field: str) -> dict[int, int]:
@@ -269,7 +287,7 @@ def _robot_ids(value: Any, count: int, field: str) -> dict[int, int]:
         pairs = list(value.items())
     else:
         pairs = []  # refused below, like an empty list or table
-    found = {_marker(marker, count, field): int(_number(name, field, 0, 2**31)) for marker, name in pairs}
+    found = {_marker(marker, count, field): _robot_name(name, field) for marker, name in pairs}
     if not pairs or len(found) != len(pairs) or len(set(found.values())) != len(pairs):
         raise InputError("must list different markers of different robots: [0, 1] or { 10 = 1 }", field=field)
     return found

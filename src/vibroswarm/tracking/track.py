@@ -262,15 +262,14 @@ def read_robot_log(path: Path) -> pl.DataFrame:
         InputError: columns are missing, or cells are not numbers; the message names the column or the row.
     """
     name = str(path)
-    table = table_of(text_of(path), name)
-    columns_of_file = table.columns[1:]  # the first is ``line``, the row's number in the file
-    check_columns({use: use for use in ("robot", "time_s", "energy")}, columns_of_file, name)
-    columns: dict[str, Any] = {"line": table["line"]}
+    lines, table = table_of(text_of(path), name)
+    check_columns({use: use for use in ("robot", "time_s", "energy")}, table.columns, name)
+    columns: dict[str, Any] = {"line": lines}
     for use in SAMPLES:
         if use in ("line", "x_m", "y_m", "heading_rad") or use not in table.columns:
             continue
-        numbers = numbers_of(table[use], table["line"], name, column=use, missing=("", "nan", "NaN"))
-        check_values(numbers, table["line"], name, use=use, column=use)  # columns are named by their use
+        numbers = numbers_of(table[use], lines, name, column=use, missing=("", "nan", "NaN"))
+        check_values(numbers, lines, name, use=use, column=use)  # columns are named by their use
         columns[use] = numbers
     found = log_frame(columns, SAMPLES).filter(pl.col("energy").is_not_null())
     if found["robot"].null_count() or found["time_s"].null_count():

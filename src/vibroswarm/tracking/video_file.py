@@ -135,13 +135,16 @@ def video_info(path: Path) -> VideoInfo:
     """
     cv2 = opencv()
     capture = _opened(path)
-    width, height = (int(capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    # The head of a video that was taken upright may state the size before the frames are turned. Then the size is that
-    # of the first frame, which is turned when it is read.
-    if capture.get(cv2.CAP_PROP_ORIENTATION_AUTO) and int(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 180:
-        width, height = _size_of_first(capture, path)
-    frames, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
-    capture.release()
+    try:
+        width, height = (int(capture.get(p)) for p in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        # The head of a video that was taken upright may state the size before the frames are turned. Then the size is
+        # that of the first frame, which is turned when it is read.
+        is_turned = int(capture.get(cv2.CAP_PROP_ORIENTATION_META)) % 180 != 0
+        if capture.get(cv2.CAP_PROP_ORIENTATION_AUTO) and is_turned:
+            width, height = _size_of_first(capture, path)
+        frames, rate = capture.get(cv2.CAP_PROP_FRAME_COUNT), capture.get(cv2.CAP_PROP_FPS)
+    finally:
+        capture.release()
     if width < 16 or height < 16 or not 0.5 <= rate <= 2000:
         raise InputError(
             f"is not a usable video: {width} x {height} px at {rate:g} frames/s", field=str(path)
