@@ -151,7 +151,9 @@ def decision(s, a, p, w):
 
 mine = strategy_in(__name__, "mine")
 """
-COUNTS_BITS = GOOD.replace("    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n")
+COUNTS_BITS = GOOD.replace(
+    "    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n"
+)
 SAMPLE = "    s.n += 1\n    return True\n"
 RAISES = "    s.n += 1\n    if s.n == 3:\n        raise ValueError('three')\n    return True\n"
 BAD = {
