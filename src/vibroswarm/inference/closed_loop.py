@@ -7,7 +7,7 @@ which robots have decided, and where a strategy wants to steer them.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -204,9 +204,11 @@ class ClosedLoop:
 
     def _enlarge(self, needed: int) -> None:
         """Make room for ``needed`` samples and as many again; the next ``catch_up`` replays the run from its start."""
-        filled, old = int(self.bounds[1]), (*self.buffer, self.estimates, self.log_ratios)
+        filled = int(self.bounds[1])
+        old: list[NDArray[Any]] = [*self.buffer, self.estimates, self.log_ratios]
         self._allocate(2 * needed)
-        for before, now in zip(old, (*self.buffer, self.estimates, self.log_ratios), strict=True):
+        new: list[NDArray[Any]] = [*self.buffer, self.estimates, self.log_ratios]
+        for before, now in zip(old, new, strict=True):
             # Columns with one entry per robot keep their size, and all of it; those without entries are not used.
             size = before.shape[0] if before.shape == now.shape else filled
             now[:size] = before[:size]
