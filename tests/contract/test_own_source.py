@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 import polars as pl
 import pytest
+from polars.testing import assert_frame_equal
 
 from helpers.walk_checks import TABLE_CHECKS, Check, check_pieces
 from vibroswarm import simulate
-from vibroswarm.errors import InputError
+from vibroswarm.errors import CodeError, InputError
+from vibroswarm.inference.closed_loop import max_samples
 from vibroswarm.motion import source as motion_source
-from vibroswarm.motion.source import ENDS, MOTION, Motion, Source, register, source
+from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, Motion, Source, register, source
+from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import lattice_sites, start_region
 
@@ -120,6 +123,80 @@ def test_scenarios_run_on_it(stop: str) -> None:
         assert told[-1] == 1.0
     else:
         assert result.motion.height < 2 * 39 * scenario.swarm.robots
+
+
+@pytest.mark.parametrize("more", [{}, {"strategy.name": "totals"}], ids=["counts", "messages"])
+def test_robots_may_sample_more_often_than_the_scenario_says(
+    more: dict[str, object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody decides at first, so a run in closed loop gets more samples than the scenario's own timer would allow."""
+    monkeypatch.setitem(globals(), "EVERY_S", 0.2)
+    scenario = Scenario().with_values({"run.t_end_s": 60.0, "decision.min_observations": 250, **more})
+    whole = simulate(scenario, 3, [0, 2], motion="standing")
+    closed = simulate(scenario.with_values({"run.stop": "all_decided"}), 3, [0, 2], motion="standing")
+    assert closed.motion.height > 2 * max_samples(scenario)
+    rows = whole.inference.join(closed.motion.select("run", "robot", "sample"), on=["run", "robot", "sample"])
+    assert_frame_equal(closed.inference, rows, check_exact=True, check_row_order=False)
+    assert closed.inference["decision"].n_unique() > 1, "somebody decides"
+
+
+def standing_moves(piece: Motion) -> pl.DataFrame:
+    """Return one stop of each robot, from the start of the run on."""
+    still = dict.fromkeys(("start_s", "speed_m_s", "turn_rate_rad_s", "turned_rad"), 0.0)
+    columns = [pl.lit(value).alias(name) for name, value in still.items()]
+    table = piece.ends.with_columns(*columns, kind=pl.lit("stop"), ray_m=None)
+    return table.select(list(MOVES)).cast(MOVES)
+
+
+def simulate_with(change: Callable[[Motion], Motion], stop: str) -> Result:
+    """Simulate the standing robots with moves, each piece of motion changed, over a network that reads positions."""
+
+    class Moving(Standing):
+        def advance(self, until_s: float) -> Motion:
+            piece = super().advance(until_s)
+            return change(replace(piece, moves=standing_moves(piece)))
+
+    motion_source.forget("standing")
+    register(replace(STANDING, init=lambda scenario, seed, run, **wanted: Moving(scenario, seed, run)))
+    values = {"run.t_end_s": 100.0, "run.stop": stop, "network.name": "range", "strategy.name": "soft"}
+    return simulate(Scenario().with_values(values), 3, [0, 2], motion="standing")
+
+
+def with_moves(change: Callable[[pl.DataFrame], pl.DataFrame]) -> Callable[[Motion], Motion]:
+    return lambda piece: replace(piece, moves=change(piece.moves))
+
+
+def with_failures(table: object) -> Callable[[Motion], Motion]:
+    return lambda piece: replace(piece, failures=table)
+
+
+FAILED = pl.DataFrame({"run": [7], "time_s": [3.0], "reason": ["fell over"]}, schema=FAILURES)
+WRONG_ROWS: dict[str, tuple[Callable[[Motion], Motion], str]] = {
+    "no moves of a robot": (with_moves(lambda t: t.filter(pl.col("robot") != 3)), "no move of robot 3 that begins at"),
+    "moves of more robots": (with_moves(lambda t: t.with_columns(robot=pl.col("robot") + 1)), "robots beyond 4"),
+    "moves of another run": (with_moves(lambda t: t.with_columns(run=pl.lit(9, pl.UInt32))), "other runs than 0"),
+    "moves from later on": (with_moves(lambda t: t.with_columns(start_s=pl.lit(2.0))), "no move of robot 0"),
+    "moves in no order": (with_moves(lambda t: t.reverse()), "not sorted by time and robot"),
+    "a place unknown": (with_moves(lambda t: t.with_columns(x_m=pl.lit(None, pl.Float64))), "values that are missing"),
+    "a place that is nan": (with_moves(lambda t: t.with_columns(x_m=pl.lit(math.nan))), "'x_m' is not finite"),
+    "failures as a list": (with_failures([3]), "the table failures is list"),
+    "failures without reasons": (with_failures(FAILED.drop("reason")), "failures: column 'reason' is missing"),
+    "failures of another run": (with_failures(FAILED), "failures has rows of other runs than 0"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("stop", ["t_end", "all_decided"])
+@pytest.mark.parametrize("what", list(WRONG_ROWS))
+def test_wrong_moves_and_failures_are_refused(what: str, stop: str) -> None:
+    change, words = WRONG_ROWS[what]
+    with pytest.raises(CodeError, match=words):
+        simulate_with(change, stop)
+
+
+@pytest.mark.parametrize("stop", ["t_end", "all_decided"])
+def test_right_moves_and_failures_are_taken(stop: str) -> None:
+    result = simulate_with(with_failures(FAILED.clear()), stop)
+    assert result.inference["messages_received"].max() > 0
 
 
 def test_a_name_is_taken_once() -> None:

@@ -9,7 +9,7 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from vibroswarm.errors import InputError
+from vibroswarm.errors import CodeError, InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.observe import vibrating_at
 from vibroswarm.recordings.assemble_recording import recording_of
@@ -24,8 +24,10 @@ from vibroswarm.recordings.replay import (
     session_outcomes,
 )
 from vibroswarm.result import Result
+from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
+from vibroswarm.strategies.base import forget
 
 KEY = ["run", "robot", "sample"]
 RULES = (
@@ -206,6 +208,61 @@ def test_what_is_told(recording: Recording) -> None:
         assert sum(one.consensus.values()) == pytest.approx(1.0)
         assert one.decision_time_low_s <= one.decision_time_s <= one.decision_time_high_s
     assert np.isclose(logged[0].decision_time_s, recording.robots["decision_time_s"][:5].mean())
+
+
+COUNTS_BITS = """from vibroswarm.strategies import strategy_in
+
+
+class State:
+    ones: int
+
+
+def begin(s, a, d, p, w):
+    s.ones = 0
+
+
+def on_counts(s, ones, zeros, p, w):
+    s.ones += ones
+
+
+def on_sample(s, a, x, out, d, p, w):
+    return True
+
+
+def decision(s, a, p, w):
+    return -1
+
+
+counter = strategy_in(__name__, "counter")
+"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "words"),
+    [
+        ("return -1", "return 7", "a decision is none of -1"),
+        ("return True", "return False", "on_sample did not send"),
+        ("s.ones += ones", "raise ValueError('no')", "line 13, in on_counts: ValueError: no"),
+    ],
+)
+def test_a_strategy_that_does_what_none_may_is_refused(
+    recording: Recording, tmp_path: Path, right: str, wrong: str, words: str
+) -> None:
+    (tmp_path / "counter.py").write_text(COUNTS_BITS.replace(right, wrong), encoding="utf-8")
+    with plugins.trust_code():
+        scenario = recording.scenario.with_values({"strategy.name": f"{tmp_path / 'counter.py'}:counter"})
+        with pytest.raises(CodeError, match=words):
+            replay_recording(recording, scenario, draws=1)
+    forget("counter")
+
+
+@pytest.mark.parametrize(
+    "strategy", ["totals", "three_valued"]
+)  # they read contents of messages; one has a timer
+def test_a_strategy_that_needs_more_than_counts_is_refused(recording: Recording, strategy: str) -> None:
+    scenario = recording.scenario.with_values({"strategy.name": strategy})
+    with pytest.raises(InputError, match=r"strategy\.name.*logs only count messages.*none, positive, soft"):
+        replay_recording(recording, scenario, draws=1)
 
 
 def test_what_happened_cannot_be_changed(recording: Recording, made: Result) -> None:

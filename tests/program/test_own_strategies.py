@@ -151,6 +151,9 @@ def decision(s, a, p, w):
 
 mine = strategy_in(__name__, "mine")
 """
+COUNTS_BITS = GOOD.replace(
+    "    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n"
+)
 SAMPLE = "    s.n += 1\n    return True\n"
 RAISES = "    s.n += 1\n    if s.n == 3:\n        raise ValueError('three')\n    return True\n"
 BAD = {
@@ -161,6 +164,7 @@ BAD = {
     "no such field": (GOOD.replace("s.n += 1", "s.m = 1"), 2, "line 16.*s.m: no such field"),
     "text for a decision": (GOOD.replace("return -1", "return 'yes'"), 2, "cannot be compiled"),
     "no kind of decision": (GOOD.replace("return -1", "return 7"), 1, "a decision is none of"),
+    "no kind of decision, counting": (COUNTS_BITS.replace("return -1", "return 7"), 1, "a decision is none of"),
     "raises": (GOOD.replace(SAMPLE, RAISES), 1, "line 18, in on_sample: ValueError: three"),
     "draws by itself": (GOOD.replace("s.n = 0", "s.n = int(np.random.random())"), 2, "line 12.*draws random numbers"),
     "changes a global": (GOOD.replace("s.n += 1", "global count\n    count += 1"), 2, "line 16.*the global count"),

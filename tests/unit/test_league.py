@@ -280,6 +280,22 @@ def test_few_runs_and_robots_leave_gaps_and_no_error(
     assert (tmp_path / "few" / "report.html").exists()
 
 
+def test_a_league_of_one_entry_is_compared_with_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "one"
+    line = ["league", *FEW, *SMALL, *QUICK, "--strategy", "totals", "--out", str(out)]
+    assert main(line) == 0
+    assert "Difference from" not in capsys.readouterr().out
+    page = (out / "report.html").read_text(encoding="utf-8")
+    assert "All figures, floor by floor" in page
+    assert "the reference" not in page
+    for name in ("differences", "floor_differences"):
+        table = pl.read_csv(out / f"{name}.csv")
+        assert table.is_empty()
+        assert "p_holm" in table.columns
+
+
 @pytest.mark.parametrize(
     ("line", "field"),
     [
@@ -296,6 +312,7 @@ def test_few_runs_and_robots_leave_gaps_and_no_error(
         ("--settings nothing.toml", "--untuned"),
         ("--own-motion", "--own-motion"),
         ("--faults stuck_at_2", "stuck_at_1"),
+        ("--faults opposite --robots 6,1", "at least 2 robots"),
     ],
 )
 def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture[str]) -> None:

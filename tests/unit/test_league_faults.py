@@ -83,6 +83,12 @@ def test_what_is_borne_ends_at_the_first_number_that_is_not() -> None:
     assert rows == {"a": (1, True), "b": (2, False), "c": (0, False), "d": (0, True)}
 
 
+def test_of_one_robot_none_can_be_faulty() -> None:
+    curves = fault_curves(replace(LEAGUE, robots=(1,)))
+    assert curves.is_empty()
+    assert borne(curves).is_empty()
+
+
 def test_what_cannot_be_asked_is_refused() -> None:
     with pytest.raises(InputError, match="stuck_at_1"):
         fault_curves(LEAGUE, kinds=["stuck_at_2"])

@@ -156,6 +156,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"'{arguments.reference}' is not an entry (entries: {known})", field="--reference")
     for kind in arguments.faults or ():  # refuse an unknown kind now, before anything is simulated
         check_choice(kind, "--faults", FAULTS)
+    if arguments.faults and arguments.fault_runs and min(league.robots) == 1:
+        raise InputError(
+            "needs swarms of at least 2 robots, one of which works; see --robots", field="--faults"
+        )
     # `Store.existing` refuses a folder that holds anything but runs of this league.
     claim(arguments, lambda: Store.existing(arguments.out, league.study))
     with study_progress("simulating") as progress:

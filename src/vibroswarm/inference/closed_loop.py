@@ -7,7 +7,7 @@ which robots have decided, and where a strategy wants to steer them.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -131,9 +131,9 @@ NO_STOP_TICKS: Final = np.empty(0, dtype=np.int64)
 def max_samples(scenario: Scenario) -> int:
     """Return an upper bound on the number of samples of a run, from the fewest ticks between two samples of a robot.
 
-    The bound holds for robots that keep ``sample_interval_ms`` and ``stop_ms``: the sample timer must exceed the
-    interval, so it takes at least one tick more. Two samples more per robot are allowed for those at the beginning and
-    at the end of the run.
+    The bound holds for motion that keeps to ``sample_interval_ms`` and ``stop_ms`` of the scenario, as that of our
+    engines does: the sample timer must exceed the interval, so it takes at least one tick more. Two samples more per
+    robot are allowed for those at the beginning and at the end of the run.
     """
     tick_ms, sample = scenario.run.control_period_ms, scenario.sample
     between = 1 + int(sample.sample_interval_ms // tick_ms) + int(sample.stop_ms // tick_ms)
@@ -155,18 +155,25 @@ class ClosedLoop:
         Args:
             seed: seed of the runs.
         """
-        robots, capacity = scenario.swarm.robots, max_samples(scenario)
+        robots = scenario.swarm.robots
         self.scenario, self.seed, self.tick_ms = scenario, seed, scenario.run.control_period_ms
         self.strategy = strategy_used(scenario)
-        self.buffer = empty_sample_buffer(robots, capacity)
         self.localisation = OnlineLocalisation(scenario, seed) if is_estimated(scenario) else None
-        width = len(ESTIMATE) + width_of(draws_read(scenario))
-        self.estimates = np.zeros((capacity if self.localisation else 0, width))
-        self.log_ratios = np.zeros(capacity if reads_energies(scenario) else 0)
         self.ends_s: list[float] = []
         """Ends of the runs, s; callers append to this list, it is not used here."""
         self.entry: Callable[..., int] | None = None  # compiled ``record_samples``; see ``add_samples``
-        self.replayer = replayer_of(scenario, seed, runs=1, longest=capacity, rows=capacity)
+        self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
+        self.walked_tick, self.known_tick = np.zeros(robots, dtype=np.int64), np.zeros(1, dtype=np.int64)
+        self._allocate(max_samples(scenario))
+
+    def _allocate(self, capacity: int) -> None:
+        """Allocate what depends on the number of samples of a run: buffer, inputs of the replay, replayer."""
+        scenario, robots = self.scenario, self.walked_tick.size
+        self.buffer = empty_sample_buffer(robots, capacity)
+        width = len(ESTIMATE) + width_of(draws_read(scenario))
+        self.estimates = np.zeros((capacity if self.localisation else 0, width))
+        self.log_ratios = np.zeros(capacity if reads_energies(scenario) else 0)
+        self.replayer = replayer_of(scenario, self.seed, runs=1, longest=capacity, rows=capacity)
         buffer = SampleBuffer(*(read_only(column) for column in self.buffer))
         self.readings = Readings(
             observation=buffer.observation,
@@ -177,8 +184,6 @@ class ClosedLoop:
             estimates=read_only(self.estimates),
             log_ratios=read_only(self.log_ratios),
         )
-        # bounds: 0, and the number of samples in the buffer so far. runs: number of the present run.
-        self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.rows = Rows(
             bounds=read_only(self.bounds),
             runs=read_only(self.runs),
@@ -190,7 +195,6 @@ class ClosedLoop:
                 np.zeros((robots, 3), dtype=np.int32)
             ),  # not used: ``to_end`` is never requested here
         )
-        self.walked_tick, self.known_tick = np.zeros(robots, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.stops = Stops(
             tick=buffer.tick,
             stop_tick=buffer.stop_tick,
@@ -199,6 +203,18 @@ class ClosedLoop:
             walked_tick=read_only(self.walked_tick),
             known_tick=read_only(self.known_tick),
         )
+
+    def _enlarge(self, needed: int) -> None:
+        """Make room for ``needed`` samples and as many again; the next ``catch_up`` replays the run from its start."""
+        filled = int(self.bounds[1])
+        old: list[NDArray[Any]] = [*self.buffer, self.estimates, self.log_ratios]
+        self._allocate(2 * needed)
+        new: list[NDArray[Any]] = [*self.buffer, self.estimates, self.log_ratios]
+        for before, now in zip(old, new, strict=True):
+            # Columns with one entry per robot keep their size, and all of it; those without entries are not used.
+            size = before.shape[0] if before.shape == now.shape else filled
+            now[:size] = before[:size]
+        self.is_new = True
 
     def begin(self, run: int, ground: SensedFloor) -> None:
         """Set the state to the start of a run.
@@ -233,6 +249,9 @@ class ClosedLoop:
 
     def add_samples(self, rows: NDArray[np.void]) -> None:
         """Append new samples (``motion.recorder.SAMPLE_ROW``) with their readings to the buffer."""
+        needed = int(self.bounds[1]) + rows.size
+        if needed > self.buffer.tick.size:  # a user's source may sample more often than the scenario says
+            self._enlarge(needed)
         arguments = (
             rows,
             self.ground,

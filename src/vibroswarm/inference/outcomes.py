@@ -241,7 +241,7 @@ def robot_table(finals: pl.DataFrame, truth: Array) -> pl.DataFrame:
             robots send one message per sample.
         truth: the right decision of each run, (runs,).
     """
-    robots = finals.height // max(truth.size, 1)  # per run; max: there may be no runs
+    robots = finals.height // truth.size  # per run
     # The columns that the columns to be added are computed from: ``sent`` only if the table has it.
     read: list[str] = [name for name in ("belief_below", "samples", "sent") if name in finals.columns]
     by_run = {name: finals[name].to_numpy().reshape(-1, robots) for name in read}
@@ -259,7 +259,7 @@ def run_table(finals: pl.DataFrame, fills: Array, truth: Array, end_s: Array, t_
         finals: table of the final state of each robot, run by run. fills, truth, end_s: (runs,): fill ratio of the
             floor, truth, and end of each run. t_end_s: end of a run that does not stop early, s.
     """
-    robots = finals.height // max(truth.size, 1)  # per run; max: there may be no runs
+    robots = finals.height // truth.size  # per run
     decision, time_s = (
         finals[name].to_numpy().reshape(-1, robots) for name in ("decision", "decision_time_s")
     )

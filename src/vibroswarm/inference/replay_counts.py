@@ -48,6 +48,7 @@ from vibroswarm.inference.deliveries import HEARD_ROWS, LAST_OWN, OTHERS, Reach,
 from vibroswarm.inference.replay_arrays import (
     DOES_NOT_SEND,
     DONE,
+    INVALID_DECISION,
     Counts,
     Deliveries,
     Log,
@@ -190,8 +191,9 @@ def replay(
                 world, seed, run, loss,
             )  # fmt: skip
             start = end
-            if not take(swarm, e, i, k, rows, readings, messages, log, steering, world, seed, run):
-                return DOES_NOT_SEND
+            status = take(swarm, e, i, k, rows, readings, messages, log, steering, world, seed, run)
+            if status != DONE:
+                return status
             bit = bit_of(messages[k])
             counts.ones_sent[after] = counts.ones_sent[m] + bit
             swarm.agents[e].own_ones += bit
@@ -223,13 +225,13 @@ def replay(
 def take(
     swarm: Swarm, e: int, i: int, k: int, rows: Rows, readings: Readings, messages: NDArray[np.void], log: Log,
     steering: NDArray[np.float64], world: World, seed: int, run: int,
-) -> bool:  # fmt: skip
+) -> int:  # fmt: skip
     """Let the strategy handle a sample: update state, decision, steering and log, and write the message to send.
 
     Args:
         e, i: row and number of the robot. k: row of the sample. messages, log, steering: their row ``k`` is written;
             log and steering only if they are requested.
-    Returns: whether the strategy sends the message. The caller reports an error if it does not.
+    Returns: ``DONE`` or an error code.
     """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a, number = views(swarm.arrays, e), signed(rows.sample[k])
@@ -242,6 +244,8 @@ def take(
     row.sent += 1
     new = decision(s, a, p, w)
     if new != row.decision:
+        if new < -1 or new > 1:
+            return INVALID_DECISION
         if row.decision == -1:
             row.first_decided_s = rows.time_s[k]
         row.decision, row.decided_s = new, rows.time_s[k]
@@ -251,4 +255,4 @@ def take(
     if log.belief.size > 0:
         log.states[k], log.decision[k], log.received[k] = s, new, row.received
         log.belief[k] = belief(s, a, p, w)
-    return sends
+    return DONE if sends else DOES_NOT_SEND

@@ -18,7 +18,14 @@ from vibroswarm.core.jit import inner, kernel, signed
 from vibroswarm.core.rng import LOSS, uniform
 from vibroswarm.inference.agents import Swarm, begin_agent, begin_draws, sample_draws, world_of_robot
 from vibroswarm.inference.default_hooks import begin, belief, bit_of, decision, on_counts, on_sample, views
-from vibroswarm.inference.replay_arrays import HeardMessages, Log, Session
+from vibroswarm.inference.replay_arrays import (
+    DOES_NOT_SEND,
+    DONE,
+    INVALID_DECISION,
+    HeardMessages,
+    Log,
+    Session,
+)
 from vibroswarm.strategies.world import Reading, World
 
 
@@ -107,8 +114,8 @@ def hear(
 def replay_from_counts(
     session: Session, swarm: Swarm, messages: NDArray[np.void], heard_messages: HeardMessages, log: Log,
     world: World, slack_s: float, seed: int, run: int,
-) -> int:  # fmt: skip
-    """Replay one recorded run from its start to its end.
+) -> tuple[int, int]:  # fmt: skip
+    """Replay one recorded run from its start to its end, or until the strategy does what strategies may not do.
 
     Args:
         session: the samples of the run. swarm, heard_messages: state of the run's robots, zeroed; changed.
@@ -116,7 +123,7 @@ def replay_from_counts(
         slack_s: by how much times in the log may be late, s.
         seed, run: address of the random numbers, which choose the messages that are heard and serve the strategy.
 
-    Returns: number of received messages for which no message was left to choose.
+    Returns: ``DONE`` or an error code; and the number of received messages for which no message was left to choose.
     """
     rows, robots = session.robot.size, swarm.params.size
     unsent = 0  # messages received by the logs for which none was left to choose
@@ -135,12 +142,15 @@ def replay_from_counts(
         # Recorded readings have no places: pose and lagged place are nan, and the number of the lagged sample is -1.
         bit = signed(session.observation[k])
         x = Reading(bit, session.time_s[k], index, np.nan, np.nan, np.nan, 0.0, -1, np.nan, np.nan, 0.0, 0.0)
-        on_sample(s, a, x, messages[k], sample_draws(seed, run, i, index, -1.0), p, w)
+        if not on_sample(s, a, x, messages[k], sample_draws(seed, run, i, index, -1.0), p, w):
+            return DOES_NOT_SEND, unsent
         row.samples += 1
         row.sent += 1
         row.belief = belief(s, a, p, w)
         new = decision(s, a, p, w)
+        if new < -1 or new > 1:
+            return INVALID_DECISION, unsent
         if new != row.decision:
             row.decision, row.decided_s, row.belief_at_decision = new, session.time_s[k], row.belief
         log.states[k], log.received[k], log.belief[k], log.decision[k] = s, row.received, row.belief, new
-    return unsent
+    return DONE, unsent

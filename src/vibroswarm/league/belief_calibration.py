@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from scipy.stats import betabinom, binom
 from scipy.stats import t as student
 
+from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
@@ -76,6 +77,8 @@ def belief_calibration(
         how: further arguments of ``study.run.run``, such as workers.
     Returns: one row per entry whose strategy has a belief, settings and prior: ``COLUMNS``, the figures also with
         ``_low`` and ``_high`` (null if undefined). Empty if no entry has a belief.
+    Raises:
+        InputError: runs are missing, for example because some failed.
     """
     entries = [entry for entry in league.entries if strategy(entry.strategy).belief is not None]
     if not entries:
@@ -110,10 +113,15 @@ def belief_calibration(
         table = study.rows(*(cell.number for cell in cells)).select(
             "cell", "run", "decision", "belief_below", "truth"
         )
+        found = table.collect()
+        for cell in cells:
+            of_cell = found.filter(pl.col("cell") == cell.number)
+            if of_cell.height != runs * min(league.robots):
+                raise InputError(
+                    f"has {of_cell['run'].n_unique()} of {runs} runs; run it again", field=cell.name
+                )
         # Sums over the robots of each run on each floor, (floors, runs) each.
-        decided, confidence, right, robots = _sums(
-            table.collect(), first=cells[0].number, shape=(len(COUNTS), runs)
-        )
+        decided, confidence, right, robots = _sums(found, first=cells[0].number, shape=(len(COUNTS), runs))
         # Each figure is a ratio of two of these sums.
         ratios = {
             "confidence": (confidence, decided),

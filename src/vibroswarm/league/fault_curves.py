@@ -47,6 +47,14 @@ FILL: Final = 0.46
 """Fill ratio of the random floors; its mirror 1 - f is added."""
 MOST: Final = 2
 """Most faulty robots in a swarm, by default."""
+CURVES: Final[dict[str, Any]] = {
+    "name": pl.String,
+    "kind": pl.String,
+    "faulty": pl.Int64,
+    **{f"{name}{end}": pl.Float64 for name in ("forced_error", "rise") for end in ("", "_low", "_high")},
+    "bears": pl.Boolean,
+}
+"""Columns of ``fault_curves`` and their types."""
 Errors = tuple[NDArray[np.float64], NDArray[np.bool_]]
 """Forced errors of robots, averaged over floors, and whether the robots work (have no fault): (runs, robots) each."""
 Case = tuple[str, str, int]
@@ -83,7 +91,7 @@ def fault_curves(
     if most is None:
         most = min(MOST, robots - 1)
         if most == 0:
-            return pl.DataFrame()
+            return pl.DataFrame(schema=CURVES)
     if not 1 <= most < robots:
         raise InputError(
             f"{most} of {robots} robots cannot be faulty; give a number from 1 to {robots - 1}",
@@ -111,7 +119,7 @@ def fault_curves(
         (entry.label, kind, count): _errors(faulty_league, study, place)
         for place, (entry, kind, count) in enumerate(cases)
     }
-    return pl.DataFrame([_row(case, errors) for case in _rows_of(errors, kinds)], infer_schema_length=None)
+    return pl.DataFrame([_row(case, errors) for case in _rows_of(errors, kinds)], schema=CURVES)
 
 
 def _cases(entry: Entry, kinds: Sequence[str], most: int) -> list[tuple[str, int]]:
@@ -215,4 +223,6 @@ def borne(curves: pl.DataFrame) -> pl.DataFrame:
         count = next((k for k, verdict in enumerate(verdicts) if verdict is not True), len(verdicts))
         is_open = count < len(verdicts) and verdicts[count] is None
         rows.append({"name": name, "kind": kind, "borne": count, "open": is_open})
-    return pl.DataFrame(rows, infer_schema_length=None)
+    return pl.DataFrame(
+        rows, schema={"name": pl.String, "kind": pl.String, "borne": pl.Int64, "open": pl.Boolean}
+    )

@@ -66,18 +66,7 @@ def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Repor
             text=("Messages and bytes are those that a robot sends in a run.",),
             parts=(ReportTable(table.select(COSTS), _COLUMNS, name="costs"),),
         ),
-        Section(
-            "Compared with the reference",
-            text=(
-                "Differences motion by motion (entry - reference), with 95 % intervals; p by Holm over the entries. "
-                "No significant difference is not evidence of no difference.",
-            ),
-            parts=(
-                ReportTable(
-                    _side_by_side(tables["differences"]), {"name": Column("entry")}, name="differences"
-                ),
-            ),
-        ),
+        *_compared_section(tables["differences"]),
         *_fronts_section(tables["fronts"]),
         *beliefs_section(tables.get("beliefs")),
         *faults_section(tables.get("faults")),
@@ -118,6 +107,18 @@ def _time_and_error(table: pl.DataFrame) -> Section:
     return Section("Time and error", text=(text,), parts=(picture_of(front, "front"), standings))
 
 
+def _compared_section(differences: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the section with ``Standings.differences``; none for a single entry, which is compared with nothing."""
+    if differences.is_empty():
+        return ()
+    text = (
+        "Differences motion by motion (entry - reference), with 95 % intervals; p by Holm over the entries. "
+        "No significant difference is not evidence of no difference."
+    )
+    table = ReportTable(_side_by_side(differences), {"name": Column("entry")}, name="differences")
+    return (Section("Compared with the reference", text=(text,), parts=(table,)),)
+
+
 def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section, ...]:
     """Return the sections on single floors: a picture, differences from the reference, and all figures.
 
@@ -132,12 +133,16 @@ def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section,
         best="low",
         style="page",
     )
-    by_pair = ReportTable(differences, {"name": Column("entry")}, name="floor_differences")
     all_figures = ReportTable(floors, _COLUMNS, name="floors")
+    picture = (picture_of(heat, "floors"),)
+    all_section = Section("All figures, floor by floor", parts=(all_figures,), folded=True)
+    if differences.is_empty():  # a single entry, which is compared with nothing
+        return (Section("Floor by floor", parts=picture), all_section)
+    by_pair = ReportTable(differences, {"name": Column("entry")}, name="floor_differences")
     return (
-        Section("Floor by floor", text=(_floors_text(differences),), parts=(picture_of(heat, "floors"),)),
+        Section("Floor by floor", text=(_floors_text(differences),), parts=picture),
         Section("Differences from the reference, floor by floor", parts=(by_pair,), folded=True),
-        Section("All figures, floor by floor", parts=(all_figures,), folded=True),
+        all_section,
     )
 
 

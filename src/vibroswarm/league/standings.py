@@ -54,6 +54,18 @@ NEEDED: Final = ("cell", "run", "decision", "decision_time_s", "belief_in_truth"
 """Columns of a study's rows that are read."""
 COMPARED: Final = ("forced_error", "decision_time_s")
 """Figures that are compared with the reference."""
+DIFFERENCES: Final[dict[str, Any]] = {
+    **dict.fromkeys(("name", "reference", "figure"), pl.String),
+    **dict.fromkeys(("difference", "difference_low", "difference_high", "p_value", "p_holm"), pl.Float64),
+}
+"""Columns of ``Standings.differences`` and their types."""
+FLOOR_DIFFERENCES: Final[dict[str, Any]] = {
+    **dict.fromkeys(("name", "reference", "pattern"), pl.String),
+    "fill_ratio": pl.Float64,
+    "figure": pl.String,
+    **dict.fromkeys(("difference", "p_value", "p_holm"), pl.Float64),
+}
+"""Columns of ``Standings.floor_differences`` and their types."""
 Array = NDArray[np.float64]
 
 
@@ -221,8 +233,7 @@ class Standings(NotebookView):
         Args:
             reference: the label of an entry; by default the first.
         Returns: one row per figure of ``COMPARED`` and entry: name, reference, figure, difference (entry - reference)
-            with its 95 % limits, p_value, p_holm (corrected over the entries). Empty, without columns, if there is only
-            one entry.
+            with its 95 % limits, p_value, p_holm (corrected over the entries). Empty for a single entry.
         Raises:
             InputError: no entry has the label ``reference``.
         """
@@ -246,7 +257,7 @@ class Standings(NotebookView):
                         "p_holm": plain(p_holm),
                     }
                 )
-        return pl.DataFrame(rows)
+        return pl.DataFrame(rows, schema=DIFFERENCES)
 
     def floor_differences(self, reference: str | None = None) -> pl.DataFrame:
         """Compare each entry with a reference on each floor, unit by unit.
@@ -255,7 +266,7 @@ class Standings(NotebookView):
             reference: the label of an entry; by default the first.
         Returns: one row per figure of ``COMPARED``, entry and floor: name, reference, pattern, fill_ratio, figure,
             difference (entry - reference), p_value of a paired t-test, p_holm (corrected over entries and floors).
-            Empty, without columns, if there is only one entry.
+            Empty for a single entry.
         Raises:
             InputError: no entry has the label ``reference``.
         """
@@ -283,7 +294,7 @@ class Standings(NotebookView):
                             "p_holm": plain(float(corrected[place, number])),
                         }
                     )
-        return pl.DataFrame(rows, infer_schema_length=None)
+        return pl.DataFrame(rows, schema=FLOOR_DIFFERENCES)
 
 
 def _p_of_mean(differences: Array) -> float:

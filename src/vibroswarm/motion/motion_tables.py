@@ -171,12 +171,13 @@ def checked_batch(
             "run" in one.columns for one in (motion_parts.samples, motion_parts.ends)
         ):
             of_run = pl.col("run") == run
-            # Of segments and moves only the columns are checked, so they need not be filtered.
+            # Of segments only the columns are checked, so they need not be filtered.
             part = Motion(
                 samples=motion_parts.samples.filter(of_run),
                 ends=motion_parts.ends.filter(of_run),
                 segments=motion_parts.segments,
-                moves=motion_parts.moves,
+                moves=_rows_where(motion_parts.moves, of_run),
+                failures=_rows_where(motion_parts.failures, of_run),
             )
         end_s = scenario.ticks * scenario.tick_s
         # Report the first problem. A batch simulates the whole run: from 0 to ``end_s``.
@@ -184,6 +185,11 @@ def checked_batch(
             raise CodeError(f"{_file_of(batch)}: {problem}")
     motion: Motion = motion_parts
     return motion
+
+
+def _rows_where(table: Any, of_run: pl.Expr) -> Any:
+    """Return the rows of an optional table that belong to a run; all of it if that cannot be found out."""
+    return table.filter(of_run) if isinstance(table, pl.DataFrame) and "run" in table.columns else table
 
 
 def _refuse_faults(scenario: Scenario) -> None:
@@ -281,6 +287,7 @@ def _wrong(
         ("ends", ENDS, True),
         ("segments", SEGMENTS, False),
         ("moves", MOVES, False),
+        ("failures", FAILURES, False),
     )
     for name, schema, needed in tables:
         frame = getattr(piece, name)
@@ -306,6 +313,13 @@ def _wrong_rows(
     robots, quarter_s = scenario.swarm.robots, scenario.tick_s / 4  # times may be rounded by a quarter tick
     if piece.ends["robot"].to_list() != list(range(robots)) or (piece.ends["run"] != run).any():
         yield f"the table ends must have exactly one row for each of the {robots} robots of run {run}, in their order"
+    if (
+        piece.failures is not None
+        and ((piece.failures["run"] != run) | piece.failures["time_s"].is_null()).any()
+    ):
+        yield f"the table failures has rows of other runs than {run}, or without a time"
+    if piece.moves is not None:
+        yield from _wrong_moves(piece.moves, robots, run, before_s, after_s, quarter_s)
     samples = piece.samples
     if samples.is_empty():
         return
@@ -332,3 +346,34 @@ def _wrong_rows(
         positions = samples[column].to_numpy()
         if positions.min() < 0.0 or positions.max() > size_m:
             yield f"the table samples: column '{column}' leaves the arena, 0 to {size_m:g} m"
+
+
+def _wrong_moves(
+    moves: pl.DataFrame, robots: int, run: int, before_s: float, after_s: float, quarter_s: float
+) -> Iterator[str]:
+    """Yield each error in the rows of a table of moves, from which networks and localisation compute positions.
+
+    Args:
+        robots: number of robots. quarter_s: a quarter of a control period, for rounding; others: see ``_wrong``.
+    """
+    if moves.drop("ray_m").null_count().sum_horizontal().item():  # only ray_m may be null
+        yield "the table moves has values that are missing"
+        return
+    if (moves["run"] != run).any() or (moves["robot"] >= robots).any():
+        yield f"the table moves has rows of other runs than {run}, or of robots beyond {robots - 1}"
+        return
+    for column in ("start_s", "x_m", "y_m", "heading_rad", "speed_m_s", "turn_rate_rad_s", "turned_rad"):
+        if not moves[column].is_finite().all():
+            yield f"the table moves: column '{column}' is not finite"
+            return
+    order = np.lexsort((moves["robot"].to_numpy(), moves["start_s"].to_numpy()))
+    if (np.diff(order) != 1).any():  # sorting would change the order
+        yield "the table moves is not sorted by time and robot"
+        return
+    if after_s <= before_s + quarter_s:
+        return  # nothing was simulated, so nothing moved
+    # Each robot's first move in a piece is the one that was under way at its start, or one that begins there.
+    first_s = dict(moves.group_by("robot").agg(pl.col("start_s").min()).iter_rows())
+    late = [i for i in range(robots) if first_s.get(i, math.inf) > before_s + quarter_s]
+    if late:
+        yield f"the table moves has no move of robot {late[0]} that begins at {before_s:g} s or is under way then"

@@ -116,14 +116,14 @@ def _sample_cells(row: dict[str, Any]) -> str:
 def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
     """Write one run as a console log of the study's simulator: a line per sample after 5 s.
 
-        At the end each robot's last line is repeated, as that simulator does.
+    At the end each robot's last line is repeated, as that simulator does.
 
-        Args:
-            run: number of the run. replace: whether an existing file may be replaced.
-        Raises:
-            InputError: no such run, no energies, bits sent or other columns that the format needs, a strategy that it has
-            no number for, or ``path`` cannot be written.
-        RunError: the disk is full or failed.
+    Args:
+        run: number of the run. replace: whether an existing file may be replaced.
+    Raises:
+        InputError: no such run, no energies, bits sent or other columns that the format needs, a strategy that it has
+        no number for, or ``path`` cannot be written.
+    RunError: the disk is full or failed.
     """
     samples = _samples(result, run)
     if result.scenario.strategy.name not in _FEEDBACK:

@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import zero_rows
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniform
-from vibroswarm.errors import InputError
+from vibroswarm.errors import CodeError, InputError
 from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
+from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.generated_kernels import kernels
 from vibroswarm.inference.outcomes import (
     ROBOTS,
@@ -32,7 +33,8 @@ from vibroswarm.inference.outcomes import (
     run_table,
 )
 from vibroswarm.inference.replay import infer, inference_columns
-from vibroswarm.inference.replay_arrays import HeardMessages, Session, empty_log
+from vibroswarm.inference.replay_arrays import DONE, ERROR_TEXT, HeardMessages, Session, empty_log
+from vibroswarm.inference.replayer import counts_only
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
@@ -41,6 +43,7 @@ from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies import known
 from vibroswarm.strategies import strategy as strategy_of
 
 SLACK_S: Final = 1.0
@@ -86,14 +89,22 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         scenario: that of the recording, in which the sections sensor (its threshold), strategy and decision may be
             changed. seed: of the first draw; each further draw has the next seed.
     Raises:
-        InputError: another section differs, no draws, the logs do not count the messages received, or a row was lost on
-            a kind of tile of which its session has no energy.
+        InputError: another section differs, no draws, a strategy that does not count bits, the logs do not count the
+            messages received, or a row was lost on a kind of tile of which its session has no energy.
+        CodeError: the strategy is a user's, and did something that strategies may not do.
     """
     if draws < 1:
         raise InputError(f"{draws} is too few; at least 1", field="draws")
     for section in type(scenario).model_fields:
         if section not in REPLAYABLE and getattr(scenario, section) != getattr(recording.scenario, section):
             raise InputError("cannot be changed in the replay of a recording", field=section)
+    if not counts_only(strategy_of(scenario.strategy.name)):
+        counting = ", ".join(name for name, one in known().items() if counts_only(one))
+        raise InputError(
+            f"'{scenario.strategy.name}' needs to know who sent what and when, but logs only count messages; choose a "
+            f"strategy that counts bits: {counting}",
+            field="strategy.name",
+        )
     if recording.inference["messages_received"].null_count():
         raise InputError("do not count the messages received, which a replay needs", field="the logs")
     runs = recording.runs["run"].to_list()
@@ -139,11 +150,15 @@ def _replay_once(
         leftover_from=np.zeros(robots, np.int64),
         new_from=np.zeros(robots, np.int64),
     )
-    # Fills swarm, messages and log. A robot may hold no more readings than the session has (``count``); that sets the
-    # size of its table of beliefs.
-    missing = kernels(strategy, network, "replay_from_counts").replay_from_counts(
-        session, swarm, messages, heard_messages, log, world_of(scenario, count), SLACK_S, seed, run
-    )
+    module = kernels(strategy, network, "replay_from_counts")
+    # A robot may hold no more readings than the session has (``count``); that sets the size of its table of beliefs.
+    world = world_of(scenario, count)
+    with translate_errors(strategy, network):  # fills swarm, messages and log
+        status, missing = module.replay_from_counts(
+            session, swarm, messages, heard_messages, log, world, SLACK_S, seed, run
+        )
+    if status != DONE:
+        raise CodeError(f"strategy '{strategy.name}': {ERROR_TEXT[status]}")
     ends = recording.ends.filter(pl.col("run") == run)
     return final_frame(ends, swarm), int(missing), inference_columns(messages, log)
 
