@@ -174,7 +174,8 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
     """Compute a figure of one cell with its interval over runs.
 
     A share of runs has a Wilson interval. For any other figure, the values of a run's robots are averaged, and the
-    interval is that of the mean over runs.
+    interval is that of the mean over runs. Right and wrong are defined only in runs with a truth; the others are left
+    out, as in ``analysis.cell_summary``.
 
     Args:
         rows: the cell's rows of the store, one for each run and robot. figure: one of ``FIGURES``.
@@ -187,16 +188,17 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
     if figure.startswith("consensus_") and figure != "consensus_time_s":
         outcome = figure.removeprefix("consensus_")
         # Columns of the run are repeated for each robot: robot 0 stands for the run.
-        of_runs = (
-            rows.filter(pl.col("robot") == 0).select(hit=pl.col("consensus") == outcome).collect()["hit"]
-        )
+        runs_with_truth = rows.filter(pl.col("robot") == 0, pl.col("truth").is_not_null())
+        of_runs = runs_with_truth.select(hit=pl.col("consensus") == outcome).collect()["hit"]
         return wilson(int(of_runs.sum()), of_runs.len(), level)
+    decided_wrong = (pl.col("decision") != pl.col("truth")) & (pl.col("decision") != -1)
     of_robot = {
         "decision_time_s": pl.col("decision_time_s").fill_null(t_end_s),
         "consensus_time_s": pl.col("consensus_time_s").fill_null(t_end_s),
         "belief_in_truth": pl.col("belief_in_truth"),
         "right": pl.col("decision") == pl.col("truth"),
-        "wrong": (pl.col("decision") != pl.col("truth")) & (pl.col("decision") != -1),
+        # Without the condition, an undecided robot would count as not wrong in a run without a truth.
+        "wrong": pl.when(pl.col("truth").is_not_null()).then(decided_wrong),
         "undecided": pl.col("decision") == -1,
     }[figure]
     values = rows.select("run", "robot", value=of_robot.cast(pl.Float64)).sort("run", "robot").collect()
