@@ -68,6 +68,14 @@ def test_what_is_no_precision_is_said(text: object) -> None:
         Precision.from_words(text)
 
 
+@pytest.mark.parametrize("level", [0.0, 1.0, 1.5, -0.1, math.nan, math.inf, 1, True, "0.9", None])
+def test_what_is_no_level_is_refused(level: object) -> None:
+    with pytest.raises(
+        InputError, match=r"level: .* is not a level of confidence; give a share such as 0\.95"
+    ):
+        Precision(0.02, level=level)  # type: ignore[arg-type]
+
+
 LONG_S, SHORT_S, SHARE = 1200.0, 300.0, 0.1
 TRUTH_S = SHARE * LONG_S + (1 - SHARE) * SHORT_S
 
