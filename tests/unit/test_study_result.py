@@ -99,6 +99,18 @@ def test_xarray_in_one_call(result: StudyResult) -> None:
         result.to_xarray("rums")
 
 
+def test_xarray_of_samples() -> None:
+    for grid in ({}, {"grid": {"strategy.name": ["none", "soft"]}}):
+        result = Study(SHORT, grid, 3, keep=("samples",)).run()
+        samples, table = result.to_xarray("samples"), result.samples()
+        assert set(samples.sizes) == {*result.study.varied, "run", "robot", "sample"}
+        assert samples.sizes["sample"] == table["sample"].n_unique()
+        last = table.row(-1, named=True)
+        chosen = {name: last[name] for name in samples.sizes}
+        assert samples["time_s"].sel(chosen).item() == last["time_s"]
+        assert int(samples["time_s"].notnull().sum()) == table.height
+
+
 def test_xarray_of_one_cell_and_of_cells_that_are_no_grid() -> None:
     assert dict(Study.of(SHORT, 3).run().to_xarray().sizes) == {"run": 3}
     twice = Study(SHORT, {"list": [{"strategy.name": "none"}, {"strategy.name": "none"}]}, 3).run()

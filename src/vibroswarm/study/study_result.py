@@ -333,8 +333,8 @@ class StudyResult(NotebookView):
     def to_xarray(self, table: str = "runs") -> xr.Dataset:
         """Convert a table to an xarray Dataset.
 
-        Its dimensions are the varied fields; also ``run`` for the tables ``runs`` and ``robots``, and ``robot`` for
-        the table ``robots``.
+        Its dimensions are the varied fields; also ``run`` for the tables ``runs``, ``robots`` and ``samples``,
+        ``robot`` for the last two of them, and ``sample`` for the table ``samples``.
 
         Raises:
             InputError: the cells form no grid of the varied fields, or xarray is not installed.
