@@ -190,13 +190,21 @@ fresh = 8
             "line 14, in truth: returned 7; return 0, 1 or None",
         ),
         ("left, right =", "left, right, more =", "line 15, in truth: ValueError"),
+        ("def truth(floor, asked, p):", "def truth(floor, p):", "line 14, in truth: TypeError"),
+        ("truth=truth", "truth=lambda floor, asked: 1", "line 19, in <lambda>: TypeError"),
+        ("truth=truth", "truth=partial(truth, asked=None)", "task 'halves', truth: TypeError"),
+        ("truth=truth", "truth=partial(int)", "task 'halves', truth: TypeError"),
+        ("truth=truth", "truth=partial(lambda *_: 7)", "task 'halves', truth: returned 7"),
     ],
 )
 def test_a_task_that_is_wrong(
     old: str, new: str, words: str, files: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file, out = files / "halves.py", files / "out"
-    file.write_text(HALVES.replace(old, new), encoding="utf-8")
+    text = HALVES.replace(old, new).replace(
+        "from typing import", "from functools import partial; from typing import"
+    )
+    file.write_text(text, encoding="utf-8")
     assert main(["run", "--task", f"{file}:halves", *SHORT, "--out", str(out)]) == 1
     assert words in capsys.readouterr().err
     assert not out.exists()

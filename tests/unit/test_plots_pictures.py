@@ -437,6 +437,35 @@ def test_error_bars_are_where_the_frame_says():
     assert picture.numbers["estimate"].to_list() == frame["estimate"].to_list()
 
 
+def test_a_logarithmic_axis_refuses_0_of_a_constant_series_too():
+    rows = [
+        (x, name, 1.0 if name == "level" else x + 1.0)
+        for name in ("level", "rising")
+        for x in (1.0, 2.0, 4.0)
+    ]
+    frame = pl.DataFrame([*rows, (0.0, "level", 1.0)], schema=["x", "series", "estimate"], orient="row")
+    frame = frame.with_columns(low=pl.col("estimate") - 0.1, high=pl.col("estimate") + 0.1)
+    draw_error_bars(frame.filter(pl.col("x") > 0), log=True)
+    with pytest.raises(InputError, match="x: a logarithmic axis needs numbers above 0"):
+        draw_error_bars(frame, log=True)
+
+
+def test_a_constant_series_is_drawn_at_its_first_value():
+    """A series may have no value at some x, or nowhere."""
+    levels = {"first": [None, 2.0, 2.0], "never": [None, None, None], "rising": [1.0, 2.0, 3.0]}
+    rows = [(float(x), name, value) for name, values in levels.items() for x, value in enumerate(values)]
+    frame = pl.DataFrame(rows, schema={"x": float, "series": str, "estimate": float}, orient="row")
+    frame = frame.with_columns(low=pl.col("estimate") - 0.1, high=pl.col("estimate") + 0.1)
+    picture = draw_error_bars(frame, constant=("first", "never"))
+    (axes,) = picture.figure.axes
+    assert [
+        line.get_ydata()[0]
+        for line in axes.lines
+        if len(set(line.get_xdata())) == 2 and list(line.get_xdata()) == [0, 1]
+    ] == [2.0]
+    assert "4 of 9 have no value." in picture.caption
+
+
 def test_names_without_a_value_say_so():
     frame = estimates(["a", "b"], [""]).with_columns(
         estimate=pl.when(pl.col("x") == "a").then(float("nan")).otherwise(pl.col("estimate"))

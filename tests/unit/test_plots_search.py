@@ -32,6 +32,21 @@ def test_scores_best_mean_and_truth_are_drawn(style: str, tmp_path: Path) -> Non
     assert len(picture.write(tmp_path / "scores")) == 4
 
 
+def test_the_axis_of_scores_begins_at_0_or_below_the_lowest() -> None:
+    below = SCORES.with_columns(best=-pl.col("best"), mean=-pl.col("mean"))
+    for frame, personal, true in (
+        (SCORES, OWN, 6.0),
+        (SCORES, None, -6.0),
+        (below, None, None),
+        (below, OWN, 6.0),
+    ):
+        (axes,) = draw_search(frame, personal, true=true).figure.axes
+        low, high = axes.get_ylim()
+        values = [value for line in axes.lines for value in line.get_ydata() if value == value]  # not nan
+        assert low == 0.0 if min(values) >= 0 else low < min(values)
+        assert high > max(values)
+
+
 def test_parameters_are_drawn_by_field() -> None:
     picture = draw_parameters(SHARES)
     (axes,) = picture.figure.axes

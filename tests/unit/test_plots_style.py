@@ -261,12 +261,27 @@ def test_words_hold_nothing_that_a_format_could_not():
         (1234.5, "1234"),
         (-2.5, "−2.5"),
         (1e-9, "1e−09"),
-        (2.5e7, "2.50e+07"),
+        (2.5e7, "2.5e+07"),
+        (1e6, "1e+06"),
+        (1.234e6, "1.23e+06"),
         (0.12345, "0.123"),
+        (999.4, "999"),
+        (999.7, "1000"),
+        (-999.7, "−1000"),
+        (9999.6, "10000"),
+        (999_999.7, "1000000"),
     ],
 )
 def test_numbers_are_said_short(value, said):
     assert number(value) == said
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "said"),
+    [(9999.6, 4, "10000"), (999_999.7, 6, "1000000"), (1_234_567.0, 7, "1234567"), (99.6, 2, "100")],
+)
+def test_numbers_that_are_rounded_up_have_no_exponent_below_a_million(value, digits, said):
+    assert number(value, digits) == said
 
 
 @pytest.mark.parametrize(

@@ -31,7 +31,9 @@ def test_a_look_does_not_depend_on_the_others(names: list[str]) -> None:
     ("name", "strategy"),
     [
         ("soft", "soft"), ("random:0.48, soft", "soft"), ("soft (gate own)", "soft"), ("A (none)", "none"),
-        ("soft feedback", "soft"), ("600 s", None), ("robots 5", None), ("softer", None), ("", None),
+        ("soft feedback", "soft"), ("no feedback", "none"), ("no feedback 5 robots", "none"),
+        ("A (positive feedback η 2)", "positive"), ("no feedbacks", None), ("no robots", None),
+        ("600 s", None), ("robots 5", None), ("softer", None), ("", None),
     ],
 )  # fmt: skip
 def test_a_series_is_of_the_strategy_in_its_name(name: str, strategy: str | None) -> None:

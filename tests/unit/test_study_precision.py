@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.errors import InputError
 from vibroswarm.study.precision import FIGURES, FIRST_LOOK, Precision, figure_of, settled
@@ -65,6 +66,14 @@ def test_a_precision_from_words(text: str, share: float) -> None:
 def test_what_is_no_precision_is_said(text: object) -> None:
     with pytest.raises(InputError, match="not a percentage; give one such as 2%"):
         Precision.from_words(text)
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, 1.5, -0.1, math.nan, math.inf, 1, True, "0.9", None])
+def test_what_is_no_level_is_refused(level: object) -> None:
+    with pytest.raises(
+        InputError, match=r"level: .* is not a level of confidence; give a share such as 0\.95"
+    ):
+        Precision(0.02, level=level)  # type: ignore[arg-type]
 
 
 LONG_S, SHORT_S, SHARE = 1200.0, 300.0, 0.1
@@ -122,6 +131,46 @@ def test_figures_are_those_of_the_tables(figure: str, result: StudyResult) -> No
     assert found.estimate == pytest.approx(wanted, rel=1e-12)
     assert found.n == 200
     assert found.low < found.estimate < found.high
+
+
+@pytest.fixture(scope="module")
+def with_and_without_truth(tmp_path_factory: pytest.TempPathFactory) -> pl.DataFrame:
+    """Rows of the store: runs 0 to 39 have a truth; runs 40 to 79 have none, as half of the floor's tiles vibrate."""
+    base = {
+        **BASE,
+        "floor": {"source": "random:0.5", "rows": 4, "columns": 4},
+        "decision": {"min_observations": 0},
+    }
+    study = Study(base, {"grid": {"floor.source": ["random:0.25", "random:0.5"]}}, 40)
+    rows = study.run(tmp_path_factory.mktemp("p") / "s").rows().collect()
+    return rows.with_columns(run=pl.col("run") + 40 * pl.col("cell"))
+
+
+IN_THE_SUMMARY = {
+    "right": "robots_right", "wrong": "robots_wrong", "undecided": "robots_undecided",
+    "consensus_right": "swarm_right", "consensus_wrong": "swarm_wrong",
+}  # fmt: skip
+"""Names that figures have in ``CellSummary``, where they differ."""
+
+
+@pytest.mark.parametrize("figure", FIGURES)
+@pytest.mark.parametrize("truth", ["all", "some", "none"])
+def test_figures_agree_with_the_summary_of_the_cell(
+    figure: str, truth: str, with_and_without_truth: pl.DataFrame
+) -> None:
+    of_cells = {"all": [0], "some": [0, 1], "none": [1]}[truth]
+    rows = with_and_without_truth.filter(pl.col("cell").is_in(of_cells))
+    runs = rows.filter(pl.col("robot") == 0)
+    assert runs["truth"].null_count() == {"all": 0, "some": 40, "none": 40}[truth]
+    if truth == "none":
+        assert {-1, 0, 1} == set(rows["decision"]), "robots decide, and stay undecided"
+    found = figure_of(rows.lazy(), figure, 60.0, 0.95)
+    wanted = getattr(summary(rows, runs, 60.0), IN_THE_SUMMARY.get(figure, figure))
+    assert found.n == wanted.n
+    assert math.isnan(found.estimate) == (found.n == 0)
+    assert found.estimate == pytest.approx(wanted.estimate, rel=1e-12, nan_ok=True)
+    if not IN_THE_SUMMARY.get(figure, "").startswith("robots_"):  # the summary has other intervals for these
+        assert found[1:3] == pytest.approx(wanted[1:3], rel=1e-12, nan_ok=True)
 
 
 def test_a_group_is_settled_when_its_worst_cell_is(tmp_path: Path) -> None:

@@ -99,6 +99,18 @@ def test_xarray_in_one_call(result: StudyResult) -> None:
         result.to_xarray("rums")
 
 
+def test_xarray_of_samples() -> None:
+    for grid in ({}, {"grid": {"strategy.name": ["none", "soft"]}}):
+        result = Study(SHORT, grid, 3, keep=("samples",)).run()
+        samples, table = result.to_xarray("samples"), result.samples()
+        assert set(samples.sizes) == {*result.study.varied, "run", "robot", "sample"}
+        assert samples.sizes["sample"] == table["sample"].n_unique()
+        last = table.row(-1, named=True)
+        chosen = {name: last[name] for name in samples.sizes}
+        assert samples["time_s"].sel(chosen).item() == last["time_s"]
+        assert int(samples["time_s"].notnull().sum()) == table.height
+
+
 def test_xarray_of_one_cell_and_of_cells_that_are_no_grid() -> None:
     assert dict(Study.of(SHORT, 3).run().to_xarray().sizes) == {"run": 3}
     twice = Study(SHORT, {"list": [{"strategy.name": "none"}, {"strategy.name": "none"}]}, 3).run()
@@ -118,6 +130,26 @@ def test_without_a_folder_it_lasts_as_long_as_the_result(
     del part
     gc.collect()
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_study_without_samples_has_a_report_without_their_pictures(tmp_path: Path) -> None:
+    """Its runs end before any robot samples."""
+    result = Study.of(SHORT.with_values({"run.t_end_s": 0.5}), 3).run()
+    assert result.robots()["samples"].sum() == 0
+    text = result.report(tmp_path / "r").path.read_text(encoding="utf-8")
+    assert "Decisions over time" in text
+    assert "Where robots sampled" not in text
+    assert "Belief over time" not in text
+
+
+def test_pictures_of_samples_are_of_the_cells_with_samples() -> None:
+    """Cells that share their motion may end at different times. Robots without samples hold the belief of the prior."""
+    result = Study.of(SHORT, 3, run__t_end_s=[0.5, 60.0]).run()
+    assert result.robots(0)["samples"].sum() == 0 < result.robots(1)["samples"].sum()
+    assert len(result.plan.groups) == 1
+    assert result.plot("density").numbers["count"].sum() == result.robots(1)["samples"].sum()
+    belief = result.plot("belief").numbers.filter(pl.col("series").str.contains("0.5", literal=True))
+    assert belief.select(pl.col("q05", "q95").n_unique()).row(0) == (1, 1)
 
 
 def test_a_study_that_has_no_runs_yet(tmp_path: Path) -> None:

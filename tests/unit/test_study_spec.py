@@ -85,7 +85,8 @@ def studies(draw: st.DrawFn) -> Study:
         kind = draw(st.sampled_from(["random", "sobol"]))
         ranges = {"arena.width_m": {"from": 1, "to": 2, "scale": "log"}, "run.stop": ["t_end", "all_decided"]}
         blocks = {kind: {"points": draw(st.integers(1, 3)), "seed": 5, **ranges}} | blocks
-    until = draw(st.none() | st.floats(0.001, 0.5).map(Precision))
+    levels = st.just(0.95) | st.floats(0.5, 0.999)
+    until = draw(st.none() | st.builds(Precision, st.floats(0.001, 0.5), level=levels))
     base: dict[str, Any] = {} if "preset" in fields else {"preset": draw(FIELDS["preset"])}
     return Study(
         base | {"run": {"t_end_s": draw(st.sampled_from([60.0, 60.5, 1200.0]))}},
@@ -109,6 +110,19 @@ def test_toml_there_and_back(study):
     assert (back.hash, back.runs, back.until, back.seed) == (study.hash, study.runs, study.until, study.seed)
     assert (back.keep, back.name, back.motion) == (study.keep, study.name, study.motion)
     assert back.to_toml() == text
+
+
+def test_a_level_is_in_the_text_only_if_it_is_not_the_default() -> None:
+    study = Study(runs=None, until=Precision(0.02, level=0.9))
+    assert "max_runs = 100000\nlevel = 0.9\n" in study.to_toml()
+    assert Study.from_toml(study.to_toml()).until == study.until
+    default = Study(runs=None, until=Precision(0.02))
+    assert "level" not in default.to_toml().partition("[scenario.")[0]
+    assert study.hash == default.hash
+    assert (
+        Study(runs=None, until=Precision(np.float64(0.02), level=np.float64(0.9))).to_toml()
+        == study.to_toml()
+    )
 
 
 def test_the_text_stands_alone(tmp_path: Path) -> None:
@@ -143,6 +157,14 @@ BAD = {
     "figure without until": (HEAD + 'figure = "right"', "only together with 'until'"),
     "unknown figure": ('until = "2%"\nfigure = "rihgt"', "did you mean 'right'"),
     "max_runs too few": ('until = "2%"\nmax_runs = 99', "whole number from 100"),
+    "level of 1.5": (
+        'until = "2%"\nlevel = 1.5',
+        "level: 1.5 is not a level of confidence; give a share such as 0.95",
+    ),
+    "level nan": ('until = "2%"\nlevel = nan', "level: nan is not a level"),
+    "level a text": ('until = "2%"\nlevel = "95%"', "level: '95%' is not a level"),
+    "level 1": ('until = "2%"\nlevel = 1', "level: 1 is not a level"),
+    "level without until": (HEAD + "level = 0.9", "only together with 'until'"),
     "seed": (HEAD + "seed = -1", "seed: -1 is wrong"),
     "seed too large": (HEAD + f"seed = {2**63}", "seed"),
     "motion": (HEAD + 'motion = "evnt"', "did you mean 'event'"),

@@ -20,6 +20,7 @@ from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.batch_table import ROWS
 from vibroswarm.study.plan import plan_of
+from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import merge
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import FORMAT, SHARDS, Store
@@ -212,6 +213,13 @@ def test_more_runs_and_a_title_are_the_same_study(copy: Path) -> None:
     store = Store.open_or_create(copy, Study(STUDY.base, STUDY.vary, 50, name="longer"))
     assert len(store.shards) == 2
     assert (Store.open(copy).study.runs, Store.open(copy).study.name) == (50, "longer")
+
+
+def test_a_precision_and_its_level_are_the_same_study(copy: Path) -> None:
+    for until in (Precision(0.5, level=0.9), Precision(0.5)):
+        store = Store.open_or_create(copy, Study(STUDY.base, STUDY.vary, None, until))
+        assert len(store.shards) == 2
+        assert Store.open(copy).study.until == until
 
 
 def test_a_head_that_is_not_as_it_was_is_said(copy: Path) -> None:

@@ -281,13 +281,14 @@ def print_tables(outcome: Outcome) -> None:
         "whole time."
     )
     # With --until, intervals are computed several times (looks), and the study ends when one is narrow enough. So that
-    # the last interval holds at 95 %, the interval of each look has a higher level.
+    # the last interval holds at the study's level (95 %), the interval of each look has a higher level.
     until = outcome.result.study.until
     levels = {cell_outcome.settled.level for cell_outcome in outcome.cells if cell_outcome.settled}
     if until is not None and levels:
         levels_text = " to ".join(f"{100 * level:.2f} %" for level in sorted({min(levels), max(levels)}))
         print_paragraph(
-            f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at 95 %."
+            f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at "
+            f"{100 * until.level:g} %."
         )
     print_effects(outcome)
     for warning in outcome.warnings:

@@ -11,7 +11,6 @@ from typing import Any
 
 import polars as pl
 
-from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import check_bounds, check_once, run_counts, tidy, with_series
 from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
@@ -139,11 +138,7 @@ def draw_estimates(
         shift: distance by which the series is moved along x, so that bars of several series do not hide each other; in
             the unit of x, or in decades if ``log``.
         log: whether x is drawn logarithmically. spans: whether bands are drawn instead of bars.
-    Raises:
-        InputError: x is not positive on a logarithmic axis.
     """
-    if log and part["x"].min() <= 0:  # type: ignore[operator]
-        raise InputError("a logarithmic axis needs numbers above 0", field="x")
     x = (part["x"] * 10**shift if log else part["x"] + shift).to_numpy()
     line = style.line_pt
     axes.plot(
@@ -176,15 +171,23 @@ def is_constant(part: pl.DataFrame) -> bool:
 def _constant(axes: Any, style: Style, part: pl.DataFrame, looks: Look) -> None:
     """Draw a series that does not depend on x as a line and a band across the picture.
 
-    ``part`` has the rows of the series, sorted by x. The first row is drawn: all are equal (``is_constant``), or the
-    caller of ``draw_error_bars`` has named the series in ``constant``.
+    ``part`` has the rows of the series, sorted by x. The first row with an estimate is drawn: all are equal
+    (``is_constant``), or the caller of ``draw_error_bars`` has named the series in ``constant``. Nothing is drawn if no
+    row has an estimate.
     """
-    row = part.row(0, named=True)
+    row = _level(part).to_dicts()[0]
+    if row["estimate"] is None:
+        return
     axes.axhline(
         row["estimate"], color=looks.colour, linestyle=looks.line, linewidth=style.line_pt, zorder=2.2
     )
     if row["low"] is not None and row["high"] is not None and row["low"] < row["high"]:
         axes.axhspan(row["low"], row["high"], color=looks.colour, alpha=BAND, linewidth=0, zorder=1.5)
+
+
+def _level(part: pl.DataFrame) -> pl.DataFrame:
+    """Return the row by which a constant series is drawn: the first with an estimate, or else the first."""
+    return part.sort(pl.col("estimate").is_null(), maintain_order=True).head(1)
 
 
 def series_handle(style: Style, looks: Look, *, mark: bool = True) -> Any:
@@ -206,7 +209,7 @@ def _nudge(frame: pl.DataFrame, series: int, log: bool) -> float:
     """
     places = frame["x"].unique().sort()
     if log:
-        places = places.filter(places > 0).log(10)  # ``draw_estimates`` refuses places that are not above 0
+        places = places.filter(places > 0).log(10)  # ``log_x`` refuses places that are not above 0
     if series < 2 or places.len() < 2:
         return 0.0
     gap, span = float(places.diff().min()), float(places[-1] - places[0])  # type: ignore[arg-type]
@@ -284,7 +287,7 @@ def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int,
     """
     sets: dict[tuple[float, ...], list[int]] = {}
     for k in constant:
-        sets.setdefault(parts[k].select("estimate", "low", "high").row(0), []).append(k)
+        sets.setdefault(_level(parts[k]).select("estimate", "low", "high").row(0), []).append(k)
     return {members[0]: members for members in sets.values()}
 
 

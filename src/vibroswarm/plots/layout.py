@@ -13,6 +13,7 @@ from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from vibroswarm.errors import InputError
 from vibroswarm.plots.style import FAINT, LINE, Style
 
 if TYPE_CHECKING:
@@ -125,15 +126,14 @@ def _broken(text: str, size_pt: float, room_pt: float) -> list[str]:
 def number(value: float | None, digits: int = 3) -> str:
     """Write a number with ``digits`` significant digits and no trailing zeros; a dash if it is missing or not finite.
 
-    A number below a million with more digits before the point is rounded to a whole number instead, so that it has no
-    exponent.
+    A number below a million that has, or is rounded to, more digits before the point becomes a whole number instead, so
+    that it has no exponent.
     """
     if value is None or not math.isfinite(value):
         return "–"
-    if value and abs(value) >= 10**digits:
-        text = f"{value:.0f}" if abs(value) < 1e6 else f"{value:.{digits - 1}e}"
-    else:
-        text = f"{value:.{digits}g}"
+    text = f"{value:.{digits}g}"
+    if "e+" in text and abs(value) < 1e6:
+        text = f"{value:.0f}"
     return ("0" if text in ("-0", "0") else text).replace("-", "−")
 
 
@@ -320,10 +320,15 @@ def hatched(style: Style, hatch: str) -> str:
 def log_x(axes: Axes, values: Sequence[float]) -> None:
     """Make x logarithmic, with ticks at 1, 2, 5, 10, ..., labelled without exponents.
 
-    Over more than about 2.5 decades, the ticks are at 1, 10, 100, ... ``values`` are all x that are drawn, above 0.
+    Over more than about 2.5 decades, the ticks are at 1, 10, 100, ... ``values`` are all x that are drawn.
+
+    Raises:
+        InputError: a value is not above 0.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
+    if min(values) <= 0:
+        raise InputError("a logarithmic axis needs numbers above 0", field="x")
     ratio = max(values) / min(values)  # 300 is 2.5 decades
     axes.set_xscale("log")
     axes.xaxis.set_major_locator(LogLocator(base=10, subs=(1, 2, 5) if ratio < 300 else (1,)))

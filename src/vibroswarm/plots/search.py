@@ -71,7 +71,8 @@ def draw_search(
     handles = [of_best, of_mean, *handles]
     if true is not None:  # in a colour and a line that no other curve has
         handles.append(axes.axhline(true, color=SERIES[4], linestyle=look(2).line, linewidth=sizes.line_pt))
-    axes.set_ylim(bottom=0)
+    if not axes.dataLim.y0 < 0:  # below 0 only if a score is; without any score it is infinite
+        axes.set_ylim(bottom=0)
     whole_ticks(axes.xaxis)
     legend_below(figure, sizes, handles, names)  # handles and names have the same order
     caption = f"{label} over {frame.height} iterations: the best so far and the mean of the candidates tried."

@@ -319,12 +319,12 @@ def strategy_in(name: str) -> str | None:
     """
     known = strategies.known()
     for part in re.split(r"[,()]", name):
-        part = WORDS.get(part.strip(), part.strip())
-        if part in known:
-            return part
-        first, _, rest = part.partition(" ")
-        if rest and WORDS.get(first, first) in known:
-            return WORDS.get(first, first)
+        words = part.strip().split(" ")
+        for count in range(len(words), 0, -1):  # the whole part, then ever fewer of its first words
+            beginning = " ".join(words[:count])
+            strategy = WORDS.get(beginning, beginning)
+            if strategy in known:
+                return strategy
     return None
 
 

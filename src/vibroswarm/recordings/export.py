@@ -122,8 +122,8 @@ def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
         run: number of the run. replace: whether an existing file may be replaced.
     Raises:
         InputError: no such run, no energies, bits sent or other columns that the format needs, a strategy that it has
-        no number for, or ``path`` cannot be written.
-    RunError: the disk is full or failed.
+            no number for, or ``path`` cannot be written.
+        RunError: the disk is full or failed.
     """
     samples = _samples(result, run)
     if result.scenario.strategy.name not in _FEEDBACK:

@@ -364,20 +364,28 @@ def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
 
     Cells of a group share their motion, so each group has one picture of where robots sampled. These pictures are left
     out if there are more than ``MOST_PANELS`` groups. The picture of beliefs is left out if there are more than
-    ``MOST_SERIES`` cells.
+    ``MOST_SERIES`` cells. Both are left out if no robot sampled.
     """
     groups = outcome.result.plan.groups
     if len(groups) <= MOST_PANELS:
         for group in groups:
-            in_group = [cell_outcome for cell_outcome in outcome.cells if cell_outcome.cell in group.cells]
-            if in_group:
+            in_group = (cell_outcome for cell_outcome in outcome.cells if cell_outcome.cell in group.cells)
+            # Cells of a group may end at different times, so the first one may have no samples, unlike the others.
+            one = next((cell_outcome for cell_outcome in in_group if _sampled(outcome, cell_outcome)), None)
+            if one is not None:
                 name = "density" + (f"-{group.number + 1}" if len(groups) > 1 else "")
-                words = f": {name_of(in_group[0].cell)}" if len(groups) > 1 else ""
-                yield NamedPicture(
-                    name, f"Where robots sampled{words}", partial(_density, outcome, in_group[0])
-                )
-    if len(outcome.cells) <= MOST_SERIES:
+                words = f": {name_of(one.cell)}" if len(groups) > 1 else ""
+                yield NamedPicture(name, f"Where robots sampled{words}", partial(_density, outcome, one))
+    if len(outcome.cells) <= MOST_SERIES and any(_sampled(outcome, one) for one in outcome.cells):
         yield NamedPicture("belief", "Belief over time", partial(_belief, outcome))
+
+
+def _sampled(outcome: Outcome, one: CellOutcome) -> bool:
+    """Return whether any robot sampled in those runs of a cell that are simulated again for a picture."""
+    number = one.cell.number
+    of_robots = outcome.result.unsorted_rows(number).select("run", "samples")
+    chosen = of_robots.filter(pl.col("run").is_in(outcome.result.runs_again(number, SIMULATED_RUNS)))
+    return bool(chosen.select((pl.col("samples") > 0).any()).collect().item())
 
 
 def _density(outcome: Outcome, one: CellOutcome, style: str) -> Picture:
@@ -407,7 +415,7 @@ def _belief(outcome: Outcome, style: str) -> Picture:
         chosen = outcome.result.runs_again(number, min(cell_outcome.summary.runs, SIMULATED_RUNS))
         result = outcome.result.result(number, chosen)
         runs = len(chosen)  # the caption gives one number for all cells: that of the last one
-        robots = cell_outcome.cell.scenario.swarm.robots
+        robots = len(chosen) * cell_outcome.cell.scenario.swarm.robots
         frames.append(
             _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, cell_outcome)
         )
@@ -430,14 +438,12 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
     the strategy gives no belief, it is the belief of the prior. A run in which no robot sampled is left out.
 
     Args:
-        samples: run, robot, time_s and belief_below of each sample, in any order; at least one.
-        robots: number of robots in a run.
+        samples: run, robot, time_s and belief_below of each sample, in any order. robots: number of robots in all runs.
     Returns: time_s, series (the cell's name), and the quantiles q05, q25, q50, q75 and q95.
     """
     times = np.linspace(0.0, one.summary.t_end_s, TIMES)
     decision = one.cell.scenario.decision
-    runs = samples["run"].n_unique()
-    belief = np.full((runs * robots, TIMES), np.nan)  # a row for each robot and run, in any order
+    belief = np.full((robots, TIMES), np.nan)  # a row for each robot and run, in any order
     keyed = samples.sort("run", "robot", "time_s").group_by("run", "robot", maintain_order=True)
     for row, (_, of_robot) in enumerate(keyed):
         # Index of the robot's latest sample up to each time; -1: no sample yet.

@@ -20,7 +20,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView, html_view
-from vibroswarm.errors import InputError, check_choice, whole_number_of
+from vibroswarm.errors import InputError, check_choice, shown, whole_number_of
 
 if TYPE_CHECKING:
     from vibroswarm.analysis.intervals import Interval
@@ -31,6 +31,8 @@ FIRST_LOOK: Final = 100
 """Number of runs at the first look; it doubles from look to look."""
 MOST: Final = 100_000
 """Most runs of a cell unless the study says otherwise."""
+LEVEL: Final = 0.95
+"""Level of confidence unless the study says otherwise."""
 
 TIMES: Final = ("decision_time_s", "consensus_time_s")
 """Figures that are times: their half-width is relative."""
@@ -46,13 +48,15 @@ class Precision(NotebookView):
 
     Args:
         half_width: relative to the figure for a time, absolute for a share (0.02 is two percentage points).
-        figure: one of ``FIGURES``. max_runs: most runs of a cell. level: of the interval.
+        figure: one of ``FIGURES``. max_runs: most runs of a cell. level: of all intervals together, between 0 and 1.
+    Raises:
+        InputError: one of them is wrong; the message says what would be right.
     """
 
     half_width: float
     figure: str = "decision_time_s"
     max_runs: int = MOST
-    level: float = 0.95
+    level: float = LEVEL
 
     def __post_init__(self) -> None:
         if not (isinstance(self.half_width, float) and 0 < self.half_width < 1):
@@ -61,27 +65,39 @@ class Precision(NotebookView):
             )
         check_choice(self.figure, "figure", FIGURES)
         whole_number_of(self.max_runs, "max_runs", low=FIRST_LOOK, high=10**9)
+        if not (isinstance(self.level, float) and 0 < self.level < 1):
+            raise InputError(
+                f"{shown(self.level)} is not a level of confidence; give a share such as {LEVEL}",
+                field="level",
+            )
+        for name in ("half_width", "level"):  # a float of NumPy would be written differently
+            object.__setattr__(self, name, float(getattr(self, name)))
 
     @classmethod
-    def from_words(cls, text: Any, figure: Any = None, max_runs: Any = None) -> Precision:
+    def from_words(cls, text: Any, figure: Any = None, max_runs: Any = None, level: Any = None) -> Precision:
         """Make a precision from its half-width as text (``"2%"``).
 
         Args:
-            figure, max_runs: as in ``Precision``; None: the default.
+            figure, max_runs, level: as in ``Precision``; None: the default.
         """
         share = share_from(text, "until")
         return cls(
             half_width=share,
             figure="decision_time_s" if figure is None else figure,
             max_runs=MOST if max_runs is None else max_runs,
+            level=LEVEL if level is None else level,
         )
 
     def as_values(self) -> dict[str, Any]:
-        """Return the precision as entries of a study's file: ``{"until": "2%", "figure": ..., "max_runs": ...}``."""
+        """Return the precision as entries of a study's file: ``{"until": "2%", "figure": ..., "max_runs": ...}``.
+
+        ``level`` is among them if it is not the default.
+        """
         # The decimal is made from the float's shortest text, so that 0.07 is 7 % and not 7.000000000000001 %.
         per_cent = f"{100 * Decimal(repr(self.half_width)):f}"
         short = per_cent.rstrip("0").rstrip(".") if "." in per_cent else per_cent
-        return {"until": f"{short}%", "figure": self.figure, "max_runs": self.max_runs}
+        level = {} if self.level == LEVEL else {"level": self.level}
+        return {"until": f"{short}%", "figure": self.figure, "max_runs": self.max_runs, **level}
 
     def looks(self) -> Iterator[int]:
         """Yield the number of runs at each look: 100, 200, 400, ... and finally ``max_runs``."""
@@ -177,7 +193,8 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
     """Compute a figure of one cell with its interval over runs.
 
     A share of runs has a Wilson interval. For any other figure, the values of a run's robots are averaged, and the
-    interval is that of the mean over runs.
+    interval is that of the mean over runs. Right and wrong are defined only in runs with a truth; the others are left
+    out, as in ``analysis.cell_summary``.
 
     Args:
         rows: the cell's rows of the store, one for each run and robot. figure: one of ``FIGURES``.
@@ -190,16 +207,17 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
     if figure.startswith("consensus_") and figure != "consensus_time_s":
         outcome = figure.removeprefix("consensus_")
         # Columns of the run are repeated for each robot: robot 0 stands for the run.
-        of_runs = (
-            rows.filter(pl.col("robot") == 0).select(hit=pl.col("consensus") == outcome).collect()["hit"]
-        )
+        runs_with_truth = rows.filter(pl.col("robot") == 0, pl.col("truth").is_not_null())
+        of_runs = runs_with_truth.select(hit=pl.col("consensus") == outcome).collect()["hit"]
         return wilson(int(of_runs.sum()), of_runs.len(), level)
+    decided_wrong = (pl.col("decision") != pl.col("truth")) & (pl.col("decision") != -1)
     of_robot = {
         "decision_time_s": pl.col("decision_time_s").fill_null(t_end_s),
         "consensus_time_s": pl.col("consensus_time_s").fill_null(t_end_s),
         "belief_in_truth": pl.col("belief_in_truth"),
         "right": pl.col("decision") == pl.col("truth"),
-        "wrong": (pl.col("decision") != pl.col("truth")) & (pl.col("decision") != -1),
+        # Without the condition, an undecided robot would count as not wrong in a run without a truth.
+        "wrong": pl.when(pl.col("truth").is_not_null()).then(decided_wrong),
         "undecided": pl.col("decision") == -1,
     }[figure]
     values = rows.select("run", "robot", value=of_robot.cast(pl.Float64)).sort("run", "robot").collect()

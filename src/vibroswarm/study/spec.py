@@ -71,6 +71,7 @@ KEYS: Final = (
     "until",
     "figure",
     "max_runs",
+    "level",
     "seed",
     "motion",
     "keep",
@@ -79,6 +80,10 @@ KEYS: Final = (
     *BLOCKS,
 )
 """Keys of a study's file."""
+
+
+OF_UNTIL: Final = ("figure", "max_runs", "level")
+"""Keys that a study's file may have only together with ``until``, in the order of ``Precision.from_words``."""
 
 
 SOURCE: Final = "floor.source"
@@ -271,8 +276,8 @@ class Study(NotebookView):
         until = values.get("until")
         precision = None
         if until is not None:
-            precision = Precision.from_words(until, values.get("figure"), values.get("max_runs"))
-        elif without_until := [key for key in ("figure", "max_runs") if key in values]:
+            precision = Precision.from_words(until, *(values.get(key) for key in OF_UNTIL))
+        elif without_until := [key for key in OF_UNTIL if key in values]:
             raise InputError(
                 "is used only together with 'until'; add 'until', or remove this", field=without_until[0]
             )

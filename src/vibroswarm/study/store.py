@@ -412,7 +412,7 @@ class Store:
             raise RunError(f"{MARKER} would be read as another study; set the differing fields with --set")
 
 
-NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs")
+NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_runs", "level")
 """Keys of a study's file that change no run of its cells, so that they may change without a new folder."""
 
 

@@ -141,8 +141,9 @@ def pandas_of(frame: pl.DataFrame) -> pd.DataFrame:
 def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
     """Convert a table of a study to an xarray Dataset, see ``StudyResult.to_xarray``.
 
-    Its dimensions are the varied fields; then ``run`` for the tables ``runs`` and ``robots``; then ``robot`` for the
-    table ``robots``. Values are missing where the study has no cell with a combination of varied values.
+    Its dimensions are the varied fields; then ``run`` for the tables ``runs``, ``robots`` and ``samples``; then
+    ``robot`` for the last two of them; then ``sample`` for the table ``samples``. Values are missing where the study has
+    no cell with a combination of varied values.
 
     Args:
         table: name of the table, see ``StudyResult.to_pandas``.
@@ -155,11 +156,8 @@ def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
     except ImportError as error:
         raise _missing(error, "to_xarray") from None
     # The index of the data frame, which xarray turns into the dimensions.
-    index = [
-        *result.study.varied,
-        *(["run"] if table in ("runs", "robots") else []),
-        *(["robot"] if table == "robots" else []),
-    ]
+    of_table = {"runs": ["run"], "robots": ["run", "robot"], "samples": ["run", "robot", "sample"]}
+    index = [*result.study.varied, *of_table.get(table, [])]
     frame = result.to_pandas(table).drop(columns="cell")  # a cell is given by its varied values
     for name in frame.select_dtypes("category"):  # xarray has no categories
         frame[name] = frame[name].astype(str)

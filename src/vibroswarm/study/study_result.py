@@ -335,8 +335,9 @@ class StudyResult(NotebookView):
     def to_xarray(self, table: str = "runs") -> xr.Dataset:
         """Convert a table to an xarray Dataset.
 
-        Its dimensions are the varied fields; also ``run`` for the tables ``runs`` and ``robots``, and ``robot`` for
-        the table ``robots``. Values are missing where the study has no cell with a combination of varied values.
+        Its dimensions are the varied fields; also ``run`` for the tables ``runs``, ``robots`` and ``samples``,
+        ``robot`` for the last two of them, and ``sample`` for the table ``samples``. Values are missing where the
+        study has no cell with a combination of varied values.
 
         Raises:
             InputError: several rows have the same place in the dimensions, as cells with the same varied values have,

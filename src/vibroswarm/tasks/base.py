@@ -78,16 +78,24 @@ class Task(Plugin):
         except Exception as error:  # a user's function may raise anything
             if not self.code:  # the task is part of this package, so the error is a bug: show the traceback
                 raise
-            file = self.truth.__code__.co_filename  # the message names the last line of the user's own file
-            lines = [
-                frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file
-            ]
-            raise CodeError(f"{where(self.truth, lines[-1])}: {type(error).__name__}: {error}") from None
+            raise CodeError(f"{self._place(error)}: {type(error).__name__}: {error}") from None
         if answer is not None and not (
             isinstance(answer, int | np.integer | np.bool_) and int(answer) in (0, 1)
         ):
-            raise CodeError(f"{where(self.truth)}: returned {shown(answer)}; return 0, 1 or None")
+            raise CodeError(f"{self._place()}: returned {shown(answer)}; return 0, 1 or None")
         return None if answer is None else int(answer)
+
+    def _place(self, error: Exception | None = None) -> str:
+        """Return where ``truth`` is, for a message: file, line and function; or the task, if it is no plain function.
+
+        The line is the last one of the function's file that was run before the error; or else the function's first.
+        """
+        code = getattr(self.truth, "__code__", None)
+        if code is None:  # an object that can be called
+            return f"task '{self.name}', truth"
+        frames = traceback.extract_tb(error.__traceback__) if error else []
+        lines = [frame.lineno for frame in frames if frame.filename == code.co_filename]
+        return where(self.truth, lines[-1] if lines else None)
 
 
 _registry = Registry[Task]("task", "task.name")
