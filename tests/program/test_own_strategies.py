@@ -11,7 +11,10 @@ import pytest
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.errors import CodeError
+from vibroswarm.optimize.sensitivity import sobol_indices
+from vibroswarm.optimize.spec import Search
 from vibroswarm.result import Result
+from vibroswarm.scenario.plugins import trust_code
 from vibroswarm.strategies.base import forget
 from vibroswarm.study.study_result import StudyResult
 
@@ -124,6 +127,31 @@ fresh = 8
     assert "--trust" in said(capsys, main(command), 2)
     assert main([*command, "--trust"]) == 0
     assert f"Best: {field.rpartition('.')[2]} " in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_sobol_indices_of_a_parameter_in_processes(tmp_path: Path) -> None:
+    pytest.importorskip("SALib")
+    text = f"""[scenario]
+strategy = {{ name = "{VOTER}" }}
+decision = {{ min_observations = 20, hold_s = 5.0 }}
+run = {{ t_end_s = 120 }}
+
+[space]
+"strategy.voter.phase_s" = {{ from = 5.0, to = 60.0 }}
+
+[objective]
+cost = "decision_time"
+"""
+    with trust_code(tmp_path):
+        search = Search.from_toml(text)
+    found = [
+        sobol_indices(search, 48, replicates=2, executor=executor, workers=2)
+        for executor in ("threads", "processes")
+    ]
+    forget("voter")
+    assert found[0].runs == 48
+    assert str(found[0].as_dict()) == str(found[1].as_dict())  # as texts, in which nan equals nan
 
 
 GOOD = """from vibroswarm.strategies import strategy_in, u
