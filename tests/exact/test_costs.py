@@ -151,6 +151,7 @@ def test_a_cost_of_the_users() -> None:
         (lambda o: np.zeros(3), r"shape \(3,\)"),
         (lambda o: 1.0, r"shape \(\)"),
         (lambda o: "cheap", "gives str"),
+        (lambda o: np.zeros((o.run.size, 2)), r"shape \(2, 2\) for 2 runs; return one number per run"),
     ],
 )
 def test_a_cost_that_gives_no_number_a_run_is_refused(given: object, told: str) -> None:
