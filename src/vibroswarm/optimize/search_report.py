@@ -176,7 +176,7 @@ def as_dict(found: Found, truth: Truth | None, front: Front | None = None) -> di
 def _fresh(truth: Truth | None, front: Front | None) -> int:
     """Count the fresh runs, failed ones included, of the winner, of the others that were scored, and of the front."""
     scored = () if truth is None else (truth.winner, *truth.others)
-    of_scored = sum(one.rows.shape[0] + one.failed for one in scored)
+    of_scored: int = sum(one.rows.shape[0] + one.failed for one in scored)
     return of_scored + (0 if front is None else front.runs * len(front.members))
 
 
