@@ -111,6 +111,13 @@ SCHEMAS: Final = {name: Schema(columns, NULLABLE[name], KEYS[name]) for name, co
 """Columns, nullable columns and keys of each table."""
 
 
+def code_files(scenarios: Iterable[Scenario], motion: str) -> dict[str, str]:
+    """Return the texts of the users' code files that the scenarios or the motion source use, by name of the file."""
+    codes = [motion, *(code for scenario in scenarios for code in scenario.codes)]
+    # A reference to code is "file.py:Name".
+    return {code.partition(":")[0]: text for code, text in plugins.texts_of(codes)}
+
+
 def write_code(folder: Path, scenarios: Iterable[Scenario], motion: str) -> None:
     """Write copies of the users' code files that the scenarios or the motion source use; the copies are never run.
 
@@ -119,9 +126,7 @@ def write_code(folder: Path, scenarios: Iterable[Scenario], motion: str) -> None
     Raises:
         RunError: the disk is full or failed.
     """
-    codes = [motion, *(code for scenario in scenarios for code in scenario.codes)]
-    for code, text in plugins.texts_of(codes):
-        file_name = code.partition(":")[0]  # ``code`` is "file.py:Name"
+    for file_name, text in code_files(scenarios, motion).items():
         with whole_file(folder / file_name) as part:
             part.write_text(text, encoding="utf-8")
 

@@ -116,6 +116,21 @@ def test_how_near_the_limits_are_is_said() -> None:
     assert scored_of("made", {}, Objective(), rows, np.arange(400)).near == {}
 
 
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_case_in_which_no_robot_decides_hides_no_error_of_another(order: tuple[int, int]) -> None:
+    """Of the robots of one case none decides; of those of the other 40 % are wrong."""
+    objective = Objective("time_at_error")
+    silent = made([[-1] * 5] * 20, [[NAN] * 5] * 20, [[0.5] * 5] * 20)
+    erring = made([[0, 0, 0, 1, 1]] * 20, [[500.0] * 5] * 20, [[0.5] * 5] * 20)
+    cases = [objective.figures(found) for found in (silent, erring)]
+    rows = np.stack([cases[k] for k in order], axis=1)
+    scored = scored_of("made", {}, objective, rows, np.arange(20))
+    assert scored.parts is not None
+    assert scored.parts["robot_error"].estimate == pytest.approx(0.4)
+    assert scored.parts["robots_undecided"].estimate == 1.0
+    assert scored.near["robot_error"].startswith("beyond the limit of 5 %")
+
+
 def test_no_decision_is_right_on_the_boundary() -> None:
     found = made([[0]], [[1.0]], [[0.5]], fill=0.5)
     for cost in (costs.intended, costs.errors, costs.consensus, costs.at_error):
@@ -136,6 +151,7 @@ def test_a_cost_of_the_users() -> None:
         (lambda o: np.zeros(3), r"shape \(3,\)"),
         (lambda o: 1.0, r"shape \(\)"),
         (lambda o: "cheap", "gives str"),
+        (lambda o: np.zeros((o.run.size, 2)), r"shape \(2, 2\) for 2 runs; return one number per run"),
     ],
 )
 def test_a_cost_that_gives_no_number_a_run_is_refused(given: object, told: str) -> None:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.sensitivity import indices, saltelli
+from vibroswarm.optimize.sensitivity import indices, saltelli, sobol_indices
+from vibroswarm.optimize.spec import Search
 
 pytest.importorskip("SALib")
 
@@ -56,3 +57,9 @@ def test_the_noise_of_the_runs_is_taken_out() -> None:
 def test_too_few_points_are_refused() -> None:
     with pytest.raises(InputError, match="at least 40"):
         saltelli(3, 30, 1)
+
+
+@pytest.mark.parametrize("replicates", [0, -1, 2.5])
+def test_a_point_needs_a_run(replicates: float) -> None:
+    with pytest.raises(InputError, match=f"replicates: {replicates} is wrong; give a whole number from 1"):
+        sobol_indices(Search(), replicates=replicates)  # type: ignore[arg-type]

@@ -10,8 +10,12 @@ import pytest
 
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
-from vibroswarm.errors import CodeError
-from vibroswarm.result import Result
+from vibroswarm.errors import CodeError, InputError
+from vibroswarm.optimize.journal import HEAD, JOURNAL, SEARCH, Journal
+from vibroswarm.optimize.sensitivity import sobol_indices
+from vibroswarm.optimize.spec import Search
+from vibroswarm.result import Result, write_code
+from vibroswarm.scenario.plugins import trust_code
 from vibroswarm.strategies.base import forget
 from vibroswarm.study.study_result import StudyResult
 
@@ -124,6 +128,51 @@ fresh = 8
     assert "--trust" in said(capsys, main(command), 2)
     assert main([*command, "--trust"]) == 0
     assert f"Best: {field.rpartition('.')[2]} " in capsys.readouterr().out
+
+
+PHASES = f"""[scenario]
+strategy = {{ name = "{VOTER}" }}
+decision = {{ min_observations = 20, hold_s = 5.0 }}
+run = {{ t_end_s = 120 }}
+
+[space]
+"strategy.voter.phase_s" = {{ from = 5.0, to = 60.0 }}
+
+[objective]
+cost = "decision_time"
+"""
+
+
+def test_a_search_that_was_killed_after_it_copied_the_code_begins_again(tmp_path: Path) -> None:
+    with trust_code(tmp_path):
+        search = Search.from_toml(PHASES)
+    scenarios = [cell.scenario for cell in search.cases]
+    write_code(tmp_path, scenarios, search.study.motion)
+    copy = tmp_path / "voter.py"
+    assert [path.name for path in tmp_path.iterdir()] == [copy.name]
+    (tmp_path / ".voter.py.3f.tmp").write_text("half a co", encoding="utf-8")
+    with Journal(tmp_path, search).alone():
+        assert {path.name for path in tmp_path.iterdir()} >= {copy.name, HEAD, SEARCH, JOURNAL}
+    for name in (HEAD, SEARCH, JOURNAL):
+        (tmp_path / name).unlink()
+    copy.write_text(copy.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    with pytest.raises(InputError, match="is not a search"):
+        Journal(tmp_path, search)
+    forget("voter")
+
+
+@pytest.mark.slow
+def test_sobol_indices_of_a_parameter_in_processes(tmp_path: Path) -> None:
+    pytest.importorskip("SALib")
+    with trust_code(tmp_path):
+        search = Search.from_toml(PHASES)
+    found = [
+        sobol_indices(search, 48, replicates=2, executor=executor, workers=2)
+        for executor in ("threads", "processes")
+    ]
+    forget("voter")
+    assert found[0].runs == 48
+    assert str(found[0].as_dict()) == str(found[1].as_dict())  # as texts, in which nan equals nan
 
 
 GOOD = """from vibroswarm.strategies import strategy_in, u

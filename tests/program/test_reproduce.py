@@ -205,6 +205,30 @@ def test_a_cells_options_make_its_scenario() -> None:
     assert words[:3] == ["--preset calibrated", "--floor stripe:0.46", "--strategy soft"]
 
 
+def test_recordings_that_lack_files_cost_their_item_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "recordings").mkdir()
+    asked = ["--only", "calibration", "difficulty", "--runs", "4", "--no-pictures"]
+    out = tmp_path / "out"
+    assert main(["reproduce", *asked, "--recordings", str(tmp_path / "recordings"), "--out", str(out)]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "calibration: skipped. The folder of recordings lacks CAL_1.csv" in told
+    assert [path.name for path in (out / ITEMS).iterdir()] == ["difficulty"]
+
+
+def test_items_that_need_other_presets_are_skipped_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names = ["experiments", "experiments-beside", "hidden-threshold"]
+    asked = ["--columns", "text", "--runs", "4", "--no-pictures", "--out", str(tmp_path)]
+    assert main(["reproduce", "--only", *names, *asked]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    for name in names[:2]:
+        assert f"{name}: skipped. It needs preset `paper` or `calibrated`: add it to `--columns`." in told
+    assert "hidden-threshold: skipped. It needs preset `paper`: add it to `--columns`." in told
+
+
 @pytest.mark.parametrize(
     ("options", "says"),
     [

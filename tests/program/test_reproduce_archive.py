@@ -261,6 +261,27 @@ def test_a_cut_or_spoilt_archive_is_told(archive: Path, tmp_path: Path) -> None:
         verify(spoilt)
 
 
+def test_an_archive_of_items_without_cells_is_confirmed_by_its_hashes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "paper.zip"
+    asked = ["reproduce", "--only", "difficulty", "--runs", "4", "--no-pictures", "--archive", str(path)]
+    assert main([*asked, "--out", str(tmp_path / "out")]) == 0
+    assert "cells.csv" not in _entries(path)
+    capsys.readouterr()
+    assert main(["reproduce", "--from", str(path), "--check"]) == 0
+    assert "no cells that could be recomputed" in capsys.readouterr().out
+    (table,) = (name for name in _entries(path) if name.startswith("tables/"))
+    changed = _changed(path, lambda entries: entries.update({table: b"a\n1\n"}), tmp_path, honest=True)
+    assert verify(changed).wrong == (f"{table} differs from the file that was archived",)
+
+
+def test_an_archive_with_scenarios_needs_its_cells(archive: Path, tmp_path: Path) -> None:
+    changed = _changed(archive, lambda entries: entries.pop("cells.csv"), tmp_path, honest=False)
+    with pytest.raises(InputError, match=r"has no 'cells\.csv'"):
+        verify(changed)
+
+
 def test_from_and_check_go_together(archive: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "--from", str(archive)]) == 2
     assert main(["reproduce", "--check"]) == 2

@@ -6,14 +6,19 @@ import html
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from helpers.markup import HOSTILE, Markup
 from vibroswarm import Floor, Result, Scenario, Study, StudyResult, preset, simulate, verdict
+from vibroswarm.analysis.intervals import mean_interval
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.motion.source import source
 from vibroswarm.notebook.elements import escaped, page, table
+from vibroswarm.notebook.views import html_of
+from vibroswarm.optimize.validation import Scored
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 
@@ -126,6 +131,49 @@ def test_a_large_result_lists_few_rows() -> None:
     view = Markup(many._repr_html_())
     assert "... and 30 more runs" in view.text
     assert len(repr(many)) < 200
+
+
+class RobotRow(NamedTuple):
+    """A row of a table."""
+
+    number: int
+
+
+class Holder(NotebookView):
+    """Holds what a test gives it."""
+
+    def __init__(self, held: Any) -> None:
+        self.held = held
+
+
+@pytest.mark.parametrize("module", ["__main__", "mine", "mine.parts"])
+def test_a_class_of_the_users_has_the_view_of_its_base(
+    module: str, monkeypatch: pytest.MonkeyPatch, result: Result
+) -> None:
+    class MyFloor(Floor):
+        pass
+
+    class MyScored(Scored):
+        pass
+
+    for kind in (MyFloor, MyScored):
+        monkeypatch.setattr(kind, "__module__", module)
+    assert "<img" in html_of(MyFloor(**vars(result.floor())))
+    scored = Scored(
+        "winner", {"swarm.robots": 5}, mean_interval([1.0, 2.0]), np.zeros((2, 1, 1)), np.arange(2), 0
+    )
+    assert Markup(html_of(MyScored(**vars(scored)))).text == Markup(html_of(scored)).text
+
+
+@pytest.mark.parametrize(
+    ("rows", "note"), [(20, ""), (21, "... and 1 more rows"), (50, "... and 30 more rows")]
+)
+def test_a_list_that_is_cut_says_so(rows: int, note: str) -> None:
+    text = Markup(Holder([RobotRow(1000 + k) for k in range(rows)])._repr_html_()).text
+    assert ("more rows" in text) == bool(note)
+    assert note in text
+    assert "1019" in text
+    assert "1020" not in text
 
 
 def test_values_by_dotted_name_and_their_completion() -> None:

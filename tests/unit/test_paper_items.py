@@ -16,6 +16,8 @@ from vibroswarm.paper.claims import all_claims, decide
 from vibroswarm.paper.columns import COLUMNS, published, scenario_of
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
 from vibroswarm.paper.items import all_items, experiment_times, search
+from vibroswarm.paper.reproduce import ItemResult, Reproduction
+from vibroswarm.paper.reproduction_report import write_all
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
@@ -103,6 +105,23 @@ def test_pictures_have_names_of_their_own_and_can_be_drawn(name: str, tables: di
         drawn = pictures[-1].draw()
         assert drawn.numbers.height > 0
         assert drawn.svg().startswith("<?xml")
+
+
+@pytest.mark.parametrize(("name", "table"), [("sharing", "costs"), ("experiments-beside", "distance")])
+def test_the_page_leaves_out_tables_of_a_preset_that_was_not_requested(
+    name: str, table: str, template: CellResult, tmp_path: Path
+) -> None:
+    settings = replace(SETTINGS, columns=("calibrated",))
+    item = next(item for item in all_items() if item.name == name)
+    cells = item.cells(settings)
+    made = item.compute(Work(settings, cells, _made_up(list(cells.values()), template), tmp_path))
+    assert table not in made
+    reproduction = Reproduction(settings, (ItemResult(item, made),), cells={}, results=None)
+    write_all(reproduction, tmp_path, pictures=False)
+    titles = [view.caption for view in item.shown if view.table == table]
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert item.title in page
+    assert titles[0] not in page
 
 
 def test_the_search_is_the_papers(tables: dict[str, Tables]) -> None:

@@ -20,7 +20,7 @@ from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.search_report import as_dict, candidate_table, history_table, write_report
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import truth_of
+from vibroswarm.optimize.validation import front_of, truth_of
 from vibroswarm.study import executors
 
 SMALL = f"""
@@ -256,6 +256,11 @@ def test_a_cost_that_gives_nan_stops_the_search() -> None:
         search.to_toml()
     with pytest.raises(InputError, match="function"):
         run_search(search, "nowhere")
+
+
+def test_a_search_with_one_objective_has_no_front(whole: Found) -> None:
+    with pytest.raises(InputError, match=r"found: has no Pareto front.*truth_of"):
+        front_of(whole)
 
 
 def test_the_winner_is_scored_on_runs_that_the_search_has_not_seen(whole: Found) -> None:

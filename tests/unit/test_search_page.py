@@ -20,7 +20,7 @@ from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.search_page import search_page
-from vibroswarm.optimize.search_report import grid_pictures, made_by, write_grid, write_report
+from vibroswarm.optimize.search_report import as_dict, grid_pictures, made_by, write_grid, write_report
 from vibroswarm.optimize.search_tables import bound_of
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
@@ -306,6 +306,19 @@ def test_failed_runs_stand_first_with_why(monkeypatch: pytest.MonkeyPatch, truth
     assert "&lt;img src=x onerror=alert(1)&gt;" in text
 
 
+def test_fresh_runs_are_counted_with_those_that_failed(found: Found, truth: Truth) -> None:
+    """Of the winner's runs one failed, of the start's two."""
+    sizes = [truth.winner.rows.shape[0] - 1, truth.others[0].rows.shape[0] - 2]
+    winner, other = (
+        replace(scored, rows=scored.rows[:size], runs=scored.runs[:size], failed=scored.rows.shape[0] - size)
+        for scored, size in zip((truth.winner, truth.others[0]), sizes, strict=True)
+    )
+    lame = replace(truth, winner=winner, others=(other, *truth.others[1:]))
+    whole = as_dict(found, truth)["runs"]["fresh"]
+    assert whole == sum(scored.rows.shape[0] for scored in (truth.winner, *truth.others))
+    assert as_dict(found, lame)["runs"]["fresh"] == whole
+
+
 def test_nothing_in_a_name_breaks_a_page(found: Found, truth: Truth) -> None:
     search = replace(found.search, study=replace(found.search.study, name=NASTY))
     mine = Objective(NASTY, function=lambda outcomes: outcomes.time_s.mean(axis=1))
@@ -352,6 +365,7 @@ def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
     assert warned(told, beaten.words)
     assert warned(told, "3 fresh runs of the front's candidates FAILED")
     assert warned(page_of(found, None), "There is no front")
+    assert as_dict(found, None, beaten)["runs"]["fresh"] == front.runs * len(front.members)
     write_report(found, None, tmp_path, front=front)
     assert (tmp_path / "report.html").read_text().count("<figure") == 3
 

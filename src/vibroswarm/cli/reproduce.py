@@ -158,7 +158,9 @@ def check(arguments: argparse.Namespace) -> int:
     reason = (
         f", since versions differ ({verification.why})" if verification.why else ", with the same versions"
     )
-    if not verification.wrong:
+    if not verification.wrong and not verification.checked:
+        print("All files have the hashes of the archive, which has no cells that could be recomputed.")
+    elif not verification.wrong:
         print(f"Confirmed {verification.how}{reason}: {len(verification.checked)} cells recomputed.")
     for difference in verification.wrong:
         print(f"DIFFERS: {difference}")

@@ -55,8 +55,9 @@ LAZY: Final = ("optimize", "league", "calibrate", "paper")
 
 def html_of(value: object) -> str:
     """Return the view of an object of this package as HTML: that of its class, or else a table of its values."""
-    # The module of the class is "vibroswarm.PACKAGE...".
-    if type(value).__module__.split(".")[1] in LAZY:
+    # The class may be a user's own, whose base class has the view.
+    lazy = tuple(f"vibroswarm.{package}." for package in LAZY)
+    if any(f"{kind.__module__}.".startswith(lazy) for kind in type(value).__mro__):
         from vibroswarm.notebook.lazy_views import lazy_view_of
 
         if (view := lazy_view_of(value)) is not None:
@@ -284,15 +285,14 @@ def _is_table(content: object) -> bool:
 
 
 def _frame_of(content: Any) -> pl.DataFrame:
-    """Return a value as a data frame: a data frame as it is; a list as the first ``MOST_ROWS`` objects, one per row.
+    """Return a value as a data frame: a data frame as it is; a list with one object per row.
 
     The columns of a list are the public fields of its objects, written as short texts.
     """
     if isinstance(content, pl.DataFrame):
         return content
-    listed = content[:MOST_ROWS]
     return pl.DataFrame(
-        [{name: _cell(part) for name, part in public_values(one).items()} for one in listed],
+        [{name: _cell(part) for name, part in public_values(one).items()} for one in content],
         infer_schema_length=None,
     )
 

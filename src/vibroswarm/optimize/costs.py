@@ -130,27 +130,27 @@ def check_truth(outcomes: Outcomes) -> None:
 
 
 def check_figures(values: Any, runs: int, name: str) -> Array:
-    """Check the figures that a cost, possibly a user's function, returned, and convert them to (runs, columns).
+    """Check the figures that a cost, possibly a user's function, returned, and convert them to (runs, 1).
 
     Args:
-        values: what the cost returned: one number per run, or one row of numbers per run.
+        values: what the cost returned: one number per run, (runs,) or (runs, 1).
         runs: number of runs that the cost was given. name: of the cost, for messages.
     Raises:
-        InputError: the values are not numbers, their first dimension is not ``runs``, or some are not finite.
+        InputError: the values are not numbers, not one per run, or some are not finite.
     """
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"gives {type(values).__name__}, not one number per run", field=name) from None
     array = array[:, None] if array.ndim == 1 else array  # one number per run is a single column
-    if array.ndim != 2 or array.shape[0] != runs or array.shape[1] < 1:
+    if array.shape != (runs, 1):
         raise InputError(
             f"gives shape {np.shape(values)} for {runs} runs; return one number per run", field=name
         )
     if bad := np.flatnonzero(~np.isfinite(array).all(axis=1)).tolist():
-        row = array[bad[0]].tolist()  # the first bad run is shown as an example
+        first = float(array[bad[0], 0])  # shown as an example
         raise InputError(
-            f"gives {row[0] if len(row) == 1 else row} for {len(bad)} of {runs} runs; a cost is a finite number",
+            f"gives {first} for {len(bad)} of {runs} runs; a cost is a finite number",
             field=name,
         )
     return array

@@ -24,13 +24,13 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.core.atomic_io import LOCK_FILE as LOCK
-from vibroswarm.core.atomic_io import folder_lock, remove_leftovers, write_files
+from vibroswarm.core.atomic_io import MAX_NAME_LENGTH, folder_lock, remove_leftovers, write_files
 from vibroswarm.core.untrusted_files import entry, number, read_bytes, read_json, texts
 from vibroswarm.errors import InputError, RunError, check_format, shown, warn_once
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import Ask
 from vibroswarm.optimize.spec import FORMAT, Search, differences
-from vibroswarm.result import write_code
+from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
 from vibroswarm.study.executors import check_begun_by
 
@@ -76,6 +76,7 @@ class Journal:
         """
         self.folder, self.search, self.mixed = Path(folder), search, mixed
         self._text = search.to_toml()
+        self._code = code_files((cell.scenario for cell in search.cases), search.study.motion)
         if not self._is_there() and self._is_foreign():
             raise InputError(
                 "exists but is not a search; give the name of a new folder", field=str(self.folder)
@@ -108,8 +109,10 @@ class Journal:
             return path.read_bytes() == self._text.encode()
         if path.name == JOURNAL:
             return path.stat().st_size == 0
+        if path.name in self._code:
+            return path.is_file() and path.read_bytes() == self._code[path.name].encode()
         # Files that were being written have temporary names that begin in this way.
-        temporary = (f".{SEARCH}.", f".{JOURNAL}.", f".{HEAD}.")
+        temporary = tuple(f".{name[:MAX_NAME_LENGTH]}." for name in (SEARCH, JOURNAL, HEAD, *self._code))
         return path.name == LOCK or path.name.startswith(temporary)
 
     @contextmanager

@@ -175,13 +175,10 @@ def as_dict(found: Found, truth: Truth | None, front: Front | None = None) -> di
 
 
 def _fresh(truth: Truth | None, front: Front | None) -> int:
-    """Count the fresh runs of the winner, of the others that were scored, and of the candidates of the front.
-
-    Each of the others counts as many runs as the winner. Failed runs of the winner are not counted, those of the front
-    are.
-    """
-    of_winner = 0 if truth is None else truth.winner.rows.shape[0] * (1 + len(truth.others))
-    return of_winner + (0 if front is None else front.runs * len(front.members))
+    """Count the fresh runs, failed ones included, of the winner, of the others that were scored, and of the front."""
+    scored = () if truth is None else (truth.winner, *truth.others)
+    of_scored: int = sum(one.rows.shape[0] + one.failed for one in scored)
+    return of_scored + (0 if front is None else front.runs * len(front.members))
 
 
 def write_report(

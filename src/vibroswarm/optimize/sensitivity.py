@@ -35,8 +35,8 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.errors import InputError, RunError
-from vibroswarm.optimize.evaluate import PIECE, Piece, derived_seed, do_pieces
+from vibroswarm.errors import InputError, RunError, whole_number_of
+from vibroswarm.optimize.evaluate import PIECE, RUN_LIMIT, Piece, code_of, derived_seed, do_pieces
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.optuna_samplers import distribution_of, ignore_warnings, optuna
 from vibroswarm.optimize.spec import Search
@@ -104,10 +104,14 @@ def sobol_indices(
         budget: runs in all. replicates: runs of each point of the design, at least 1.
         executor, workers: see ``study.executors``. progress: called as runs finish.
     Raises:
-        InputError: SALib is not installed, or the budget is too small. RunError: a run failed.
+        InputError: SALib is not installed, the budget is too small, or ``replicates`` is not a whole number from 1 on.
+        RunError: a run failed.
     """
+    replicates = whole_number_of(replicates, "replicates", 1, RUN_LIMIT - 1)
     design = saltelli(search.space.size, budget // replicates, search.seed)
-    cases = tuple(cell.scenario.to_toml() for cell in search.cases)
+    scenarios = [cell.scenario for cell in search.cases]
+    cases = tuple(scenario.to_toml() for scenario in scenarios)
+    code = code_of(scenarios, search.study.motion)
     seed = derived_seed(search.seed, "sensitivity")
     # One piece per point. No two runs have the same number, so that the noise of all runs is independent.
     pieces = [
@@ -118,6 +122,7 @@ def sobol_indices(
             motion=search.study.motion,
             first=k * replicates,
             last=(k + 1) * replicates,
+            code=code,
         )
         for k, point in enumerate(design)
     ]

@@ -344,7 +344,8 @@ def _parts(rows: Rows) -> dict[str, Interval]:
             "robots_undecided": cluster_share(robots - decided, robots),
         }
         for name, value in parts.items():
-            if name not in worst or value.estimate > worst[name].estimate:
+            # The share of wrong robots is nan in a case in which no robot decided: any other case is worse.
+            if name not in worst or math.isnan(worst[name].estimate) or value.estimate > worst[name].estimate:
                 worst[name] = value
     return worst
 
@@ -459,8 +460,12 @@ def front_of(
         found: the result of the search; ``found.front`` must not be empty. executor, workers: see ``study.executors``.
         progress: called as runs finish, with the number done so far.
     Raises:
-        RunError: all runs of a candidate failed.
+        InputError: the search has no Pareto front. RunError: all runs of a candidate failed.
     """
+    if not found.front:
+        raise InputError(
+            "has no Pareto front; give a search with several objectives, or use truth_of", field="found"
+        )
     search, archive, runs = found.search, found.archive, fresh_runs(found)
     cases, seed = [cell.scenario for cell in search.cases], derived_seed(search.seed, "fresh runs")
     scored: list[tuple[tuple[Interval, ...], int]] = []
@@ -477,7 +482,7 @@ def front_of(
             scored.append((true, simulated.failed))
     # ``pareto_front`` takes one sequence per objective, with the true scores of all candidates
     estimates = zip(*([score.estimate for score in true] for true, _ in scored), strict=True)
-    stays = pareto_front(*estimates).tolist() if scored else []
+    stays = pareto_front(*estimates).tolist()
     return Front(
         names=_names([objective.words for objective in search.objectives]),
         units=tuple(objective.unit for objective in search.objectives),

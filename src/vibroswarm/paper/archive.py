@@ -10,6 +10,8 @@
 | claims.csv, intervals.csv | the verdicts, and the intervals behind them |
 | tables/NAME.csv | the tables of all items |
 
+An archive of items without cells has no scenarios, and neither ``cells.csv`` nor ``robots.csv``.
+
 A zip file of unknown origin is only read as data: nothing is unpacked to disk or run, and names and sizes are checked.
 """
 

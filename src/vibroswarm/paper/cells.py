@@ -342,8 +342,3 @@ def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
     return Study(
         base, {"list": points}, runs, seed=seed, motion=motion, floors=floors, name="The paper's cells"
     )
-
-
-def digest(text: str) -> str:
-    """Return the first 16 hexadecimal digits of the SHA-256 of a text."""
-    return hashlib.sha256(text.encode()).hexdigest()[:16]

@@ -228,6 +228,13 @@ def cells_and_claims(
     return lambda work: {"cells": work.rows(keys), CLAIMS: work.claims(measure)}
 
 
+def needs_column(*columns: str) -> Callable[[Settings], str | None]:
+    """Return an item's ``skipped``: the item is skipped if none of these columns (presets) was requested."""
+    presets = " or ".join(f"`{column}`" for column in columns)
+    reason = f"It needs preset {presets}: add it to `--columns`."
+    return lambda settings: None if set(columns) & set(settings.columns) else reason
+
+
 FITTED_ON: Final = "calibrated"
 """The preset whose edges were fitted, on the real floor."""
 

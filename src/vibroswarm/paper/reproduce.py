@@ -208,9 +208,11 @@ def reproduce(
     cells: dict[str, Cells] = {
         item.name: {} if skipped[item.name] else item.cells(settings) for item in items
     }
-    fingerprints = {item.name: fingerprint(item, settings, cells[item.name]) for item in items}
-    saved = {item.name: load_tables(folder / ITEMS / item.name, fingerprints[item.name]) for item in items}
-    missing = [item for item in items if saved[item.name] is None and not skipped[item.name]]
+    # A skipped item has no fingerprint, which may depend on the very files that it lacks.
+    computable = [item for item in items if not skipped[item.name]]
+    fingerprints = {item.name: fingerprint(item, settings, cells[item.name]) for item in computable}
+    saved = {name: load_tables(folder / ITEMS / name, value) for name, value in fingerprints.items()}
+    missing = [item for item in computable if saved[item.name] is None]
     results = None
     if missing or with_cells:
         requested = [
@@ -219,7 +221,7 @@ def reproduce(
         todo = _MissingItems(settings, folder, missing, cells, fingerprints, progress)
         results = todo.compute(requested)
         saved |= todo.made
-    made = tuple(ItemResult(item, saved[item.name] or {}, skipped[item.name]) for item in items)
+    made = tuple(ItemResult(item, saved.get(item.name) or {}, skipped[item.name]) for item in items)
     by_key = {cell.key: cell for by_name in cells.values() for cell in by_name.values()}
     return Reproduction(settings, made, by_key, results)
 
@@ -227,8 +229,8 @@ def reproduce(
 class _MissingItems:
     """The items that have to be computed.
 
-    ``cells`` and ``fingerprints`` are those of all items, by the name of the item. ``made`` receives the tables of each
-    computed item, by the name of the item.
+    ``cells`` are those of all items, ``fingerprints`` those of all items that are not skipped, by the name of the item.
+    ``made`` receives the tables of each computed item, by the name of the item.
     """
 
     def __init__(

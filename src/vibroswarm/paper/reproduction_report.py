@@ -432,14 +432,16 @@ def _item(
 
 
 def _table(one: ItemResult, shown: TableView, name: str, command: str) -> ReportTable | None:
-    """Return a table of an item for the page, with commands in its caption; None if the table has no rows.
+    """Return a table of an item for the page, with commands in its caption; None if it has no rows or does not exist.
+
+    An item does not make a table of a column (preset) that was not requested.
 
     Args:
         one: the item with its tables. shown: the table to show, with its caption and columns.
         name: name of the table's CSV file. command: sentence with the command that makes the item.
     """
-    frame = one.tables[shown.table]
-    if frame.is_empty():
+    frame = one.tables.get(shown.table)
+    if frame is None or frame.is_empty():
         return None
     caption = f"{shown.caption} {command}"
     if "command" in frame.columns:

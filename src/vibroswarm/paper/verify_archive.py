@@ -96,12 +96,18 @@ def verify(
     with Zipped(path) as archive:
         head = _head(archive)
         wrong = _hashes(archive, head)
-        cells = _frame(archive, "cells.csv", CELLS)
+        # An archive of items without cells has neither scenarios nor tables of cells.
+        has_cells = any(name.startswith("scenarios/") for name in (*archive.names, *head["sha256"]))
+        cells = _frame(archive, "cells.csv", CELLS) if has_cells else pl.DataFrame(schema=CELLS.columns)
         wrong += _tables(archive, cells)
         wrong += _verdicts(archive)
         chosen = _chosen(cells, count, json.dumps(head["sha256"], sort_keys=True))
         archived_cells = {str(row["key"]): _cell(archive, row, head) for row in chosen}
-        robots = _frame(archive, "robots.csv", ROBOT_ROWS)
+        robots = (
+            _frame(archive, "robots.csv", ROBOT_ROWS)
+            if has_cells
+            else pl.DataFrame(schema=ROBOT_ROWS.columns)
+        )
         check_work(archived_cells.values(), int(head["settings"]["runs"]), str(path))
     differing = _differing(head["versions"])
     runs, seed = int(head["settings"]["runs"]), int(head["settings"]["seed"])

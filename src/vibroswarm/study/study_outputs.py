@@ -142,8 +142,8 @@ def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
     """Convert a table of a study to an xarray Dataset, see ``StudyResult.to_xarray``.
 
     Its dimensions are the varied fields; then ``run`` for the tables ``runs``, ``robots`` and ``samples``; then
-    ``robot`` for the last two of them; then ``sample`` for the table ``samples``. Values are missing where the study has
-    no cell with a combination of varied values.
+    ``robot`` for the last two of them; then ``sample`` for the table ``samples``. Values are missing where the study
+    has no cell with a combination of varied values.
 
     Args:
         table: name of the table, see ``StudyResult.to_pandas``.

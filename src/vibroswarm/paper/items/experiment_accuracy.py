@@ -35,7 +35,17 @@ from numpy.typing import NDArray
 from vibroswarm.paper.cells import Cell
 from vibroswarm.paper.claim_values import REAL_EXPERIMENTS, Row, exact, frame, row
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import (
+    CLAIMS,
+    Cells,
+    Item,
+    Picture,
+    Settings,
+    Tables,
+    TableView,
+    Work,
+    needs_column,
+)
 from vibroswarm.paper.items import experiment_times
 from vibroswarm.paper.items.experiment_times import (
     AS_TEXT,
@@ -299,6 +309,7 @@ ITEM: Final = Item(
     ),
     cells=cells,
     compute=compute,
+    skipped=needs_column(*experiment_times.COLUMNS),
     pictures=pictures,
     shown=(
         TableView(

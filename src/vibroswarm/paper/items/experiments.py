@@ -19,7 +19,7 @@ import polars as pl
 from vibroswarm.paper.cell_tables import PROPER_FORM, WALK_FORM
 from vibroswarm.paper.claim_values import REAL_EXPERIMENTS, Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, published, sizes
-from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work, needs_column
 from vibroswarm.paper.items.experiment_times import (
     AS_TEXT,
     COLUMNS,
@@ -250,6 +250,7 @@ ITEM: Final = Item(
     ),
     cells=cells,
     compute=compute,
+    skipped=needs_column(*COLUMNS),
     pictures=pictures,
     shown=(
         TableView(

@@ -31,7 +31,17 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval, plain
 from vibroswarm.paper.claim_values import Row, frame, mean
-from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
+from vibroswarm.paper.item import (
+    CLAIMS,
+    Cells,
+    Item,
+    Picture,
+    Settings,
+    Tables,
+    TableView,
+    Work,
+    needs_column,
+)
 from vibroswarm.plots import draw_error_bars
 from vibroswarm.report.html import Column
 
@@ -84,10 +94,8 @@ def compute(work: Work) -> Tables:
 
     A front has one row per threshold p_c, with the means of all figures. The gains have one row per swarm size and
     threshold of soft feedback: the mean of each figure without feedback, at the same mean time, minus that with soft
-    feedback. Without the column ``COLUMN`` only an empty table of measured values is returned.
+    feedback.
     """
-    if COLUMN not in work.settings.columns:
-        return {CLAIMS: frame([])}
     measured: list[Row] = []
     rows: list[dict[str, Any]] = []
     for robots, threshold in product(SIZES, THRESHOLDS):
@@ -194,8 +202,6 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 
     Each picture has a line for each strategy; its points are the thresholds p_c.
     """
-    if "fronts" not in tables:
-        return
     for robots in SIZES:
         table = tables["fronts"].filter(pl.col("robots") == robots)
         for name, words in (("wrong_share", "wrong"), ("undecided_share", "undecided")):
@@ -234,6 +240,7 @@ ITEM: Final = Item(
     ),
     cells=cells,
     compute=compute,
+    skipped=needs_column(COLUMN),
     pictures=pictures,
     shown=(
         TableView(
