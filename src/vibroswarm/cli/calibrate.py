@@ -165,6 +165,7 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
             "wrong, %",
             "split, %",
             "incomplete, %",
+            "truth undefined, %",
         ],
         [
             [
@@ -172,7 +173,7 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
                 name,
                 with_interval(figures["decision_time_s"], ".0f"),
                 with_interval(figures["belief_in_truth"], ".3f"),
-                *(f"{100 * share:.1f}" for share in shares.values()),  # right, wrong, split, incomplete
+                *(f"{100 * share:.1f}" for share in shares.values()),  # in the order of CONSENSUS
             ]
             for effect in found
             for name, figures, shares in zip(names, effect.figures, effect.consensus, strict=True)
