@@ -122,6 +122,8 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         error: wanted probability of a wrong majority of bits, for ``samples_needed``.
         floor: by default the floor of run 0 with seed 0. The random floors of a scenario all have its fill ratio,
             unless the arena's border cuts tiles off.
+    Raises:
+        InputError: the floor lies outside the arena.
     """
     floor, sensor = floor or scenario.floor_for(0, 0), scenario.sensor
     size = (scenario.arena.width_m, scenario.arena.height_m)

@@ -235,6 +235,8 @@ def run_bursts(arguments: argparse.Namespace) -> int:
         raise InputError("counts no received messages", field=str(arguments.folders[0]))
     if all(message_loss.lost_for_good(one).sum() == 0 for one in windows):
         raise InputError("no message is lost; there is nothing to fit", field=str(arguments.folders[0]))
+    if arguments.errors and len(windows) < 2:
+        raise InputError("needs the counts of at least two receivers; leave it out", field="--errors")
     models = {
         "independent": message_loss.fit_independent(windows),
         "bursts": message_loss.fit_bursts(windows),

@@ -129,7 +129,7 @@ def print_comparisons(found: dict[str, Comparison]) -> None:
 
     Args:
         found: the comparisons of one recording with each simulation, by the simulation's folder. A simulation that
-            has too few values of a feature, or too few samples for the classifier, gets a dash.
+            has too few values of a feature gets a dash.
     """
     from vibroswarm.calibrate.features import FEATURES, WORDS
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
@@ -154,7 +154,7 @@ def print_comparisons(found: dict[str, Comparison]) -> None:
     print_table(
         ["recognised", *names],
         [
-            [words, *("-" if share is None else over_sessions(share, ".3f") for share in shares)]
+            [words, *(over_sessions(share, ".3f") for share in shares)]
             for words, shares in (
                 (
                     "real or simulated, robots and sessions not trained on",
