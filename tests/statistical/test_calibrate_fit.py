@@ -12,8 +12,8 @@ import pytest
 from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.cross_validation import Fold, Reading, Score, on_floor, readings_of
 from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
-from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss
 from vibroswarm.calibrate.features import FEATURES
+from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss
 from vibroswarm.calibrate.fit_avoidance import CANDIDATES, PRIOR, SUMMARIES, posterior
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive

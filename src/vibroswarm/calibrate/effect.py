@@ -67,8 +67,8 @@ def effects(
     The motion of each scenario is simulated once for each seed, and replayed under each strategy.
 
     Args:
-        first, second: the scenarios to compare, with the same end of a run; their own strategies do not matter, but must not
-            steer.
+        first, second: the scenarios to compare, with the same end of a run; their own strategies do not matter, but
+            must not steer.
         runs: number of runs for each scenario and seed.
         seed: the seed of the estimates; ``seed`` + 1 is used to confirm the differences.
         strategies: names of the strategies, none of which steers.

@@ -183,7 +183,7 @@ def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
         own = energy[on == kind]
         if not own.size:
             raise InputError(
-                f"no sample lies on a {'vibrating' if kind else 'still'} tile; give recordings with samples on both kinds",
+                f"no sample lies on a {'vibrating' if kind else 'still'} tile; give recordings with both kinds of tile",
                 field="REAL",
             )
         theta += [
