@@ -100,16 +100,16 @@ OF_OBSERVATION = (*OF_MOTION, "floor", "sensor", "faults")
 def replay(result: Result, scenario: Scenario) -> Result:
     """Replay the motion of a result under another scenario: another floor, sensor, strategy, decision or network.
 
-    Both results then have exactly the same motion, so they can be compared run by run. If floor, sensor and faults stay
-    the same, the readings do too.
+    The new result is the same as that of simulating ``scenario``, and both have exactly the same motion, so they can be
+    compared run by run. If floor, sensor and faults stay the same, the readings do too.
 
     Args:
-        result: simulated runs that all lasted to ``run.t_end_s``; with moves, if the new network or localisation reads
-            them.
+        result: simulated runs that all lasted to ``run.t_end_s``, whose strategy does not steer; with moves, if the new
+            network or localisation reads them.
         scenario: may differ from the result's scenario in all sections that do not determine motion (``OF_MOTION``).
     Raises:
         InputError: the result was recorded or lacks moves that are needed, ``scenario`` would move the robots in
-            another way or steers them, or the runs ended when all robots had decided.
+            another way, the strategy of either steers, or the runs ended when all robots had decided.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     check_scenario(scenario)
@@ -127,10 +127,12 @@ def replay(result: Result, scenario: Scenario) -> Result:
             )
     if scenario.run.stop != "t_end":
         raise InputError("these runs ended when all had decided; their motion is cut short", field="run.stop")
-    if steers(scenario):
+    refuse_steering(scenario)
+    if steers(result.scenario):
         raise InputError(
-            f"'{scenario.strategy.name}' steers its robots, and a replay keeps their motion; simulate it again",
-            field="strategy.name",
+            f"'{result.scenario.strategy.name}' steered these robots, so no other scenario has their motion; "
+            "replay a result of a strategy that does not steer, such as 'none'",
+            field="result",
         )
     runs = result.runs["run"].to_list()
     motion = Motion(
@@ -227,6 +229,19 @@ def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, F
 def steers(scenario: Scenario) -> bool:
     """Return whether a scenario's strategy steers the robots."""
     return strategy(scenario.strategy.name).steer is not None
+
+
+def refuse_steering(scenario: Scenario) -> None:
+    """Refuse a scenario that cannot be replayed because its strategy steers the robots.
+
+    Raises:
+        InputError: the strategy steers.
+    """
+    if steers(scenario):
+        raise InputError(
+            f"'{scenario.strategy.name}' steers its robots, and a replay keeps their motion; simulate it instead",
+            field="strategy.name",
+        )
 
 
 def _to_the_end(

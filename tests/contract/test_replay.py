@@ -54,3 +54,14 @@ def test_a_run_that_was_cut_short_is_refused() -> None:
     short = BASE.with_values({"run.stop": "all_decided"})
     with pytest.raises(InputError, match="cut short"):
         replay(simulate(short, 9), short)
+
+
+def test_robots_that_steer_are_refused(moved: Result) -> None:
+    """Neither their motion nor that of other robots is what simulating the other strategy gives."""
+    steering = BASE.with_values({"strategy.name": "explore", "run.t_end_s": 20.0})
+    with pytest.raises(InputError, match="'explore' steers its robots"):
+        replay(moved, steering.with_values({"run.t_end_s": BASE.run.t_end_s}))
+    steered = simulate(steering, 9)
+    for other in ("none", "explore"):
+        with pytest.raises(InputError, match="steer"):
+            replay(steered, steering.with_values({"strategy.name": other}))

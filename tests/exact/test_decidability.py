@@ -203,3 +203,11 @@ def test_what_cannot_be_decided_is_decided_wrongly_by_the_swarm() -> None:
         PAPER.with_values({**values, "sensor.rms_threshold": 1.33}), 3, 20, energies=False
     ).robots
     assert (right.filter(pl.col("decision") != -1)["decision"] == 1).mean() > 0.6
+
+
+def test_a_floor_outside_the_arena_is_refused() -> None:
+    beside = Floor([[0, 1], [1, 0]], 0.5, 0.5, 2.0, 0.0)
+    for call in (lambda: decidability(PAPER, floor=beside), lambda: beside.fill_ratio_within(1.0, 1.0)):
+        with pytest.raises(InputError, match="lies outside the arena") as refused:
+            call()
+        assert refused.value.field == "floor"

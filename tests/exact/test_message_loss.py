@@ -16,11 +16,13 @@ from vibroswarm.calibrate.message_loss import (
     fit_bursts,
     fit_independent,
     gap_sizes,
+    jackknife,
     lost_for_good,
     passing,
     simulated,
     windows_of,
 )
+from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
 
@@ -96,3 +98,11 @@ def test_windows_of_a_simulation_hold_all_messages() -> None:
         one.received.sum()
         == table.filter((table["run"] == 0) & (table["robot"] == 0))["messages_received"][-1]
     )
+
+
+def test_standard_errors_need_two_receivers() -> None:
+    with pytest.raises(InputError, match="at least two receivers") as refused:
+        jackknife(windows(20, 1), MODEL)
+    assert refused.value.field == "windows"
+    errors = jackknife(simulated(windows(20, 2), MODEL, 1.0, 0), MODEL)
+    assert errors["lost_in_bad"] >= 0.0

@@ -58,6 +58,14 @@ def test_wrong_wishes_of_a_curve() -> None:
         time_error_curve(SHORT, 5, 2, [1.5], [10])
 
 
+def test_a_curve_of_robots_that_steer_is_refused() -> None:
+    """Their motion depends on their readings, so that the points could not share it."""
+    steering = SHORT.with_values({"strategy.name": "explore"})
+    with pytest.raises(InputError, match="'explore' steers its robots") as refused:
+        time_error_curve(steering, 5, 2, [0.9], [10])
+    assert refused.value.field == "strategy.name"
+
+
 def test_pareto_by_hand() -> None:
     front = pareto_front([1, 2, 3, 3, 1, np.nan], [0.5, 0.2, 0.2, 0.1, 0.5, 0.0])
     assert front.tolist() == [True, True, False, True, True, False]

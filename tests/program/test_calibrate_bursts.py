@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
+import polars as pl
 import pytest
 
 from vibroswarm.calibrate.message_loss import STEPS
@@ -33,3 +35,20 @@ def test_without_losses_there_is_nothing_to_fit(tmp_path: Path, capsys: pytest.C
     assert main(["calibrate", "bursts", str(tmp_path / "ideal")]) == 2
     assert "no message is lost; there is nothing to fit" in capsys.readouterr().err
     assert main(["calibrate", "bursts", str(tmp_path / "none")]) == 2
+
+
+def test_one_receiver_has_no_standard_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A recording in which only robot 0 counts the messages that it received."""
+    result = simulate(SHORT.with_values({"network.name": "loss", "network.loss.share": 0.3}), 2)
+    count = pl.when(pl.col("robot") == 0).then("messages_received")
+    counted = replace(
+        result,
+        seed=None,
+        source="recording",
+        inference=result.inference.with_columns(messages_received=count),
+    )
+    counted.write(tmp_path / "one")
+    assert main(["calibrate", "bursts", str(tmp_path / "one"), "--errors"]) == 2
+    captured = capsys.readouterr()
+    assert "--errors: needs the counts of at least two receivers" in captured.err
+    assert captured.out == ""

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import json
 
+import pytest
+
 from vibroswarm.calibrate.effect import effects
 from vibroswarm.cli import main
+from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 
 EASY = preset("paper").with_values({"floor.source": "random:0.2", "decision.min_observations": 40})
@@ -25,6 +28,24 @@ def test_robots_that_sample_half_as_often_decide_later() -> None:
     assert time.confirmed
     assert time.first.difference.low > 20.0
     assert sum(one.consensus[0].values()) == 1.0
+
+
+def test_a_consensus_where_neither_decision_is_right_is_counted() -> None:
+    on_boundary = EASY.with_values({"floor.source": "random:0.5", "floor.rows": 4, "floor.columns": 4})
+    (one,) = effects(on_boundary, on_boundary, runs=6, strategies=("positive",))
+    assert one.consensus[0]["truth_undefined"] > 0.0
+    assert sum(one.consensus[0].values()) == pytest.approx(1.0)
+
+
+def test_strategies_that_steer_and_no_runs_are_refused() -> None:
+    steering = EASY.with_values({"strategy.name": "explore"})
+    for first, second in ((steering, EASY), (EASY, steering)):
+        with pytest.raises(InputError, match="'explore' steers"):
+            effects(first, second, runs=1, strategies=("none",))
+    with pytest.raises(InputError, match="'explore' steers"):
+        effects(EASY, EASY, runs=1, strategies=("none", "explore"))
+    with pytest.raises(InputError, match="runs: 0 is wrong"):
+        effects(EASY, EASY, runs=0)
 
 
 def test_the_command_tells_it(capsys) -> None:

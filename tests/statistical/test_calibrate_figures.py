@@ -72,3 +72,10 @@ def test_an_even_spread_has_density_one() -> None:
     rng = np.random.default_rng(1)
     wall = np.min([np.minimum(one, 1 - one) for one in rng.random((2, 200_000))], axis=0)
     assert _ring(wall, 0.05, 0.075, 1.0, 1.0) == pytest.approx(1.0, abs=0.02)
+
+
+def test_in_a_narrow_arena_no_place_is_far_from_the_walls() -> None:
+    narrow = {"arena__height_m": 0.1, "swarm__robots": 1, "swarm__start_margin_m": 0.02, "run__t_end_s": 60.0}
+    found = {one.name: one for one in figures_of(made(1, **narrow))}
+    assert found["off_walls"].interval is None
+    assert found["near_walls"].interval is not None

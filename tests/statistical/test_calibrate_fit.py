@@ -10,14 +10,16 @@ import polars as pl
 import pytest
 
 from vibroswarm.calibrate.camera import RIGHT, Camera
-from vibroswarm.calibrate.cross_validation import on_floor, readings_of
+from vibroswarm.calibrate.cross_validation import Fold, Reading, Score, on_floor, readings_of
 from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
+from vibroswarm.calibrate.features import FEATURES
 from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss
-from vibroswarm.calibrate.fit_avoidance import PRIOR, SUMMARIES, posterior
+from vibroswarm.calibrate.fit_avoidance import CANDIDATES, PRIOR, SUMMARIES, posterior
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import fit_sensor
+from vibroswarm.cli import calibrate_fit
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.scenario.scenario import preset
@@ -214,3 +216,35 @@ def test_sessions_taken_apart_keep_their_numbers(found: Dataset) -> None:
 def test_nothing_to_fit() -> None:
     with pytest.raises(InputError, match="nothing to fit"):
         dataset_of([])
+
+
+@pytest.mark.parametrize(("share", "missing"), [("1.0", "still"), ("0.0", "vibrating")])
+def test_floors_with_one_kind_of_tile_are_refused(share: str, missing: str) -> None:
+    scenario = preset("paper").with_values({"floor.source": f"random:{share}", "run.t_end_s": 30.0})
+    dataset = dataset_of([simulate(scenario, 5)])
+    for fit in (fit_camera, fit_sensor):
+        with pytest.raises(InputError, match=f"no sample lies on a {missing} tile") as refused:
+            fit(dataset)
+        assert refused.value.field == "REAL"
+
+
+def test_the_command_tries_as_many_candidates_as_the_function() -> None:
+    assert calibrate_fit.CANDIDATES == CANDIDATES
+
+
+def test_a_statistic_that_the_first_session_lacks_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    scores = tuple(Score(feature, 1, *[0.5] * 6) for feature in FEATURES)
+    bits, edge = (
+        Reading("share of ones", 0.5, 0.4, 0.1),
+        Reading("false negative, 0 to 10 mm", 0.3, 0.2, 0.05),
+    )
+
+    def fold(session: int, *readings: Reading) -> Fold:
+        return Fold(session, None, scores, readings, 0.5, float("nan"))  # type: ignore[arg-type]
+
+    calibrate_fit.print_folds([fold(0, bits), fold(1, edge, bits)])
+    rows = capsys.readouterr().out.splitlines()
+    (of_bits,) = (row.split() for row in rows if row.startswith("share of ones"))
+    (of_edge,) = (row.split() for row in rows if row.startswith("false negative, 0 to 10 mm"))
+    assert of_bits[-4:] == ["0.500", "0.400", "+1.0,", "+1.0"]
+    assert of_edge[-4:] == ["0.300", "0.200", "-,", "+2.0"]  # the first session has no value

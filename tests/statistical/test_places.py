@@ -204,6 +204,13 @@ def test_maps_show_the_floor_and_scores_come_from_them() -> None:
         floor_maps(replace(result, scenario=Scenario()))
 
 
+def test_maps_of_no_run_and_at_no_time() -> None:
+    result = simulate(PAPER.with_values({"run.t_end_s": 20.0}), SEED, [3])
+    assert maps_over_time(result, 3, np.array([])).shape == (0, 6, 25)
+    with pytest.raises(InputError, match="no run 0 in this result"):
+        maps_over_time(result, 0, np.array([10.0]))
+
+
 def test_rates_told_wrong_are_found_by_evidence() -> None:
     """Readings at a threshold of 1.55, rates told for 1.33: at .52 57 % wrong in 300 runs, with nine pairs 20 %."""
     timeline = timeline_of(PAPER, moved())

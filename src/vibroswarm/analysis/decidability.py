@@ -124,7 +124,8 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
             unless the arena's border cuts tiles off. Some part of the given floor must lie in the arena; a scenario
             refuses any other floor of its own.
     Raises:
-        InputError: ``error`` is not between 0 and 0.5, and the verdict is "decidable".
+        InputError: the floor lies outside the arena; or ``error`` is not between 0 and 0.5, and the verdict is
+            "decidable".
     """
     floor, sensor = floor or scenario.floor_for(0, 0), scenario.sensor
     size = (scenario.arena.width_m, scenario.arena.height_m)

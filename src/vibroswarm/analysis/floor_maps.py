@@ -87,10 +87,12 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
             checked. time_s: times of the maps, s, (times,), at least one.
     Returns: beliefs that each tile vibrates, (times, robots + 1, tiles); the last entry of axis 1 is the pooled map.
     Raises:
-        InputError: another strategy, a recording, or a result without the moves that estimated places need.
+        InputError: another strategy, a recording, a result without the moves that estimated places need, or no run of
+            this number.
     """
     seed = _check_maps(result)
     scenario, robots = result.scenario, result.scenario.swarm.robots
+    tiles = result.floor(run).tiles.size
     of_run = pl.col("run") == run
     samples, ends = result.motion.filter(of_run), result.ends.filter(of_run)
     moves = None if result.moves is None else result.moves.filter(of_run)
@@ -114,7 +116,7 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
         swarm = replay_to_end(scenario, seed, so_far, read_only(observation[taken]), energy_so_far)
         by_robot, pooled = _beliefs(swarm, runs=1, robots=robots, draws=draws_read(scenario))
         maps.append(np.concatenate([by_robot[0], pooled]))
-    return np.array(maps)
+    return np.array(maps).reshape(len(time_s), robots + 1, tiles)
 
 
 def _check_maps(result: Result) -> int:

@@ -198,8 +198,8 @@ def _resampled(
     """Return the bootstrap limits of sum(numerator) / sum(denominator) over runs.
 
     Args:
-        numerators, denominators: of each kind of run, (distinct,); runs with equal values are of one kind. The callers
-            give denominators above 0.
+        numerators, denominators: of each kind of run, (distinct,); runs with equal values are of one kind. Denominators
+            are above 0.
         counts: number of runs of each kind, (distinct,); 2 or more in all. draws: number of bootstrap draws.
     """
     n = int(counts.sum())
@@ -214,10 +214,7 @@ def _resampled(
     at_once = max(1, _BLOCK // counts.size)
     for first in range(0, draws, at_once):
         weights = random.multinomial(n, shares, size=min(at_once, draws - first))
-        bottom = weights @ denominators
-        top = weights @ numerators
-        # The denominators of all runs are above 0, so each draw has a ratio; the guard is for draws without any robot.
-        drawn.append(np.divide(top, bottom, out=np.full(bottom.size, ratio), where=bottom > 0))
+        drawn.append((weights @ numerators) / (weights @ denominators))
     spread = ratio + widen * (np.concatenate(drawn) - ratio)
     low, high = np.quantile(spread, [0.5 - level / 2, 0.5 + level / 2])  # Efron 1979
     return float(low), float(high)

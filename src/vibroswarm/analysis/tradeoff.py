@@ -31,7 +31,7 @@ from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.motion.source import source
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import check_runs, floors_of, summarise
+from vibroswarm.simulation import check_runs, floors_of, refuse_steering, summarise
 
 
 def time_error_curve(
@@ -52,7 +52,7 @@ def time_error_curve(
 
     Args:
         scenario: gives all settings but p_c and O_c; it is run to t_end, whatever its ``run.stop``. Its strategy must
-            not steer, which is not checked: the robots move as if it did not. seed: of the runs.
+            not steer, because the points share their motion. seed: of the runs.
         runs: number of runs, or their numbers.
         credible_thresholds: values of p_c. min_observations: values of O_c.
         undecided_counts: u, how much an undecided robot counts as an error, 0 to 1. level: confidence level.
@@ -61,7 +61,8 @@ def time_error_curve(
         Columns: credible_threshold, min_observations, error, error_low, error_high, all columns of
         ``CellSummary.as_row``, and pareto (whether the point is on the Pareto front).
     Raises:
-        InputError: no settings, u outside [0, 1], batch or workers below 1, or a setting that the scenario refuses.
+        InputError: no settings, u outside [0, 1], batch or workers below 1, a setting that the scenario refuses, or a
+            strategy that steers.
     """
     settings = list(product(credible_thresholds, min_observations))
     if not settings:
@@ -119,7 +120,10 @@ def replayed(
         seed: of the runs. runs: numbers of the runs. batch: number of runs computed together. workers: number of
             threads, each with one batch at a time.
     Yields: for each batch of runs, in the order of ``runs``, the tables of robots and of runs of each point.
+    Raises:
+        InputError: the strategy steers.
     """
+    refuse_steering(base)
 
     def tables_of(part: Sequence[int]) -> Tables:
         """Return the tables of all points for one batch of runs."""

@@ -16,14 +16,13 @@ from vibroswarm.analysis.cell_summary import run_figures
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.analysis.paired import FIGURES, Confirmation, compare, confirmed
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.errors import whole_number_of
+from vibroswarm.inference.outcomes import CONSENSUS
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import replay, simulate
+from vibroswarm.simulation import MAX_RUNS, refuse_steering, replay, simulate
 
 STRATEGIES: Final = ("none", "positive", "soft")
 """Strategies that are compared by default."""
-CONSENSUS: Final = ("right", "wrong", "split", "incomplete")
-"""Outcomes of a swarm whose shares are reported. ``truth_undefined`` is left out, so the shares may sum to less than
-1."""
 BATCH: Final = 100
 """Runs that are simulated at once."""
 Tables = tuple[pl.DataFrame, pl.DataFrame]
@@ -68,18 +67,24 @@ def effects(
     The motion of each scenario is simulated once for each seed, and replayed under each strategy.
 
     Args:
-        first, second: the scenarios to compare, with the same end of a run. Their own strategies matter only if they
-            steer the robots, because the motion is simulated with them.
-        runs: number of runs for each scenario and seed, at least 1.
+        first, second: the scenarios to compare, with the same end of a run. Their own strategies do not matter, but
+            must not steer.
+        runs: number of runs for each scenario and seed.
         seed: the seed of the estimates; ``seed`` + 1 is used to confirm the differences.
-        strategies: names of the strategies.
+        strategies: names of the strategies, none of which steers.
         progress: called with the share of the work that is done, 0 to 1.
     Returns:
         One effect per strategy, in the order of ``strategies``.
     Raises:
-        InputError: a scenario that cannot be simulated, or that cannot be replayed (``simulation.replay``) under one of
-            the strategies, such as one whose runs stop before t_end.
+        InputError: ``runs`` is not a whole number from 1, a strategy steers, a scenario cannot be simulated, or it
+            cannot be replayed (``simulation.replay``) under one of the strategies, such as one whose runs stop before
+            t_end.
     """
+    runs = whole_number_of(runs, "runs", 1, MAX_RUNS)
+    for scenario in (first, second):
+        refuse_steering(scenario)
+        for name in strategies:
+            refuse_steering(scenario.with_values({"strategy.name": name}))
     blocks = []  # blocks[block][scenario][strategy]: the tables of robots and of runs; block k has the seed seed + k
     done, batches = 0, 4 * -(-runs // BATCH)  # 2 seeds x 2 scenarios; the division rounds up
     for block in range(2):

@@ -109,7 +109,7 @@ def fit(
         candidates: number of parameter vectors that the fit of avoidance simulates; None: its default.
         progress: called with the share of the avoidance simulations that is done, 0 to 1.
     Raises:
-        InputError: too few robots or drives.
+        InputError: too few robots or drives, or all samples lie on one kind of tile.
     """
     camera = fit_camera(found)  # the camera, with its bootstrap draws
     found = found.corrected(camera.camera)

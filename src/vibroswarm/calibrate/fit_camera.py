@@ -58,6 +58,8 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
     Args:
         found: sessions, with positions as the camera saw them.
         draws: number of bootstrap resamples of robots in sessions.
+    Raises:
+        InputError: all samples lie on one kind of tile.
     """
     samples = found.samples
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()

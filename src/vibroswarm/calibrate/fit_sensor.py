@@ -31,6 +31,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaincinv, gammaln, ndtr
 
 from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.errors import InputError
 from vibroswarm.recordings.threshold import cluster_weights, resample, robot_clusters
 
 Floats = NDArray[np.float64]
@@ -82,6 +83,8 @@ def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     Args:
         found: sessions, with positions corrected for the camera.
         draws: number of bootstrap resamples.
+    Raises:
+        InputError: all samples lie on one kind of tile.
     """
     samples = found.samples
     energy, edge = samples["energy"].to_numpy(), samples["edge_m"].to_numpy()
@@ -143,6 +146,8 @@ def fit_plain(energy: Floats, edge_m: Floats, vibrating: NDArray[np.bool_]) -> F
     Args:
         energy, edge_m: energy and signed distance from the edge of each sample, (samples,).
         vibrating: whether the tile below each sample vibrates, (samples,).
+    Raises:
+        InputError: all samples lie on one kind of tile.
     """
     ones = np.ones(energy.size)
     return _fit(
@@ -169,12 +174,18 @@ def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
     is below the least energy. The reach is 0.5 cm, the blur 1.5 cm.
 
     Args:
-        energy: energy of each sample, (samples,). on: whether the tile below each sample vibrates, (samples,); both
-            kinds must occur.
+        energy: energy of each sample, (samples,). on: whether the tile below each sample vibrates, (samples,).
+    Raises:
+        InputError: there is no sample on one kind of tile.
     """
     theta = []
     for kind in (True, False):
         own = energy[on == kind]
+        if not own.size:
+            raise InputError(
+                f"no sample lies on a {'vibrating' if kind else 'still'} tile; give recordings with both kinds of tile",
+                field="REAL",
+            )
         theta += [
             np.log(4.0),
             np.log(max(float(own.std()), 1e-3) / 2.0),  # with shape 4, the standard deviation is 2 scales

@@ -31,6 +31,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 
 MOST_SHIFTED: Final = 3
@@ -202,7 +203,11 @@ def jackknife(windows: Sequence[Windows], found: Bursts) -> dict[str, float]:
         windows: the receivers, at least two. found: their fit, from which the repeated fits start.
     Returns:
         Standard errors of bad_share, bad_s, lost_in_bad and lost_in_good.
+    Raises:
+        InputError: fewer than two receivers.
     """
+    if len(windows) < 2:
+        raise InputError("standard errors need at least two receivers", field="windows")
     names = ("bad_share", "bad_s", "lost_in_bad", "lost_in_good")
     left_out = [fit_bursts([w for w in windows if w is not one], found) for one in windows]
     count = len(windows)

@@ -156,8 +156,10 @@ def _density(result: Result, x: Any, y: Any) -> dict[str, float | None]:
     }
 
 
-def _ring(wall: Any, low_m: float, high_m: float, width_m: float, height_m: float) -> float:
+def _ring(wall: Any, low_m: float, high_m: float, width_m: float, height_m: float) -> float | None:
     """Return the density of samples at ``low_m`` to ``high_m`` from the nearest wall, relative to a uniform density.
+
+    The result is None in an arena so narrow that no place is so far from the walls.
 
     Args:
         wall: distance of each sample from the nearest wall, m, (samples,).
@@ -168,7 +170,7 @@ def _ring(wall: Any, low_m: float, high_m: float, width_m: float, height_m: floa
         return max(width_m - 2 * distance_m, 0.0) * max(height_m - 2 * distance_m, 0.0)
 
     expected = (area_beyond(low_m) - area_beyond(high_m)) / (width_m * height_m)
-    return float(((wall >= low_m) & (wall < high_m)).mean()) / expected
+    return float(((wall >= low_m) & (wall < high_m)).mean()) / expected if expected > 0 else None
 
 
 def _lag_one(samples: pl.DataFrame, bits: Any) -> float | None:

@@ -165,6 +165,7 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
             "wrong, %",
             "split, %",
             "incomplete, %",
+            "truth undefined, %",
         ],
         [
             [
@@ -172,7 +173,7 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
                 name,
                 with_interval(figures["decision_time_s"], ".0f"),
                 with_interval(figures["belief_in_truth"], ".3f"),
-                *(f"{100 * share:.1f}" for share in shares.values()),  # right, wrong, split, incomplete
+                *(f"{100 * share:.1f}" for share in shares.values()),  # in the order of CONSENSUS
             ]
             for effect in found
             for name, figures, shares in zip(names, effect.figures, effect.consensus, strict=True)
@@ -234,6 +235,8 @@ def run_bursts(arguments: argparse.Namespace) -> int:
         raise InputError("counts no received messages", field=str(arguments.folders[0]))
     if all(message_loss.lost_for_good(one).sum() == 0 for one in windows):
         raise InputError("no message is lost; there is nothing to fit", field=str(arguments.folders[0]))
+    if arguments.errors and len(windows) < 2:
+        raise InputError("needs the counts of at least two receivers; leave it out", field="--errors")
     models = {
         "independent": message_loss.fit_independent(windows),
         "bursts": message_loss.fit_bursts(windows),

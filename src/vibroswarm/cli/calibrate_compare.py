@@ -155,7 +155,7 @@ def print_comparisons(found: dict[str, Comparison]) -> None:
     print_table(
         ["recognised", *names],
         [
-            [words, *("-" if share is None else over_sessions(share, ".3f") for share in shares)]
+            [words, *(over_sessions(share, ".3f") for share in shares)]
             for words, shares in (
                 (
                     "real or simulated, robots and sessions not trained on",

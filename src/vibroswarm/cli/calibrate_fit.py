@@ -21,6 +21,8 @@ examples:
   vibroswarm calibrate fit lab --out mine.toml
   vibroswarm calibrate fit lab --folds --against authors
 """
+CANDIDATES = 4000
+"""Default of ``--candidates``: that of ``fit_avoidance``, which takes long to import; a test compares them."""
 
 
 def add_parser(tasks: Any) -> None:
@@ -53,7 +55,8 @@ def add_parser(tasks: Any) -> None:
         "--candidates",
         metavar="N",
         type=between(whole, 200, 200_000),
-        help="runs for fitting avoidance (default 2400)",
+        default=CANDIDATES,
+        help=f"runs for fitting avoidance (default {CANDIDATES})",
     )
     add_json(parser)
     parser.set_defaults(run=run)
@@ -188,12 +191,13 @@ def print_folds(judged: list[Fold]) -> None:
     the accuracy of a classifier that distinguishes real stretches (some consecutive samples of one robot) from
     simulated ones. The second table has statistics of the bits that the robots read (``Fold.readings``): the value as
     recorded and the value as simulated with the fit, as means over the held-out sessions; and for each of these
-    sessions, by how many standard deviations its recorded value is above its simulated value.
+    sessions, by how many standard deviations its recorded value is above its simulated value, or a dash if the
+    statistic is unknown in it.
 
     Args:
         judged: one entry for each held-out session, at least one; all have the same features in the same order. The
-            second table has the statistics that are known in the first of these sessions; a session in which one is
-            unknown is left out of its row.
+            second table has all statistics that are known in some session; a session in which one is unknown has a
+            dash.
     """
     import numpy as np
 
@@ -235,16 +239,18 @@ def print_folds(judged: list[Fold]) -> None:
         f"simulated (0.5: chance): {accuracy:.3f}{versus}"
     )
     print()
-    rows = []  # one row for each statistic
-    for name in (reading.name for reading in judged[0].readings):
-        # This statistic in each held-out session.
-        by_fold = [reading for fold in judged for reading in fold.readings if reading.name == name]
+    rows = []  # one row for each statistic that is known in a session
+    readings = [{reading.name: reading for reading in fold.readings} for fold in judged]
+    for name in dict.fromkeys(name for of_fold in readings for name in of_fold):
+        # This statistic in each held-out session; None where it is unknown.
+        by_fold = [of_fold.get(name) for of_fold in readings]
+        known = [reading for reading in by_fold if reading is not None]
         rows.append(
             [
                 name,
-                f"{np.mean([reading.recorded for reading in by_fold]):.3f}",
-                f"{np.mean([reading.simulated for reading in by_fold]):.3f}",
-                ", ".join(f"{reading.deviation:+.1f}" for reading in by_fold),
+                f"{np.mean([reading.recorded for reading in known]):.3f}",
+                f"{np.mean([reading.simulated for reading in known]):.3f}",
+                ", ".join("-" if reading is None else f"{reading.deviation:+.1f}" for reading in by_fold),
             ]
         )
     columns = ["held-out sessions", "recorded", "fitted", "deviation of each, in s.d. of a session"]

@@ -107,15 +107,17 @@ class Floor(NotebookView):
         outside, which scenarios refuse, it is nan.
 
         Raises:
-            InputError: a size is not a finite number above 0.
+            InputError: a size is not a finite number above 0, or all tiles lie outside the arena.
         """
         width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
         sides = sides_inside(self.geometry, width_m, height_m)
         if sides is None:
             return self.fill_ratio
         across, up = sides  # the width of each column and the height of each row inside the arena, m
-        # Vibrating area over tiled area, both inside the arena, m2.
-        return float(up @ self.tiles @ across / (up.sum() * across.sum()))
+        tiled_m2 = up.sum() * across.sum()  # tiled area inside the arena
+        if not tiled_m2:
+            raise InputError(f"lies outside the arena of {width_m:g} m x {height_m:g} m", field="floor")
+        return float(up @ self.tiles @ across / tiled_m2)
 
     @classmethod
     def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
