@@ -226,10 +226,10 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
 
 
 def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
-    """Check decisions, consensus and posterior counts.
+    """Check decisions and consensus.
 
     Exactly the robots that decided have a decision time, and exactly the runs with a known consensus have counts of
-    right, wrong and undecided robots. A robot has all of its posterior counts or none.
+    right, wrong and undecided robots.
     """
     robots, runs = tables["robots"], tables["runs"]
     decided, timed = robots["decision"].is_in([0, 1]), robots["decision_time_s"].is_not_null()
@@ -252,12 +252,3 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
                 f"column '{column}' counts more than {scenario.swarm.robots} robots",
                 field=_file(folder, "runs"),
             )
-    is_null = pl.col("alpha", "beta", "messages_received").is_null()
-    all_null = robots.select(null=pl.all_horizontal(is_null))["null"]
-    any_null = robots.select(null=pl.any_horizontal(is_null))["null"]
-    # A user's strategy (one with ``code``) may have some of these columns only.
-    if not all_null.equals(any_null) and scenario.strategy.code is None:
-        raise InputError(
-            "columns 'alpha', 'beta', 'messages_received' must be given together or not at all",
-            field=_file(folder, "robots"),
-        )

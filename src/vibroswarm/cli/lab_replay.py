@@ -163,8 +163,8 @@ def _row(name: str, found: SessionOutcome, *, is_logged: bool) -> list[object]:
         outcome if is_logged else f"{outcome} {100 * share:.3g} %"
         for outcome, share in found.consensus.items()
     )
-    if found.decision_time_s is None:
-        return [found.session, name, consensus, "-", "-", "-"]
+    if found.decision_time_s is None or found.undecided is None:
+        return [found.session, name, consensus or "-", "-", "-", "-"]
     spread = "" if is_logged else f" [{found.decision_time_low_s:.0f}, {found.decision_time_high_s:.0f}]"
     return [
         found.session,

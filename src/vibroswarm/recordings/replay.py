@@ -301,8 +301,8 @@ class SessionOutcome(NotebookView):
     """5 % quantile over the draws."""
     decision_time_high_s: float | None
     """95 % quantile over the draws."""
-    undecided: float
-    """Share of undecided robots."""
+    undecided: float | None
+    """Share of undecided robots; None if decisions are not known."""
     belief_in_truth: float | None
     """Mean over draws and robots; None if no decision is right, or beliefs are not known."""
 
@@ -338,8 +338,11 @@ def _session_outcomes(
         own, of_run = timed.filter(pl.col("run") == run), runs.filter(pl.col("run") == run)
         # Mean decision time over robots, one value per draw.
         means_s = own.group_by("draw").agg(pl.col("time_s").mean())["time_s"].drop_nulls().to_numpy()
-        shares = of_run["consensus"].cast(pl.String).value_counts(normalize=True, sort=True)
+        shares = of_run["consensus"].cast(pl.String).drop_nulls().value_counts(normalize=True, sort=True)
         belief = own["belief_in_truth"].drop_nulls().to_numpy()
+        # Without logged decisions it is not known when robots decided, nor whether they did.
+        unknown = own["decision"].null_count() > 0
+        means_s = means_s[:0] if unknown else means_s
         outcomes.append(
             SessionOutcome(
                 session=run + 1,
@@ -348,7 +351,7 @@ def _session_outcomes(
                 decision_time_s=float(means_s.mean()) if means_s.size else None,
                 decision_time_low_s=float(np.quantile(means_s, 0.05)) if means_s.size else None,
                 decision_time_high_s=float(np.quantile(means_s, 0.95)) if means_s.size else None,
-                undecided=float((own["decision"] == -1).to_numpy().mean()),
+                undecided=None if unknown else float((own["decision"] == -1).to_numpy().mean()),
                 belief_in_truth=float(belief.mean()) if belief.size else None,
             )
         )
