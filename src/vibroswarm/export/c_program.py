@@ -128,7 +128,8 @@ def precision_of(parts: RobotParts) -> tuple[int, str]:
     if parts.mixture is not None:
         return MIXED, "float changes which wall a component takes; double arrays need twice the memory"
     tested = "float makes the same events as double"
-    is_ours = plain(parts.strategy.on_sample).__module__.startswith("vibroswarm.")
+    # A function that was typed in may have no module.
+    is_ours = str(plain(parts.strategy.on_sample).__module__).startswith("vibroswarm.")
     reason = tested if is_ours else "not tested for this strategy; compare with 3 (double)"
     return NEEDS_DOUBLE.get(parts.strategy.name, (SINGLE, reason))
 
