@@ -243,3 +243,6 @@ def test_markers_may_be_given_by_their_numbers(session: Path, tmp_path: Path, ca
     capsys.readouterr()
     assert main([*by_file, "--marker-height", "30"]) == 2
     assert "is for ids" in capsys.readouterr().err
+    for other in (["--partial"], ["--any-floor"], ["--board", "8x6"]):
+        assert main([*by_file, *other]) == 2, other  # other settings, so other work than that in the folder
+        assert "add --force to replace it" in " ".join(capsys.readouterr().err.split())

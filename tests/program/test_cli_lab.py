@@ -71,6 +71,22 @@ def test_a_csv_of_ones_own(tmp_path, capsys):
     assert "beliefs replayed, not logged" in (tmp_path / "mine" / "run.html").read_text(encoding="utf-8")
 
 
+def test_a_log_of_messages_without_posteriors_is_read_again(tmp_path, capsys):
+    head, *rows = (SHIPPED / "camera.csv").read_text().splitlines()
+    log, columns = tmp_path / "log.csv", tmp_path / "columns.toml"
+    log.write_text("\n".join([f"{head},recv", *(f"{row},{k // 5}" for k, row in enumerate(rows))]))
+    columns.write_text((SHIPPED / "columns.toml").read_text() + 'messages_received = "recv"\n')
+    arguments = [str(log), "--columns", str(columns), *FLOOR, "--out", str(tmp_path / "mine")]
+    assert main(["lab", "import", *arguments]) == 0
+    robots = Recording.read(tmp_path / "mine").robots
+    assert robots["messages_received"].null_count() == 0
+    assert robots["alpha"].null_count() == robots.height
+    for command in (["show"], ["lab", "replay", "--draws", "2"], ["lab", "threshold"], ["lab", "export"]):
+        more = ["--format", "csv", "--out", str(tmp_path / "tables")] if "export" in command else []
+        assert main([*command, str(tmp_path / "mine"), *more]) == 0, command
+    capsys.readouterr()
+
+
 def test_replay(kept, capsys):
     assert (
         main(["lab", "replay", str(kept), "--gate", "own", "--set", "rms_threshold=1.4", "--draws", "5"]) == 0
@@ -212,6 +228,7 @@ def test_compare_several(kept, tmp_path, capsys):
             "unknown strategy 'softly', did you mean 'soft'",
         ),
         (["lab", "export", "nowhere", "--format", "rugbt", "--out", "x"], "did you mean 'rugbot'"),
+        (["lab", "export", "nowhere", "--session", "0", "--out", "x"], "--session: 0 is not 1 or more"),
         (["calibrate", "compare", "nowhere", "nowhere"], "is not a vibroswarm result"),
     ],
 )

@@ -240,6 +240,8 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["--check", "paper", "--runs", "1"], "at least 2"),
         (["--method", "grid", "--noise", "fixed"], "does not apply to a grid"),
         (["--sensitivity", "--budget", "10"], "too few"),
+        (["--sensitivity", "--runs", "10"], "--runs: does not apply to --sensitivity"),
+        (["--sensitivity", "--against", "paper"], "--against: does not apply to --sensitivity"),
         (["--style", "poster"], "style"),
         (["--workers", "0", "--budget", "1000"], "a whole number from 1"),
     ],

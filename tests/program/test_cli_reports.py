@@ -276,6 +276,18 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert told(capsys, *line, "--seed", "2", "--force")[0] == 0
 
 
+def test_a_tradeoff_of_a_single_run_has_a_time_without_limits(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "trade"
+    line = ["tradeoff", "--runs", "1", "--thresholds", "0.8", "--observations", "0", *SMALL]
+    code, said, err = told(capsys, *line, "--out", out)
+    assert (code, "Traceback" in err) == (0, False)
+    (row,) = pl.read_csv(out / "tradeoff.csv").iter_rows(named=True)
+    assert row["decision_time_s_low"] is None
+    assert f"0.8 0 {row['decision_time_s']:.0f} {100 * row['error']:.1f} [" in " ".join(said.split())
+
+
 def test_until_a_precision_tells_the_interval_that_was_looked_at(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -167,6 +167,14 @@ def test_tables_settings_and_studies_are_shown(tmp_path, capsys):
         assert words in " ".join(capsys.readouterr().out.split())
 
 
+def test_what_is_not_finite_is_null_in_json(tmp_path, capsys):
+    path = tmp_path / "a.csv"
+    path.write_text("name,value\nx,inf\ny,-inf\nz,NaN\nw,0.25\n")
+    assert main(["show", str(path), "--json"]) == 0
+    rows = json.loads(capsys.readouterr().out)
+    assert rows == [{"name": n, "value": v} for n, v in (("x", None), ("y", None), ("z", None), ("w", 0.25))]
+
+
 @pytest.mark.parametrize(
     "harm",
     [

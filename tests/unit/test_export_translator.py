@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
+from types import FunctionType
 from typing import Any, NamedTuple
 
 import pytest
@@ -16,9 +18,14 @@ from helpers.exported_robots import STRICT
 from vibroswarm import preset
 from vibroswarm.errors import InputError
 from vibroswarm.export import assembly
+from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_library import ASSETS
+from vibroswarm.export.c_program import SINGLE, precision_of
 from vibroswarm.export.c_types import BOOL, INT, REAL, CArray, Struct, Value, struct_of_class, typedef
+from vibroswarm.export.parameters import c_number
+from vibroswarm.export.python_program import Collected
+from vibroswarm.export.source import plain
 from vibroswarm.strategies import strategy as strategy_of
 
 NUMBERS: tuple[str, ...] = ("one", "two")
@@ -34,7 +41,7 @@ PAIR = struct_of_class("vs_Pair", Pair)
 
 
 def program() -> Program:
-    return Program({Pair: PAIR}, {}, {}, {}, "no template", {})
+    return Program({Pair: PAIR, Fields: FIELDS}, {}, {}, {}, "no template", {})
 
 
 def a_list(x: float) -> float:
@@ -117,6 +124,56 @@ def a_global(x: float) -> float:
     return x * len(NUMBERS)
 
 
+def fractions_in_a_loop(x: float) -> float:
+    for k in (0.5, 1.5):
+        x += k
+    return x
+
+
+def variables_in_a_loop(n: int) -> int:
+    for k in (0, n):
+        n += k
+    return n
+
+
+def without_a_value(x: float) -> float:
+    if x > 0.0:
+        return x
+    return  # type: ignore[return-value]
+
+
+def first_without_a_value(x: float) -> float:
+    if x > 0.0:
+        return  # type: ignore[return-value]
+    return x
+
+
+def divided_by_zero(x: float) -> float:
+    return x + 1 / 0
+
+
+def complex_power(x: float) -> float:
+    return float(x + (-1.0) ** 0.5)
+
+
+def construct_in_any_order(row: Any) -> float:
+    pair = Pair(add_one(row), int(add_one(row)))
+    return pair.first
+
+
+class Fields:
+    count: int
+    mean: float
+
+
+FIELDS = struct_of_class("vs_Fields", Fields, mutable=True)
+
+
+def construct_with_fields(x: float) -> float:
+    fields = Fields(1, x)  # type: ignore[call-arg]
+    return fields.mean
+
+
 @pytest.mark.parametrize(
     ("function", "kind", "line", "said"),
     [
@@ -136,6 +193,14 @@ def a_global(x: float) -> float:
         (beside_a_field, ROW, 1, "a call that may change a row beside a field"),
         (number_as_test, REAL, 1, "'x' is not a comparison"),
         (a_global, REAL, 1, "'len'"),
+        (fractions_in_a_loop, REAL, 1, "'0.5' in a loop is not a constant whole number"),
+        (variables_in_a_loop, INT, 1, "'n' in a loop is not a constant whole number"),
+        (without_a_value, REAL, 3, "a 'return' without a value, beside one with a value"),
+        (first_without_a_value, REAL, 3, "returns 'x'"),
+        (divided_by_zero, REAL, 1, "constants without a result (division by zero)"),
+        (complex_power, REAL, 1, "constants whose result is no number"),
+        (construct_in_any_order, ROW, 1, "two calls that may change a row"),
+        (construct_with_fields, REAL, 1, "such a row is constructed without arguments"),
     ],
 )
 def test_what_is_not_known_is_refused_with_its_line(function: Any, kind: Any, line: int, said: str) -> None:
@@ -251,3 +316,62 @@ def test_a_variant_that_several_options_select_is_refused(monkeypatch: pytest.Mo
     ) as caught:
         assembly.refuse_options(scenario, strategy_of("soft"))
     assert caught.value.field == "strategy.soft"
+
+
+NEVER = False
+
+
+def nothing_left(x: float) -> float:
+    for _ in range(3):
+        if NEVER:
+            x += 1.0
+    while x > 2.0:
+        if NEVER:
+            x -= 1.0
+    if x > 1.0:
+        if NEVER:
+            x = 0.0
+        x += 0.0 if NEVER else 1.0
+    if x > 2.0:
+        if NEVER:
+            x = 0.0
+    else:
+        x = -1.0
+    return x
+
+
+def test_blocks_of_which_nothing_is_left_are_python() -> None:
+    made = Collected(parts_of(preset("paper")), {})
+    name = made.function(nothing_left)
+    space: dict[str, Any] = {}
+    exec("\n".join(made.texts), space)  # noqa: S102 - the exported text of the function above
+    assert space[name](1.5) == 2.5
+
+
+def test_functions_of_one_name_are_kept_apart() -> None:
+    """Those of two modules whose last names are the same."""
+    made = Collected(parts_of(preset("paper")), {})
+    functions = []
+    for package in ("one", "two"):
+        function = FunctionType(nothing_left.__code__, nothing_left.__globals__, "helper")
+        function.__module__ = f"{package}.tools"
+        functions.append(function)
+    assert [made.function(function) for function in functions] == ["tools_helper", "tools_helper_2"]
+    assert ["def tools_helper(" in made.texts[0], "def tools_helper_2(" in made.texts[1]] == [True, True]
+
+
+def test_nan_is_no_parameter() -> None:
+    with pytest.raises(InputError, match="VS_WORLD_X: is nan"):
+        c_number(math.nan, "VS_WORLD_X")
+    assert c_number(math.inf, "VS_WORLD_X") == "VS_INFINITY"
+
+
+def test_only_tested_strategies_are_said_to_act_alike_in_float() -> None:
+    parts = parts_of(preset("paper"))
+    assert precision_of(parts) == (SINGLE, "float makes the same events as double")
+    hook = plain(parts.strategy.on_sample)
+    own = FunctionType(hook.__code__, hook.__globals__, "on_sample")
+    own.__module__ = "mine"
+    users = replace(parts, strategy=replace(parts.strategy, on_sample=own))
+    assert precision_of(users)[0] == SINGLE
+    assert "not tested for this strategy" in precision_of(users)[1]

@@ -99,6 +99,39 @@ def test_a_result_moved_out_of_the_way_by_a_killed_process_comes_back(tmp_path: 
     assert [path.name for path in tmp_path.rglob("*")] == ["result", "scenario.toml"]
 
 
+KILLED_IN_REMOVAL = """
+import os, shutil, signal
+from pathlib import Path
+from vibroswarm.core import atomic_io
+def killed(path, **options):
+    (Path(path) / "table.csv").unlink()
+    os.kill(os.getpid(), signal.SIGKILL)
+shutil.rmtree = killed
+path = Path({path!r})
+{remove}
+"""
+
+
+@needs_posix
+@pytest.mark.parametrize(
+    "remove", ["atomic_io.remove_folder(path)", "atomic_io.remove_leftovers(path.parent)"]
+)
+def test_a_folder_that_is_half_removed_does_not_come_back(remove: str, tmp_path: Path, dead: str) -> None:
+    path = tmp_path / "result"
+    folders = [path, tmp_path / f".result.{OLD_MARK}{dead}"]
+    for folder in folders if "leftovers" in remove else [path]:
+        folder.mkdir()
+        for name in ("scenario.toml", "table.csv"):
+            (folder / name).touch()
+    assert run(KILLED_IN_REMOVAL.format(path=str(path), remove=remove)).returncode == -9
+    if path.exists():  # the user removes the newer result, beside which the older one was being removed
+        (path / "table.csv").unlink()
+        (path / "scenario.toml").unlink()
+        path.rmdir()
+    remove_leftovers(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
 @needs_posix
 def test_a_store_is_tidied_when_it_is_gone_on_with(tmp_path: Path, dead: str) -> None:
     study = Study({"run": {"t_end_s": 60.0}}, {}, 2, seed=1)
@@ -133,8 +166,11 @@ with whole_folder(Path({str(tmp_path / "folder")!r})) as part:
 def test_names_as_long_as_a_file_system_allows_are_written(tmp_path: Path) -> None:
     with whole_file(tmp_path / ("n" * 240 + ".csv")) as part:
         part.write_text("x")
-    with whole_folder(tmp_path / ("n" * 250)) as part:
-        (part / "x").touch()
+    for k in range(2):
+        with whole_folder(tmp_path / ("n" * 250), replace=True, marker="x") as part:
+            (part / "x").write_text(str(k))
+    assert (tmp_path / ("n" * 250) / "x").read_text() == "1", "replaced"
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 AT_ONCE = """

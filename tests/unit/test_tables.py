@@ -97,6 +97,12 @@ def test_layouts_from_wide_to_narrow():
     assert sum(line.startswith("cell") for line in layout(wide, 60)) == 2, "in two parts"
 
 
+@pytest.mark.parametrize("names", [1, 2])
+def test_a_table_of_names_only_is_shown_at_any_width(names):
+    table = table_of(["name", "kind"][:names], [[c * 200, "a kind"][:names] for c in "xy"], names=names)
+    assert words_lost(table, layout(table, 60)) == []
+
+
 def test_letters_of_two_columns_and_of_none():
     lines = layout(table_of(["floor", "n"], [["床" * 5, "1"], ["a\u0301", "22"]]), 60)
     assert [cell_width(line) for line in lines] == [14, 14, 14]

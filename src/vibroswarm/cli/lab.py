@@ -286,7 +286,11 @@ def _add_export(tasks: Any) -> None:
         help="rugbot (default), webots or csv",
     )
     parser.add_argument(
-        "--session", metavar="N", type=whole, default=1, help="run to write to a log, from 1 (default 1)"
+        "--session",
+        metavar="N",
+        type=between(whole, 1),
+        default=1,
+        help="run to write to a log, from 1 (default 1)",
     )
     parser.add_argument("--out", metavar="PATH", type=Path, required=True, help="file; for csv a folder")
     parser.add_argument("--force", action="store_true", help="replace PATH if it exists")

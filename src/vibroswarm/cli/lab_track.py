@@ -192,6 +192,7 @@ def run(arguments: argparse.Namespace) -> int:
     work = hash_of(
         scenario.hash, stated, markers.to_toml(), [str(video.resolve()) for video in videos],
         [str(board) for board in boards], heights, None if samples is None else samples.to_dicts(),
+        arguments.board, arguments.partial, arguments.any_floor,
     )  # fmt: skip
     # An existing folder is accepted only if it holds results of the same videos and settings, or with --force.
     # at_once=False: older results stay until the new ones are complete and replace them.

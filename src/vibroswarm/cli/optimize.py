@@ -272,7 +272,8 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_saved
     from vibroswarm.optimize.sensitivity import sobol_indices, write_sensitivity
 
-    _refuse(arguments, ("method", "noise", "fresh", "check"), "does not apply to --sensitivity")
+    names = ("method", "noise", "fresh", "check", "against", "runs")
+    _refuse(arguments, names, "does not apply to --sensitivity")
     # Here --budget is the number of runs of the analysis. It is removed from the arguments because search_from would
     # take it for the budget of a search and check it against the limits of one.
     budget, arguments.budget = 20_000 if arguments.budget is None else arguments.budget, None

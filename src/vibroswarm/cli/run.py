@@ -74,6 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = scenario_from(arguments)
     check_open(arguments)
     motion = chosen("motion", arguments.motion)
+    if arguments.watch is not None:
+        _refuse_without_segments(scenario, arguments.seed, motion)
     # An existing folder is accepted only if it holds the same run, or with --force. at_once=False: the older folder
     # stays until the new one is complete and replaces it.
     claim(arguments, lambda: refuse_other_run(arguments.out, scenario, arguments.seed, motion), at_once=False)
@@ -82,21 +84,31 @@ def run(arguments: argparse.Namespace) -> int:
     result = _simulate(scenario, arguments.seed, motion, with_segments)
     if arguments.out is not None:
         _save(result, arguments.out)
-    if arguments.watch is not None:
-        if result.segments is None:
-            raise InputError(
-                f"'{arguments.motion}' has no positions between samples; cannot play back", field="--watch"
-            )
-        if not arguments.json:
-            from vibroswarm.cli.watch import play
+    if arguments.watch is not None and not arguments.json:
+        from vibroswarm.cli.watch import play
 
-            play(result, arguments.watch)
+        play(result, arguments.watch)
     _print_verdict(result, arguments)
     has_page = result.segments is not None
     print_saved(arguments, "scenario, tables, picture and page", "run.html" if has_page else None)
     if arguments.out is not None and not has_page and not arguments.json:
         print_paragraph(f"No page: '{arguments.motion}' has no positions between samples")
     return 0
+
+
+def _refuse_without_segments(scenario: Scenario, seed: int, motion: str) -> None:
+    """Refuse ``--watch`` if a motion source has no positions between samples.
+
+    A user's source is asked for them at the start of the run; the engines of this package all have them.
+
+    Raises:
+        InputError: the source has no positions between samples.
+    """
+    from vibroswarm.motion.source import source
+
+    found = source(motion)
+    if not found.is_ours and found.init(scenario, seed, 0, segments=True).advance(0.0).segments is None:
+        raise InputError(f"'{motion}' has no positions between samples; cannot play back", field="--watch")
 
 
 def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Result:

@@ -231,7 +231,12 @@ def _frame(path: Path) -> pl.DataFrame:
 def _print_frame(table: pl.DataFrame, arguments: argparse.Namespace) -> None:
     """Print a table; its columns before the first column of numbers are aligned to the left as text."""
     if arguments.json:
-        print_json(table.fill_nan(None).to_dicts())
+        import polars as pl
+        from polars.selectors import float as float_columns
+
+        # JSON has no numbers for nan and infinity.
+        finite = pl.when(float_columns().is_finite()).then(float_columns())
+        print_json(table.with_columns(finite).to_dicts())
         return
     rows = [[_cell(value) for value in row] for row in table.iter_rows()]
     first_numeric = next((k for k, kind in enumerate(table.dtypes) if kind.is_numeric()), table.width)

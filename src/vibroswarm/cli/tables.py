@@ -243,8 +243,8 @@ def _parts(table: Table, width: int) -> list[str] | None:
     """Lay out several tables one under the other, each with the names and as many other columns as fit.
 
     Returns:
-        The lines; None if a column does not fit beside the names, even if it is the only one. Empty if all columns are
-        names.
+        The lines; None if a column does not fit beside the names, even if it is the only one, or if there is no other
+        column than the names.
     """
     lines: list[str] = []
     remaining = list(range(table.names, len(table.columns)))
@@ -265,7 +265,7 @@ def _parts(table: Table, width: int) -> list[str] | None:
                 break
         else:
             return None
-    return lines
+    return lines or None
 
 
 def _records(table: Table, width: int) -> list[str]:

@@ -122,10 +122,14 @@ def _print_front(curve: pl.DataFrame) -> None:
     """
     from vibroswarm.cli.output import print_paragraph, print_table
 
-    def limits(row: dict[str, float], name: str, scale: float, form: str) -> str:
-        """Format the figure in column ``name`` with its limits, multiplied by ``scale`` and in the format ``form``."""
-        estimate, low, high = (f"{scale * row[name + end]:{form}}" for end in ("", "_low", "_high"))
-        return f"{estimate} [{low}, {high}]"
+    def limits(row: dict[str, Any], name: str, scale: float, form: str) -> str:
+        """Format the figure in column ``name`` with its limits, multiplied by ``scale`` and in the format ``form``.
+
+        A figure without limits, such as the time of a single run, is formatted alone.
+        """
+        values = [row[name + end] for end in ("", "_low", "_high")]
+        estimate, *limits = [f"{scale * value:{form}}" for value in values if value is not None]
+        return f"{estimate} [{', '.join(limits)}]" if limits else estimate
 
     # The column "pareto" is true for the settings on the front.
     front = curve.filter("pareto").sort("decision_time_s")

@@ -92,7 +92,7 @@ def remove_leftovers(folder: Path) -> int:
             if match["old"] and not (folder / match["name"]).exists():
                 path.replace(folder / match["name"])
             elif path.is_dir() and not path.is_symlink():
-                shutil.rmtree(path, ignore_errors=True)
+                _remove_at_once(path)
             else:
                 path.unlink()
     return removed
@@ -112,6 +112,19 @@ def remove_leftovers_once(folder: Path) -> None:
     if key not in _cleaned_folders:
         _cleaned_folders.add(key)
         remove_leftovers(folder)
+
+
+def _remove_at_once(folder: Path) -> None:
+    """Remove a folder in such a way that nobody sees, or moves back, one that is half removed.
+
+    Raises:
+        OSError: the folder could not be removed.
+    """
+    doomed = folder.with_name(
+        f".removed.{tag()}"
+    )  # no ``OLD_MARK``, so ``remove_leftovers`` removes what is left
+    folder.replace(doomed)
+    shutil.rmtree(doomed)
 
 
 fcntl: Any
@@ -246,6 +259,8 @@ OURS: Final = (MARKER, "study.toml", "search.toml", "tradeoff.csv", "printed.jso
 of ``export``, which have markers of their own."""
 MAX_TRIES = 20
 """Attempts to check or to replace a folder that other processes replace at the same time."""
+MAX_FILE_NAME_BYTES: Final = 255
+"""Greatest length of a name on common file systems."""
 MAX_NAME_LENGTH = 100
 """Number of characters of a name that are used in its temporary name, since file systems limit the length of names."""
 
@@ -371,12 +386,22 @@ def remove_folder(path: Path) -> None:
     """
     with folder_lock(path):  # only checks that no other process works in the folder
         pass
-    old = path.parent / f".{path.name[:MAX_NAME_LENGTH]}.{OLD_MARK}{tag()}"
     try:
-        path.replace(old)  # one operation, so that nobody sees a folder that is half removed
-        shutil.rmtree(old)
+        _remove_at_once(path)
     except OSError as error:
         raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
+
+
+def _aside(path: Path) -> Path:
+    """Return a new name for a folder that is moved aside until another one is in its place.
+
+    ``remove_leftovers`` moves the folder back to the name in it: the folder's own, or its beginning if the file system
+    would not allow a name of that length.
+    """
+    whole = f".{path.name}.{OLD_MARK}{tag()}"
+    if len(os.fsencode(whole)) > MAX_FILE_NAME_BYTES:
+        whole = f".{path.name[:MAX_NAME_LENGTH]}.{OLD_MARK}{tag()}"
+    return path.parent / whole
 
 
 def _swap_in(part: Path, path: Path) -> None:
@@ -390,8 +415,7 @@ def _swap_in(part: Path, path: Path) -> None:
     old: Path | None = None  # where the old folder was moved to
     try:
         if path.exists():
-            # The name is not cut, because ``remove_leftovers`` takes the folder's name from it.
-            old = path.parent / f".{path.name}.{OLD_MARK}{tag()}"
+            old = _aside(path)
             path.replace(old)
         part.replace(path)
     except OSError:
@@ -399,8 +423,9 @@ def _swap_in(part: Path, path: Path) -> None:
             old.replace(path)
         raise
     finally:
-        if old is not None:
-            shutil.rmtree(old, ignore_errors=True)  # does nothing if the folder was moved back
+        if old is not None and old.exists():  # it does not exist if the folder was moved back
+            with suppress(OSError):
+                _remove_at_once(old)
 
 
 def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> None:

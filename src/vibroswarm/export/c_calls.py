@@ -127,12 +127,13 @@ class Calls(Expressions):
         """
         if not node.args and not node.keywords:
             return Value(f"({struct.name}){{0}}", struct)
+        if not hasattr(struct.source, "_fields"):  # not a named tuple
+            self.refuse(node, f"'{ast.unparse(node)[:60]}': such a row is constructed without arguments")
         names = list(struct.source._fields)
         if node.keywords or len(node.args) != len(names):
             self.refuse(node, f"'{ast.unparse(node)[:60]}': not all fields, in order")
         texts = []
-        for name, argument in zip(names, node.args, strict=True):
-            value = self.expression(argument)
+        for name, value in zip(names, self.in_any_order(node, node.args), strict=True):
             if name in struct.omitted:  # the struct in C does not have this field, so its value is dropped
                 continue
             texts.append(f".{identifier(name)} = {value.text}")

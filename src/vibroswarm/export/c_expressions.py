@@ -277,7 +277,12 @@ class Expressions:
         if left.constant is not None and right.constant is not None:
             folded = ast.BinOp(ast.Constant(left.constant), operator, ast.Constant(right.constant))
             text = compile(ast.fix_missing_locations(ast.Expression(folded)), "constant", "eval")
-            number = number_of(eval(text, {}))  # noqa: S307 - two numbers and an operator
+            try:
+                number = number_of(eval(text, {}))  # noqa: S307 - two numbers and an operator
+            except (ArithmeticError, TypeError, ValueError) as error:  # a division by zero, or an overflow
+                self.refuse(node, f"constants without a result ({error})")
+            if number is None:  # such as the complex number of a negative one to the power of 0.5
+                self.refuse(node, "constants whose result is no number")
             return literal(number)  # type: ignore[arg-type]
         both = joined(joined(left.type, right.type), INT)  # truth values count as whole numbers
         kind = type(operator)

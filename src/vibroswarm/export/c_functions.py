@@ -224,6 +224,9 @@ class Function(Calls):
         refused: a change of the copy would be lost.
         """
         if node.value is None:
+            if self.returns not in (None, VOID):
+                self.refuse(node, "a 'return' without a value, beside one with a value")
+            self.returns = VOID
             self.write("return;")
             return
         if isinstance(node.value, ast.Tuple):
@@ -268,7 +271,7 @@ class Function(Calls):
         self.write("}")
 
     def do_for(self, node: ast.For) -> None:
-        """Translate a ``for`` loop over ``range(...)`` or over a tuple of numbers, such as ``for k in (0, 2, 5)``.
+        """Translate a ``for`` loop over ``range(...)`` or a tuple of constant whole numbers, as ``for k in (0, 2, 5)``.
 
         The numbers of a tuple must be whole and constant, since they become a constant array of ``vs_int``; this is not
         checked. The variable must not be assigned in the body, because it is the counter of the loop in C.
@@ -284,7 +287,11 @@ class Function(Calls):
         ):
             self.refuse(node, f"the variable '{node.target.id}' of a loop is changed in it")
         if isinstance(node.iter, ast.Tuple):
-            values = [self.number(item).text for item in node.iter.elts]
+            found = [self.number(item) for item in node.iter.elts]
+            for item, value in zip(node.iter.elts, found, strict=True):
+                if value.constant is None or value.type not in (BOOL, INT):
+                    self.refuse(item, f"'{ast.unparse(item)[:60]}' in a loop is not a constant whole number")
+            values = [value.text for value in found]
             # Write an array of the numbers, a loop over its indices, and the variable as the first line of the body.
             # That line is indented one level deeper, as ``block`` does for the other lines of the body.
             self.held += 1

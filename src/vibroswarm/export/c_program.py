@@ -30,6 +30,7 @@ from vibroswarm.export.c_types import (
     typedef,
 )
 from vibroswarm.export.parameters import ROWS, macro_of
+from vibroswarm.export.source import plain
 from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture
 from vibroswarm.robot.sensing import SenseProgram, SenseState
 from vibroswarm.robot.walk import Dice, WalkProgram, WalkState
@@ -128,7 +129,11 @@ def precision_of(parts: RobotParts) -> tuple[int, str]:
     """
     if parts.mixture is not None:
         return MIXED, "float changes which wall a component takes; double arrays need twice the memory"
-    return NEEDS_DOUBLE.get(parts.strategy.name, (SINGLE, "float makes the same events as double"))
+    tested = "float makes the same events as double"
+    # A function that was typed in may have no module.
+    is_ours = str(plain(parts.strategy.on_sample).__module__).startswith("vibroswarm.")
+    reason = tested if is_ours else "not tested for this strategy; compare with 3 (double)"
+    return NEEDS_DOUBLE.get(parts.strategy.name, (SINGLE, reason))
 
 
 def made_by(parts: RobotParts) -> str:

@@ -52,22 +52,32 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
     if parts.localiser is not None:
         rows["LOCALISER"] = parts.localiser._asdict()
     found = {
-        macro_of(row, name): c_number(value) for row, values in rows.items() for name, value in values.items()
+        macro_of(row, name): c_number(value, macro_of(row, name))
+        for row, values in rows.items()
+        for name, value in values.items()
     }
-    found["VS_RMS_THRESHOLD"] = c_number(parts.rms_threshold)
+    found["VS_RMS_THRESHOLD"] = c_number(parts.rms_threshold, "VS_RMS_THRESHOLD")
     return found
 
 
-def c_number(value: Any) -> str:
-    """Return the text in C of a number other than NaN, or of an array of such numbers, flattened in braces."""
+def c_number(value: Any, name: str) -> str:
+    """Return the text in C of a number, or of an array of numbers, flattened in braces.
+
+    Args:
+        name: of the constant, for the error message.
+    Raises:
+        InputError: a number is nan.
+    """
     if isinstance(value, np.ndarray):
-        return "{" + ", ".join(c_number(item) for item in value.ravel().tolist()) + "}"
+        return "{" + ", ".join(c_number(item, name) for item in value.ravel().tolist()) + "}"
     # Truth values come before integers, because a Python bool is an int, too.
     if isinstance(value, bool | np.bool_):
         return "true" if value else "false"
     if isinstance(value, int | np.integer):
         return str(int(value))
     number = float(value)
+    if math.isnan(number):
+        raise InputError("is nan, which a header of parameters cannot hold", field=name)
     if math.isinf(number):
         return "VS_INFINITY" if number > 0 else "(-VS_INFINITY)"
     return f"VS_R({number!r})"

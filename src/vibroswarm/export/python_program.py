@@ -135,7 +135,8 @@ class Collected:
     def function(self, function: Any) -> str:
         """Return a function's name in the module; if it is not in the module yet, add it and the functions it calls.
 
-        Functions of ``robot_program`` keep their names; other functions get the name of their module in front.
+        Functions of ``robot_program`` keep their names; other functions get the name of their module in front, and a
+        number behind if that name is taken.
         """
         found = plain(function)
         if found is plain(uniform):
@@ -143,7 +144,12 @@ class Collected:
         if found not in self.names:
             is_template = found.__module__ == robot_program.__name__
             prefix = "" if is_template else f"{found.__module__.rpartition('.')[2]}_"
-            self.names[found] = f"{prefix}{found.__name__}"
+            name = base = f"{prefix}{found.__name__}"
+            count = 1
+            while name in self.names.values():
+                count += 1
+                name = f"{base}_{count}"
+            self.names[found] = name
             source = source_of(found, self.parts.hooks if is_template else None)
             tree = Rewriter(self, source).rewritten()
             self.texts.append(ast.unparse(tree))
@@ -231,13 +237,30 @@ class Rewriter(ast.NodeTransformer):
         """Replace ``if`` with a constant test by the statements that are run; the others are left out."""
         known = self.truth(node.test)
         if known is None:
-            return self.generic_visit(node)
+            made = self.generic_visit(node)
+            assert isinstance(made, ast.If)
+            made.body = made.body or [ast.Pass()]  # an inner ``if`` may be left out
+            return made
         found: list[Any] = []
         for statement in node.body if known else node.orelse:
             item = self.visit(statement)
             if item is not None:  # a bare annotation, of which nothing is left
                 found += item if isinstance(item, list) else [item]
         return found
+
+    def visit_For(self, node: ast.For) -> Any:
+        """Put ``pass`` into a loop of which no statement is left."""
+        made = self.generic_visit(node)
+        assert isinstance(made, ast.For)
+        made.body = made.body or [ast.Pass()]
+        return made
+
+    def visit_While(self, node: ast.While) -> Any:
+        """Put ``pass`` into a loop of which no statement is left."""
+        made = self.generic_visit(node)
+        assert isinstance(made, ast.While)
+        made.body = made.body or [ast.Pass()]
+        return made
 
     def visit_IfExp(self, node: ast.IfExp) -> Any:
         """Replace ``a if test else b`` with a constant test by the value chosen."""
