@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -162,14 +163,16 @@ def compare_scenarios(
     )
 
 
-def shares(outcomes: Outcomes) -> Array:
-    """Compute the ``FIGURES`` of each run as means over its robots, (runs, 4)."""
-    parts = (outcomes.time_s, outcomes.right, outcomes.wrong, outcomes.undecided)
-    return np.column_stack([part.mean(axis=1) for part in parts])
+def mean_over_robots(field: str, outcomes: Outcomes) -> Array:
+    """Average a field of ``Outcomes`` that has a value for each run and robot over the robots, (runs,)."""
+    return np.asarray(getattr(outcomes, field).mean(axis=1))
 
 
-SHARES: Final = Objective("shares", function=shares)
-"""The ``FIGURES`` as columns of an objective, so that they are computed in the same simulation as the score."""
+OF_FIGURES: Final = tuple(
+    Objective(figure, function=partial(mean_over_robots, field))
+    for figure, field in zip(FIGURES, ("time_s", "right", "wrong", "undecided"), strict=True)
+)
+"""The ``FIGURES`` as objectives, so that they are computed in the same simulation as the score."""
 
 
 def _block(
@@ -190,8 +193,10 @@ def _block(
         The score, and a table with one row per run: the number ``run``, and the ``FIGURES`` averaged over the cases.
     """
     no_values: dict[str, Any] = {}  # the scenarios are complete: no fields are set in them
-    simulated = figures_of(scenarios, no_values, (objective, SHARES), runs, seed, pool, progress=progress)
-    # the last columns are those of SHARES
+    simulated = figures_of(
+        scenarios, no_values, (objective, *OF_FIGURES), runs, seed, pool, progress=progress
+    )
+    # the last columns are those of ``OF_FIGURES``, one each
     rows, share_rows = simulated.rows[:, :, : -len(FIGURES)], simulated.rows[:, :, -len(FIGURES) :]
     figures = {figure: share_rows[:, :, k].mean(axis=1) for k, figure in enumerate(FIGURES)}
     scored = scored_of(name, no_values, objective, rows, simulated.runs, simulated.failed)

@@ -248,7 +248,7 @@ class SingleProcessPools(Executor):
 
         Args:
             wait: whether to wait until the processes have ended. cancel_futures: whether to drop the calls that have
-                not begun.
+                not begun; true wherever this package calls it.
         """
         self.cancel.set()
         self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
