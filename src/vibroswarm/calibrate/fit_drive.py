@@ -196,9 +196,10 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
 def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
     """Return the distance between samples of undisturbed intervals, divided by the distance at driving speed.
 
-    The distance at driving speed is the mean speed times the time of a drive from sample to sample, which is tau and a
-    control period. Both distances are means over robots in sessions. The result is 1, no correction, with fewer than 50
-    undisturbed intervals, and if the ratio is not between 0.8 and 1.25, which is not plausible.
+    The distance at driving speed is the mean speed times the time of a drive from sample to sample: the sample interval
+    tau and a control period, as the timer must exceed tau. Both distances are means over robots in sessions. The result
+    is 1, no correction, with fewer than 50 undisturbed intervals, if a robot has none, and if the ratio is not between
+    0.8 and 1.25, which is not plausible.
 
     Args:
         table: from ``_table_of_robots``.

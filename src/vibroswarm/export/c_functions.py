@@ -152,8 +152,8 @@ class Function(Calls):
         body = without_docstring(self.source.tree.body)
         while True:
             before = dict(self.types), self.returns
-            # The text starts anew; depth is the indentation of the body's lines. ``changes`` may count on, since only
-            # its increase within an expression matters, and ``writes`` stays true once it is.
+            # The text starts anew; depth is the indentation of the body's lines. The counter ``changes`` is not reset,
+            # as only its increase within an expression matters, nor is ``writes``, which stays true once it is.
             self.aliases, self.depth, self.held = {}, 1, 0
             self.lines: list[str] = []
             for statement in body:

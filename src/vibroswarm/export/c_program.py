@@ -221,7 +221,10 @@ def type_of_argument(item: inspect.Parameter, robot: Struct, structs: Mapping[st
 
 
 def initial(name: str, kind: Struct) -> list[str]:
-    """Return the initialisers of a constant row, such as ``.rows = VS_WORLD_ROWS``; ``["0"]`` for an empty row."""
+    """Return the initialisers of a constant row, such as ``.rows = VS_WORLD_ROWS``; ``["0"]`` for an empty row.
+
+    An empty row has the field "unused" in C, where a struct needs at least one field.
+    """
     return [f".{field} = {macro_of(name, field)}" for field, _ in kind.fields if field != "unused"] or ["0"]
 
 

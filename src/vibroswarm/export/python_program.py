@@ -72,7 +72,7 @@ def class_text(name: str, kind: Struct) -> str:
     """Return the text of a class for a row or named tuple.
 
     A row is constructed without arguments, and is all zeros. A named tuple is constructed from all fields, in order.
-    ``Mixture`` counts as a row, because its arrays are changed in place.
+    ``Mixture`` counts as a row, because its arrays are changed in place. Every struct has at least one field.
     """
     fields = [field for field, _ in kind.fields]
     lines = [f"class {name}:", f"    __slots__ = ({', '.join(repr(field) for field in fields)},)", ""]
