@@ -231,7 +231,7 @@ def classifier_accuracy(
 
 
 def _share_interval(shares: list[float], level: float) -> Interval:
-    """Return the interval of the mean of some shares, with its limits clipped to [0, 1]."""
+    """Return the interval of the mean of shares, with its limits clipped to [0, 1]; one share has the limits 0, 1."""
     interval = mean_interval(shares, level)
     return interval._replace(low=max(interval.low, 0.0), high=min(interval.high, 1.0))
 

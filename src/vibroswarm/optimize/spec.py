@@ -292,7 +292,7 @@ class Search(NotebookView):
 
     @property
     def budget(self) -> int:
-        """Total runs of the search; by default those of the paper's swarm."""
+        """Total runs of the search; by default those of a particle swarm with the settings ``pso``."""
         return self.settings.budget or self.pso.runs_an_iteration * self.pso.iterations
 
     @property

@@ -281,7 +281,7 @@ SEGMENT_CHECKS: Final[tuple[Check, ...]] = (
 
 
 def of_robot(moves: pl.DataFrame | None, run: int, robot: int) -> pl.DataFrame:
-    """Return the rows of a robot's moves in a run, in order of time.
+    """Return the rows of a robot's moves in a run, in their order in the table, which should be that of time.
 
     Raises:
         AssertionError: there is no table of moves, or the robot has none in it.

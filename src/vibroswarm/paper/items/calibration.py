@@ -391,7 +391,8 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
 def _states(source: str, result: Result) -> pl.DataFrame:
     """Return the shares of time that the robots spend avoiding, sensing and walking, one row per session.
 
-    Walking is all time that is neither avoidance nor a stop to sense.
+    Walking is all time that is neither avoidance nor a stop to sense. Both are known for the intervals that end with a
+    sample (``motion`` has a row for each), so a robot's time after its last sample counts as walking.
 
     Args:
         source: name of the source, for the first column. result: its sessions.
