@@ -31,7 +31,7 @@ from vibroswarm.result import Result, floor_frame
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import fault_frame
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies import strategy
+from vibroswarm.strategies import known, strategy
 
 PIECE_S = 100.0
 """Length of the pieces in which motion advances if progress is reported, s."""
@@ -109,7 +109,8 @@ def replay(result: Result, scenario: Scenario) -> Result:
         scenario: may differ from the result's scenario in all sections that do not determine motion (``OF_MOTION``).
     Raises:
         InputError: the result was recorded or lacks moves that are needed, ``scenario`` would move the robots in
-            another way, the strategy of either steers, or the runs ended when all robots had decided.
+            another way, the strategy of either steers or is a user's that is not loaded, or the runs ended when all
+            robots had decided.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     check_scenario(scenario)
@@ -128,6 +129,13 @@ def replay(result: Result, scenario: Scenario) -> Result:
     if scenario.run.stop != "t_end":
         raise InputError("these runs ended when all had decided; their motion is cut short", field="run.stop")
     refuse_steering(scenario)
+    own = result.scenario.strategy
+    if own.code is not None and own.name not in known():
+        raise InputError(
+            f"its strategy '{own.name}' is not loaded, so whether it steered these robots is not known; import "
+            f"'{own.code.partition(':')[0]}' first",
+            field="result",
+        )
     if steers(result.scenario):
         raise InputError(
             f"'{result.scenario.strategy.name}' steered these robots, so no other scenario has their motion; "

@@ -8,7 +8,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from vibroswarm import preset, simulate
+from vibroswarm import preset, replay, simulate
 from vibroswarm.cli import main
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.optimize.journal import HEAD, JOURNAL, SEARCH, Journal
@@ -324,3 +324,15 @@ def test_a_range_of_whole_numbers_is_one_also_without_the_code(
     capsys.readouterr()
     assert main(["show", str(out)]) == 0
     assert "Done: 9 of 9 runs" in capsys.readouterr().out
+
+
+def test_a_result_whose_strategy_is_not_loaded_is_not_replayed(tmp_path: Path) -> None:
+    """Whether it steered is known only to its code."""
+    out = tmp_path / "a run"
+    assert main(["run", "--strategy", VOTER, *SHORT, "--out", str(out)]) == 0
+    kept = Result.read(out)
+    other = kept.scenario.with_values({"strategy.name": "none"})
+    assert replay(kept, other).runs.height == kept.runs.height
+    forget("voter")
+    with pytest.raises(InputError, match=r"'voter' is not loaded, .* import 'voter\.py' first"):
+        replay(kept, other)
