@@ -147,7 +147,7 @@ def reached(scenario: Scenario, seed: int, runs: Sequence[int]) -> Reached:
     All points have the same motion and readings. A combination that the scenario refuses is left out.
 
     Args:
-        scenario: its strategy must not steer, which is not checked. seed: of the runs. runs: their numbers.
+        scenario: its strategy must not steer. seed: of the runs. runs: their numbers.
     Returns: times and errors of each point in each run; point 0 is the scenario as given.
     Raises:
         InputError: the scenario cannot be run, or in some run neither decision is right.

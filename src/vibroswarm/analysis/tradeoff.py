@@ -115,7 +115,7 @@ def replayed(
     """Simulate the motion of runs once, compute decisions with the settings of each point, and yield their tables.
 
     Args:
-        base: scenario of the motion and the observations; its strategy must not steer, which is not checked.
+        base: scenario of the motion and the observations; its strategy must not steer.
         points: scenarios that differ from ``base`` only in decisions.
         seed: of the runs. runs: numbers of the runs. batch: number of runs computed together. workers: number of
             threads, each with one batch at a time.

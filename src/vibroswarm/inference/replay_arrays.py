@@ -25,7 +25,7 @@ DOES_NOT_SEND: Final = 1
 BUFFER_FULL: Final = 2
 """Status code: a buffer of messages is full; the call must be repeated with a larger one."""
 INVALID_DECISION: Final = 3
-"""Error code: a decision is not -1, 0 or 1. Only the kernel of ``replay_messages`` checks this."""
+"""Error code: a decision is not -1, 0 or 1."""
 AGREED_SINCE: Final = 0
 """Index in ``MessageBuffer.agreement`` of the tick since which all opinions agree; -1: they do not."""
 SETTLED: Final = 1

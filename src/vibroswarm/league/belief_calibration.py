@@ -182,7 +182,7 @@ def prior_weights(prior: str, entry: Entry, league: League) -> Array:
 def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Array, Array, Array, Array]:
     """Sum over the robots of each run on each floor.
 
-    A run without rows, which failed, counts with 0 robots.
+    The caller has checked that each run has its rows.
 
     Args:
         table: rows of robots with cell, run, decision, belief_below and truth. first: number of the cell of the first

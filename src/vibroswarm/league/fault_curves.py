@@ -80,7 +80,7 @@ def fault_curves(
         runs: number of runs for each kind of fault, number of faulty robots and floor.
         how: further arguments of ``study.run.run``, such as workers.
     Returns: one row per entry (``name``), kind and number of faulty robots from 0 up; limits have ``_low`` and
-        ``_high``. Empty, without columns, if nothing was simulated with faults: for a swarm of a single robot, or if no
+        ``_high``. Empty if nothing was simulated with faults: for a swarm of a single robot, or if no
         kind fits any entry.
     Raises:
         InputError: an unknown kind, or ``most`` is not from 1 to the number of robots - 1.
@@ -210,7 +210,7 @@ def borne(curves: pl.DataFrame) -> pl.DataFrame:
     """Compute for each entry and kind the largest number of faulty robots that the entry is shown to tolerate.
 
     Args:
-        curves: from ``fault_curves``; not empty.
+        curves: from ``fault_curves``.
     Returns: one row per entry and kind: name, kind, borne (the entry tolerates this number of faulty robots and all
         smaller numbers), open (whether the result for the next larger number is inconclusive).
     """

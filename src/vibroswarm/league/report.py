@@ -46,8 +46,7 @@ def write_league_report(folder: Path, standings: Standings, tables: Mapping[str,
         folder: it must exist. standings: results of the league.
         tables: tables by name: "differences" and "floor_differences" (of ``Standings``) and "fronts" (from
             ``front_table``), all with the same reference; optionally "beliefs" (from ``belief_calibration``) and
-            "faults" (from ``fault_curves``). The league has at least two entries: with one, the tables of differences
-            have no columns.
+            "faults" (from ``fault_curves``).
     """
     write_report(folder / REPORT, report_of(standings, tables))
 

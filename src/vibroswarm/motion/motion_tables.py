@@ -268,8 +268,6 @@ def _wrong(
 ) -> Iterator[str]:
     """Yield each error in a piece of motion, in words; nothing if it is valid.
 
-    The table ``failures`` is not checked.
-
     Args:
         piece: what ``advance(until_s)`` returned, or the part of a batch that belongs to ``run``.
         before_s, after_s: ``time_s`` of the state before and after ``advance(until_s)``.

@@ -166,8 +166,7 @@ def write_archive(made: Reproduction, path: Path) -> None:
 def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
     """Return the contents of all files of the archive but ``archive.json``, by name.
 
-    The tables ``cells``, ``robots`` and ``measured`` are left out if they would have no rows. ``verify_archive`` needs
-    the first two, so it refuses an archive of items without cells.
+    The tables ``cells``, ``robots`` and ``measured`` are left out if they would have no rows.
     """
     # Only cells that were run or read: cells of items with saved tables may have no results.
     cells = {key: cell for key, cell in made.cells.items() if key in results.cells}

@@ -91,7 +91,7 @@ def verify(
         workers: number of threads; None: one for each processor.
         progress: called with the share of the computation that is done, 0 to 1.
     Raises:
-        InputError: the file is not an archive, is damaged, has no cells, or would take too long to check.
+        InputError: the file is not an archive, is damaged, or would take too long to check.
     """
     with Zipped(path) as archive:
         head = _head(archive)

@@ -26,7 +26,7 @@ def draw_search(
 
     Args:
         frame: one row per iteration with the columns ``iteration``, ``best`` (so far, as the search believes) and
-            ``mean`` (of the iteration's candidates); null: no score. The axis begins at 0, so scores must be 0 or more.
+            ``mean`` (of the iteration's candidates); null: no score. The axis begins at 0 unless a score lies below.
         personal: of a particle swarm, one row per iteration and particle with the columns ``iteration``, ``particle``
             and ``score`` (the best of the particle so far); None: not drawn.
         label: of the score, with its unit.

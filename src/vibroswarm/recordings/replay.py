@@ -342,7 +342,7 @@ def session_outcomes(recording: Recording, replayed: Replayed) -> list[SessionOu
 
 
 def logged_outcomes(recording: Recording) -> list[SessionOutcome]:
-    """Summarise the robots' own decisions as if they were a replay of a single draw; all must be logged."""
+    """Summarise the robots' own decisions as if they were a replay of a single draw."""
     number = pl.lit(0, dtype=pl.UInt32).alias("draw")
     robots, runs = recording.robots.select(number, *ROBOTS), recording.runs.select(number, *RUNS)
     return _session_outcomes(recording, robots, runs, recording.scenario.strategy.name)
