@@ -218,6 +218,14 @@ def test_mcp_estimates_by_likelihood(samples: int, data: st.DataObject, b: float
     assert mcp.local_confidence(ones, samples, b, w) == pytest.approx(expected, rel=1e-6)
 
 
+def test_mcp_of_a_sensor_that_tells_next_to_nothing() -> None:
+    """Rates of 0.9999995 and 0 sum to less than 1, but a perfect sensor's accuracy is made smaller by more."""
+    b, w = min(1.0 - 0.9999995, mcp.PERFECT), mcp.PERFECT
+    assert b + w < 1.0
+    assert mcp.local_estimate(0, 10, b, w) == 0.0
+    assert mcp.local_estimate(1, 10, b, w) == 1.0
+
+
 def test_mcp_by_hand() -> None:
     assert mcp.local_estimate(3, 10, 0.9, 0.8) == pytest.approx(1 / 7)
     assert mcp.local_confidence(3, 10, 0.9, 0.8) == pytest.approx(0.49 * 1000 / 21)

@@ -13,7 +13,7 @@ from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Confirmation, Paired
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.strategies import known
-from vibroswarm.study.answers import Answer, answers_of
+from vibroswarm.study.answers import Answer, answers_of, question
 from vibroswarm.study.cell_comparison import Compared
 from vibroswarm.study.spec import Study
 
@@ -144,6 +144,18 @@ def test_replays_are_those_of_the_scenario_and_its_settings() -> None:
 
 def test_settings_are_of_strategies_that_exist() -> None:
     assert set(front_settings()) <= set(known())
+
+
+def test_the_question_names_only_what_all_cells_share() -> None:
+    ends = Study.of(preset("paper"), 3, run__t_end_s=[50.0, 100.0]).run()
+    assert "5 robots, floor" in question(ends, [])
+    assert "up to" not in question(ends, [])
+    floors = ["random:0.48", "random:0.52"]
+    all_varied = Study.of(
+        preset("paper"), 3, run__t_end_s=[50.0, 60.0], swarm__robots=[5, 6], floor__source=floors
+    )
+    assert question(all_varied.run(), []) == "8 cells: 3 runs each, seed 1."
+    assert "up to 1200 s" in question(Study.of(preset("paper"), 3, swarm__robots=[5, 6]).run(), [])
 
 
 def test_names_with_commas_are_listed_between_semicolons() -> None:

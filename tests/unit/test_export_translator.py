@@ -21,8 +21,18 @@ from vibroswarm.export import assembly
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_library import ASSETS
-from vibroswarm.export.c_program import SINGLE, precision_of
-from vibroswarm.export.c_types import BOOL, INT, REAL, CArray, Struct, Value, struct_of_class, typedef
+from vibroswarm.export.c_program import SINGLE, initial, precision_of
+from vibroswarm.export.c_types import (
+    BOOL,
+    INT,
+    REAL,
+    CArray,
+    Struct,
+    Value,
+    struct_of_class,
+    struct_of_row,
+    typedef,
+)
 from vibroswarm.export.parameters import c_number
 from vibroswarm.export.python_program import Collected
 from vibroswarm.export.source import plain
@@ -116,6 +126,34 @@ def beside_a_field(row: Any) -> float:
     return float(row.mean) * add_one(row)
 
 
+def read_mean(row: Any) -> float:
+    return float(row.mean)
+
+
+def beside_a_reader(row: Any) -> float:
+    return read_mean(row) + add_one(row)
+
+
+def added_to_a_field(row: Any) -> float:
+    row.mean += add_one(row)
+    return float(row.mean)
+
+
+def change_count(row: Any) -> float:
+    row.count += 1
+    return 0.5
+
+
+def at_an_index(row: Any) -> float:
+    row.values[row.count] = change_count(row)
+    return float(row.mean)
+
+
+def changed_by_an_index(row: Any) -> float:
+    row.values[int(change_count(row))] = 1.0
+    return float(row.mean)
+
+
 def number_as_test(x: float) -> float:
     return 1.0 if x else 0.0
 
@@ -191,6 +229,10 @@ def construct_with_fields(x: float) -> float:
         (no_such_field, ROW, 1, "the field 'median'"),
         (in_any_order, ROW, 1, "two calls that may change a row"),
         (beside_a_field, ROW, 1, "a call that may change a row beside a field"),
+        (beside_a_reader, ROW, 1, "a call that may change a row beside one that may read it"),
+        (added_to_a_field, ROW, 1, "a call that may change a row beside a field"),
+        (at_an_index, ROW, 1, "a call that may change a row beside an index that may read one"),
+        (changed_by_an_index, ROW, 1, "a call that may change a row, in the index of"),
         (number_as_test, REAL, 1, "'x' is not a comparison"),
         (a_global, REAL, 1, "'len'"),
         (fractions_in_a_loop, REAL, 1, "'0.5' in a loop is not a constant whole number"),
@@ -230,7 +272,15 @@ def choices(a: int, b: int) -> tuple[float, float]:
     return chosen, product
 
 
-FUNCTIONS = ((integers, INT, 5), (reals, REAL, 5), (swapped, REAL, 2), (choices, INT, 2))
+def swapped_pairs(x: float, y: float) -> tuple[float, float]:
+    one, other = Pair(x, 1), Pair(y, 2)
+    one, other = other, one
+    return one.first, other.first
+
+
+FUNCTIONS = (
+    (integers, INT, 5), (reals, REAL, 5), (swapped, REAL, 2), (swapped_pairs, REAL, 2), (choices, INT, 2),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -243,7 +293,7 @@ def compiled(tmp_path_factory: pytest.TempPathFactory) -> Any:
     made = program()
     texts = [made.function(function, [kind, kind]) for function, kind, _ in FUNCTIONS]
     lines = ["#define VS_PRECISION 3", '#include "vibroswarm_runtime.h"']
-    lines += [typedef(kind) for kind in made.tuples.values()]
+    lines += [typedef(kind) for kind in (PAIR, *made.tuples.values())]
     lines += [item.text for item in texts]
     for (function, kind, count), item in zip(FUNCTIONS, texts, strict=True):
         values = " ".join(f"out[{k}] = (double)found.v{k};" for k in range(count))
@@ -280,6 +330,12 @@ def test_operators_mean_what_they_mean_in_python(compiled: Any, a: int, b: int, 
 
 def test_products_do_not_overflow(compiled: Any) -> None:
     assert compiled(choices, INT, 2, 2_000_000_000, 2_000_000_000)[1] == 4e18 / 3
+
+
+def test_a_field_called_unused_is_a_field() -> None:
+    """Structs without fields get one of this name in C, which is set to 0."""
+    assert initial("PARAMS", struct_of_row("vs_Params", {"unused": float})) == [".unused = VS_PARAMS_UNUSED"]
+    assert initial("PARAMS", struct_of_row("vs_Params", {})) == ["0"]
 
 
 def test_names_of_c_are_avoided() -> None:

@@ -145,6 +145,13 @@ def test_toml_there_and_back_loses_nothing(values: dict[str, Any]) -> None:
         assert value_of(again, name) == value
 
 
+def test_parameters_of_a_strategy_that_there_is_not_are_no_fields() -> None:
+    for name in ("strategy.nonsense.eta", "network.nonsense.range_m", "strategy.soft.nonsense"):
+        with pytest.raises(InputError, match="there is no such field") as error:
+            value_of(Scenario(), name)
+        assert error.value.field == name
+
+
 @pytest.mark.parametrize("name", field_names())
 def test_each_field_goes_through_toml(name: str) -> None:
     scenario = changed(name)

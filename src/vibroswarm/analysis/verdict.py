@@ -254,7 +254,7 @@ def confidence(found: Verdict) -> str:
         beliefs = [r.belief for r in found.robots if r.belief is not None]
         if not beliefs:
             if any(r.samples for r in found.robots):
-                return "Confidence: not defined; this strategy has no belief."
+                return "Confidence: not defined; these robots report no belief."
             return "No robot took a sample."
         answer = "less" if found.of_shares else found.answers[0]
         return f"Confidence: no robot decided; belief in '{answer}' is {_range(beliefs)}. {note}"

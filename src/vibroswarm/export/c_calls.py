@@ -24,6 +24,7 @@ from vibroswarm.export.c_types import (
     address,
     as_real,
     identifier,
+    is_by_reference,
     joined,
     literal,
 )
@@ -155,6 +156,8 @@ class Calls(Expressions):
         if compiled.changes:  # the function called may change a row, so this one may too
             self.changes += 1
             self.writes = True
+        if any(is_by_reference(kind) for kind in compiled.parameters):
+            self.calls_with_rows += 1
         texts = []
         for value, kind in zip(values, compiled.parameters, strict=True):
             if isinstance(kind, Struct):

@@ -27,6 +27,7 @@ from vibroswarm.export.c_types import (
     as_real,
     field_of,
     identifier,
+    is_by_reference,
     joined,
     literal,
 )
@@ -65,6 +66,8 @@ class Expressions:
     """Statements in C to write before the current one."""
     changes: int = 0
     """Number of calls translated so far that may change a row."""
+    calls_with_rows: int = 0
+    """Number of calls translated so far that are given a row or array which may change: they may read it."""
     writes: bool = False
     """Whether the function may change a row that it is given."""
 
@@ -93,14 +96,21 @@ class Expressions:
         The order must not matter: if one expression may change a row, the others must neither change nor read one;
         otherwise they are refused.
         """
-        found, changing = [], set[int]()
+        found, changing, called = [], set[int](), set[int]()
         for k, item in enumerate(items):
-            before = self.changes
+            before = self.changes, self.calls_with_rows
             found.append(self.expression(item))
-            if self.changes > before:
+            if self.changes > before[0]:
                 changing.add(k)
+            elif self.calls_with_rows > before[1]:
+                called.add(k)
         if len(changing) > 1:
             self.refuse(node, "two calls that may change a row in one expression, whose order C leaves open")
+        if changing and called:
+            self.refuse(
+                node,
+                "a call that may change a row beside one that may read it, in an order that C leaves open",
+            )
         if changing and any(self.reads_row(item) for k, item in enumerate(items) if k not in changing):
             self.refuse(node, "a call that may change a row beside a field, in an order that C leaves open")
         return found
@@ -108,7 +118,8 @@ class Expressions:
     def reads_row(self, item: ast.expr) -> bool:
         """Return whether an expression reads a number in a row or array that a call might change.
 
-        Sizes of arrays cannot change, and a row or array that is only passed on is not read here.
+        Sizes of arrays cannot change. A row or array that is passed to a function is not read here, but there
+        (``calls_with_rows``).
         """
         for part in ast.walk(item):
             # For a field or element such as ``s.counts[k]``, find the variable at its beginning: ``s``.
@@ -119,11 +130,7 @@ class Expressions:
                 continue  # not a field or element of a variable
             kind = self.types.get(root.id)
             # A call might change an array, a row that can be changed, and what a local variable refers to.
-            might_change = (
-                isinstance(kind, CArray)
-                or (isinstance(kind, Struct) and kind.mutable)
-                or root.id in self.aliases
-            )
+            might_change = is_by_reference(kind) or root.id in self.aliases
             is_size = isinstance(part, ast.Attribute) and part.attr in ("size", "shape")
             if is_size or not might_change:
                 continue

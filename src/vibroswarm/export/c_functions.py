@@ -28,6 +28,7 @@ from vibroswarm.export.c_types import (
     c_name,
     declaration,
     identifier,
+    is_by_reference,
     joined,
     parameter,
 )
@@ -152,8 +153,9 @@ class Function(Calls):
         body = without_docstring(self.source.tree.body)
         while True:
             before = dict(self.types), self.returns
-            # The text starts anew; depth is the indentation of the body's lines. The counter ``changes`` is not reset,
-            # as only its increase within an expression matters, nor is ``writes``, which stays true once it is.
+            # The text starts anew; depth is the indentation of the body's lines. The counters ``changes`` and
+            # ``calls_with_rows`` are not reset, as only their increase within an expression matters, nor is ``writes``,
+            # which stays true once it is.
             self.aliases, self.depth, self.held = {}, 1, 0
             self.lines: list[str] = []
             for statement in body:
@@ -239,7 +241,7 @@ class Function(Calls):
         else:
             value = self.expression(node.value)
             kind = joined(self.returns, value.type)
-            if kind is None or isinstance(kind, CArray) or (isinstance(kind, Struct) and kind.mutable):
+            if kind is None or is_by_reference(kind):
                 self.refuse(node, f"returns '{ast.unparse(node.value)[:60]}'")
             text = as_real(value) if kind == REAL else value.text
         self.returns = kind
@@ -342,8 +344,8 @@ class Function(Calls):
         # line is kept for errors.
         before = ast.parse(ast.unparse(node.target), mode="eval").body
         ast.increment_lineno(before, node.lineno - 1)
-        value = self.arithmetic(node, node.op, self.number(before), self.number(node.value))
-        self.assign(node.target, value, node)
+        left, right = self.numbers(node, [before, node.value])
+        self.assign(node.target, self.arithmetic(node, node.op, left, right), node)
 
     def do_assign(self, node: ast.Assign) -> None:
         """Translate ``x = y``, ``x = y = z``, ``x, y = z, w`` and ``x, y = f()``."""
@@ -356,7 +358,7 @@ class Function(Calls):
             return
         (target,) = node.targets
         if not isinstance(target, ast.Tuple):
-            self.assign(target, self.expression(node.value), node)
+            self.assign_expression(target, node.value, node)
         elif isinstance(node.value, ast.Tuple) and len(target.elts) == len(node.value.elts):
             self.assign_each(target.elts, node.value.elts, node)
         else:
@@ -370,11 +372,11 @@ class Function(Calls):
         """
         if any(reads(value, target) for k, target in enumerate(targets) for value in values[k + 1 :]):
             found = [self.expression(value) for value in values]
-            # A number that is known when the program is translated cannot change. Of an array or a row, only the name
-            # is assigned. So these need no variable.
+            # A number that is known when the program is translated cannot change. Of an array, or a row that can be
+            # changed, only the name is assigned. So these need no variable.
             held = [
                 value
-                if value.constant is not None or isinstance(value.type, CArray | Struct)
+                if value.constant is not None or is_by_reference(value.type)
                 else Value(self.hold(value), value.type)
                 for value in found
             ]
@@ -382,7 +384,21 @@ class Function(Calls):
                 self.assign(target, value, node)
             return
         for target, item in zip(targets, values, strict=True):
-            self.assign(target, self.expression(item), node)
+            self.assign_expression(target, item, node)
+
+    def assign_expression(self, target: ast.expr, item: ast.expr, node: ast.Assign) -> None:
+        """Translate the assignment of an expression to one target.
+
+        Python computes the value before the index of an element, as in ``s.counts[s.k] = f(s)``; C leaves the order
+        open. So if the value may change a row, an index that may read one is refused.
+        """
+        before = self.changes
+        value = self.expression(item)
+        if self.changes > before and isinstance(target, ast.Subscript):
+            index = target.slice
+            if self.reads_row(index) or any(isinstance(part, ast.Call) for part in ast.walk(index)):
+                self.refuse(node, "a call that may change a row beside an index that may read one")
+        self.assign(target, value, node)
 
     def unpack(self, target: ast.Tuple, node: ast.Assign) -> None:
         """Assign the values that one call returns to several targets; ``_`` takes a value that is not used."""
@@ -407,7 +423,10 @@ class Function(Calls):
             return
         if not isinstance(target, ast.Attribute | ast.Subscript):
             self.refuse(node, f"an assignment to '{ast.unparse(target)[:60]}'")
+        before = self.changes
         place = self.expression(target)
+        if self.changes > before:
+            self.refuse(node, f"a call that may change a row, in the index of '{ast.unparse(target)[:60]}'")
         self.writes = True
         if joined(place.type, value.type) is None:
             self.refuse(node, f"'{ast.unparse(target)[:60]}' is given a value of another kind")
@@ -421,7 +440,7 @@ class Function(Calls):
         If the value is an array or a row that can be changed, nothing is written: the variable becomes an alias, as in
         Python. It must then stand for the same row everywhere.
         """
-        if isinstance(value.type, CArray) or (isinstance(value.type, Struct) and value.type.mutable):
+        if is_by_reference(value.type):
             # Refuse an element of an array, because its index may change later; a second row for the same variable; and
             # a variable that holds a number elsewhere.
             if "[" in value.text or self.aliases.get(name, value).text != value.text or name in self.types:

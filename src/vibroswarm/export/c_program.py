@@ -17,6 +17,7 @@ from vibroswarm.export.assembly import RobotParts
 from vibroswarm.export.c_functions import Program
 from vibroswarm.export.c_types import (
     BOOL,
+    EMPTY,
     INT,
     LONG,
     REAL,
@@ -221,11 +222,10 @@ def type_of_argument(item: inspect.Parameter, robot: Struct, structs: Mapping[st
 
 
 def initial(name: str, kind: Struct) -> list[str]:
-    """Return the initialisers of a constant row, such as ``.rows = VS_WORLD_ROWS``; ``["0"]`` for an empty row.
-
-    An empty row has the field "unused" in C, where a struct needs at least one field.
-    """
-    return [f".{field} = {macro_of(name, field)}" for field, _ in kind.fields if field != "unused"] or ["0"]
+    """Return the initialisers of a constant row, such as ``.rows = VS_WORLD_ROWS``; ``["0"]`` for an empty row."""
+    if kind.fields is EMPTY:
+        return ["0"]
+    return [f".{field} = {macro_of(name, field)}" for field, _ in kind.fields]
 
 
 def text_of(text: str, is_public: bool) -> str:

@@ -99,6 +99,11 @@ def c_name(kind: Any) -> str:
     return kind.name if isinstance(kind, Struct | CTuple) else str(kind)
 
 
+def is_by_reference(kind: Any) -> bool:
+    """Return whether a variable of this type refers to an array or row of another, which can be changed by it."""
+    return isinstance(kind, CArray) or (isinstance(kind, Struct) and kind.mutable)
+
+
 def declaration(kind: Any, name: str) -> str:
     """Return the declaration of a variable or field in C, without semicolon."""
     if isinstance(kind, CArray):
@@ -134,6 +139,10 @@ def joined(one: Any, other: Any) -> Any:
     return None
 
 
+EMPTY: Final = (("unused", INT),)
+"""The fields of a struct whose class has none, because C has no empty structs; known by ``is``, not by the name."""
+
+
 def struct_of_class(
     name: str, declared: type, *, mutable: bool = False, omitted: tuple[str, ...] = (), like: Any = None
 ) -> Struct:
@@ -156,8 +165,7 @@ def struct_of_class(
             fields.append(
                 (field_name, CArray(REAL if element == STORED and not mutable else element, value.shape))
             )
-    # A struct in C needs at least one field.
-    return Struct(name, declared, tuple(fields) or (("unused", INT),), mutable, omitted)
+    return Struct(name, declared, tuple(fields) or EMPTY, mutable, omitted)
 
 
 def struct_of_row(
@@ -165,14 +173,12 @@ def struct_of_row(
 ) -> Struct:
     """Return the struct of a strategy's row (state, message or parameters) with these fields.
 
-    Without fields the struct gets one that is not used, because C has no empty structs.
-
     Args:
         name: of the struct in C. fields: Python types by name. mutable: whether fields can be changed in place. source:
             the Python class that constructs such a row, if there is one.
     """
     found = tuple((field_name, OF_PYTHON[kind]) for field_name, kind in fields.items())
-    return Struct(name, source, found or (("unused", INT),), mutable)
+    return Struct(name, source, found or EMPTY, mutable)
 
 
 def struct_of_arrays(name: str, declared: type, sizes: Mapping[str, int]) -> Struct:
@@ -184,7 +190,7 @@ def struct_of_arrays(name: str, declared: type, sizes: Mapping[str, int]) -> Str
     """
     arrays: Mapping[str, DeclaredArray] = arrays_of(declared)
     fields = tuple((key, CArray(STORAGE[value.kind], (value.size(sizes),))) for key, value in arrays.items())
-    return Struct(name, declared, fields or (("unused", INT),), mutable=True)
+    return Struct(name, declared, fields or EMPTY, mutable=True)
 
 
 def typedef(kind: Struct | CTuple) -> str:

@@ -271,8 +271,7 @@ def value_of(scenario: Scenario, name: str) -> Any:
     """Return the value of a field, by its dotted name, such as "walk.leg_min_ms" or "strategy.soft.eta".
 
     Returns:
-        The value. If the code of a strategy, network or task is not loaded, None for its parameters that are not given;
-        also None for a name such as ``strategy.NAME.field`` with an unknown NAME, whose code might not be loaded.
+        The value. If the code of a strategy, network or task is not loaded, None for its parameters that are not given.
     Raises:
         InputError: there is no such field.
     """
@@ -282,8 +281,8 @@ def value_of(scenario: Scenario, name: str) -> Any:
     table, separator, last = field.partition(".")
     if isinstance(node, Choice) and separator:  # a parameter of a strategy, network or task
         node, field = node.table(table), last
-    if isinstance(node, Mapping):  # the code that declares the parameters is not loaded
-        return node.get(field)
+        if isinstance(node, Mapping) and (node or plugins.is_code_name(table)):
+            return node.get(field)  # the code that declares the parameters is not loaded
     if not isinstance(node, BaseModel) or not hasattr(node, field):
         raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
     return getattr(node, field)

@@ -41,6 +41,8 @@ __all__ = ["decision", "mcp"]
 
 PERFECT: Final = 1.0 - 1e-6
 """Largest accuracy: a perfect sensor would make the confidence infinite if all readings are the same."""
+LEAST_GAIN: Final = 1e-12
+"""Smallest b + w - 1: a scenario's is above 0, but ``PERFECT`` may have made it smaller."""
 LEAST_CONFIDENCE: Final = 1e-6
 """Smallest confidence of an own estimate, so that the weights never sum to 0; 0 is for robots not heard yet."""
 
@@ -122,10 +124,9 @@ def raw_estimate(ones: int, samples: int, true_positive: float, true_negative: f
     It is outside of [0, 1] if no fill ratio has that share.
 
     Args:
-        ones, samples: own readings so far; at least one. true_positive, true_negative: b and w of the table; their sum
-            is above 1, as a scenario's rates of wrong readings sum to less than 1.
+        ones, samples: own readings so far; at least one. true_positive, true_negative: b and w of the table.
     """
-    return (ones / samples + true_negative - 1.0) / (true_positive + true_negative - 1.0)
+    return (ones / samples + true_negative - 1.0) / max(true_positive + true_negative - 1.0, LEAST_GAIN)
 
 
 @inner

@@ -361,22 +361,23 @@ def question(result: StudyResult, compared: Sequence[Compared]) -> str:
     cells = [result.study.cells[number] for number in result.selected]
     first = cells[0].scenario
     varied = result.study.varied
-    # The setting is what all cells share: a varied field is not part of it, but of the cells' names. The end of the
-    # runs is that of the first cell, even if it is varied.
+    # The setting is what all cells share: a varied field is not part of it, but of the cells' names.
     robots = (
         "" if "swarm.robots" in varied else f"{first.swarm.robots} robot{'s' * (first.swarm.robots != 1)}"
     )
     floor = "" if "floor.source" in varied else f"floor {first.floor.source}"
-    where = ", ".join(words for words in (robots, floor, f"up to {first.run.t_end_s:g} s") if words)
+    end = "" if "run.t_end_s" in varied else f"up to {first.run.t_end_s:g} s"
+    where = ", ".join(words for words in (robots, floor, end) if words)
     names = [cell.name for cell in cells]
     listed = _joined(names, "or") if 1 < len(names) <= MOST_NAMES else title(result)
     runs = sorted({result.runs_of(cell.number) for cell in cells})
     count = f"{runs[0]:,}" if len(runs) == 1 else f"{runs[0]:,} to {runs[-1]:,}"
+    setting = f"{where}; {count} runs" if where else f"{count} runs"
     if not compared:
-        return f"{listed}: {where}; {count} runs{' each' * (len(cells) > 1)}, seed {result.study.seed}."
+        return f"{listed}: {setting}{' each' * (len(cells) > 1)}, seed {result.study.seed}."
     return (
-        f"Which decides sooner, and which is wrong more often: {listed}? {where[0].upper()}{where[1:]}; {count} runs "
-        f"each, compared run by run."
+        f"Which decides sooner, and which is wrong more often: {listed}? {setting[0].upper()}{setting[1:]} each, "
+        f"compared run by run."
     )
 
 
