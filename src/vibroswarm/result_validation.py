@@ -229,10 +229,11 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
 
 
 def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
-    """Check decisions, consensus and posterior counts.
+    """Check decisions, consensus, times (at most the end of the run), numbers of robots, and posterior counts.
 
     Exactly the robots that decided have a decision time, and exactly the runs with a known consensus have counts of
-    right, wrong and undecided robots. A robot has both counts of its posterior or none.
+    right, wrong and undecided robots. A robot has both counts of its posterior, alpha and beta, or none; only a user's
+    strategy (one with ``code``) may have a column of one of these names alone.
     """
     robots, runs = tables["robots"], tables["runs"]
     decided, timed = robots["decision"].is_in([0, 1]), robots["decision_time_s"].is_not_null()
@@ -255,7 +256,6 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
                 f"column '{column}' counts more than {scenario.swarm.robots} robots",
                 field=_file(folder, "runs"),
             )
-    # A user's strategy (one with ``code``) may have one of these columns only. A log may count messages without them.
     if (robots["alpha"].is_null() != robots["beta"].is_null()).any() and scenario.strategy.code is None:
         raise InputError(
             "columns 'alpha' and 'beta' must be given together or not at all", field=_file(folder, "robots")

@@ -205,6 +205,10 @@ def test_every_second_run_on_the_other_side(paper: Result) -> None:
     for name in ("observations", "runs", "floors"):
         of_runs = getattr(found, name).filter(pl.col("run").is_in([1, 7]))
         assert of_runs.drop("energy", strict=False).equals(getattr(other, name).drop("energy", strict=False))
+    broken = preset("paper").with_values({"faults.stuck_at_1": [2], "run.t_end_s": 100.0})
+    kept = simulate(broken, 1, 2)
+    assert kept.faults is not None
+    assert on_both_sides(kept).faults is kept.faults
     fixed = simulate(preset("paper").with_values({"floor.source": "stripe:0.48", "run.t_end_s": 20.0}), 1, 2)
     with pytest.raises(InputError, match="drawn for each run"):
         on_both_sides(fixed)

@@ -25,6 +25,7 @@ from vibroswarm.study.run import merge
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import FORMAT, SHARDS, Store
 from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.summary import outcome_of
 
 STUDY = Study(
     {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}}, {"grid": {"strategy.name": ["none", "soft"]}}, 30
@@ -410,6 +411,16 @@ def test_failures_are_forgotten_when_their_runs_are_there(copy: Path) -> None:
     assert store.failures == []
     (copy / "failures" / "bad.json").write_text("{")
     assert store.failures == []
+
+
+def test_each_missing_run_of_failed_batches_is_counted_once(copy: Path) -> None:
+    """Records of failures may overlap, and some of their runs may have been stored since."""
+    store, group = Store.open(copy), plan_of(STUDY).groups[0]
+    store.add_failure(batch_of(STUDY, group, 30, 40), "because")
+    store.add_failure(batch_of(STUDY, group, 35, 45), "because")
+    add(store, 28, 32)
+    warnings = outcome_of(StudyResult.open(copy)).warnings
+    assert [words for words in warnings if "13 runs of none, soft failed" in words], warnings
 
 
 def test_a_merge_leaves_no_damaged_file_of_its_own(copy: Path, tmp_path: Path) -> None:

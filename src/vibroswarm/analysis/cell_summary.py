@@ -259,7 +259,7 @@ SHARES_OF_ROBOTS: Final = {f"robots_{name}": name for name in ("right", "wrong",
 SHARES_OF_RUNS: Final = ("swarm_right", "swarm_wrong")
 """Shares of runs: columns of ``run_figures`` that are 1 or 0."""
 INTERVALS: Final = (*MEANS, *SHARES_OF_ROBOTS, *SHARES_OF_RUNS)
-"""Names that ``interval`` accepts."""
+"""Figures of the summary that ``interval`` computes; it also accepts any column of 0 and 1."""
 OF_RUNS: Final = (*MEANS.values(), *SHARES_OF_ROBOTS.values(), *SHARES_OF_RUNS)
 """Columns of ``run_figures`` that ``interval`` reads, besides ``robots``."""
 

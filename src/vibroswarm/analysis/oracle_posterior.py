@@ -44,7 +44,7 @@ since it does not depend on floors.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -442,10 +442,7 @@ def on_both_sides(result: Result) -> Result:
         name: _alternating(getattr(result, name), getattr(other, name))
         for name in ("observations", "inference", "robots", "runs", "floors")
     }
-    return Result(
-        scenario=scenario, seed=result.seed, motion=result.motion, ends=result.ends, segments=result.segments,
-        source=result.source, versions=result.versions, **tables,
-    )  # fmt: skip
+    return replace(result, **tables)  # the other tables tell of the motion, which is the same
 
 
 def _alternating(even: pl.DataFrame, odd: pl.DataFrame) -> pl.DataFrame:

@@ -79,7 +79,9 @@ def drive_table(result: Result) -> pl.DataFrame:
     veer is null. Columns and units are those of ``DRIVES``.
     """
     table = sample_table(result).join(
-        result.motion.select("run", "robot", "sample", "stop_start_s"), on=["run", "robot", "sample"]
+        result.motion.select("run", "robot", "sample", "stop_start_s"),
+        on=["run", "robot", "sample"],
+        maintain_order="left",
     )
     # A drive lasts from the previous sample to the stop for this sample.
     table = table.with_columns(since_s=pl.col("time_s").shift(1).over("run", "robot"))

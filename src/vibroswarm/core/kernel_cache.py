@@ -65,7 +65,10 @@ class _Locator(UserProvidedCacheLocator):
 
     @classmethod
     def from_function(cls, py_func: Any, py_file: str) -> _Locator:
-        """Accept any function, including those of generated modules."""
+        """Return the locator of a function, whether or not it has a source file.
+
+        Numba's own method returns None, "not cached here", for functions of generated modules, which have no file.
+        """
         return cls(py_func, py_file)
 
     def ensure_cache_path(self) -> None:

@@ -103,8 +103,7 @@ class Floor(NotebookView):
         """Return the fill ratio of the part of the floor that lies inside an arena of ``width_m`` by ``height_m``.
 
         It is the share of the tiled area inside the arena that vibrates; a tile that is cut by an edge of the arena
-        counts with the area that is inside. If all tiles are inside, it equals ``fill_ratio``. If the whole floor is
-        outside, which scenarios refuse, it is nan.
+        counts with the area that is inside. If all tiles are inside, it equals ``fill_ratio``.
 
         Raises:
             InputError: a size is not a finite number above 0, or all tiles lie outside the arena.

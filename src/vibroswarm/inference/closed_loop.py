@@ -113,8 +113,8 @@ def record_samples(
             buffer.following[buffer.latest[i]] = k
         else:
             buffer.first[i] = k
-        # The robot last walked at stop_tick - 1. A message is read one tick after it was sent, at the earliest, so the
-        # robot has read those sent up to stop_tick - 2.
+        # A robot reads messages while it walks, not while it stands: last at stop_tick - 1. A message is read one tick
+        # after it was sent, at the earliest, so the robot has read those sent up to stop_tick - 2.
         until, last_own, own = row.stop_tick - 2, buffer.latest[i], buffer.own[i]
         # 0: first row of the run, as the buffer holds a single run
         write_heard(buffer.heard[k], buffer.heard, buffer.previous, buffer.tick, 0, k, until, last_own, own)

@@ -82,7 +82,8 @@ def opposite(m: Row) -> None:
 def reading_of(readings: Readings, k: int, time_s: float, number: int) -> Any:
     """Return the reading of the sample in row ``k`` as the strategy gets it.
 
-    It is a ``Reading`` or, if the strategy ``reads_details``, a ``DetailedReading``.
+    This default returns a ``Reading``. For a strategy that ``reads_details`` the generated module replaces it by a
+    function that returns a ``DetailedReading``.
 
     Args:
         time_s: time of the sample. number: index of the sample among the robot's samples.
@@ -96,7 +97,10 @@ def views(arrays: Any, i: int) -> Any:
 
 
 def clear_network(a: Any) -> None:
-    """Zero the network's arrays, but not the parameters among them."""
+    """Set the network's arrays in ``a`` to zero, but not parameters that are lists, which ``a`` contains too.
+
+    This default does nothing: it is that of networks without arrays.
+    """
 
 
 def bit_of(m: Row) -> int:

@@ -168,8 +168,8 @@ def send(
     Args:
         n, a: state and arrays, changed. sender: index of the sending robot. tick: when the message is sent.
         bytes_on_air: length of the strategy's messages. arrival_tick: (robots,): -1 (never) before the call; written
-            for the robots that receive the message. d: source of uniform numbers. p: parameters. w: the world.
-            The other arguments of the protocol (``networks.base``) are not used.
+            for the robots that receive the message (the sender's entry is ignored). d: source of uniform numbers.
+            p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
     """
     if not n.is_ready:  # the first message of the run: build the tree
         n.is_ready = True

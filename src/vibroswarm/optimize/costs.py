@@ -94,10 +94,11 @@ def consensus(outcomes: Outcomes) -> Array:
 
 
 def at_error(outcomes: Outcomes) -> Array:
-    """Return four figures of each run, (runs, 4).
+    """Return the four figures of each run from which ``objective`` computes the time at a given error, (runs, 4).
 
     The columns are the mean of min(t, T_end) over all robots, s, where undecided robots count with T_end; the number of
-    robots that decided wrong; the number that decided; and the number of all robots.
+    robots that decided wrong; the number that decided; and the number of all robots. The sums of the last three over
+    runs give the shares of errors and of undecided robots.
     """
     check_truth(outcomes)
     decided = (~outcomes.undecided).sum(axis=1)

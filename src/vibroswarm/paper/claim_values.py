@@ -163,9 +163,10 @@ def share(
 
 
 def _nearly_all_equal(values: NDArray[np.float64]) -> bool:
-    """Return whether all but a few runs (fewer than ``FEW``) have the same value, and this value is the most common."""
-    most_common = int(np.unique(values, return_counts=True)[1].max(initial=0))
-    return most_common > 1 and values.size - most_common < min(FEW, most_common)
+    """Return whether two runs or more have the same value, and fewer than ``FEW`` runs, and less than half, another."""
+    equal = int(np.unique(values, return_counts=True)[1].max(initial=0))  # runs with the most common value
+    others = values.size - equal
+    return equal >= 2 and others < FEW and others < equal
 
 
 def _few_far(values: NDArray[np.float64]) -> bool:

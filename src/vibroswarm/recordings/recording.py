@@ -66,8 +66,7 @@ _EXTRA_TABLES: Final = {
 class Recording(Result):
     """Sessions of real robots as a result.
 
-    The module's docstring says in what it differs from a simulated result. ``==`` is that of ``Result``: it does not
-    compare the fields below.
+    The module's docstring says in what it differs from a simulated result.
     """
 
     rows: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=ROWS))

@@ -293,7 +293,7 @@ def sampled(f: Mixture, program: LocalisationProgram, estimate: NDArray[np.float
         x_m, y_m = f.past[i, slot, 0] - estimate[5], f.past[i, slot, 1] - estimate[6]
         estimate[7] += weight * (max(f.past_variances[i, slot, 0], 0.0) + x_m * x_m)
         estimate[8] += weight * (max(f.past_variances[i, slot, 1], 0.0) + y_m * y_m)
-    # Stated spreads grow while the robot meets more than usual that is unexpected.
+    # Stated spreads grow while recent obstacles contradict the estimated pose more often than usual (``excess``).
     factor = min(1.0 + WIDEN_SLOPE * excess(f, program), WIDEN_MOST)
     for j in (3, 7, 8):  # from variances to standard deviations
         estimate[j] = factor * math.sqrt(max(estimate[j], 0.0))

@@ -116,12 +116,14 @@ def draw_places(f: Mixture, program: LocalisationProgram, paths: Paths, out: NDA
         for n in range(out.size):
             out[n] = math.nan
         return
-    # As in the estimate: while more than usual is unexpected, draws are further apart and spreads larger.
+    # The factor by which ``localisation.sampled`` widens its spreads while recent obstacles contradict the estimated
+    # pose more often than usual (``excess``). Draws are moved away from their mean by it.
     factor = min(1.0 + WIDEN_SLOPE * excess(f, program), WIDEN_MOST)
     for axis in range(2):
         mean_m, variance = 0.0, 0.0
         for i in range(f.weights.size):
             mean_m += f.weights[i] * f.past[i, slot, axis]
+            # Corrections may leave a variance slightly below 0 by rounding.
             variance += f.weights[i] * max(f.past_variances[i, slot, axis], 0.0)
         out[2 * draws + axis] = factor * math.sqrt(variance)
         for k in range(draws):

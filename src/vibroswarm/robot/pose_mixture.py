@@ -233,7 +233,11 @@ def begin(
 
 @inlined
 def excess(f: Mixture, program: LocalisationProgram) -> float:
-    """Return by how much the mean of "unexpected" per obstacle exceeds USUAL; 0 if it does not or is not monitored."""
+    """Return by how much more often than usual (``USUAL``) recent obstacles were unexpected; 0 if not more often.
+
+    An obstacle counts as unexpected by the probability that it was a robot, not a wall where one is expected. A wall
+    that is expected, but not seen, counts too (``localisation``). Without the monitor the result is 0.
+    """
     if not program.monitors:
         return 0.0
     return float(max(f.monitor[UNEXPECTED] / f.monitor[OBSTACLES] - USUAL, 0.0))

@@ -435,7 +435,7 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
     """Tabulate the 5, 25, 50, 75 and 95 % quantiles of the belief over all robots and runs, at ``TIMES`` times.
 
     A robot's belief at a time is the belief after its latest sample up to that time. Before its first sample, and if
-    the strategy gives no belief, it is the belief of the prior. A run in which no robot sampled is left out.
+    the strategy gives no belief, it is the belief of the prior.
 
     Args:
         samples: run, robot, time_s and belief_below of each sample, in any order. robots: number of robots in all runs.

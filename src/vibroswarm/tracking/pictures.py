@@ -185,29 +185,29 @@ def draw_time_line(
 
 @drawn
 def draw_clock(matched: pl.DataFrame, *, style: str = "page") -> Picture:
-    """Draw by how much samples were logged later than their stops ended, after the clocks were matched.
+    """Draw how much later than expected samples were taken, after the clocks were matched.
+
+    A sample is expected one control period before the end of its stop.
 
     Args:
         matched: ``stops.SAMPLES_MATCHED``.
-    Returns: the picture; its numbers are the rows of ``matched`` that have a stop.
+    Returns: the picture; its numbers are the rows of ``matched`` that have a stop whose end was seen.
     """
     sizes = style_named(style)
     paired = matched.drop_nulls("residual_s")
     robots = sorted(paired["robot"].unique().to_list())
     looks = looks_for(robots)
     names = [f"robot {robot}" for robot in robots]
-    figure, axes = plain_axes(
-        sizes, "time in the video (s)", "sample later than end of stop (ms)", legend=names
-    )
+    figure, axes = plain_axes(sizes, "time in the video (s)", "sample later than expected (ms)", legend=names)
     axes.axhline(0.0, color=FAINT, lw=sizes.line_pt)
     handles = [
         _points(axes, sizes, paired.filter(pl.col("robot") == robot), looks[robot]) for robot in robots
     ]
     legend_below(figure, sizes, handles, names)
     caption = (
-        f"Each of {paired.height} samples that match a stop, on the clock that was fitted: earlier by the time in "
-        "which a robot has sampled and still stands. A slope is a clock that runs faster; one robot away from the "
-        "others is a clock of its own."
+        f"Each of the {paired.height} samples that match a stop, on the fitted clock. A robot is expected to sample "
+        "one control period before its stop ends: this is 0. A slope means that the log's clock runs faster or slower "
+        "than the video's; a robot away from the others has a clock of its own."
     )
     return Picture(figure, paired, caption, style)
 

@@ -201,13 +201,14 @@ def neighbour(near: NDArray[np.uint32], i: int, m: int) -> int:
 
 
 def empty_grid(robots: int, setup: Setup) -> NDArray[np.int64]:
-    """Return scratch memory for ``update_lists``, shape (cells + robots,): a linked list of robots for each cell.
+    """Return scratch memory for ``update_lists``, which sets it: a linked list of robots for each cell of a grid.
 
-    The entry of a cell is the first robot in it; the entry ``cells + i`` is the next robot in the cell of robot ``i``.
-    -1 ends a list.
+    Its shape is (cells + robots,). ``update_lists`` sets the entry of a cell to the first robot in it, the entry
+    ``cells + i`` to the next robot in the cell of robot ``i``, and -1 at the end of a list.
     """
     across, up = grid_size(setup["width_m"], setup["height_m"], list_radius_m(setup))
-    return np.zeros(across * up + robots, dtype=np.int64)
+    cells = across * up
+    return np.zeros(cells + robots, dtype=np.int64)
 
 
 @kernel

@@ -209,7 +209,9 @@ def _to_explain(work: Work, robots: int) -> Row:
         ]
     )
     own_error = np.sqrt((left_out.size - 1) * np.mean((left_out - left_out.mean()) ** 2))
-    # The published rise is the difference of two means over 15 experiments, hence the 2.
+    # The published rise is the difference of two means over 15 experiments, hence the 2. Their errors are not
+    # published: the variance of one experiment is taken to be V' at both swarm sizes, as S stands for the choice of
+    # robots.
     rise_error = np.sqrt(2 * float(redrawn.var(ddof=1)) / REAL_EXPERIMENTS)
     published_error = rise_error / _subset_sd(drawn_once, redrawn, robots)  # z is a rise divided by S
     error = float(np.hypot(own_error, published_error))
