@@ -438,7 +438,7 @@ def on_both_sides(result: Result) -> Result:
     weights[vibrating] = 0.0
     mirror = int(weights.argmax())
     other = replay(result, scenario.with_values({"floor.source": f"random:{mirror / tiles!r}"}))
-    tables = {
+    tables: dict[str, Any] = {
         name: _alternating(getattr(result, name), getattr(other, name))
         for name in ("observations", "inference", "robots", "runs", "floors")
     }

@@ -70,16 +70,14 @@ def answer(distinguished: pl.DataFrame, scenario: Scenario, error: float, false_
         ]
     sentences = [question]
     for (robots,), rows in best(distinguished).group_by("robots", maintain_order=True):
-        who = f"{robots} robot{'s' * (robots != 1)}"
+        who = f"{robots} robots find" if robots != 1 else "1 robot finds"
         found = rows.filter(pl.col("time_s").is_not_null()).sort("fill_ratio")
         if found.is_empty():
-            sentences.append(
-                f"{who} {'find' if robots != 1 else 'finds'} none of these floors within {t_end_s:g} s."
-            )
+            sentences.append(f"{who} none of these floors within {t_end_s:g} s.")
             continue
         nearest, farthest = found.row(0, named=True), found.row(-1, named=True)
         sentence = (
-            f"{who} {'find' if robots != 1 else 'finds'} a fill ratio of {nearest['fill_ratio']:.4g} within {nearest['time_s']:.0f} s, without false "
+            f"{who} a fill ratio of {nearest['fill_ratio']:.4g} within {nearest['time_s']:.0f} s, without false "
             f"alarms on floors up to {nearest['fill_ratio_below']:.4g}"
         )
         if farthest["fill_ratio"] != nearest["fill_ratio"]:
