@@ -269,3 +269,6 @@ def test_numbers_of_markers_and_robots_are_whole(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=words):
             with_ids(ids)
+    path.write_text(markers.to_toml().replace("{ 46 =", "{ 046 = [0, 0], 46 ="), encoding="utf-8")
+    with pytest.raises(InputError, match=r"floor\.at_mm: gives marker 46 twice"):
+        read_markers(path)

@@ -210,6 +210,11 @@ def test_compare_several(kept, tmp_path, capsys):
     assert f"real - {kept.name}" in out
     assert "real - other" in out
     assert main(["calibrate", "compare", str(kept), str(kept), str(kept)]) == 2
+    short = tmp_path / "short"
+    assert main(["run", "--set", "run.t_end_s=30", *FLOOR, "--out", str(short)]) == 0
+    capsys.readouterr()
+    assert main(["calibrate", "compare", str(kept), str(other), str(short)]) == 2
+    assert f"{short}: cannot be compared with '{kept}': sessions: " in capsys.readouterr().err
     assert main(["calibrate", "compare", str(kept), str(kept), str(other), "--picture", "x.png"]) == 2
 
 

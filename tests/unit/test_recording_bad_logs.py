@@ -134,6 +134,19 @@ def read_plain(folder: Path, text: str) -> Log:
     return read_log(folder / "plain.csv", columns=folder / "map.toml")
 
 
+def test_alpha_without_beta_is_refused(tmp_path: Path) -> None:
+    """A recording with one of them could be written, but not read again."""
+    (tmp_path / "plain.csv").write_text(
+        PLAIN.format("alpha,beta") + "1,2.0,0.5,0.5,1.25,2,1\n1,9.0,0.5,0.5,1.2,3,\n"
+    )
+    (tmp_path / "map.toml").write_text(PLAIN_MAP + 'alpha = "alpha"\n')
+    with pytest.raises(InputError, match="names a column for one of alpha and beta"):
+        read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml")
+    (tmp_path / "map.toml").write_text(PLAIN_MAP + 'alpha = "alpha"\nbeta = "beta"\n')
+    with pytest.raises(InputError, match=r"plain\.csv, row 3: has one of alpha and beta"):
+        read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml")
+
+
 def test_a_column_may_be_named_line(tmp_path: Path) -> None:
     log = read_plain(tmp_path, PLAIN.format("line") + "\n1,2.0,0.5,0.5,1.25,77\n")
     assert log.samples["line"].to_list() == [3]

@@ -94,7 +94,8 @@ def _compare_several(arguments: argparse.Namespace) -> int:
     """Compare several simulations with the same recording and print them side by side; return the exit code.
 
     Raises:
-        InputError: an option is given that applies to one simulation only, or a folder is given twice.
+        InputError: an option is given that applies to one simulation only, a folder is given twice, or one cannot be
+            compared; the error names it.
     """
     from vibroswarm.calibrate.camera import RIGHT
     from vibroswarm.calibrate.real_vs_simulated import compare
@@ -113,10 +114,15 @@ def _compare_several(arguments: argparse.Namespace) -> int:
     of_real_alone = RealCache()
     # RIGHT is a camera without error; None stands for the camera of each SIM's scenario.
     camera = RIGHT if arguments.no_camera else None
-    found = {
-        str(folder): compare(real, read_result(folder), of_real_alone, camera=camera)
-        for folder in arguments.simulated
-    }
+    found = {}
+    for folder in arguments.simulated:
+        simulated = read_result(folder)
+        try:
+            found[str(folder)] = compare(real, simulated, of_real_alone, camera=camera)
+        except InputError as error:
+            raise InputError(
+                f"cannot be compared with '{arguments.real}': {error}", field=str(folder)
+            ) from None
     if arguments.json:
         print_json({folder: comparison.as_dict() for folder, comparison in found.items()})
     else:

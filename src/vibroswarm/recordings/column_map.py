@@ -271,6 +271,10 @@ def column_map(text: str, name: str) -> ColumnMap:
     lacking = [use for use in REQUIRED if use not in columns]
     if lacking:
         raise InputError(f"does not name the column for {lacking[0]}", field=f"{name}, [columns]")
+    if ("alpha" in columns) != ("beta" in columns):
+        raise InputError(
+            "names a column for one of alpha and beta; name both or neither", field=f"{name}, [columns]"
+        )
     missing = values.get("missing", ["", "None", "nan", "NaN"])
     if not isinstance(missing, list) or not all(isinstance(text_value, str) for text_value in missing):
         raise InputError("must be a list of strings", field=f"{name}, missing")
@@ -340,6 +344,13 @@ def read_mapped(path: Path, by: ColumnMap) -> Log:
         columns[use] = _converted(table[column.name], lines, name, use, column, by.missing)
     for use in ("robot", "time_s", "x_m", "y_m"):
         _check_there(columns[use], lines, name, by.columns[use].name)
+    if "alpha" in columns:
+        half = columns["alpha"].is_null() != columns["beta"].is_null()
+        if half.any():
+            raise InputError(
+                "has one of alpha and beta; give both or neither",
+                field=f"{name}, row {lines[int(half.arg_true()[0])]}",
+            )
     _check_tags(columns, name)
     is_sample = columns["energy"].is_not_null()
     frame = pl.DataFrame({use: values.alias(use) for use, values in columns.items() if use != "tag"})

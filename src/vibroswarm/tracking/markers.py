@@ -300,8 +300,8 @@ def _floor_places(value: Any, count: int, field: str) -> dict[int, tuple[float, 
         value: a table of markers and places: [x, y] or [x, y, degrees], in mm.
         count: number of markers of the dictionary. field: name of ``value``, for messages.
     Raises:
-        InputError: it is empty, names a marker that the dictionary does not have, or has a place that is not two or
-            three numbers.
+        InputError: it is empty, names a marker twice or one that the dictionary does not have, or has a place that is
+            not two or three numbers.
     """
     places: dict[int, tuple[float, float, float]] = {}
     for marker, place in (value if isinstance(value, dict) else {}).items():
@@ -309,7 +309,10 @@ def _floor_places(value: Any, count: int, field: str) -> dict[int, tuple[float, 
             raise InputError("must be [x, y] or [x, y, degrees], in mm", field=f"{field}.{marker}")
         x_mm, y_mm, *angles_deg = (_number(part, f"{field}.{marker}", -1e6, 1e6) for part in place)
         angle_deg = angles_deg[0] if angles_deg else 0.0
-        places[_marker(marker, count, field)] = (x_mm / 1000, y_mm / 1000, math.radians(angle_deg))
+        number = _marker(marker, count, field)
+        if number in places:  # the keys 46 and 046 are two texts, but one marker
+            raise InputError(f"gives marker {number} twice", field=field)
+        places[number] = (x_mm / 1000, y_mm / 1000, math.radians(angle_deg))
     if not places:
         raise InputError("must give the centre of at least one marker: { 46 = [-55, 40] }", field=field)
     return places
