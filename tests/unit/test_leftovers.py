@@ -64,6 +64,17 @@ def test_what_a_killed_process_had_begun_is_removed_by_the_next(tmp_path: Path) 
 
 
 @needs_posix
+@pytest.mark.parametrize("with_", ["whole_file", "whole_folder"])
+def test_an_unfinished_one_whose_name_ends_in_old_is_not_moved_back(with_: str, tmp_path: Path) -> None:
+    """Folders that were moved aside have ".old." in their temporary names too."""
+    write = "(part / 'x').write_text('x')" if with_ == "whole_folder" else "part.write_text('x')"
+    assert run(KILLED.format(with_=with_, path=str(tmp_path / "a.old"), write=write)).returncode == -9
+    assert len(list(tmp_path.iterdir())) == 1
+    assert remove_leftovers(tmp_path) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@needs_posix
 def test_only_what_is_ours_and_dead_is_removed(tmp_path: Path, dead: str) -> None:
     host = dead.split("-")[0]
     stay = [
@@ -163,13 +174,16 @@ with whole_folder(Path({str(tmp_path / "folder")!r})) as part:
     assert stat.S_IMODE((tmp_path / "folder").stat().st_mode) == 0o777 & ~mask
 
 
-def test_names_as_long_as_a_file_system_allows_are_written(tmp_path: Path) -> None:
-    with whole_file(tmp_path / ("n" * 240 + ".csv")) as part:
+@pytest.mark.parametrize("letter", ["n", "\u8a08"])  # one byte, and three in UTF-8
+def test_names_as_long_as_a_file_system_allows_are_written(letter: str, tmp_path: Path) -> None:
+    size = len(letter.encode())
+    with whole_file(tmp_path / (letter * (240 // size) + ".csv")) as part:
         part.write_text("x")
+    folder = tmp_path / (letter * (250 // size))
     for k in range(2):
-        with whole_folder(tmp_path / ("n" * 250), replace=True, marker="x") as part:
+        with whole_folder(folder, replace=True, marker="x") as part:
             (part / "x").write_text(str(k))
-    assert (tmp_path / ("n" * 250) / "x").read_text() == "1", "replaced"
+    assert (folder / "x").read_text() == "1", "replaced"
     assert len(list(tmp_path.iterdir())) == 2
 
 

@@ -261,8 +261,19 @@ MAX_TRIES = 20
 """Attempts to check or to replace a folder that other processes replace at the same time."""
 MAX_FILE_NAME_BYTES: Final = 255
 """Greatest length of a name on common file systems."""
-MAX_NAME_LENGTH = 100
-"""Number of characters of a name that are used in its temporary name, since file systems limit the length of names."""
+MAX_BYTES_IN_NAME: Final = 100
+"""Number of bytes of a name that are used in its temporary name, since file systems limit the length of names."""
+
+
+def temporary_stem(name: str) -> str:
+    """Return how the temporary names of a file or folder begin: with a point and the beginning of its name.
+
+    A name that ends in ``.old`` gets a hyphen, so that its temporary name is not that of a folder that was moved aside.
+    """
+    beginning = os.fsencode(name)[:MAX_BYTES_IN_NAME].decode(
+        errors="ignore"
+    )  # drops half a character at the end
+    return f".{beginning}{'-' if beginning.endswith('.old') else ''}."
 
 
 def check_free(path: Path) -> None:
@@ -272,6 +283,11 @@ def check_free(path: Path) -> None:
             f"'{path}' exists already; choose another name, or add --force (in Python: replace=True)",
             field="--out",
         )
+
+
+def _short_suffix(path: Path) -> str:
+    """Return the suffix of a file, by which writers choose its format; "" if it is too long to be one."""
+    return path.suffix if len(os.fsencode(path.suffix)) <= MAX_BYTES_IN_NAME else ""
 
 
 @contextmanager
@@ -293,7 +309,7 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
         check_free(path)
     # The name is chosen before the file is created, so that the file is removed below even if Ctrl-C interrupts its
     # creation.
-    part = path.parent / f".{path.name[:MAX_NAME_LENGTH]}.{tag()}{path.suffix[:MAX_NAME_LENGTH]}"
+    part = path.parent / f"{temporary_stem(path.name)}{tag()}{_short_suffix(path)}"
     remove_leftovers_once(path.parent)
     try:
         try:
@@ -350,7 +366,7 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
     path = Path(path)
     remove_leftovers(path.parent)
     check_folder(path, replace=replace, marker=marker)
-    part = path.parent / f".{path.name[:MAX_NAME_LENGTH]}.{tag()}"
+    part = path.parent / f"{temporary_stem(path.name)}{tag()}"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         part.mkdir()
@@ -400,7 +416,7 @@ def _aside(path: Path) -> Path:
     """
     whole = f".{path.name}.{OLD_MARK}{tag()}"
     if len(os.fsencode(whole)) > MAX_FILE_NAME_BYTES:
-        whole = f".{path.name[:MAX_NAME_LENGTH]}.{OLD_MARK}{tag()}"
+        whole = f"{temporary_stem(path.name)}{OLD_MARK}{tag()}"
     return path.parent / whole
 
 

@@ -24,7 +24,7 @@ from typing import Any, Final
 import numpy as np
 
 from vibroswarm.core.atomic_io import LOCK_FILE as LOCK
-from vibroswarm.core.atomic_io import MAX_NAME_LENGTH, folder_lock, remove_leftovers, write_files
+from vibroswarm.core.atomic_io import folder_lock, remove_leftovers, temporary_stem, write_files
 from vibroswarm.core.untrusted_files import entry, number, read_bytes, read_json, texts
 from vibroswarm.errors import InputError, RunError, check_format, shown, warn_once
 from vibroswarm.optimize.archive import Archive
@@ -112,7 +112,7 @@ class Journal:
         if path.name in self._code:
             return path.is_file() and path.read_bytes() == self._code[path.name].encode()
         # Files that were being written have temporary names that begin in this way.
-        temporary = tuple(f".{name[:MAX_NAME_LENGTH]}." for name in (SEARCH, JOURNAL, HEAD, *self._code))
+        temporary = tuple(temporary_stem(name) for name in (SEARCH, JOURNAL, HEAD, *self._code))
         return path.name == LOCK or path.name.startswith(temporary)
 
     @contextmanager
