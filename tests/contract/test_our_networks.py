@@ -89,7 +89,11 @@ def test_messages_are_conserved(
     drawn = {name: data.draw(values) for name, values in params.get(network, {}).items()}
     # A run that ends early needs a kernel for each network that is not a plain loss: `vibroswarm check` runs them.
     stop = stop if network in ("ideal", "loss") else "t_end"
-    scenario = over(network, robots=robots, **drawn).with_values({"run.t_end_s": t_end_s, "run.stop": stop})
+    dead = data.draw(st.lists(st.integers(0, robots - 1), unique=True, max_size=3))
+    faults = {"faults.radio_dead": dead, "faults.radio_dead_from_s": data.draw(st.floats(0, 150))}
+    scenario = over(network, robots=robots, **drawn).with_values(
+        {"run.t_end_s": t_end_s, "run.stop": stop, **(faults if dead else {})}
+    )
     result = simulate(scenario, seed, [1], energies=False)
     counts = message_log(result, 1).counts()
     assert counts["sent"].to_list() == result.robots["sent"].to_list()
@@ -311,7 +315,7 @@ def test_pages_and_playback_show_who_hears_whom() -> None:
     assert [row.rpartition("   ")[2] for row in rows[1:]] == [
         f"{lost} of {addressed}" for lost, addressed in counts.select("lost", "addressed").iter_rows()
     ]
-    assert f"lost {counts['lost'].sum()}/{counts['addressed'].sum()}" in line(playback.at(120.0))
+    assert f"lost {counts['lost'].sum()}/{counts['addressed'].sum()}" in line(playback, playback.at(120.0))
     last = {i: np.flatnonzero((log.sender == i) & (log.time_s <= 120.0))[-1] for i in range(5)}
     assert all(radio.latest[j, i] == log.state[last[i], j] for i in range(5) for j in range(5))
 

@@ -146,6 +146,18 @@ def test_watch_without_a_terminal_gives_plain_lines(capsys):
     assert "\x1b" not in "".join(lines)
 
 
+@pytest.mark.parametrize("strategy", ["dmmd", "three_valued"])
+def test_robots_without_beliefs_are_watched(strategy, capsys):
+    from vibroswarm.cli.watch import Playback, belief_rows
+    from vibroswarm.simulation import simulate
+
+    assert run(*SHORT, "--strategy", strategy, "--watch") == 0
+    assert "belief in 'less' 0:-" in capsys.readouterr().out
+    scenario = preset("paper").with_values({"strategy.name": strategy, "run.t_end_s": 60.0})
+    playback = Playback(simulate(scenario, 1, 1, segments=True))
+    assert all(row.split()[2] == "-" for row in belief_rows(playback, playback.at(60.0))[1:])
+
+
 def test_nothing_is_sampled_before_the_first_stop(capsys):
     assert run("--set", "run.t_end_s=2", "--watch", "--robots", "1") == 0
     said = capsys.readouterr().out

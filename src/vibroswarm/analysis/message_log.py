@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import read_only
 from vibroswarm.errors import InputError
-from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.agents import silent_ticks
+from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.replay import sent_messages
 from vibroswarm.inference.replay_arrays import Rows, Stops
 from vibroswarm.inference.sender_positions import NO_TRACKS
@@ -50,7 +51,7 @@ class MessageLog:
     arrival_tick: NDArray[np.int64]
     """(messages, robots): tick from which it can be read; -1: lost, or sent by this robot."""
     last_read_tick: NDArray[np.int64]
-    """(robots,): last tick at which the robot read messages."""
+    """(robots,): last tick at which the robot read messages, before its radio was dead."""
 
     @property
     def time_s(self) -> NDArray[np.float64]:
@@ -140,5 +141,22 @@ def message_log(result: Result, run: int = 0) -> MessageLog:
         sender=sender,
         tick=tick,
         arrival_tick=arrival_tick,
-        last_read_tick=of_motion.walked_tick,
+        last_read_tick=_last_read_tick(timeline, silent_ticks(scenario, result.seed, [run])[0]),
     )
+
+
+def _last_read_tick(timeline: Timeline, silent_tick: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the last tick at which each robot read messages, (robots,): at which it walked with a working radio.
+
+    Args:
+        timeline: of the run. silent_tick: tick from which each robot's radio is dead, (robots,).
+    """
+    last = np.minimum(timeline.stops.walked_tick, silent_tick - 1)
+    for i in range(last.size):
+        own = timeline.robot == i
+        stop_tick, sample_tick = timeline.stops.stop_tick[own], timeline.stops.tick[own]
+        # A robot stands from ``stop_tick`` to its sample. If its radio dies then, it last read before the stop.
+        standing = (stop_tick <= last[i]) & (last[i] <= sample_tick)
+        if standing.any():
+            last[i] = stop_tick[standing][0] - 1
+    return last

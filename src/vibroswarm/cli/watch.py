@@ -176,7 +176,7 @@ def play(result: Result, speed: float) -> None:
     if not sys.stdout.isatty():
         # Time 0 is left out, since nothing has happened then.
         for time_s in np.linspace(0.0, playback.end_s, LINES + 1)[1:]:
-            print(line(playback.at(float(time_s))), flush=True)
+            print(line(playback, playback.at(float(time_s))), flush=True)
         return
     from rich.live import Live
 
@@ -189,14 +189,15 @@ def play(result: Result, speed: float) -> None:
             live.update(frame(playback, playback.at(time_s), speed))
 
 
-def line(moment: Moment) -> str:
+def line(playback: Playback, moment: Moment) -> str:
     """Return a moment as one line of text: for each robot its belief, and a mark for its decision and faults.
 
-    The mark is ? if the robot is undecided, < or > for the answers "less" and "more"; ! follows if it has a fault.
+    The belief is that in the task's first answer, such as "less"; "-" if the strategy has none. The mark is ? if the
+    robot is undecided, < if it decided for the first answer, > for the second; ! follows if it has a fault.
     """
     marks = {-1: "?", 0: "<", 1: ">"}
     beliefs = " ".join(
-        f"{robot}:{belief:.2f}{marks[int(decision)]}{'!' if faults else ''}"
+        f"{robot}:{_belief_text(belief)}{marks[int(decision)]}{'!' if faults else ''}"
         for robot, (belief, decision, faults) in enumerate(
             zip(moment.belief, moment.decision, moment.faults, strict=True)
         )
@@ -206,7 +207,14 @@ def line(moment: Moment) -> str:
     note = f"  with a fault (!): {failed}" if failed else ""
     radio = moment.radio
     lost = "" if radio is None else f"  lost {radio.lost.sum()}/{radio.addressed.sum()}"
-    return f"t={moment.time_s:7.1f} s  decided {decided}/{moment.decision.size}{lost}  belief in 'less' {beliefs}{note}"
+    head = f"t={moment.time_s:7.1f} s  decided {decided}/{moment.decision.size}{lost}"
+    first = "less" if playback.scenario.task.name == "fill_ratio" else answers_of(playback.scenario)[0]
+    return f"{head}  belief in '{first}' {beliefs}{note}"
+
+
+def _belief_text(belief: float) -> str:
+    """Return a belief with two decimals; "-" for nan, which strategies without beliefs have after a sample."""
+    return "-" if np.isnan(belief) else f"{belief:.2f}"
 
 
 def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
@@ -299,10 +307,11 @@ def belief_rows(playback: Playback, moment: Moment) -> list[str]:
     # The first 3 characters of each row are for the robot's symbol; in the header, 0 and 1 mark the ends of the bar.
     rows = [f"{'':3}{'0':<{BAR}}1   in '{answer}'"]
     for robot, (belief, decision) in enumerate(zip(moment.belief, moment.decision, strict=True)):
-        full = round(belief * BAR)
+        full = 0 if np.isnan(belief) else round(belief * BAR)
         decision_text = "" if decision == -1 else f"  decided: {decision_words(int(decision), answers)}"
         decision_text += f"  ({moment.faults[robot]})" if moment.faults[robot] else ""
         rows.append(
-            f"{SYMBOLS[robot % len(SYMBOLS)]:<3}{block * full}{rest * (BAR - full)} {belief:.2f}{decision_text}"
+            f"{SYMBOLS[robot % len(SYMBOLS)]:<3}{block * full}{rest * (BAR - full)} "
+            f"{_belief_text(belief)}{decision_text}"
         )
     return rows

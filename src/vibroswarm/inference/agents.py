@@ -202,19 +202,23 @@ def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.i
     run_numbers: list[int] = runs.tolist()
     # (runs, robots) each; infinite for robots without the fault.
     opposite_from_s = onset_s(scenario, seed, run_numbers, "opposite")
-    silent_from_s = onset_s(scenario, seed, run_numbers, "radio_dead")
     opinion_counts = working(scenario, seed, run_numbers)  # True for robots without any fault
     # If each robot of a run has a fault, all opinions count.
     opinion_counts[~opinion_counts.any(axis=1)] = True
-    tick_ms = scenario.run.control_period_ms
-    # Messages are sent and read at ticks, so the time from which a radio is dead is converted to its tick.
-    silent_ticks = [
-        NEVER_TICK if np.isinf(time_s) else tick_at(time_s, tick_ms)
-        for time_s in silent_from_s.ravel().tolist()
-    ]
     swarm.failures["opposite_from_s"] = opposite_from_s.ravel()
-    swarm.failures["silent_tick"] = silent_ticks
+    swarm.failures["silent_tick"] = silent_ticks(scenario, seed, run_numbers).ravel()
     swarm.failures["works"] = opinion_counts.ravel()
+
+
+def silent_ticks(scenario: Scenario, seed: int, runs: list[int]) -> NDArray[np.int64]:
+    """Return the tick from which each robot's radio is dead, (runs, robots); ``NEVER_TICK`` if it never is."""
+    from_s = onset_s(scenario, seed, runs, "radio_dead")
+    tick_ms = scenario.run.control_period_ms
+    # Messages are sent and read at ticks.
+    ticks = [
+        NEVER_TICK if np.isinf(time_s) else tick_at(time_s, tick_ms) for time_s in from_s.ravel().tolist()
+    ]
+    return np.array(ticks, dtype=np.int64).reshape(from_s.shape)
 
 
 def sizes_of(scenario: Scenario) -> dict[str, int]:

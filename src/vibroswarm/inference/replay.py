@@ -104,7 +104,8 @@ def sent_messages(
     Args:
         timeline, observations: those of a single run.
     """
-    if counts_only(strategy_used(scenario)):  # such a strategy sends exactly one message at each sample
+    # Such a strategy sends exactly one message at each sample, unless a robot's radio is dead.
+    if counts_only(strategy_used(scenario)) and not scenario.faults.radio_dead:
         return timeline.robot.astype(np.int64), timeline.stops.tick
     replayer = MessagesReplayer(
         scenario,
