@@ -167,6 +167,27 @@ def test_tables_settings_and_studies_are_shown(tmp_path, capsys):
         assert words in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.parametrize(
+    "begin",
+    ["1.0e+00,0.0e+00\n", "\ufeff1,0\n", "# a floor of our own\n1,0\n"],
+    ids=["savetxt", "mark", "comment"],
+)
+def test_each_floor_that_can_be_read_is_shown_as_a_floor(begin, tmp_path, capsys):
+    path = tmp_path / "floor.csv"
+    path.write_text(begin + "0,1\n", encoding="utf-8")
+    assert main(["show", str(path)]) == 0
+    assert "2 x 2" in capsys.readouterr().out
+
+
+def test_a_grid_is_not_shown_as_a_search(tmp_path, capsys):
+    from vibroswarm.optimize.grid import Grid
+
+    (tmp_path / "grid.toml").write_text(Grid.paper().to_toml(), encoding="utf-8")
+    assert main(["show", str(tmp_path / "grid.toml")]) == 0
+    cells = len(Grid.paper().study.cells)
+    assert capsys.readouterr().out.startswith(f"Grid of {cells} cells over ")
+
+
 def test_what_is_not_finite_is_null_in_json(tmp_path, capsys):
     path = tmp_path / "a.csv"
     path.write_text("name,value\nx,inf\ny,-inf\nz,NaN\nw,0.25\n")

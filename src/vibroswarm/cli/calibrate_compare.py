@@ -182,7 +182,7 @@ def over_sessions(one: Interval | None, form: str, *, scale: float = 1.0) -> str
     """
     from vibroswarm.cli.output import with_interval
 
-    if one is not None and one.n < 2:  # one session has no interval over sessions
+    if one is not None and one.n == 1:  # one session has no interval over sessions
         return f"{scale * one.estimate:{form}}"
     return with_interval(one, form, scale=scale)
 
@@ -194,7 +194,7 @@ def print_comparison(found: Comparison) -> None:
         found: the comparison of the recording with the simulation.
     """
     from vibroswarm.calibrate.features import WORDS
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table, with_interval
+    from vibroswarm.cli.output import print_line, print_paragraph, print_table
 
     _print_similarities(found)
     print_line()
@@ -204,8 +204,8 @@ def print_comparison(found: Comparison) -> None:
         [
             [
                 WORDS[distance.feature],
-                with_interval(distance.effect, ".4f"),
-                with_interval(distance.real, ".4f"),
+                over_sessions(distance.effect, ".4f"),
+                over_sessions(distance.real, ".4f"),
             ]
             for distance in found.distances
         ],
@@ -220,7 +220,7 @@ def print_comparison(found: Comparison) -> None:
     }
     print_table(
         ["recognised", "share"],
-        [[name, with_interval(share, ".3f")] for name, share in recognised.items() if share is not None],
+        [[name, over_sessions(share, ".3f")] for name, share in recognised.items() if share is not None],
     )
     _print_intervals(found)
     if found.missing:

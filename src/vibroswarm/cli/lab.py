@@ -244,9 +244,11 @@ def _print_import(recording: Recording) -> None:
         outcome = "decisions not logged" if consensus is None else f"consensus {consensus}{reached}"
         print_line(f"session {run + 1}: {outcome}")
     if not _logs_beliefs(recording):
-        print_paragraph(
-            "Beliefs are not in the logs; the pages show a replay in which all robots hear all messages."
+        network = recording.scenario.network.name
+        heard = (
+            "in which all robots hear all messages" if network == "ideal" else f"over the network '{network}'"
         )
+        print_paragraph(f"Beliefs are not in the logs; the pages show a replay {heard}.")
 
 
 def _inferred_value(recording: Recording, setting: Any) -> str:

@@ -165,14 +165,15 @@ def _row(name: str, found: SessionOutcome, *, is_logged: bool) -> list[object]:
     )
     # Robots without a decision count with the time of their last sample: a session has no time if it has no samples, or
     # if its decisions are not logged.
-    if found.decision_time_s is None or found.undecided is None:
-        return [found.session, name, consensus or "-", "-", "-", "-"]
-    spread = "" if is_logged else f" [{found.decision_time_low_s:.0f}, {found.decision_time_high_s:.0f}]"
+    time = "-"
+    if found.decision_time_s is not None:
+        spread = "" if is_logged else f" [{found.decision_time_low_s:.0f}, {found.decision_time_high_s:.0f}]"
+        time = f"{found.decision_time_s:.1f}{spread}"
     return [
         found.session,
         name,
-        consensus,
-        f"{found.decision_time_s:.1f}{spread}",
-        f"{100 * found.undecided:.3g}",
+        consensus or "-",
+        time,
+        "-" if found.undecided is None else f"{100 * found.undecided:.3g}",
         "-" if found.belief_in_truth is None else f"{found.belief_in_truth:.3f}",
     ]

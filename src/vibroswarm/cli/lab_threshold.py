@@ -165,7 +165,7 @@ def _print_threshold(found: Threshold, margin_m: float) -> None:
     # A threshold that was given by --at was not estimated, so it has no interval.
     interval = "" if math.isnan(found.low) else f" [{found.low:.3f}, {found.high:.3f}]"
     share = found.share_by_session
-    over = "" if math.isnan(share.low) else " over sessions"  # a single session has no interval
+    over = " over sessions" if share.n > 1 else ""  # a single session has no interval
     print_paragraph(f"{found.rule}: theta_E = {found.value:.3f}{interval}")
     print_paragraph(f"  all samples: {_rates(found.all_samples)}")
     print_paragraph(

@@ -154,7 +154,7 @@ def with_interval(value: Interval | None, form: str, *, scale: float = 1.0, unit
 
     Args:
         value: the estimate with its limits. The result is ``-`` if the value is None or the estimate is NaN, and the
-            estimate without an interval if the lower limit is NaN.
+            estimate without an interval if the lower limit is NaN or both limits are infinite.
         form: format specification of each number, such as ``.1f``.
         scale: factor by which each number is multiplied.
         unit: text that follows the estimate, such as " %".
@@ -162,7 +162,8 @@ def with_interval(value: Interval | None, form: str, *, scale: float = 1.0, unit
     if value is None or math.isnan(value.estimate):
         return "-"
     estimate, low, high = (f"{scale * number:{form}}" for number in (value.estimate, value.low, value.high))
-    return f"{estimate}{unit}" if math.isnan(value.low) else f"{estimate}{unit} [{low}, {high}]"
+    is_known = not math.isnan(value.low) and (math.isfinite(value.low) or math.isfinite(value.high))
+    return f"{estimate}{unit} [{low}, {high}]" if is_known else f"{estimate}{unit}"
 
 
 def percent(share: Interval | None, form: str = ".1f") -> str:

@@ -65,6 +65,10 @@ def _show_toml(path: Path, arguments: argparse.Namespace) -> None:
             "fields": list(search.space.names),
         }
         words = f"Search of {search.space.size} fields by {search.settings.method}: {', '.join(search.space.names)}."
+        # ``optimize --method grid`` writes such a file without settings of a search, which can be read as both.
+        if "search" not in tables and (cells := _cells_of_grid(path)):
+            summary |= {"method": "grid", "cells": cells}
+            words = f"Grid of {cells} cells over {', '.join(search.space.names)}, or fields of a search."
     elif {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):  # names of a study only
         from vibroswarm.study.spec import Study
 
@@ -91,6 +95,16 @@ def _show_toml(path: Path, arguments: argparse.Namespace) -> None:
         print_json(summary)
     else:
         print_paragraph(words)
+
+
+def _cells_of_grid(path: Path) -> int:
+    """Return the number of cells if a search file is read as a grid; 0 if it cannot be."""
+    from vibroswarm.optimize.grid import Grid
+
+    try:
+        return len(Grid.read(path).study.cells)
+    except InputError:  # some fields have bounds only, or there are several objectives
+        return 0
 
 
 def _is_settings(tables: dict[str, Any]) -> bool:
@@ -136,11 +150,13 @@ def _show_scenario(scenario: Scenario, path: Path, arguments: argparse.Namespace
     here, paper = scenario.model_dump(mode="json"), preset("paper").model_dump(mode="json")
     # for each field that differs, by dotted name: its value here and its value in the preset
     differing = {
-        f"{section}.{name}": (value, paper.get(section, {}).get(name))
+        f"{section}.{name}": (
+            value,
+            paper[section].get(name),
+        )  # the paper's strategy has no table of another's
         for section, fields in here.items()
-        if isinstance(fields, dict)
         for name, value in fields.items()
-        if value != paper.get(section, {}).get(name)
+        if value != paper[section].get(name)
     }
     if arguments.json:
         values = {name: value for name, (value, _) in differing.items()}
@@ -167,13 +183,25 @@ def _short(value: Any) -> str:
 def _is_floor(path: Path) -> bool:
     """Return whether a CSV file holds a floor, a grid of 0 and 1; False for a table.
 
-    The first line of a table has the names of its columns, so it contains letters; the first line of a floor does not.
+    The first line that is not a comment has the names of the columns in a table, and numbers in a floor.
     """
     if path.suffix != ".csv":
         return False
     with path.open("rb") as stream:
-        first = stream.readline(10_000)  # a limit, because a file from elsewhere may be one endless line
-    return not any(chr(byte).isalpha() for byte in first)
+        begin = stream.read(10_000).decode("utf-8-sig", errors="replace")
+    for line in begin.splitlines():
+        if cells := line.partition("#")[0].replace(",", " ").replace(";", " ").split():
+            return all(_is_number(cell) for cell in cells)
+    return False
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _show_floor(path: Path, arguments: argparse.Namespace) -> None:

@@ -116,7 +116,7 @@ def _robots_of(logs: Sequence[Log], robots: Sequence[int] | None) -> tuple[int, 
         if numbers != by_log[0]:
             raise InputError(
                 f"has robots {', '.join(map(str, numbers))}, and '{logs[0].name}' {', '.join(map(str, by_log[0]))}; "
-                "sessions of one recording must have the same robots (name them with --robots)",
+                "sessions of one recording must have the same robots (name them with --known-robots)",
                 field=log.name,
             )
     return tuple(by_log[0])
