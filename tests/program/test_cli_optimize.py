@@ -214,6 +214,43 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
     )
 
 
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--sensitivity", "--budget", "10"], "too few"),
+        (["--method", "grid", "--fresh", "1"], "--fresh: 1 is too few"),
+    ],
+)
+def test_force_removes_nothing_before_all_is_checked(
+    options: list[str], words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("SALib")
+    old = tmp_path / "old"
+    assert main(["run", "--set", "run.t_end_s=10", "--out", str(old)]) == 0
+    before = sorted(path.name for path in old.iterdir())
+    assert main(["optimize", *options, "--out", str(old), "--force"]) == 2
+    assert words in capsys.readouterr().err
+    assert sorted(path.name for path in old.iterdir()) == before
+
+
+def test_scenarios_are_compared_on_the_motion_of_the_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from vibroswarm.optimize import scenario_comparison
+
+    seen, figures_of = [], scenario_comparison.figures_of
+
+    def noted(*arguments: object, **named: object) -> object:
+        seen.append(named["motion"])
+        return figures_of(*arguments, **named)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(scenario_comparison, "figures_of", noted)
+    path = tmp_path / "search.toml"
+    path.write_text('motion = "fixed-step"\n' + SMALL)
+    assert main(["optimize", str(path), "--check", "paper", "--runs", "2"]) == 0
+    assert seen == ["fixed-step"] * 4
+
+
 def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("SALib")
     options = ["optimize", search, "--sensitivity", "--budget", "2600", "--cost", "decision_time"]
@@ -237,6 +274,7 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["--check", "nothing.toml"], "neither a file nor a preset"),
         (["--check", "paper", "--budget", "10"], "not to --check"),
         (["--check", "paper", "--out", "out"], "not to --check"),
+        (["--check", "paper", "--force"], "not to --check"),
         (["--check", "paper", "--runs", "1"], "at least 2"),
         (["--method", "grid", "--noise", "fixed"], "does not apply to a grid"),
         (["--sensitivity", "--budget", "10"], "too few"),

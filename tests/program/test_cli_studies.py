@@ -147,6 +147,17 @@ def test_shares_are_merged(study, tmp_path, capsys):
     assert (out / "summary.csv").read_bytes() == (tmp_path / "whole" / "summary.csv").read_bytes()
 
 
+def test_force_removes_nothing_if_the_shards_are_of_two_studies(study, tmp_path, capsys):
+    old, one, other = (tmp_path / name for name in ("old", "one", "other"))
+    assert main(["run", "--set", "run.t_end_s=10", "--out", str(old)]) == 0
+    assert sweep(study, "--out", one, "--runs", "4") == 0
+    assert main(["evaluate", "--runs", "4", "--set", "run.t_end_s=10", "--out", str(other), *QUIET]) == 0
+    before = sorted(path.name for path in old.iterdir())
+    assert main(["merge", str(old), str(one), str(other), "--force"]) == 2
+    assert "is of another study than" in capsys.readouterr().err
+    assert sorted(path.name for path in old.iterdir()) == before
+
+
 def test_a_lost_share_can_be_made_again_where_it_is_missed(study, tmp_path, capsys):
     assert sweep(study, "--out", tmp_path / "1", "--runs", "400", "--shard", "1/2") == 0
     assert main(["merge", str(tmp_path / "joined"), str(tmp_path / "1"), *QUIET]) == 1

@@ -160,6 +160,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             "needs swarms of at least 2 robots, one of which works; see --robots", field="--faults"
         )
+    for option, runs in (("--belief-runs", arguments.belief_runs), ("--fault-runs", arguments.fault_runs)):
+        if runs < 0:
+            raise InputError(f"{runs} is negative; give 0 or more", field=option)
     # `Store.existing` refuses a folder that holds anything but runs of this league.
     claim(arguments, lambda: Store.existing(arguments.out, league.study))
     with study_progress("simulating") as progress:

@@ -30,13 +30,13 @@ def run(arguments: argparse.Namespace) -> int:
     """Join the shards in one folder, print and save the summary of the whole study; return the exit code."""
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.output import check_open
-    from vibroswarm.study.run import merge
+    from vibroswarm.study.run import jobs_of_one_study, merge
     from vibroswarm.study.store import Store
     from vibroswarm.study.study_result import StudyResult
 
     check_open(arguments)
-    # The first shard gives the study; `merge` refuses a shard that belongs to another study.
-    study = Store.open(arguments.shares[0]).study
+    # Shards that cannot be merged are refused now, since `--force` removes the folder.
+    study = jobs_of_one_study(arguments.shares)[0].study
     # `Store.existing` refuses a folder that holds anything but runs of this study.
     claim(arguments, lambda: Store.existing(arguments.out, study))
     store = merge(arguments.out, arguments.shares)

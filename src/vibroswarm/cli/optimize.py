@@ -185,11 +185,12 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.progress import search_progress
     from vibroswarm.optimize.journal import Journal
-    from vibroswarm.optimize.loop import run_search
+    from vibroswarm.optimize.loop import check_libraries, run_search
     from vibroswarm.optimize.search_report import as_dict, write_report
     from vibroswarm.optimize.validation import fresh_runs, front_of, truth_of
 
     execution = _execution(arguments)
+    check_libraries(search)  # now, since `--force` removes the folder
     # Making a `Journal` writes nothing, but refuses a folder that holds anything but this search.
     claim(arguments, lambda: Journal(arguments.out, search, mixed=arguments.mixed))
     _start(search)
@@ -243,13 +244,15 @@ def _grid(arguments: argparse.Namespace) -> int:
     if arguments.seed is not None:
         study = replace(study, seed=arguments.seed)
     objective = grid.objective if arguments.cost is None else Objective(arguments.cost)
+    fresh = FRESH if arguments.fresh is None else arguments.fresh
+    if fresh < 2:  # refused now, since `--force` removes the folder, and the grid takes long
+        raise InputError(f"{fresh} is too few; at least 2", field="--fresh")
     # `Store.existing` refuses a folder that holds anything but runs of this study.
     claim(arguments, lambda: Store.existing(arguments.out, study))
-    say_compiling()
+    say_compiling(study.motion)
     with study_progress("simulating") as progress:
         result = run_study(study, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
     nodes = scores_of(Grid(study, objective), result)
-    fresh = FRESH if arguments.fresh is None else arguments.fresh
     with study_progress("scoring on fresh runs") as progress:
         truth = truth_of_grid(nodes, fresh, progress=progress, **execution)
     if arguments.out is not None:
@@ -270,7 +273,7 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.optimize_output import print_sensitivity
     from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
     from vibroswarm.cli.output import print_saved
-    from vibroswarm.optimize.sensitivity import sobol_indices, write_sensitivity
+    from vibroswarm.optimize.sensitivity import design_of, sobol_indices, write_sensitivity
 
     names = ("method", "noise", "fresh", "check", "against", "runs")
     _refuse(arguments, names, "does not apply to --sensitivity")
@@ -279,6 +282,7 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     budget, arguments.budget = 20_000 if arguments.budget is None else arguments.budget, None
     search = search_from(arguments)
     work = hash_of(search.hash, budget)
+    design_of(search, budget)  # refuses a small budget now, since `--force` removes the folder
     claim(arguments, lambda: refuse_other(arguments.out, "optimize --sensitivity", work))
     _start(search)
     with _counting("simulating", budget) as counted:
@@ -305,6 +309,8 @@ def _check(arguments: argparse.Namespace) -> int:
     from vibroswarm.optimize.scenario_comparison import compare_scenarios, scenario_named
 
     _refuse(arguments, ("method", "noise", "budget", "fresh", "out"), "applies to a search, not to --check")
+    if arguments.force:
+        raise InputError("applies to a search, not to --check", field="--force")
     search = search_from(arguments)
     runs = 2000 if arguments.runs is None else arguments.runs
     names = (arguments.check, arguments.against or "paper")
@@ -322,6 +328,7 @@ def _check(arguments: argparse.Namespace) -> int:
             search.seed,
             names=names,
             cases=[cell.point for cell in search.cases],
+            motion=search.study.motion,
             progress=counted,
             **_execution(arguments),
         )

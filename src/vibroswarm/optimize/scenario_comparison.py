@@ -104,6 +104,7 @@ def compare_scenarios(
     *,
     names: tuple[str, str] = ("first", "second"),
     cases: Sequence[Mapping[str, Any]] = ({},),
+    motion: str = "event",
     executor: str | Executor = "threads",
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -119,6 +120,7 @@ def compare_scenarios(
         cases: fields to set in both scenarios, one table for each case, such as several floors; at least one. By
             default there is one case, in which no field is set. The objective decides whether the worst case counts;
             the ``FIGURES`` are means over cases.
+        motion: the motion source.
         executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
     Raises:
         InputError: fewer than 2 runs. RunError: all runs of a scenario failed in a block.
@@ -144,6 +146,7 @@ def compare_scenarios(
                         objective=objective,
                         runs=runs,
                         seed=block_seed,
+                        motion=motion,
                         pool=pool,
                         progress=shifted_progress(progress, runs_before + k * runs),
                     )
@@ -181,6 +184,7 @@ def _block(
     objective: Objective,
     runs: int,
     seed: int,
+    motion: str,
     pool: Workers,
     progress: Callable[[int], None],
 ) -> tuple[Scored, pl.DataFrame]:
@@ -188,13 +192,14 @@ def _block(
 
     Args:
         name: of the scenario. scenarios: the scenario in each case. objective: computes the score.
-        runs: number of runs. seed: of the runs. pool: the workers. progress: called with the number of finished runs.
+        runs: number of runs. seed, motion: seed and motion source of the runs. pool: the workers.
+        progress: called with the number of finished runs.
     Returns:
         The score, and a table with one row per run: the number ``run``, and the ``FIGURES`` averaged over the cases.
     """
     no_values: dict[str, Any] = {}  # the scenarios are complete: no fields are set in them
     simulated = figures_of(
-        scenarios, no_values, (objective, *OF_FIGURES), runs, seed, pool, progress=progress
+        scenarios, no_values, (objective, *OF_FIGURES), runs, seed, pool, motion=motion, progress=progress
     )
     # the last columns are those of ``OF_FIGURES``, one each
     rows, share_rows = simulated.rows[:, :, : -len(FIGURES)], simulated.rows[:, :, -len(FIGURES) :]

@@ -108,7 +108,7 @@ def sobol_indices(
         RunError: a run failed.
     """
     replicates = whole_number_of(replicates, "replicates", 1, RUN_LIMIT - 1)
-    design = saltelli(search.space.size, budget // replicates, search.seed)
+    design = design_of(search, budget, replicates)
     scenarios = [cell.scenario for cell in search.cases]
     cases = tuple(scenario.to_toml() for scenario in scenarios)
     code = code_of(scenarios, search.study.motion)
@@ -135,6 +135,11 @@ def sobol_indices(
     # costs: (points, replicates).
     costs = np.array([np.mean(rows, axis=1)[:, 0] for rows in results if not isinstance(rows, str)])
     return indices(search.space.names, costs, search.seed)
+
+
+def design_of(search: Search, budget: int, replicates: int = PIECE) -> Array:
+    """Draw the design of an analysis, see ``saltelli``; ``budget`` and ``replicates`` as in ``sobol_indices``."""
+    return saltelli(search.space.size, budget // replicates, search.seed)
 
 
 def saltelli(dimensions: int, points: int, seed: int) -> Array:

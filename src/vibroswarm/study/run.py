@@ -87,6 +87,27 @@ def _failed(now: StudyProgress) -> str:
     return f"{now.failed} batches failed" if now.failed else ""
 
 
+def jobs_of_one_study(shares: Sequence[Path]) -> list[Store]:
+    """Open the stores of several jobs, at least one.
+
+    Raises:
+        InputError: a folder holds no study, another study or one with a precision, or versions differ.
+    """
+    stores = [Store.open(folder) for folder in shares]
+    for store in stores[1:]:
+        if store.study.hash != stores[0].study.hash:
+            raise InputError(f"is of another study than '{shares[0]}'", field=str(store.folder))
+    for store in stores:
+        if store.study.until is not None:
+            raise InputError(
+                "runs until a precision; such a study has no jobs to merge", field=str(store.folder)
+            )
+    # All shards are put in one store in memory, to compare their versions.
+    all_shards = [shard for store in stores for shard in store.shards]
+    Store(stores[0].folder, stores[0].study, shards=all_shards).check_alike()
+    return stores
+
+
 def merge(out: Path, shares: Sequence[Path]) -> Store:
     """Merge the stores of several jobs of a study into one store.
 
@@ -98,20 +119,9 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
         RunError: runs are missing in all folders; the message lists the first of them. What was merged stays in
             ``out``.
     """
-    stores = [Store.open(folder) for folder in shares]
-    for store in stores[1:]:
-        if store.study.hash != stores[0].study.hash:
-            raise InputError(f"is of another study than '{shares[0]}'", field=str(store.folder))
-    for store in stores:
-        if store.study.until is not None:
-            raise InputError(
-                "runs until a precision; such a study has no jobs to merge", field=str(store.folder)
-            )
+    stores = jobs_of_one_study(shares)
     # The jobs may have been run with different numbers of runs: the merged study has the largest.
     runs = max((store.study.runs or 0 for store in stores), default=0)
-    # All shards are put in one store in memory, to compare their versions before anything is written.
-    all_shards = [shard for store in stores for shard in store.shards]
-    Store(Path(out), stores[0].study, shards=all_shards).check_alike()
     joined = Store.open_or_create(out, stores[0].study.with_runs(runs))
     present = {shard.name for shard in joined.shards}
     for store in stores:
