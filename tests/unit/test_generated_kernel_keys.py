@@ -6,9 +6,11 @@ import linecache
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
+from numba import njit
 
-from vibroswarm.inference.generated_kernels import key_of
+from vibroswarm.inference.generated_kernels import _text_of, key_of
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.base import Strategy
 
@@ -26,3 +28,35 @@ def typed_in(module: str, decides: int) -> Strategy:
 def test_strategies_without_a_source_file_are_told_apart_by_their_code(module: str) -> None:
     assert key_of(typed_in(module, 1)) != key_of(typed_in(module, 0))
     assert key_of(typed_in(module, 1)) == key_of(typed_in(module, 1))
+
+
+def cell(text: str) -> Strategy:
+    """A strategy whose function ``decision`` was typed into a cell with other code."""
+    names: dict[str, Any] = {"__name__": "not_imported", "np": np, "njit": njit}
+    linecache.cache["<cell>"] = (len(text), None, text.splitlines(True), "<cell>")
+    exec(compile(text, "<cell>", "exec"), names)  # noqa: S102 - a text of this file
+    function: Any = names["decision"]
+    return replace(strategy("none"), source=None, decision=function)
+
+
+DECISION = "def decision(s, a, p, w):\n    return {}\n"
+CELLS = {
+    "helper": "def limit(x):\n    return x > {}\n" + DECISION.format("limit(s.alpha)"),
+    "helper of a helper": "def most():\n    return {}\ndef limit(x):\n    return x > most()\n"
+    + DECISION.format("limit(s.alpha)"),
+    "compiled helper": "@njit\ndef limit(x):\n    return x > {}\n" + DECISION.format("limit(s.alpha)"),
+    "tuple": "LIMITS = (1, {})\n" + DECISION.format("LIMITS[1]"),
+    "array": "LIMITS = np.array([1, {}])\n" + DECISION.format("LIMITS[1]"),
+    "closure": "def made(limit):\n    def decision(s, a, p, w):\n        return limit\n"
+    "    return decision\ndecision = made({})\n",
+    "nested": DECISION.format("(lambda x: x + {})(1)"),
+    "default": "def limit(x, most={}):\n    return x > most\n" + DECISION.format("limit(s.alpha)"),
+}
+
+
+@pytest.mark.parametrize("kind", CELLS)
+def test_all_that_a_typed_in_function_is_compiled_with_is_in_its_key(kind: str) -> None:
+    assert key_of(cell(CELLS[kind].format(3))) != key_of(cell(CELLS[kind].format(4)))
+    assert key_of(cell(CELLS[kind].format(3))) == key_of(cell(CELLS[kind].format(3)))
+    # In another process it is the same: no address in memory is part of it.
+    assert "0x" not in _text_of(cell(CELLS[kind].format(3)))

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from types import FunctionType, ModuleType
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, Final
 
 import numpy as np
@@ -120,23 +120,46 @@ def _text_of(declared: Strategy | Network) -> str:
     texts: dict[str, None] = {}  # in the order of the functions, each text once
     for function in _functions_of(declared):
         module = inspect.getmodule(function)
-        text = _described(function)
+        text = ""
         if module is not None:
             with suppress(OSError, TypeError):  # TypeError: the module of an interactive session has no file
                 text = inspect.getsource(module)
-        texts[text] = None
+        texts[text or _described(function, set())] = None
     return "\0".join(texts)
 
 
-def _described(function: Callable[..., Any]) -> str:
-    """Return a text of a function's bytecode and constants, and of the numbers and texts that it reads as globals."""
-    code = function.__code__
-    plain = {
-        name: value
-        for name, value in globals_of(function).items()
-        if isinstance(value, int | float | str | bool)
-    }
-    return repr((code.co_code, code.co_consts, code.co_names, plain))
+def _described(function: Callable[..., Any], seen: set[Callable[..., Any]]) -> str:
+    """Return a text of all that is compiled with a function: its bytecode, the values that it reads, what it calls.
+
+    Functions of this package are left out: ``source_hash`` covers them.
+
+    Args:
+        seen: functions that are described already; extended.
+    """
+    seen.add(function)
+    texts = [_code_text(function.__code__)]
+    # Closures hold values, or functions, of the function in which this one was defined.
+    enclosed = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
+    values = {name: cell.cell_contents for name, cell in enclosed.items()} | globals_of(function)
+    for name, value in values.items():
+        plain = getattr(value, "py_func", value)  # of a function that is compiled already
+        if isinstance(plain, FunctionType):
+            if plain not in seen and not plain.__module__.startswith("vibroswarm."):
+                texts.append(f"{name}: {_described(plain, seen)}")
+        elif isinstance(value, np.ndarray):
+            texts.append(f"{name} = {value.dtype} {value.shape} {value.tobytes()!r}")
+        elif isinstance(value, int | float | str | tuple | np.generic):
+            texts.append(f"{name} = {value!r}")
+    return "; ".join((*texts, repr(function.__defaults__)))
+
+
+def _code_text(code: CodeType) -> str:
+    """Return a text of a function's bytecode, names and constants, which is the same in each process."""
+    # A nested function is a constant too, whose ``repr`` has its address in memory.
+    constants = [
+        _code_text(value) if isinstance(value, CodeType) else repr(value) for value in code.co_consts
+    ]
+    return f"{code.co_code!r} {constants} {code.co_names}"
 
 
 def _functions_of(declared: Strategy | Network) -> list[Callable[..., Any]]:
