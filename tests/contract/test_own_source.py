@@ -170,6 +170,15 @@ def with_failures(table: object) -> Callable[[Motion], Motion]:
     return lambda piece: replace(piece, failures=table)
 
 
+def with_samples(change: Callable[[pl.DataFrame], object]) -> Callable[[Motion], Motion]:
+    return lambda piece: replace(piece, samples=change(piece.samples))
+
+
+def with_ends(change: Callable[[pl.DataFrame], object]) -> Callable[[Motion], Motion]:
+    return lambda piece: replace(piece, ends=change(piece.ends))
+
+
+UNKNOWN = pl.lit(None, pl.Float64)
 FAILED = pl.DataFrame({"run": [7], "time_s": [3.0], "reason": ["fell over"]}, schema=FAILURES)
 WRONG_ROWS: dict[str, tuple[Callable[[Motion], Motion], str]] = {
     "no moves of a robot": (with_moves(lambda t: t.filter(pl.col("robot") != 3)), "no move of robot 3 that begins at"),
@@ -179,6 +188,12 @@ WRONG_ROWS: dict[str, tuple[Callable[[Motion], Motion], str]] = {
     "moves in no order": (with_moves(lambda t: t.reverse()), "not sorted by time and robot"),
     "a place unknown": (with_moves(lambda t: t.with_columns(x_m=pl.lit(None, pl.Float64))), "values that are missing"),
     "a place that is nan": (with_moves(lambda t: t.with_columns(x_m=pl.lit(math.nan))), "'x_m' is not finite"),
+    "a stop unknown": (with_samples(lambda t: t.with_columns(stop_start_s=UNKNOWN)), "samples has values"),
+    "an endless stop": (with_samples(lambda t: t.with_columns(stop_s=pl.lit(math.inf, pl.Float32))), "'stop_s' is not"),
+    "no robot": (with_samples(lambda t: t.with_columns(robot=pl.lit(None, pl.UInt16))), "samples has values"),
+    "samples as a list": (with_samples(lambda t: t.rows()), "the table samples is list"),
+    "no end": (with_ends(lambda t: t.with_columns(end_s=UNKNOWN)), "ends has values that are missing"),
+    "an end that is nan": (with_ends(lambda t: t.with_columns(x_m=pl.lit(math.nan))), "ends: column 'x_m' is not"),
     "failures as a list": (with_failures([3]), "the table failures is list"),
     "failures without reasons": (with_failures(FAILED.drop("reason")), "failures: column 'reason' is missing"),
     "failures of another run": (with_failures(FAILED), "failures has rows of other runs than 0"),

@@ -258,6 +258,7 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
         ("0.1 + 0.1 * i", "0.9 + 0.1 * i", "column 'x_m' leaves the arena"),
         ("(k + 1) * 10.0", "(k + 3) * 10.0", "has times of 30 to 110 s"),
         ('"drive_s": 0.0, ', "", "values that are missing"),
+        ('"drive_s": 0.0, ', '"drive_s": float("nan"), ', "samples: column 'drive_s' is not finite"),
         ("return Motion(table, ends)", "return table", "gives DataFrame, not Motion"),
         ("return Motion(table, ends)", 'return Motion(table.drop("x_m"), ends)', "column 'x_m' is missing"),
         ("self.tick = max", "self.ticks = max", "its time_s is 0"),

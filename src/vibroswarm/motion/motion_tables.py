@@ -168,7 +168,8 @@ def checked_batch(
         # Check the rows of this run. If they cannot be selected, because the result is no ``Motion`` or lacks a column
         # ``run``, pass on the whole result: ``_wrong`` names what is missing.
         if isinstance(motion_parts, Motion) and all(
-            "run" in one.columns for one in (motion_parts.samples, motion_parts.ends)
+            isinstance(one, pl.DataFrame) and "run" in one.columns
+            for one in (motion_parts.samples, motion_parts.ends)
         ):
             of_run = pl.col("run") == run
             # Of segments only the columns are checked, so they need not be filtered.
@@ -220,7 +221,7 @@ class CheckedState:
     @property
     def time_s(self) -> float:
         """Time up to which motion has been simulated, s."""
-        return float(_called(self.init, lambda: self.state.time_s))
+        return float(_called(self.init, lambda: float(self.state.time_s)))
 
     def advance(self, until_s: float) -> Motion:
         """Advance the wrapped state (``MotionState.advance``), and check the piece of motion that it returns."""
@@ -319,17 +320,20 @@ def _wrong_rows(
     if piece.moves is not None:
         yield from _wrong_moves(piece.moves, robots, run, before_s, after_s, quarter_s)
     samples = piece.samples
+    # In ``ends``, a robot that does not stand has no ``stop_start_s``.
+    for name, table, optional in (("ends", piece.ends, ["stop_start_s"]), ("samples", samples, [])):
+        required = table.drop(optional)
+        if required.null_count().sum_horizontal().item():
+            yield f"the table {name} has values that are missing"
+            return
+        for column in required.select(pl.selectors.float()).columns:
+            if not required[column].is_finite().all():
+                yield f"the table {name}: column '{column}' is not finite"
+                return
     if samples.is_empty():
         return
-    if (samples["run"] != run).any() or int(samples["robot"].max()) >= robots:  # type: ignore[arg-type]
+    if (samples["run"] != run).any() or (samples["robot"] >= robots).any():
         yield f"the table samples has rows of other runs than {run}, or of robots beyond {robots - 1}"
-    if samples.drop("stop_start_s").null_count().sum_horizontal().item():  # only stop_start_s may be null
-        yield "the table samples has values that are missing"
-        return
-    for column in ("time_s", "x_m", "y_m", "heading_rad"):
-        if not samples[column].is_finite().all():
-            yield f"the table samples: column '{column}' is not finite"
-            return
     time_s = samples["time_s"].to_numpy()
     # Samples at ``after_s`` itself belong to the next piece.
     if time_s.min() < before_s - quarter_s or time_s.max() > after_s - quarter_s:
