@@ -6,10 +6,11 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.calibrate.message_loss import STEPS
+from vibroswarm.calibrate.message_loss import STEPS, Bursts, Windows, _logit, _Table
 from vibroswarm.cli import main
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
@@ -52,3 +53,23 @@ def test_one_receiver_has_no_standard_errors(tmp_path: Path, capsys: pytest.Capt
     captured = capsys.readouterr()
     assert "--errors: needs the counts of at least two receivers" in captured.err
     assert captured.out == ""
+
+
+def test_counts_that_cannot_be_are_not_held_against_later_windows() -> None:
+    """More messages received than sent: without that window, the rest is as likely as from its beginning."""
+    model = Bursts(0.1, 30.0, 0.8, 0.02, 0.5, 0.0, 5)
+
+    def log_likelihood(sent: list[int], received: list[int]) -> float:
+        windows = Windows(0, 0, np.array(sent), np.array(received), np.full(len(sent), 20.0))
+        return _Table([windows]).log_likelihood(model, 5.0)
+
+    rest = log_likelihood([10] * 5, [10, 9, 10, 4, 10])
+    after = log_likelihood([10, *[10] * 5], [40, 10, 9, 10, 4, 10])
+    excluded = float(np.log(1e-300))
+    assert excluded + rest - 5.0 < after < excluded + rest + 5.0
+
+
+def test_log_odds_are_finite() -> None:
+    assert -21.0 < _logit(0.0) < -20.0
+    assert 20.0 < _logit(1.0) < 21.0
+    assert _logit(0.5) == 0.0

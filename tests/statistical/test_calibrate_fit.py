@@ -13,7 +13,7 @@ from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.cross_validation import Fold, Reading, Score, on_floor, readings_of
 from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
 from vibroswarm.calibrate.features import FEATURES
-from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss
+from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss, stop_of
 from vibroswarm.calibrate.fit_avoidance import CANDIDATES, PRIOR, SUMMARIES, posterior
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive
@@ -248,3 +248,10 @@ def test_a_statistic_that_the_first_session_lacks_is_printed(capsys: pytest.Capt
     (of_edge,) = (row.split() for row in rows if row.startswith("false negative, 0 to 10 mm"))
     assert of_bits[-4:] == ["0.500", "0.400", "+1.0,", "+1.0"]
     assert of_edge[-4:] == ["0.300", "0.200", "-,", "+2.0"]  # the first session has no value
+
+
+@pytest.mark.parametrize("interval_ms", [3778.0, 2000.0, 1990.0])
+def test_a_fit_recovers_the_stop_of_its_own_robots(interval_ms: float) -> None:
+    """Also where the sampling interval is no multiple of the control period, 20 ms."""
+    scenario = preset("paper").with_values({"sample.sample_interval_ms": interval_ms, "run.t_end_s": 600.0})
+    assert stop_of(dataset_of([simulate(scenario, 1, 1)]), scenario) == 1000.0

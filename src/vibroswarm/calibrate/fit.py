@@ -20,7 +20,7 @@ from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.fit_avoidance import AvoidanceFit, fit_avoidance
 from vibroswarm.calibrate.fit_camera import fit_camera
-from vibroswarm.calibrate.fit_drive import fit_drive
+from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import SPREADS, fit_sensor
 from vibroswarm.core.notebook_view import NotebookView
@@ -195,9 +195,9 @@ def _share(name: str, value: float, each: Floats) -> Fitted:
 def stop_of(found: Dataset, base: Scenario) -> float | None:
     """Return the duration of a stop, ms, as a multiple of the control period; None if it cannot be estimated.
 
-    The time between two samples, without avoidance or turn, is the sampling interval tau, the stop and two control
-    periods. At least 50 such times are needed. The result is also None unless the stop is between half and twice the
-    stop of the base: the robots were then programmed with another tau than the base.
+    The time between two samples, without avoidance or turn, is the drive (``fit_drive.timed_drive_ms``), the stop and
+    a control period. At least 50 such times are needed. The result is also None unless the stop is between half and
+    twice the stop of the base: otherwise the robots were programmed with another tau than the base.
     """
     calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())["spacing_s"]
     if calm.len() < 50:
@@ -206,7 +206,7 @@ def stop_of(found: Dataset, base: Scenario) -> float | None:
     # The mean of the intervals near the median: intervals that contain a turn last at least 0.3 s longer.
     usual = float(calm.filter((calm - usual).abs() < 0.3).mean())  # type: ignore[arg-type]
     period = base.run.control_period_ms
-    stop_ms = 1000.0 * usual - base.sample.sample_interval_ms - 2 * period
+    stop_ms = 1000.0 * usual - timed_drive_ms(base) - period
     rounded = period * round(stop_ms / period)
     base_stop_ms = max(base.sample.stop_ms, 1.0)  # at least 1 ms, to divide by it
     return float(rounded) if 0.5 < rounded / base_stop_ms < 2.0 else None

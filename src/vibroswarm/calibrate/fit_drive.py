@@ -25,6 +25,7 @@ Variation of speed within a robot is taken as independent between samples. Error
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final
 
@@ -193,13 +194,21 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
     )
 
 
+def timed_drive_ms(base: Scenario) -> float:
+    """Return how long a robot drives from a sample to the next stop, without turns: until its timer exceeds tau, ms.
+
+    It is the first multiple of the control period above the sampling interval tau.
+    """
+    period = base.run.control_period_ms
+    return period * (math.floor(base.sample.sample_interval_ms / period) + 1.0)
+
+
 def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
     """Return the distance between samples of undisturbed intervals, divided by the distance at driving speed.
 
-    The distance at driving speed is the mean speed times the time of a drive from sample to sample: the sample interval
-    tau and a control period, as the timer must exceed tau. Both distances are means over robots in sessions. The result
-    is 1, no correction, with fewer than 50 undisturbed intervals, if a robot has none, and if the ratio is not between
-    0.8 and 1.25, which is not plausible.
+    The distance at driving speed is the mean speed times the time of a drive from sample to sample. Both distances are
+    means over robots in sessions. The result is 1, no correction, with fewer than 50 undisturbed intervals, if a robot
+    has none, and if the ratio is not between 0.8 and 1.25, which is not plausible.
 
     Args:
         table: from ``_table_of_robots``.
@@ -207,7 +216,7 @@ def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
     calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())
     # Near the usual duration, so without turns: the undisturbed intervals.
     calm = calm.filter((pl.col("spacing_s") - pl.col("spacing_s").median()).abs() < CALM_S)
-    drive_s = base.sample.sample_interval_ms / 1000.0 + base.tick_s
+    drive_s = timed_drive_ms(base) / 1000.0
     distances = calm.group_by("run", "robot").agg(pl.col("distance_m").mean())["distance_m"]
     # If the numbers of robots in sessions differ, the two means would be over different robots.
     if calm.height < 50 or len(distances) != len(table):

@@ -192,8 +192,9 @@ def _minimum(cost: Any, start: list[float]) -> Any:
 
 
 def _logit(share: float) -> float:
-    """Return the log odds of a share."""
-    return math.log(share / (1.0 - share))
+    """Return the log odds of a share; a share of 0 or 1, whose odds are infinite, counts as 1e-9 next to it."""
+    inside = min(max(share, 1e-9), 1.0 - 1e-9)
+    return math.log(inside / (1.0 - inside))
 
 
 def jackknife(windows: Sequence[Windows], found: Bursts) -> dict[str, float]:
@@ -258,6 +259,7 @@ class _Table:
         # The edge at time 0 has no shift: ``SHIFTS[MOST_SHIFTED]`` is 0.
         forward = np.zeros((receivers, 2, SHIFTS.size))
         forward[:, :, MOST_SHIFTED] = [1.0 - b, b]
+        unknown = np.outer([1.0 - b, b], weight)  # the state's long-term shares, and any shift
         total = 0.0
         for sent, received, is_there in zip(self.sent, self.received, self.is_there, strict=True):
             # Messages of the window, (receivers, shift of the first edge, shift of the last edge).
@@ -269,10 +271,12 @@ class _Table:
             # n: receiver; s, t: state before and after; a, b: shift before and after.
             new = np.einsum("nsa,nabst,b->ntb", forward, step, weight)
             likelihood = new.sum(axis=(1, 2))
-            # A finite logarithm for counts that the model excludes.
-            likelihood = np.where(likelihood > 0, likelihood, 1e-300)
+            is_possible = likelihood > 0
+            # A finite logarithm for counts that the model excludes. After them, the state is not known.
+            likelihood = np.where(is_possible, likelihood, 1e-300)
+            new = np.where(is_possible[:, None, None], new / likelihood[:, None, None], unknown)
             # Receivers without this window keep their probabilities.
-            forward = np.where(is_there[:, None, None], new / likelihood[:, None, None], forward)
+            forward = np.where(is_there[:, None, None], new, forward)
             total += float(np.log(likelihood)[is_there].sum())
         return total
 
