@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
@@ -63,3 +65,10 @@ def test_too_few_points_are_refused() -> None:
 def test_a_point_needs_a_run(replicates: float) -> None:
     with pytest.raises(InputError, match=f"replicates: {replicates} is wrong; give a whole number from 1"):
         sobol_indices(Search(), replicates=replicates)  # type: ignore[arg-type]
+
+
+def test_indices_of_a_constant_cost_are_null_in_json() -> None:
+    """They are not defined, and JSON has no nan."""
+    found = indices(["a", "b"], np.ones((8 * 4, 2)))
+    text = json.dumps(found.as_dict(), allow_nan=False)
+    assert json.loads(text)["fields"][0]["total"] is None

@@ -86,6 +86,11 @@ def test_a_search_is_made_kept_and_gone_on_with(
     capsys.readouterr()
     assert main(["optimize", search, "--out", str(out), "--seed", "4"]) == 2
     assert "seed is 3 there and 4 here" in capsys.readouterr().err
+    # More fresh runs are advised where too few were made; the search is not repeated.
+    assert main(["optimize", search, "--out", str(out), "--fresh", "130", "--json"]) == 0
+    about = json.loads(capsys.readouterr().out)
+    assert about["truth"]["true"]["score"]["n"] == 130
+    assert (out / "journal.jsonl").read_bytes() == journal
 
 
 def test_ctrl_c_leaves_a_search_to_go_on_with(

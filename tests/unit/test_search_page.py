@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,7 +25,7 @@ from vibroswarm.optimize.search_report import as_dict, grid_pictures, made_by, w
 from vibroswarm.optimize.search_tables import bound_of
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.validation import LUCK, Front, Truth, front_of, is_too_short, truth_of
+from vibroswarm.optimize.validation import LUCK, Front, Member, Truth, front_of, is_too_short, truth_of
 from vibroswarm.report.html import Report, report_html
 from vibroswarm.simulation import versions
 from vibroswarm.study.run import run as run_study
@@ -406,3 +407,21 @@ def test_a_grid_that_moves_robots_claims_no_shared_motion(nodes: Nodes) -> None:
     told = seen(report_html(grid_page(scores_of(grid, run_study(grid.study)), None, {}, MADE)))
     assert "one motion" not in told
     assert "walk.walk_duration_scale_ms" in told
+
+
+def test_a_front_with_scores_of_0_has_no_share_of_them() -> None:
+    """The share by which a believed score is too low is not defined where the true one is 0."""
+
+    def scored(estimate: float) -> Interval:
+        return Interval(estimate, estimate, estimate, 0.95, 300, "mean")
+
+    members = tuple(
+        Member(k, {}, (1.0, 10.0), (scored(errors), scored(12.5)), True, 0)
+        for k, errors in enumerate((0.0, 2.0))
+    )
+    front = Front(("errors", "time"), ("", "s"), members, 300)
+    assert front.too_little == [0.5, pytest.approx(0.2)]
+    assert "50 % too low for errors, 20 % too low for time" in front.words
+    nothing = replace(front, members=members[:1])
+    assert math.isnan(nothing.too_little[0])
+    assert nothing.words.endswith("the believed scores were 20 % too low for time (medians).")

@@ -73,7 +73,11 @@ def detection_curve(
         of_swarm = swarm_incidence(robots, runs, t_end_s, horizons, level)
         of_robots = robot_incidence(robots, runs, t_end_s, horizons, level, seed)
         frame = pl.DataFrame({"horizon_s": horizons}).select(
-            *(pl.lit(value).alias(name) for name, value in _about(robots, runs, t_end_s).items()),
+            *(
+                # A truth may be null, which would have no type.
+                pl.lit(value, dtype=pl.Int8 if name == "truth" else None).alias(name)
+                for name, value in _about(robots, runs, t_end_s).items()
+            ),
             "horizon_s",
             *_missed(of_swarm, "missed"),
             *_wrong(of_swarm, "wrong"),

@@ -68,6 +68,8 @@ def run_figures(arguments: argparse.Namespace) -> int:
     from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
     from vibroswarm.cli.output import print_json, print_paragraph, print_table
 
+    if len({str(folder) for folder in arguments.folders}) < len(arguments.folders):
+        raise InputError("names a folder twice", field="RESULT")
     figures = {str(folder): figures_of(read_result(folder), arguments.at) for folder in arguments.folders}
     if arguments.json:
         by_folder = {
@@ -232,9 +234,11 @@ def run_bursts(arguments: argparse.Namespace) -> int:
     # it and received by it in each.
     windows = [one for folder in arguments.folders for one in message_loss.windows_of(read_result(folder))]
     if not windows:
-        raise InputError("counts no received messages", field=str(arguments.folders[0]))
+        raise InputError("no received messages are counted", field=", ".join(map(str, arguments.folders)))
     if all(message_loss.lost_for_good(one).sum() == 0 for one in windows):
-        raise InputError("no message is lost; there is nothing to fit", field=str(arguments.folders[0]))
+        raise InputError(
+            "no message is lost; there is nothing to fit", field=", ".join(map(str, arguments.folders))
+        )
     if arguments.errors and len(windows) < 2:
         raise InputError("needs the counts of at least two receivers; leave it out", field="--errors")
     models = {

@@ -38,6 +38,7 @@ def add_parser(tasks: Any) -> None:
         "folders", metavar="REAL", type=Path, nargs="+", help="folders of recordings (lab import)"
     )
     parser.add_argument("--out", metavar="FILE", type=toml_file, help="write the fitted scenario as TOML")
+    parser.add_argument("--force", action="store_true", help="replace FILE if it exists")
     parser.add_argument(
         "--base",
         metavar="NAME",
@@ -72,9 +73,14 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.calibrate.fit import fit
     from vibroswarm.cli.options import read_result
     from vibroswarm.cli.output import print_json
-    from vibroswarm.core.atomic_io import whole_file
+    from vibroswarm.core.atomic_io import check_free, whole_file
+    from vibroswarm.errors import InputError
 
     candidates = arguments.candidates
+    if arguments.out is None and arguments.force:
+        raise InputError("has no effect without --out FILE", field="--force")
+    if arguments.out is not None and not arguments.force:
+        check_free(arguments.out)  # now, since the fit takes long
     base = scenario_of(arguments.base, arguments.settings)
     dataset = dataset_of([read_result(folder) for folder in arguments.folders])
     # the sessions of another simulator, whose similarity to the held-out sessions is printed beside that of the fit
@@ -84,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.folds:
         judged = folds(dataset, base, other, candidates=candidates, progress=share_done("folds"))
     if arguments.out is not None:
-        with whole_file(arguments.out) as part:
+        with whole_file(arguments.out, replace=arguments.force) as part:
             part.write_text(fitted.scenario.to_toml(), encoding="utf-8")
     if arguments.json:
         print_json(fitted.as_dict() | {"folds": [fold.as_dict() for fold in judged]})

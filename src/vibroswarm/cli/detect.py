@@ -142,18 +142,23 @@ def run(arguments: argparse.Namespace) -> int:
 def _boundary_of(arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the field ``decision.boundary_of`` with the value of ``--boundary-of``, by default "tiles".
 
-    The result is passed to ``Scenario.with_values``. It is empty if ``--set`` gives the field, because the scenario
-    then has the value already.
+    The result is passed to ``Scenario.with_values``. It is empty if ``--set``, or the file of ``--scenario`` alone,
+    gives the field, because the scenario then has the value already.
 
     Raises:
-        InputError: both options give the field.
+        InputError: two options give the field.
     """
+    from vibroswarm.core.untrusted_files import parsed_toml, read_text
     from vibroswarm.scenario.scenario import parse_setting
 
     field = "decision.boundary_of"
     values = [value for name, value in map(parse_setting, arguments.settings) if name == field]
     if values and arguments.boundary_of is not None:
         raise InputError(f"is also set by --set {field}; use one of them", field="--boundary-of")
+    if arguments.boundary_of is None and arguments.scenario is not None:
+        file = parsed_toml(read_text(arguments.scenario, "a scenario"), str(arguments.scenario))
+        if "boundary_of" in file.get("decision", {}):
+            return {}
     return {} if values else {field: arguments.boundary_of or "tiles"}
 
 

@@ -121,7 +121,8 @@ def _print_tuned(tuned: Tuned, how: str) -> None:
     # one row for each strategy: the settings that were found for it
     chosen = tuned.table.filter("is_chosen").sort("decision_time_s")
     print_paragraph(
-        f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error"
+        f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error; "
+        "by the smallest error if none has so little"
     )
     print()
     print_table(

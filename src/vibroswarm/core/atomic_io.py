@@ -166,10 +166,12 @@ def folder_lock(folder: Path) -> Iterator[None]:
         os.write(stream, _me().encode())
         yield
     finally:
-        if msvcrt is None:
-            # Remove the file before the lock is released: after that, another process might hold a lock on the file.
-            path.unlink(missing_ok=True)
-        os.close(stream)  # releases the lock
+        try:
+            if msvcrt is None:
+                # Remove the file before the lock is released: after that, another process might hold a lock on it.
+                path.unlink(missing_ok=True)
+        finally:
+            os.close(stream)  # releases the lock
         if msvcrt is not None:  # Windows cannot remove an open file
             with suppress(OSError):  # fails if another process has opened the file in the meantime
                 path.unlink()

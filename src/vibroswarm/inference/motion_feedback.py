@@ -242,7 +242,7 @@ def _run(state: MotionState, loop: ClosedLoop, first_s: float) -> Motion:
         loop.catch_up(*add_piece(piece, [loop], loop.tick_ms))
         decided_s = loop.first_all_decided_s
         if decided_s is not None:
-            return join([*pieces, before.advance(decided_s + loop.scenario.tick_s)])
+            return join([*pieces, before.advance(min(decided_s + loop.scenario.tick_s, t_end_s))])
         pieces.append(piece)
         length_s = PIECE_S
     return join(pieces)

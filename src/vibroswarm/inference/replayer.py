@@ -156,8 +156,8 @@ class Replayer(ABC):
                 status: int = self.module.replay(*arguments)
             self.calls += 1
             # A direct call loses the line at which an error occurred, which messages about a user's code state. So a
-            # user's strategy is never called directly.
-            if self.calls == 2 and not self.strategy.code:
+            # user's strategy or network is never called directly.
+            if self.calls == 2 and not (self.strategy.code or self.network.code):
                 self.entry = entry_for(self.module.replay, *arguments)
             return status
         try:

@@ -72,10 +72,8 @@ def _found(value: Found) -> str:
     parts = [paragraph(head), table(["field", "winner", "lowest", "highest"], body)]
     if len(value.front) > 1:
         parts.append(paragraph(f"{len(value.front)} candidates are on the front; next: front_of(found)."))
-    # Of all warnings only one is shown: that the winner has no score on fresh runs yet. The other arguments of
-    # ``warnings_of`` are results of steps after the search, which a search does not have.
-    warnings = warnings_of(value, truth=None, front=None, made_by=[])
-    parts += [paragraph(text) for text in warnings if "fresh runs" in text]
+    # A search has no results of the steps after it: truth and front.
+    parts += [paragraph(text) for text in warnings_of(value, truth=None, front=None, made_by=[])]
     if value.history:
         parts.append(picture_image(pictures(value, truth=None)["scores"], width_px=420))
     return card("Search", *parts, paragraph("Next: truth_of(found), write_report(found, folder)"))
@@ -134,7 +132,10 @@ def _standings(value: Standings) -> str:
         [
             row["name"],
             _interval(row, "forced_error", scale=100.0, digits=1),
-            *(f"{100 * row[name]:.1f}" for name in ("right", "wrong", "undecided")),
+            *(
+                "-" if row[name] is None else f"{100 * row[name]:.1f}"
+                for name in ("right", "wrong", "undecided")
+            ),
             _interval(row, "decision_time_s", scale=1.0, digits=0),
             f"{row['sent']:.0f}",
         ]
@@ -230,7 +231,9 @@ def _comparison(value: Comparison) -> str:
             f"classifier recognises {share.estimate:.3f} [{share.low:.3f}, {share.high:.3f}] of the stretches as real "
             "or simulated (0.5: chance)."
         ),
-        paragraph(f"Missing in one of the two: {', '.join(value.missing)}.") if value.missing else "",
+        paragraph(f"Too few values to compare: {', '.join(WORDS[feature] for feature in value.missing)}.")
+        if value.missing
+        else "",
     )
 
 

@@ -204,9 +204,9 @@ def _picture(value: Picture) -> str:
 @view_of.register
 def _study(value: Study) -> str:
     """Show the first cells of a study, with their values of the fields that are varied."""
-    names = value.varied or ["strategy.name"]  # a study that varies nothing has one column, its cell's name
+    names = value.varied or ["strategy.name"]
     body = [
-        [cell.number, *(cell.words.get(name, cell.name) for name in names)]
+        [cell.number, *(cell.words.get(name, cell.scenario[name]) for name in names)]
         for cell in value.cells[:MOST_ROWS]
     ]
     left = len(value.cells) - len(body)
@@ -271,7 +271,7 @@ def _first_paragraph(value: object) -> str:
     if text.startswith(f"{type(value).__name__}("):
         return ""
     # A reference to the module's docstring would be of no use in a notebook.
-    return text.split("\n\n")[0].replace("``", "").replace(", see the head of this module", "")
+    return text.split("\n\n")[0].replace("``", "").replace(", see the module's docstring", "")
 
 
 def _is_table(content: object) -> bool:

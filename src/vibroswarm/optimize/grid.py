@@ -93,7 +93,8 @@ class Grid(NotebookView):
                 "the block 'grid' is made of the space here; put cases into [zip] or [[list]]", field="grid"
             )
         values["grid"] = space
-        values.setdefault("runs", RUNS)
+        if "until" not in values:
+            values.setdefault("runs", RUNS)
         objectives = objectives_from(search_values.get("objective", {}))
         if len(objectives) > 1:
             raise InputError("a grid has one objective", field="objective")

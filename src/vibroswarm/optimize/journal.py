@@ -198,11 +198,15 @@ class Journal:
         made_by = texts(entry(head, "versions", dict, path), "versions", path)
         check_format(version, FORMAT, str(self.folder))
         if saved_hash != search.hash:
-            different = differences(Search.read(self.folder / SEARCH), search)
-            raise InputError(
-                f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
-                field=str(self.folder),
-            )
+            saved = Search.read(self.folder / SEARCH)
+            # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
+            other = search.with_settings(fresh=saved.settings.fresh)
+            if saved_hash != other.hash:
+                different = differences(saved, other)
+                raise InputError(
+                    f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
+                    field=str(self.folder),
+                )
         if not mixed:
             check_begun_by(made_by, self.folder)
 

@@ -21,6 +21,7 @@ but describes only the region that the search explored; Sobol indices describe t
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -31,7 +32,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import generator
+from vibroswarm.analysis.intervals import generator, plain
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
@@ -84,8 +85,10 @@ class Sensitivity(NotebookView):
     indices are nan. 0 with a single run per point, where the noise is unknown."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {**vars(self), "fields": [vars(index) for index in self.fields]}
+        """Return plain values for JSON, which has no nan: None in its place."""
+        own = {name: plain(value) for name, value in vars(self).items()}
+        fields = [{name: plain(value) for name, value in vars(index).items()} for index in self.fields]
+        return {**own, "fields": fields}
 
 
 def sobol_indices(
@@ -194,7 +197,9 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
         chosen = random.integers(0, blocks, blocks)
         drawn.append(_shares(mean_by_block[chosen], noise_by_block[chosen]))
     # limits of 95 %, each (2, d); a resample is nan if the noise hides all effects in it
-    low, high = np.nanquantile(np.array(drawn), [0.025, 0.975], axis=0)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "All-NaN slice", RuntimeWarning)  # limits of undefined indices are nan
+        low, high = np.nanquantile(np.array(drawn), [0.025, 0.975], axis=0)
     fields = [
         Field(
             name=name,

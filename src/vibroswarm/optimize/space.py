@@ -82,6 +82,10 @@ class Dimension:
         if isinstance(given, Mapping) and "steps" in given:
             raise InputError("'steps' is for a grid; leave it out", field=field)
         low, high, scale, is_whole = bounds_of(given, field)
+        if is_whole and not (float(low).is_integer() and float(high).is_integer()):
+            raise InputError(
+                f"{low:g} to {high:g} are no bounds of whole numbers; give whole ones", field=field
+            )
         return cls(name, low=float(low), high=float(high), scale=scale, whole=is_whole)
 
     def value(self, u: float) -> Any:

@@ -319,8 +319,16 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
     return bootstrap(difference, both)
 
 
+def _median_of_known(values: list[float]) -> float:
+    """Return the median of the values that are not nan; nan if all are."""
+    known = [value for value in values if not math.isnan(value)]
+    return float(np.median(known)) if known else math.nan
+
+
 def _beyond(share: Interval, limit: float) -> str:
     """Write whether a share is significantly beyond its limit, within it, or neither."""
+    if math.isnan(share.estimate):
+        return "not defined, as no robot decided"
     if share.low > limit:
         return f"beyond the limit of {100 * limit:g} % by {100 * (share.estimate - limit):.1f} points"
     if share.high <= limit:
@@ -385,7 +393,7 @@ class Front(NotebookView):
 
     @property
     def too_little(self) -> list[float]:
-        """Median over the candidates of (true - believed) / abs(true), for each objective.
+        """Median over the candidates of (true - believed) / abs(true), for each objective; nan if no share is defined.
 
         It is the share by which the believed scores are too low: above 0 the search underestimated the cost.
         """
@@ -393,7 +401,7 @@ class Front(NotebookView):
             [_too_little(believed, true) for believed, true in zip(m.believed, m.true, strict=True)]
             for m in self.members
         ]
-        return [float(share) for share in np.median(np.array(shares), axis=0)]
+        return [_median_of_known([share[k] for share in shares]) for k in range(len(self.names))]
 
     @property
     def words(self) -> str:
@@ -402,11 +410,10 @@ class Front(NotebookView):
         shares = ", ".join(
             f"{abs(100 * share):.0f} % too {'low' if share >= 0 else 'high'} for {name}"
             for name, share in zip(self.names, self.too_little, strict=True)
+            if not math.isnan(share)
         )
-        return (
-            f"On {self.runs:,} fresh runs each, {stay} of {count} are still on the front; the believed scores were "
-            f"{shares} (medians)."
-        )
+        believed = f"; the believed scores were {shares} (medians)" if shares else ""
+        return f"On {self.runs:,} fresh runs each, {stay} of {count} are still on the front{believed}."
 
     @property
     def table(self) -> pl.DataFrame:

@@ -26,6 +26,7 @@ import polars as pl
 
 from vibroswarm.analysis.decidability import decidability, decidability_of_share
 from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.core.code_version import syntax_hash
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import entry, read_bytes, read_json, texts
 from vibroswarm.errors import InputError
@@ -303,14 +304,17 @@ def _side_m(floor: Floor) -> float:
 def code_hash() -> str:
     """Return 16 hexadecimal digits that change with the sources and data files that items compute with.
 
+    Comments and docstrings of the sources do not change them.
     The sources of the simulation are left out, because ``fingerprint`` covers them by ``versions``.
     """
-    digest = hashlib.sha256()
     top = Path(__file__).parent.parent
-    for package in ("analysis", "calibrate", "recordings", "optimize", "paper", "study"):
-        for path in sorted((top / package).rglob("*")):
-            if path.suffix in (".py", ".json", ".toml"):
-                digest.update(path.relative_to(top).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    packages = ("analysis", "calibrate", "recordings", "optimize", "paper", "study")
+    paths = sorted(path for package in packages for path in (top / package).rglob("*"))
+    sources = syntax_hash(top, (path for path in paths if path.suffix == ".py"))
+    digest = hashlib.sha256(sources.encode())
+    for path in paths:
+        if path.suffix in (".json", ".toml"):
+            digest.update(path.relative_to(top).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:16]
 
 

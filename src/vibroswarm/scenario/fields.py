@@ -237,7 +237,7 @@ class Sample(FrozenModel):
     stop_ms: Annotated[float, Field(ge=0, le=1e9)] = 1000.0
     """How long the robot stands before the sample is taken."""
     signal_ms: Annotated[float, Field(gt=0, le=1e9)] | None = None
-    """How long the accelerometer is read, at the end of the stop (``observation.sensed_floor.sense_program``); if
+    """How long the accelerometer is read, at the end of the stop (``observation.observe.sense_program``); if
     omitted, 500 ms, or half the stop if that is shorter. Simulated energies are drawn, so it changes none of
     them."""
     timer: Literal[
