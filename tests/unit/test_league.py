@@ -323,6 +323,41 @@ def test_bad_input_is_named(line: str, field: str, capsys: pytest.CaptureFixture
     assert "Traceback" not in said.err
 
 
+def test_floors_on_which_no_decision_is_right_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    line = [
+        "league",
+        "--runs",
+        "2",
+        "--strategy",
+        "none,positive",
+        "--set",
+        "decision.decision_boundary=0.46",
+    ]
+    assert main(line) == 2
+    assert "must be 0.5 to compare beliefs and faults" in capsys.readouterr().err
+    without = [*line, "--belief-runs", "0", "--fault-runs", "0"]
+    assert main(without) == 2
+    assert "has the fill ratio of the decision boundary, 0.46" in capsys.readouterr().err
+    short = ["--fills", "0.4", "--patterns", "random", "--robots", "2", "--set", "run.t_end_s=20"]
+    assert main([*without, *short]) == 0
+    settings = {"none": {"decision.decision_boundary": 0.48}}
+    league = League(preset("paper"), entries_of(["none"], settings), floors_of(["stripe"], [0.48]))
+    with pytest.raises(InputError, match="so that neither decision is right"):
+        _ = league.study
+
+
+def test_options_that_change_messages_change_the_bytes_sent() -> None:
+    base = preset("paper").with_values({"run.t_end_s": 60.0, "localisation.method": "mixture"})
+    settings = {"places": {"strategy.places.share_map": True}}
+    league = League(
+        base, entries_of(["places"], settings), floors_of(["stripe"], [0.48]), robots=(2,), runs=2
+    )
+    table = league.play().table
+    tiles = 100
+    assert table["bytes_on_air"].to_list() == [5 + tiles]
+    assert table["bytes_sent"].to_list() == pytest.approx([(5 + tiles) * table["sent"][0]])
+
+
 def test_settings_come_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "settings.toml"
     file.write_text('[none]\n"decision.min_observations" = 1000\n', encoding="utf-8")

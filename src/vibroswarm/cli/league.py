@@ -163,6 +163,12 @@ def run(arguments: argparse.Namespace) -> int:
     for option, runs in (("--belief-runs", arguments.belief_runs), ("--fault-runs", arguments.fault_runs)):
         if runs < 0:
             raise InputError(f"{runs} is negative; give 0 or more", field=option)
+    if (arguments.belief_runs or arguments.fault_runs) and league.boundaries != {0.5}:
+        raise InputError(
+            "must be 0.5 to compare beliefs and faults; add --belief-runs 0 --fault-runs 0",
+            field="decision.decision_boundary",
+        )
+    _ = league.study  # refuses a floor on which no decision is right, before `--force` removes the folder
     # `Store.existing` refuses a folder that holds anything but runs of this league.
     claim(arguments, lambda: Store.existing(arguments.out, league.study))
     with study_progress("simulating") as progress:

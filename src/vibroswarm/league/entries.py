@@ -29,7 +29,6 @@ from vibroswarm.errors import InputError, check_choice
 from vibroswarm.floors.source import is_random, pattern
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import field_names
-from vibroswarm.strategies import strategy
 
 PATTERNS: Final = ("random", "diagonal", "stripe", "block-diagonal", "alternating")
 """Names of the patterns of a league's floors."""
@@ -53,11 +52,6 @@ class Entry(NotebookView):
     """Whether settings for this strategy were given."""
     code: str | None = None
     """Code of a user's strategy, as a scenario names it (a file and class); None: the strategy is known by its name."""
-
-    @property
-    def bytes_on_air(self) -> int:
-        """Bytes of one message."""
-        return strategy(self.strategy).bytes_on_air
 
 
 @dataclass(frozen=True)

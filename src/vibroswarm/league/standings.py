@@ -22,6 +22,7 @@ units chooses the floor and the other half estimates its error, since the larges
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -38,6 +39,7 @@ from vibroswarm.analysis.intervals import Interval, mean_interval, plain, sign_f
 from vibroswarm.analysis.paired import holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
+from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import capped_time_s, numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor
 from vibroswarm.scenario.scenario import Scenario
@@ -45,7 +47,7 @@ from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
 from vibroswarm.study.factors import LABEL
 from vibroswarm.study.run import run
-from vibroswarm.study.spec import Study
+from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_result import StudyResult
 
 FIGURES: Final = ("forced_error", "right", "wrong", "undecided", "decision_time_s", "sent", "bytes_sent")
@@ -90,9 +92,33 @@ class League(NotebookView):
     seed: int = 1
     """Seed of all runs."""
 
+    @property
+    def boundaries(self) -> set[float]:
+        """The decision boundaries of the entries."""
+        name = "decision.decision_boundary"
+        return {float(entry.settings.get(name, self.base[name])) for entry in self.entries}
+
+    def _check_floors(self) -> None:
+        """Refuse floors with the fill ratio of a decision boundary: neither decision is right there, and none wrong.
+
+        Raises:
+            InputError: there is such a floor. (Other tasks than ``fill_ratio`` are not checked.)
+        """
+        if self.base.task.name != "fill_ratio":
+            return
+        for floor in self.floors:
+            for boundary in self.boundaries:
+                if math.isclose(floor.fill_ratio, boundary):
+                    raise InputError(
+                        f"{floor.source} has the fill ratio of the decision boundary, {boundary:g}, so that neither "
+                        "decision is right; give others with --fills, or another decision.decision_boundary",
+                        field="floors",
+                    )
+
     @cached_property
     def study(self) -> Study:
         """The study of all cells, ordered by entry, then floor, then swarm size."""
+        self._check_floors()
         # Blocks of a study: a list with one point per entry, and a grid of all pairs of floor and swarm size.
         # A strategy that is not built in is named by its file and class (``code``).
         entry_points = [
@@ -183,6 +209,10 @@ class Standings(NotebookView):
         worst = int(choosing.mean(axis=1).argmax())
         return floors[hard[worst]], mean_interval(estimating[worst])
 
+    def cells_of(self, entry: int) -> tuple[Cell, ...]:
+        """Return the cells of an entry, by its place in the league: by floor, then swarm size."""
+        return _cells_of(self.league, entry)
+
     @cached_property
     def table(self) -> pl.DataFrame:
         """The standings, one row per entry by rising forced error.
@@ -195,7 +225,7 @@ class Standings(NotebookView):
             row: dict[str, Any] = {
                 "name": entry.label,
                 "strategy": entry.strategy,
-                "bytes_on_air": entry.bytes_on_air,
+                "bytes_on_air": strategy_used(self.cells_of(k)[0].scenario).bytes_on_air,
                 "told": ", ".join(told(strategy(entry.strategy), self.boundary_of(entry))),
             }
             for figure in FIGURES:
@@ -327,9 +357,8 @@ def standings_of(league: League, study: StudyResult) -> Standings:
     sizes, runs = len(league.robots), league.runs
     shape = (len(league.entries), len(league.floors), sizes * runs)
     values = {name: np.full(shape, np.nan) for name in FIGURES}
-    cells, cells_per_entry = study.study.cells, len(league.floors) * sizes
-    for k, entry in enumerate(league.entries):
-        entry_cells = cells[k * cells_per_entry : (k + 1) * cells_per_entry]  # by floor, then size
+    for k in range(len(league.entries)):
+        entry_cells = _cells_of(league, k)
         rows = study.rows(*(cell.number for cell in entry_cells)).select(NEEDED).collect()
         by_cell = rows.partition_by("cell", maintain_order=True, as_dict=True)
         for place, cell in enumerate(entry_cells):
@@ -338,10 +367,18 @@ def standings_of(league: League, study: StudyResult) -> Standings:
             if robots.height != runs * league.robots[size]:
                 finished = robots["run"].n_unique()
                 raise InputError(f"has {finished} of {runs} runs; run it again", field=cell.name)
-            figures = figures_by_run(robots, runs, cell.scenario.run.t_end_s, entry.bytes_on_air)
+            # Options of a strategy may change the size of its messages.
+            size_of_message = strategy_used(cell.scenario).bytes_on_air
+            figures = figures_by_run(robots, runs, cell.scenario.run.t_end_s, size_of_message)
             for name, column in figures.items():
                 values[name][k, floor, size * runs : (size + 1) * runs] = column
     return Standings(league, values, study)
+
+
+def _cells_of(league: League, entry: int) -> tuple[Cell, ...]:
+    """Return the cells of an entry of a league, by its place: by floor, then swarm size."""
+    count = len(league.floors) * len(league.robots)
+    return tuple(league.study.cells[entry * count : (entry + 1) * count])
 
 
 def figures_by_run(robots: pl.DataFrame, runs: int, t_end_s: float, bytes_on_air: int) -> dict[str, Array]:

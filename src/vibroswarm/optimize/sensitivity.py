@@ -198,7 +198,9 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
         drawn.append(_shares(mean_by_block[chosen], noise_by_block[chosen]))
     # limits of 95 %, each (2, d); a resample is nan if the noise hides all effects in it
     with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "All-NaN slice", RuntimeWarning)  # limits of undefined indices are nan
+        warnings.filterwarnings(
+            "ignore", "All-NaN slice", RuntimeWarning
+        )  # limits of undefined indices are nan
         low, high = np.nanquantile(np.array(drawn), [0.025, 0.975], axis=0)
     fields = [
         Field(
