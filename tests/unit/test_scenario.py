@@ -654,3 +654,18 @@ def test_tiles_without_a_name_are_not_called_after_the_floor_they_replace() -> N
     ):
         assert scenario.floor.source == "tiles"
         assert scenario.floor_for(1, 2).name == "tiles"
+
+
+def test_a_name_that_is_no_field_is_refused_with_none_too() -> None:
+    for name in ("walk.nonsense", "strategy.nonsense.eta", "strategy.soft.nonsense", "camera.nonsense"):
+        with pytest.raises(InputError, match="there is no such field"):
+            Scenario().with_values({name: None})
+    assert Scenario().with_values({"strategy.soft.eta": None, "sensor.edge_reach_m": None}) == Scenario()
+    with pytest.raises(InputError, match=r"camera: is a section; name one of its fields, such as camera\."):
+        Scenario().with_values({"camera": 1})
+
+
+@pytest.mark.parametrize("name", ["walk.model_dump", "floor.drawn_by_run", "strategy.table"])
+def test_methods_and_properties_are_no_fields(name: str) -> None:
+    with pytest.raises(InputError, match="there is no such field"):
+        Scenario()[name]

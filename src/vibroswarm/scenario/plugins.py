@@ -136,9 +136,16 @@ def resolve_code(kind: str, spec: str) -> str:
     name = name_in(spec)
     _code_names.add(name)
     known = KINDS[kind].known().get(name)
-    # Code that is loaded already is used again, if it has the hash required, or if no hash is required.
-    if known is not None and known.code and (known.code == spec or HASH not in spec):
-        return str(known.code)
+    # Code that is loaded already is used again if it has the hash required. If no hash is required, and the file can be
+    # read, it is read: it may be another file, or have changed.
+    if known is not None and known.code:
+        code = str(known.code)
+        if code == spec:
+            return code
+        path = Path(spec.rpartition(":")[0])
+        can_be_read = bool(_trusted) and (_trusted[-1] or Path()).joinpath(path).is_file()
+        if HASH not in spec and not can_be_read and path.name == code.partition(":")[0]:
+            return code
     if _trusted:
         return str(load_file(kind, spec, _trusted[-1]).code)
     if HASH in spec:

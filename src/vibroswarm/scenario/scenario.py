@@ -144,8 +144,9 @@ class Scenario(Sections, NotebookView):
             check_kind(name, str, "values", "the dotted name of a field")
             section, _, field = name.partition(".")
             if not field and section in data:
+                fields_there = [one for one in field_names() if one.startswith(f"{section}.")]
                 raise InputError(
-                    f"is a section; name one of its fields, such as {next(iter(data[section]))}", field=name
+                    f"is a section; name one of its fields, such as {fields_there[0]}", field=name
                 )
             if not field or not isinstance(data.get(section), dict):
                 raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
@@ -157,6 +158,9 @@ class Scenario(Sections, NotebookView):
                 if not isinstance(parent, dict):
                     raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
             if value is None:
+                is_of_code = bool(tables) and plugins.is_code_name(tables[0])  # whose fields are not known
+                if last not in parent and name not in field_names() and not is_of_code:
+                    raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
                 parent.pop(last, None)
             elif type(value) is int and isinstance(parent.get(last), float) and abs(value) <= 2**53:
                 # A field whose value is a float takes integers as floats, so that 2 and 2.0 give the same scenario.
@@ -283,7 +287,7 @@ def value_of(scenario: Scenario, name: str) -> Any:
         node, field = node.table(table), last
         if isinstance(node, Mapping) and (node or plugins.is_code_name(table)):
             return node.get(field)  # the code that declares the parameters is not loaded
-    if not isinstance(node, BaseModel) or not hasattr(node, field):
+    if not isinstance(node, BaseModel) or field not in type(node).model_fields:
         raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
     return getattr(node, field)
 
