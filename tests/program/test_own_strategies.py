@@ -215,6 +215,9 @@ BAD = {
     "no kind of decision": (GOOD.replace("return -1", "return 7"), 1, "a decision is none of"),
     "no kind of decision, counting": (COUNTS_BITS.replace("return -1", "return 7"), 1, "a decision is none of"),
     "raises": (GOOD.replace(SAMPLE, RAISES), 1, "line 18, in on_sample: ValueError: three"),
+    "draws bits by itself": (
+        "from random import getrandbits\n" + GOOD.replace("s.n = 0", "s.n = getrandbits(1)"), 2, "draws random numbers"
+    ),
     "draws by itself": (GOOD.replace("s.n = 0", "s.n = int(np.random.random())"), 2, "line 12.*draws random numbers"),
     "changes a global": (GOOD.replace("s.n += 1", "global count\n    count += 1"), 2, "line 16.*the global count"),
     "makes an array": (GOOD.replace("s.n += 1", "s.n = int(np.zeros(3).sum())"), 2, "line 16.*creates an array"),

@@ -146,6 +146,15 @@ def test_settings_are_of_strategies_that_exist() -> None:
     assert set(front_settings()) <= set(known())
 
 
+def test_a_difference_at_equal_error_without_limits_is_not_called_insignificant() -> None:
+    unknown = Interval(-127.0, math.nan, math.nan, 0.95, 300, "bootstrap")
+    matched = MatchedError(True, 0.1, 769.0, unknown, unknown)
+    told = answer(*PUBLISHED, matched=matched).at_equal_error
+    assert told is not None
+    assert "no significant difference" not in told
+    assert "-127 s, but in too many resamples" in told
+
+
 def test_the_question_names_only_what_all_cells_share() -> None:
     ends = Study.of(preset("paper"), 3, run__t_end_s=[50.0, 100.0]).run()
     assert "5 robots, floor" in question(ends, [])

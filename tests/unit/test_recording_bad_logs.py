@@ -134,6 +134,14 @@ def read_plain(folder: Path, text: str) -> Log:
     return read_log(folder / "plain.csv", columns=folder / "map.toml")
 
 
+def test_a_counter_wraps_above_0(tmp_path: Path) -> None:
+    columns = PLAIN_MAP + 'sent = { name = "sent", wraps_at = 0 }\n'
+    (tmp_path / "plain.csv").write_text(PLAIN.format("sent") + "1,2.0,0.5,0.5,1.25,2\n")
+    (tmp_path / "map.toml").write_text(columns)
+    with pytest.raises(InputError, match=r"columns\.sent, wraps_at: 0 is not above 0"):
+        read_log(tmp_path / "plain.csv", columns=tmp_path / "map.toml")
+
+
 def test_alpha_without_beta_is_refused(tmp_path: Path) -> None:
     """A recording with one of them could be written, but not read again."""
     (tmp_path / "plain.csv").write_text(

@@ -55,3 +55,12 @@ def test_where_edges_are_felt_fewer_runs_are_sampled(monkeypatch: pytest.MonkeyP
     row = edges.as_row()
     assert (row["known_how"], row["known_runs"]) == ("chains", 4)
     assert row["known_claimed"] is None or row["known_claimed"] <= 0.05
+
+
+def test_cells_that_steer_alike_have_references() -> None:
+    """A parameter of a strategy that is not used makes cells of one group, whose scenarios have the same effect."""
+    base = SHORT.with_values({"localisation.method": "mixture", "swarm.robots": 2})
+    grid = {"strategy.name": ["explore"], "strategy.soft.eta": [1000.0, 2000.0]}
+    ends = references_of(Study(base, {"grid": grid}, RUNS).run())
+    assert len(ends) == 2
+    assert ends[0].as_row().get("packet_loss") == ends[1].as_row().get("packet_loss")

@@ -57,6 +57,7 @@ def _found(value: Found) -> str:
     from vibroswarm.optimize.search_page import warnings_of
     from vibroswarm.optimize.search_report import pictures
     from vibroswarm.optimize.search_tables import value_said
+    from vibroswarm.plots.style import SERIES_UP_TO
 
     objective = value.search.objectives[0]
     head = (
@@ -74,7 +75,7 @@ def _found(value: Found) -> str:
         parts.append(paragraph(f"{len(value.front)} candidates are on the front; next: front_of(found)."))
     # A search has no results of the steps after it: truth and front.
     parts += [paragraph(text) for text in warnings_of(value, truth=None, front=None, made_by=[])]
-    if value.history:
+    if value.history and value.search.space.size <= SERIES_UP_TO:  # more fields cannot be distinguished
         parts.append(picture_image(pictures(value, truth=None)["scores"], width_px=420))
     return card("Search", *parts, paragraph("Next: truth_of(found), write_report(found, folder)"))
 

@@ -113,8 +113,13 @@ def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[s
     ]
     # scores of the personal bests; only a particle swarm has them
     personal = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
+    texts = [label_of(name).text for name in space.names]
+    # Fields of two sections may have one name; they are then named in full.
+    series = {
+        name: text if texts.count(text) == 1 else name for name, text in zip(space.names, texts, strict=True)
+    }
     shares = [
-        (iteration.number, label_of(name).text, share)
+        (iteration.number, series[name], share)
         for iteration in history
         for name, share in zip(space.names, iteration.mean_point, strict=True)
     ]

@@ -213,9 +213,14 @@ def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floo
     tracks = log.tracks.with_columns(robot=pl.col("robot").replace_strict(number, return_dtype=pl.UInt16))
     paths = [
         _path(
-            run, robot, frame.filter(pl.col("robot") == robot), tracks.filter(pl.col("robot") == robot), log
+            run,
+            robot,
+            name,
+            frame.filter(pl.col("robot") == robot),
+            tracks.filter(pl.col("robot") == robot),
+            log,
         )
-        for robot in range(len(names))
+        for robot, name in enumerate(names)
     ]
     segments = pl.concat([path["segments"] for path in paths]).sort("start_s", "robot", maintain_order=True)
     age = pl.concat([path["age"] for path in paths])
@@ -237,10 +242,13 @@ def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floo
     }
 
 
-def _path(run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, log: Log) -> dict[str, Any]:
+def _path(
+    run: int, robot: int, name: int, samples: pl.DataFrame, track: pl.DataFrame, log: Log
+) -> dict[str, Any]:
     """Compute the path of one robot in a session.
 
     Args:
+        run: number of the session. robot, name: index of the robot, and its number in the log.
         samples: samples of the robot, by time. track: its tracked positions, by time. log: log of the session.
     Returns: by name: ``segments``, the robot's table of segments; ``ends``, its final pose as a row of the table of
         ends; ``gaps``, number and longest of the gaps in its tracking, from ``gaps_of``; ``age``, a table with robot,
@@ -250,7 +258,7 @@ def _path(run: int, robot: int, samples: pl.DataFrame, track: pl.DataFrame, log:
     """
     knots = knots_of(track, samples)
     if knots.is_empty():
-        raise InputError(f"robot {robot} has no rows", field=log.name)
+        raise InputError(f"robot {name} has no rows", field=log.name)
     time_s = track["time_s"].to_numpy()
     key = samples.select("robot", "sample")
     if time_s.size:

@@ -315,6 +315,8 @@ def _column(use: str, value: Any, name: str) -> Column:
     wraps_at = value.get("wraps_at")
     if wraps_at is not None and use not in COUNTERS:
         raise InputError(f"only counters wrap ({', '.join(COUNTERS)})", field=location)
+    if wraps_at is not None and not plain_number(wraps_at, "wraps_at", location) > 0:
+        raise InputError(f"{wraps_at} is not above 0", field=f"{location}, wraps_at")
     numbers = (
         None if table is None else {key: plain_number(number, key, location) for key, number in table.items()}
     )

@@ -227,7 +227,7 @@ def _check_robots(
     else:
         usual = float(rows["rows"].median() or 0.0)  # type: ignore[arg-type]
         unknown = rows.filter(pl.col("rows") < RARE * usual)
-        words = f"the others have about {usual:.0f} rows each; name the robots with --robots"
+        words = f"the others have about {usual:.0f} rows each; name the robots with --known-robots"
     if unknown.height:
         robot, count, line = unknown.row(0)
         raise InputError(

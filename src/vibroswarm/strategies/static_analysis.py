@@ -130,6 +130,9 @@ def _is_chance(node: ast.Attribute | ast.Name, function: Callable[..., Any]) -> 
     if not isinstance(root_node, ast.Name) or root_node.id not in function.__globals__:
         return False
     value = function.__globals__[root_node.id]
+    # ``from random import getrandbits`` gives a method of a generator; some of these methods name no module.
+    if type(getattr(value, "__self__", None)).__module__ in CHANCE:
+        return True
     # ``module`` is the module that the first name of the expression means or, if that is another object, the module
     # that defines this object.
     defined_in = getattr(value, "__module__", None) or getattr(value, "__name__", "")

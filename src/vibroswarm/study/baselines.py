@@ -28,7 +28,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import needs_moves
 from vibroswarm.posterior.boundary_side import needs_chains
 from vibroswarm.result import Result
-from vibroswarm.simulation import replay
+from vibroswarm.simulation import replay, steers
 from vibroswarm.study.plan import Group
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
@@ -159,7 +159,8 @@ def _has_motion_for(earlier: Result, group: Group, cell: Cell, runs: list[int]) 
     # A run that stops when all robots have decided may be too short for another strategy.
     runs_to_end = group.first.run.stop == "t_end"
     has_moves = earlier.moves is not None or not needs_moves(cell.scenario)
-    return is_same and runs_to_end and has_moves
+    # Motion that a strategy steers is not replayed, even for an equal scenario.
+    return is_same and runs_to_end and has_moves and not steers(cell.scenario)
 
 
 def _references(cell: Cell, simulated: Result) -> References:
