@@ -22,13 +22,13 @@ from polars.testing import assert_frame_equal
 import vibroswarm
 from helpers.dask_cluster import Cluster
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.study import executors
+from vibroswarm.study import executors, runner
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.executors import workers_for
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import merge
-from vibroswarm.study.runner import Job, StudyProgress, run_batch
+from vibroswarm.study.runner import Job, StudyProgress, failures_in_words, run_batch
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import SHARDS, Store
 from vibroswarm.study.study_result import StudyResult
@@ -325,6 +325,28 @@ def test_a_batch_that_fails_twice_is_told_and_can_be_run_alone(
     run_batch(STUDY, tmp_path / "s", failure["batch"])
     assert Store.open(tmp_path / "s").failures == []
     assert_same(STUDY.run(tmp_path / "s"), alone)
+
+
+def test_a_batch_is_not_added_to_runs_of_another_version(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    STUDY.run(tmp_path / "s")
+    monkeypatch.setattr(runner.Store, "made_by", [{"code": "another"}])
+    with pytest.raises(InputError, match="version"):
+        run_batch(STUDY, tmp_path / "s", "0:0-5")
+    run_batch(STUDY, tmp_path / "s", "0:0-5", mixed=True)
+
+
+def test_a_repetition_is_retried_as_a_whole(tmp_path: Path) -> None:
+    """``--batch`` runs a batch of the study itself, with its seed."""
+    STUDY.run(tmp_path / "s")
+    store = Store.open(tmp_path / "s")
+    store.add_failure(batch_of(STUDY, plan_of(STUDY).groups[0], RUNS, RUNS + 5), "because")
+    assert "Run it alone with --batch" in failures_in_words(store)
+    words = failures_in_words(store, is_repetition=True)
+    assert words.startswith("5 runs failed, in 1 batch on other seeds; all others are saved.")
+    assert "--batch" not in words
+    assert "Run the same command again to retry all." in words
 
 
 @pytest.mark.parametrize("batch", ["", "0", "0:1", "0:5-5", "9:0-5", "a:0-5", "0:0-99999999999", "0:-1-5"])

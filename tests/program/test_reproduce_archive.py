@@ -286,3 +286,12 @@ def test_from_and_check_go_together(archive: Path, capsys: pytest.CaptureFixture
     assert main(["reproduce", "--from", str(archive)]) == 2
     assert main(["reproduce", "--check"]) == 2
     assert "needs --check, and --check needs --from" in capsys.readouterr().err
+
+
+def test_an_archive_in_the_folder_is_no_strange_file(tmp_path: Path) -> None:
+    """The same command can be run again."""
+    out = tmp_path / "out"
+    command = ["reproduce", "--only", "difficulty", "--runs", "4", "--no-pictures"]
+    command += ["--out", str(out), "--archive", str(out / "paper.zip")]
+    assert main(command) == 0
+    assert main(command) == 0

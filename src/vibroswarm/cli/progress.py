@@ -175,6 +175,10 @@ def search_progress() -> Iterator[Callable[[SearchProgress], None]]:
         )
 
 
+_reported: set[tuple[str, ...]] = set()
+"""Motion sources whose compilation was reported."""
+
+
 def say_compiling(*sources: str) -> None:
     """If the engine's kernels are not cached, report on stderr that they are compiled, and start a process that helps.
 
@@ -185,7 +189,8 @@ def say_compiling(*sources: str) -> None:
     from vibroswarm.cli.background_compile import begin
     from vibroswarm.core.jit import cache_folder, is_cached
 
-    if not is_cached(*sources):
+    if sources not in _reported and not is_cached(*sources):
+        _reported.add(sources)  # once: without a folder for the cache, kernels never are cached
         begin()  # if no second process can be started, this process compiles all kernels itself
         duration = "once (about 15 s; cached for later runs)" if cache_folder() is not None else "about 15 s"
         report(f"compiling the engine, {duration} ...")

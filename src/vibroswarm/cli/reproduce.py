@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("is required", field="--out")
     items, settings = items_named(arguments.only), settings_of(arguments)
     check_open(arguments)
-    claim(arguments, lambda: _refuse_other(arguments.out))
+    claim(arguments, lambda: _refuse_other(arguments.out, arguments.archive))
     try:
         arguments.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -125,15 +125,20 @@ PARTS = ("items", "runs", "figures", "tables", "report.html", "printed.json", ".
 """Names of the files and folders that the folder of a reproduction may hold."""
 
 
-def _refuse_other(folder: Path) -> None:
-    """Refuse a folder that holds anything but the parts of a reproduction and hidden files.
+def _refuse_other(folder: Path, archive: Path | None) -> None:
+    """Refuse a folder that holds anything but the parts of a reproduction, its archive and hidden files.
 
     Raises:
         InputError: the folder is refused.
     """
     if not folder.is_dir():
         raise InputError("is a file; give the name of a folder", field=str(folder))
-    other = [path.name for path in folder.iterdir() if path.name not in PARTS and path.name[0] != "."]
+    own = None if archive is None else archive.absolute()
+    other = [
+        path.name
+        for path in folder.iterdir()
+        if path.name not in PARTS and path.name[0] != "." and path.absolute() != own
+    ]
     if other:
         raise InputError(f"exists but is not a reproduction: it holds '{other[0]}'", field=str(folder))
 

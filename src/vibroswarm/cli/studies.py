@@ -74,7 +74,11 @@ def do_study(study: Study, arguments: argparse.Namespace) -> int:
         print_outcome(result, second, arguments)
     for study_result in (result, second):
         if study_result is not None and study_result.store.failures:
-            raise RunError(failures_in_words(study_result.store, kept=arguments.out is not None))
+            raise RunError(
+                failures_in_words(
+                    study_result.store, kept=arguments.out is not None, is_repetition=study_result is second
+                )
+            )
     return 0
 
 
@@ -112,7 +116,7 @@ def run_study_of(
     claim(arguments, lambda: Store.existing(arguments.out, study))
     warn_of(cell.scenario for cell in study.cells)
     if arguments.batch is not None:
-        store = run_batch(study, arguments.out, arguments.batch)
+        store = run_batch(study, arguments.out, arguments.batch, mixed=arguments.mixed)
         print(f"Batch {arguments.batch} is done; saved in {store.folder}")
         return None
     print_plan(study, arguments.out, job)

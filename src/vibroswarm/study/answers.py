@@ -188,7 +188,9 @@ class Answer:
         if math.isnan(difference.estimate):
             return f"{where}not known, since one of the two never errs so seldom."
         if math.isnan(difference.low) or math.isnan(difference.high):
-            how = f"{difference.estimate:+.0f} s, but in too many resamples one of the two never errs so seldom"
+            how = (
+                f"{difference.estimate:+.0f} s, but in too many resamples one of the two never errs so seldom"
+            )
             return f"{where}{how}."
         # There is no p-value at equal error: the difference is significant if its interval excludes 0.
         effect = Effect(

@@ -146,13 +146,14 @@ def _compile_first(study: Study, plan: Plan) -> None:
             do_batch(batch_of(study, plan.groups[0], first=0, last=1))
 
 
-def run_batch(study: Study, folder: str | Path, batch: str) -> Store:
+def run_batch(study: Study, folder: str | Path, batch: str, *, mixed: bool = False) -> Store:
     """Run one batch in this process and save it; exceptions of the simulation are not caught, so that a user sees them.
 
     Args:
         batch: ``GROUP:FIRST-LAST``, as failures are listed: the runs FIRST to LAST - 1 of the group.
+        mixed: continue a study that other versions of the software began.
     Raises:
-        InputError: there is no such batch, or the folder holds another study.
+        InputError: there is no such batch, the folder holds another study, or versions differ.
     """
     match = re.fullmatch(r"(\d+):(\d+)-(\d+)", batch)
     group, first, last = map(int, match.groups()) if match else (0, 0, 0)  # an empty range is refused below
@@ -162,6 +163,8 @@ def run_batch(study: Study, folder: str | Path, batch: str) -> Store:
     if group >= len(groups):
         raise InputError(f"there is no group {group}; the study has {len(groups)}, from 0", field="--batch")
     store = Store.open_or_create(folder, study)
+    if not mixed:
+        store.check_versions()
     store.add(do_batch(batch_of(study, groups[group], first, last)))
     return store
 
@@ -276,22 +279,24 @@ class _Runner:
         return []
 
 
-def failures_in_words(store: Store, kept: bool = True) -> str:
+def failures_in_words(store: Store, kept: bool = True, *, is_repetition: bool = False) -> str:
     """Write how many runs of a store failed, with the first cause and what to do.
 
     Args:
         store: with at least one failure. kept: whether the folder stays, so that the user can run a batch alone.
+        is_repetition: whether these are the runs on other seeds, of which no batch can be run alone.
     """
     failures = store.failures
-    first, runs = failures[0], sum(failure["last"] - failure["first"] for failure in failures)
+    first, runs = failures[0], len(store.lost_runs)
     batches = "1 batch" if len(failures) == 1 else f"{len(failures)} batches"
     words = f"{runs:,} run{'s' * (runs != 1)} failed, in {batches}"
     if not kept:
         return f"{words}; the first is run {first['first']} with seed {first['seed']} ({first['why']})."
+    alone = "" if is_repetition else f"Run it alone with --batch {first['batch']}; run"
     return (
-        f"{words}; all others are saved. The first is batch {first['batch']} with seed {first['seed']} "
-        f"({first['why']}). Run it alone with --batch {first['batch']}; run the same command again to "
-        f"retry all. They are listed in '{store.folder}/failures'."
+        f"{words}{' on other seeds' * is_repetition}; all others are saved. The first is batch {first['batch']} with "
+        f"seed {first['seed']} ({first['why']}). {alone or 'Run'} the same command again to retry all. They are "
+        f"listed in '{store.folder}/failures'."
     )
 
 

@@ -271,6 +271,19 @@ class Store:
                     failures.append(failure)
         return failures
 
+    @property
+    def lost_runs(self) -> set[tuple[int, int]]:
+        """The missing runs of failed batches: group and number of the run.
+
+        Several records may name the same run, and runs of a batch that failed may have been stored since.
+        """
+        return {
+            (failure["group"], run)
+            for failure in self.failures
+            for first, last in missing((failure["first"], failure["last"]), self.ranges(failure["group"]))
+            for run in range(first, last)
+        }
+
     def ranges(self, group: int) -> list[Range]:
         """List the stored runs of a group as ranges, which may overlap."""
         return [(s.first, s.last) for s in self.shards if s.group == group]

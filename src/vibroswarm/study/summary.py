@@ -27,7 +27,6 @@ from vibroswarm.inference.outcomes import numbers
 from vibroswarm.study.answers import Answer, answers_of, question
 from vibroswarm.study.batch_table import failed_words
 from vibroswarm.study.cell_comparison import Compared, at_equal_error, comparison_table, comparisons
-from vibroswarm.study.plan import missing
 from vibroswarm.study.precision import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
@@ -254,16 +253,9 @@ def _failed_batches_words(result: StudyResult) -> str:
     """
     failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
     names = dict.fromkeys(cell.name for failure in failures for cell in groups[failure["group"]].cells)
-    # Several records may name the same run, and runs of a batch that failed may have been stored since.
-    lost = {
-        (failure["group"], run)
-        for failure in failures
-        for first, last in missing((failure["first"], failure["last"]), result.store.ranges(failure["group"]))
-        for run in range(first, last)
-    }
     return (
-        f"{len(lost):,} runs of {', '.join(names)} failed and are in no figure, so that figures of the others may be "
-        f"biased ({failures[0]['why']})."
+        f"{len(result.store.lost_runs):,} runs of {', '.join(names)} failed and are in no figure, so that figures of "
+        f"the others may be biased ({failures[0]['why']})."
     )
 
 
