@@ -24,7 +24,8 @@ from vibroswarm.tracking.camera import (
 )
 from vibroswarm.tracking.marker_detection import _Finder
 from vibroswarm.tracking.markers import corners_at, read_markers, usual_markers
-from vibroswarm.tracking.stops import clock_offset, stops_of
+from vibroswarm.tracking.pictures import draw_tracks
+from vibroswarm.tracking.stops import STOPS, clock_offset, stops_of
 from vibroswarm.tracking.track import too_fast
 
 cv2 = pytest.importorskip("cv2")
@@ -269,6 +270,36 @@ def test_numbers_of_markers_and_robots_are_whole(tmp_path: Path) -> None:
     ):
         with pytest.raises(InputError, match=words):
             with_ids(ids)
+    path.write_text(markers.to_toml().replace("{ 46 =", "{ 7 = [0, 0], 46 ="), encoding="utf-8")
+    with pytest.raises(InputError, match=r"floor\.at_mm: marker 7 is on a robot too"):
+        read_markers(path)
+    with pytest.raises(InputError, match=r"none\.toml: cannot be read: there is no such file$"):
+        read_markers(tmp_path / "none.toml")
     path.write_text(markers.to_toml().replace("{ 46 =", "{ 046 = [0, 0], 46 ="), encoding="utf-8")
     with pytest.raises(InputError, match=r"floor\.at_mm: gives marker 46 twice"):
         read_markers(path)
+
+
+@pytest.mark.parametrize(("to_x_m", "stops"), [(0.9, [(0.0, 5.0), (30.0, 35.0)]), (0.1, [(0.0, 35.0)])])
+def test_a_robot_that_was_hidden_while_it_drove_stopped_twice(
+    to_x_m: float, stops: list[tuple[float, float]]
+) -> None:
+    """It stands up to 5 s, is not seen until 30 s, and then stands: elsewhere, or where it stood."""
+    time_s = np.concatenate([np.arange(0.0, 5.01, 0.1), np.arange(30.0, 35.01, 0.1)])
+    x_m = np.where(time_s < 10.0, 0.1, to_x_m)
+    found = stops_of(0, time_s, x_m, np.full(time_s.size, 0.5), np.zeros(time_s.size))
+    ends = found.select("start_s", "end_s").rows()
+    assert [(round(a, 3), round(b, 3)) for a, b in ends] == stops
+    assert found["end_seen"].to_list() == [False] * len(stops)
+    assert found["x_m"].to_list() == [0.1, to_x_m][-len(stops) :]
+
+
+def test_lines_of_tracks_break_where_a_robot_was_not_seen_and_not_where_it_stood() -> None:
+    """It drives, stands for 3 s, drives, and is hidden for 5 s."""
+    time_s = np.concatenate([np.arange(0.0, 10.0, 0.1), np.arange(15.0, 20.0, 0.1)])
+    x_m = np.interp(time_s, [0.0, 3.0, 6.0, 20.0], [0.1, 0.2, 0.2, 0.8])
+    positions = pl.DataFrame({"robot": 0, "time_s": time_s, "x_m": x_m, "y_m": 0.5})
+    picture = draw_tracks(positions, pl.DataFrame(schema=STOPS), {})
+    (axes,) = picture.figure.axes
+    line = max(axes.lines, key=lambda one: len(one.get_xdata()))
+    assert np.isnan(line.get_xdata()).sum() == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import polars as pl
@@ -208,3 +209,17 @@ def test_strategies_are_not_compared_at_equal_error_on_the_motion_of_another_sou
         scenario = SHORT.with_values({"run.t_end_s": 300.0, "decision.min_observations": 5})
         result = Study(scenario, grid, 30, seed=3, motion=motion).run()
         assert bool(at_equal_error(result, comparisons(result))) == is_compared
+
+
+def test_a_report_never_replaces_runs(tmp_path: Path) -> None:
+    """Neither of its own study, into whose folder it is written, nor of another."""
+    study = Study.of(preset("paper").with_values({"run.t_end_s": 20.0}), 3)
+    result, other = study.run(tmp_path / "own"), replace(study, seed=2).run(tmp_path / "other")
+    report = result.report(tmp_path / "own", replace=True)
+    assert report.path == tmp_path / "own" / "report.html"
+    assert StudyResult.open(tmp_path / "own").runs().height == 3
+    with pytest.raises(InputError, match=r"holds results \('study\.toml'\), which a report does not replace"):
+        result.report(other.store.folder, replace=True)
+    assert StudyResult.open(tmp_path / "other").runs().height == 3
+    result.report(tmp_path / "third")
+    assert result.report(tmp_path / "third", replace=True).path.is_file()

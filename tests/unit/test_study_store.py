@@ -453,3 +453,18 @@ def test_shares_of_different_studies_or_versions_are_not_merged(copy: Path, tmp_
     with pytest.raises(InputError, match="is not a study"):
         merge(tmp_path / "out", [tmp_path])
     assert not (tmp_path / "out").exists()
+
+
+def test_a_folder_of_another_strategy_is_refused_in_words(tmp_path: Path) -> None:
+    base = {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}}
+    Store.open_or_create(tmp_path / "s", Study(base, runs=3))
+    with pytest.raises(InputError, match=r"strategy\.name of cell 0 is 'none' there and 'soft' here"):
+        Store.existing(tmp_path / "s", Study(base | {"strategy": {"name": "soft"}}, runs=3))
+
+
+def test_a_merge_into_more_runs_keeps_their_number(tmp_path: Path) -> None:
+    first = STUDY.run(tmp_path / "first")
+    merge(tmp_path / "out", [tmp_path / "first"])
+    STUDY.with_runs(5).run(tmp_path / "few")
+    merge(tmp_path / "out", [tmp_path / "few"])
+    assert Store.open(tmp_path / "out").study.runs == first.study.runs == 30

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm.errors import InputError
 from vibroswarm.study.factors import points_of
+from vibroswarm.study.precision import Precision
+from vibroswarm.study.spec import Study
 
 ROBOTS, ETA = "swarm.robots", "strategy.soft.eta"
 
@@ -165,3 +168,16 @@ def test_nothing_but_points_or_an_input_error_comes_of_anything(blocks):
     except InputError:
         return
     assert all(isinstance(point, dict) for point in points)
+
+
+def test_wrong_and_numpy_values_of_a_study() -> None:
+    with pytest.raises(InputError, match=r"floor\.source"):
+        _ = Study({"floor": {"source": ["stripe:0.48"]}}, runs=2).cells
+    with pytest.raises(InputError, match=r"floor\.source"):
+        _ = Study({}, {"grid": {"floor.source": [["a"], ["b"]]}}, runs=2).cells
+    until = Precision(0.1, max_runs=np.int64(1000))  # type: ignore[arg-type]
+    assert "1000" in Study({}, until=until, runs=None).to_toml()
+    assert Study({}, runs=2, keep=["samples"]) == Study({}, runs=2, keep=("samples",))  # type: ignore[arg-type]
+    tiles = ["01", "10"]
+    point = {"floor.source": "mine", "floor.tiles": tiles}
+    assert Study({}, {"list": [point]}, runs=2).cells[0].scenario.floor.tiles is not None

@@ -64,7 +64,8 @@ class Precision(NotebookView):
                 f"{self.half_width!r} is not a precision; give a percentage such as 2%", field="until"
             )
         check_choice(self.figure, "figure", FIGURES)
-        whole_number_of(self.max_runs, "max_runs", low=FIRST_LOOK, high=10**9)
+        most = whole_number_of(self.max_runs, "max_runs", low=FIRST_LOOK, high=10**9)
+        object.__setattr__(self, "max_runs", most)
         if not (isinstance(self.level, float) and 0 < self.level < 1):
             raise InputError(
                 f"{shown(self.level)} is not a level of confidence; give a share such as {LEVEL}",

@@ -15,7 +15,7 @@ from vibroswarm.errors import InputError, RunError, check_callable, check_keywor
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.runner import Job, Progress, StudyProgress, run_study
 from vibroswarm.study.spec import Study
-from vibroswarm.study.store import SHARDS, Store
+from vibroswarm.study.store import HEAD, SHARDS, Store
 from vibroswarm.study.study_result import StudyResult, _TemporaryFolder
 
 
@@ -84,7 +84,7 @@ def run_with_bar(
 
 def _failed(now: StudyProgress) -> str:
     """Write how many batches failed; empty if none did."""
-    return f"{now.failed} batches failed" if now.failed else ""
+    return f"{now.failed} batch{'es' * (now.failed != 1)} failed" if now.failed else ""
 
 
 def jobs_of_one_study(shares: Sequence[Path]) -> list[Store]:
@@ -122,6 +122,8 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
     stores = jobs_of_one_study(shares)
     # The jobs may have been run with different numbers of runs: the merged study has the largest.
     runs = max((store.study.runs or 0 for store in stores), default=0)
+    if (Path(out) / HEAD).exists():  # ``out`` may have more runs than these jobs
+        runs = max(runs, Store.open(out).study.runs or 0)
     joined = Store.open_or_create(out, stores[0].study.with_runs(runs))
     present = {shard.name for shard in joined.shards}
     for store in stores:

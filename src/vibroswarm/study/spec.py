@@ -166,6 +166,7 @@ class Study(NotebookView):
         check_kind(self.name, str, "name", "a text")
         check_kind(self.motion, str, "motion", "the name of a source of motion")
         check_kind(self.keep, (tuple, list), "keep", "a list of tables")
+        object.__setattr__(self, "keep", tuple(self.keep))
         if self.until is not None:
             check_kind(self.until, Precision, "until", "a Precision")
         if self.folder is not None:
@@ -422,7 +423,9 @@ class Study(NotebookView):
         floor_section = self._sections.get("floor", {})
         if not isinstance(floor_section, Mapping) or "tiles" in floor_section:
             floor_section = {}  # its tiles are given, so its name is not looked up
-        for name in [floor_section.get("source"), *(point.get(SOURCE) for point in self._points)]:
+        # A point with tiles of its own needs no floor of that name.
+        of_points = [point.get(SOURCE) for point in self._points if "floor.tiles" not in point]
+        for name in [floor_section.get("source"), *of_points]:
             if isinstance(name, str) and name not in floors and not is_random(name) and family(name) is None:
                 # The shape that the floor must have, if the base gives it; None: any shape.
                 rows, columns = floor_section.get("rows"), floor_section.get("columns")
@@ -468,9 +471,11 @@ class Study(NotebookView):
         try:
             # The study's own floors are put in as tiles, since the scenario cannot find them by name.
             floor = base.get("floor")
-            if isinstance(floor, dict) and "tiles" not in floor and floor.get("source") in self._named_floors:
-                floor["tiles"] = self._named_floors[floor["source"]]
-            if SOURCE in values:
+            if isinstance(floor, dict) and "tiles" not in floor:
+                name = floor.get("source")
+                if isinstance(name, str) and name in self._named_floors:
+                    floor["tiles"] = self._named_floors[name]
+            if isinstance(values.get(SOURCE), str):
                 # None for a random floor or a pattern: it removes tiles of the base, which are those of another floor.
                 values.setdefault("floor.tiles", self._named_floors.get(values[SOURCE]))
             return Scenario.from_base(base).with_values(values)

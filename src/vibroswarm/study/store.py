@@ -506,10 +506,11 @@ def _of_cells(there: Study, given: Study) -> list[str]:
     for old, new in zip(there.cells, given.cells, strict=True):
         if old.scenario != new.scenario:
             old_sections, new_sections = old.scenario.model_dump(), new.scenario.model_dump()
+            # Strategies have tables of their own, which the other scenario may not have.
             return [
-                f"{section}.{name} of cell {new.number} is {old_sections[section][name]!r} there and {value!r} here"
+                f"{section}.{name} of cell {new.number} is {old_sections[section].get(name)!r} there and {value!r} here"
                 for section, fields in new_sections.items()
                 for name, value in fields.items()
-                if old_sections[section][name] != value
+                if old_sections[section].get(name) != value
             ]
     return []

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.core.atomic_io import OURS, whole_folder
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.plots.picture import Picture
@@ -105,12 +105,20 @@ def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportF
     """Write tables, pictures and report into ``folder``, or into the study's own folder if it is None.
 
     Args:
-        replace: whether an existing report in ``folder`` is replaced.
+        folder: new, or one with a report only; the study's own folder counts as None.
+        replace: whether a folder with a report is replaced.
     Raises:
         InputError: the folder exists and may not be replaced, or cannot be written.
     """
-    if folder is None:
+    if folder is None or folder.resolve() == result.store.folder.resolve():
         return _write(result, result.store.folder)
+    # ``whole_folder`` would replace any folder of ours, also one with the runs of another study.
+    results = [name for name in OURS if (folder / name).exists()]
+    if results:
+        raise InputError(
+            f"holds results ('{results[0]}'), which a report does not replace; give another folder",
+            field=str(folder),
+        )
     with whole_folder(folder, replace=replace, marker=REPORT) as part:
         _write(result, part)
     return ReportFile(folder / REPORT)

@@ -180,10 +180,9 @@ def read_markers(path: Path) -> Markers:
         InputError: it is not such a file; the message names the key that is wrong.
     """
     name = str(path)
+    data = read_bytes(path, most=2**20, what="a file of markers")  # 1 MiB is more than any such file needs
     try:
-        # At most 1 MiB, which is more than any such file needs. "utf-8-sig": some editors write a byte order mark.
-        text = read_bytes(path, most=2**20, what="a file of markers").decode("utf-8-sig")
-        values = tomllib.loads(text)
+        values = tomllib.loads(data.decode("utf-8-sig"))  # some editors write a byte order mark
     except (ValueError, RecursionError) as error:
         raise InputError(f"is not TOML: {error}", field=name) from None
     _known(values, ("dictionary", "robots", "floor"), name)
@@ -193,14 +192,20 @@ def read_markers(path: Path) -> Markers:
     dictionary = values.get("dictionary", "4X4_50")
     check_choice(dictionary, f"{name}, dictionary", DICTIONARIES)
     count = DICTIONARIES[dictionary]
+    of_robots = _robot_ids(robots.get("ids"), count, f"{name}, robots.ids")
+    of_floor = _floor_places(floor.get("at_mm"), count, f"{name}, floor.at_mm")
+    if twice := sorted(set(of_robots) & set(of_floor)):
+        raise InputError(
+            f"marker {twice[0]} is on a robot too; give it another", field=f"{name}, floor.at_mm"
+        )
     return Markers(
         dictionary=dictionary,
-        robots=_robot_ids(robots.get("ids"), count, f"{name}, robots.ids"),
+        robots=of_robots,
         size_m=_quantity(robots, "size_mm", SIZE_MM, f"{name}, [robots]", low=0.1) / 1000,
         # No default, since a wrong height would make all positions wrong without notice.
         height_m=_quantity(robots, "height_mm", default=None, field=f"{name}, [robots]") / 1000,
         forward_rad=math.radians(_quantity(robots, "forward_deg", 0.0, f"{name}, [robots]", low=-360.0)),
-        floor=_floor_places(floor.get("at_mm"), count, f"{name}, floor.at_mm"),
+        floor=of_floor,
         floor_size_m=_quantity(floor, "size_mm", FLOOR_SIZE_MM, f"{name}, [floor]", low=0.1) / 1000,
         floor_height_m=_quantity(floor, "height_mm", 0.0, f"{name}, [floor]") / 1000,
     )

@@ -64,10 +64,13 @@ def draw_tracks(
     name_axes(axes, sizes, "x (m)", "y (m)")
     handles, parts = [], []
     for robot in robots:
-        own = _thinned(positions.filter(pl.col("robot") == robot))
+        all_of_robot = positions.filter(pl.col("robot") == robot)
+        own = _thinned(all_of_robot)
         parts.append(own)
         at = own.select("time_s", "x_m", "y_m").to_numpy()
-        breaks = np.flatnonzero(np.diff(at[:, 0]) > GAP_S) + 1
+        # First positions after a gap; positions are also left out where a robot stands, which is no gap.
+        time_s = all_of_robot["time_s"].to_numpy()
+        breaks = np.flatnonzero(np.isin(at[:, 0], time_s[1:][np.diff(time_s) > GAP_S]))
         line = np.insert(at[:, 1:], breaks, np.nan, axis=0)  # a line breaks at nan
         (handle,) = axes.plot(
             line[:, 0], line[:, 1], color=looks[robot].colour, ls=looks[robot].line, lw=0.7 * sizes.line_pt
