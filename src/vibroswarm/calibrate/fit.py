@@ -122,7 +122,7 @@ def fit(
     # The scenario holds fitted values with five digits after the point.
     rounded = {name: round(value, 5) for name, value in sensor.values.items()}
     for name, value in rounded.items():
-        if name not in SPREADS or value > 0:  # a spread is left out if it is 0: its field must be positive
+        if name not in SPREADS or value > 0:  # a spread field must be positive: for 0, that of the base stays
             changed[f"sensor.{name}"] = value
     changed["sample.interrupts_avoidance"] = avoidance_beyond(found, base).value < INTERRUPTED_BELOW
     changed |= rays.fields(base)
@@ -131,12 +131,14 @@ def fit(
         changed["sample.stop_ms"] = stop_ms
     if loss is not None:
         changed["network.name"], changed["network.loss.share"] = "loss", round(loss.value, 5)
-    speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]  # mean speed of the scenario's robots
+    # Mean speed of the scenario's robots at the start.
+    speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]
     options = {} if candidates is None else {"candidates": candidates}
     # Avoidance is fitted last, by simulations with all other fields fitted.
     avoidance = fit_avoidance(found, base.with_values(changed), speed_m_s, progress=progress, **options)
     changed |= avoidance.fields(base.with_values(changed), speed_m_s)
     changed |= camera.camera.fields()
+    # Without a camera error there are no draws, and the camera gives no estimates.
     camera_values = {name: getattr(camera.camera, name) for name in camera.draws}
     # Estimates of the camera and the sensor are fields of these sections; the others have names of their own.
     figures = [
@@ -182,10 +184,11 @@ def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
 def _share(name: str, value: float, each: Floats) -> Fitted:
     """Return a share with its standard error and 95 % interval, from the scatter between clusters.
 
-    The error and the interval are NaN with fewer than two clusters.
+    The error is that of the unweighted mean over clusters. The interval is ``value`` -+ 1.96 errors; its lower limit is
+    at least 0. Both are NaN with fewer than two clusters.
 
     Args:
-        name: name of the estimate. value: the estimate.
+        name: name of the estimate. value: the estimate; it may be a weighted mean.
         each: the share in each cluster (a session, or a robot in a session), (clusters,).
     """
     error = float(each.std(ddof=1)) / math.sqrt(each.size) if each.size > 1 else math.nan
@@ -195,9 +198,12 @@ def _share(name: str, value: float, each: Floats) -> Fitted:
 def stop_of(found: Dataset, base: Scenario) -> float | None:
     """Return the duration of a stop, ms, as a multiple of the control period; None if it cannot be estimated.
 
-    The time between two samples, without avoidance or turn, is the sampling interval tau, the stop and two control
-    periods. At least 50 such times are needed. The result is also None unless the stop is between half and twice the
-    stop of the base: the robots were then programmed with another tau than the base.
+    The time between two samples, without avoidance or turn, is taken to be the sampling interval tau, the stop and two
+    control periods: the robot stands for one more period after a sample, and the timer must exceed tau, which takes up
+    to one period more. (This is exact only if tau is a multiple of the control period; otherwise the second period is
+    too much, by up to a period.) At least 50 such times are needed. The result is also None if the stop is not between
+    half and twice the stop of the base: then the robots were probably programmed with another tau than that of the
+    base.
     """
     calm = found.samples.filter((pl.col("avoid_s") < 1e-9) & pl.col("spacing_s").is_not_null())["spacing_s"]
     if calm.len() < 50:

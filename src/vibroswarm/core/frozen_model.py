@@ -13,5 +13,8 @@ class FrozenModel(BaseModel):
     @field_validator("*")
     @classmethod
     def _normalize_zero(cls, value: object) -> object:
-        """Turn -0.0 into 0.0: equal values are written alike and have one hash."""
+        """Turn a float of -0.0 into 0.0 (-0.0 + 0.0 is 0.0), so that equal values are written alike and have one hash.
+
+        Floats in a tuple stay as they are.
+        """
         return value + 0.0 if isinstance(value, float) else value

@@ -49,10 +49,10 @@ class Replayer(ABC):
     """Replays some runs, in one or several calls of ``advance``, each from where the last one stopped.
 
     Args:
-        runs: number of runs. longest: number of samples of the longest run. rows: number of samples of all runs. Upper
-            bounds will do for both, as in a closed loop.
-        messages: (rows,), written if given: the message sent at each sample.
-        log: (rows,), written if given: the state after each sample.
+        scenario, seed: those of the runs. runs: number of runs. longest: number of samples of the longest run. rows:
+            number of samples of all runs. Upper bounds will do for ``longest`` and ``rows``, as in a closed loop.
+        messages, log: (rows,), written if given: the message sent at each sample, and the state after it. Both are
+            given or neither, because ``MessagesReplayer`` writes no messages without a log.
         network: the network whose functions the kernel calls.
     """
 
@@ -143,6 +143,7 @@ class Replayer(ABC):
             return
         # Viewed as bytes, all fields of the records are zeroed at once.
         self.swarm.states.view(np.uint8)[:] = 0
+        # ``arrays`` is 0, not a tuple, if the strategy has none.
         for array in self.swarm.arrays if isinstance(self.swarm.arrays, tuple) else ():
             array[:] = 0
 
@@ -155,8 +156,9 @@ class Replayer(ABC):
             with translate_errors(self.strategy, self.network):
                 status: int = self.module.replay(*arguments)
             self.calls += 1
-            # A direct call loses the line at which an error occurred, which messages about a user's code state. So a
-            # user's strategy is never called directly.
+            # Not at the first call, since ``entry_for`` takes longer than a few direct calls save. A direct call loses
+            # the line at which an error occurred, which messages about a user's code state. So a user's strategy is
+            # never called directly.
             if self.calls == 2 and not self.strategy.code:
                 self.entry = entry_for(self.module.replay, *arguments)
             return status

@@ -53,7 +53,11 @@ def lazy_view_of(value: object) -> View | None:
 
 @shows("optimize.loop.Found")
 def _found(value: Found) -> str:
-    """Show a search: the winner's values with their bounds, warnings, and the scores over the candidates."""
+    """Show a search: the winner's values with their bounds, and the scores over the iterations of the method.
+
+    With several objectives, the winner's score is that under the first one. With one objective, a warning says that the
+    winner was not scored on fresh runs.
+    """
     from vibroswarm.optimize.search_page import warnings_of
     from vibroswarm.optimize.search_report import pictures
     from vibroswarm.optimize.search_tables import value_said
@@ -72,8 +76,9 @@ def _found(value: Found) -> str:
     parts = [paragraph(head), table(["field", "winner", "lowest", "highest"], body)]
     if len(value.front) > 1:
         parts.append(paragraph(f"{len(value.front)} candidates are on the front; next: front_of(found)."))
-    # Of all warnings only one is shown: that the winner has no score on fresh runs yet. The other arguments of
-    # ``warnings_of`` are results of steps after the search, which a search does not have.
+    # Of the warnings, only that the winner was not scored on fresh runs is shown. With several objectives,
+    # ``front=None`` gives the warning that there is no front, which may be wrong here: truth and front are results of
+    # steps after the search. Warnings about failed runs or an unfinished search are omitted.
     warnings = warnings_of(value, truth=None, front=None, made_by=[])
     parts += [paragraph(text) for text in warnings if "fresh runs" in text]
     if value.history:
@@ -180,7 +185,10 @@ def _interval(row: dict[str, Any], name: str, scale: float, digits: int) -> str:
 
 @shows("calibrate.fit.Fit")
 def _fit(value: Fit) -> str:
-    """Show the fitted fields, the estimates, the predictive check, and what the model is known to lack."""
+    """Show the fitted fields, the estimates, the predictive check, and what the model is known to lack.
+
+    The predictive check compares statistics of the recorded avoidances with those of simulated sessions.
+    """
     from vibroswarm.calibrate.fit import LACKS
 
     estimates = [
@@ -206,7 +214,8 @@ def _comparison(value: Comparison) -> str:
     """Show how similar recordings and simulation are.
 
     For each feature the view has the similarity and the energy distance of the two sources. A sentence says how well a
-    classifier recognises whether samples are recorded or simulated.
+    classifier recognises whether samples are recorded or simulated. Among others, the results for an exact camera and
+    for undisturbed intervals are not shown.
     """
     from vibroswarm.calibrate.features import WORDS
 

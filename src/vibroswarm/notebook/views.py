@@ -54,8 +54,9 @@ LAZY: Final = ("optimize", "league", "calibrate", "paper")
 
 
 def html_of(value: object) -> str:
-    """Return the view of an object of this package as HTML: that of its class, or else a table of its values."""
-    # The class may be a user's own, whose base class has the view.
+    """Return the view of an object as HTML: that of its class or nearest base class, or else a table of its values."""
+    # All base classes are tried, as the class may be defined outside of this package. The final dots keep a longer name
+    # with the same beginning from matching. ``lazy_views`` imports this module, so it is imported only here.
     lazy = tuple(f"vibroswarm.{package}." for package in LAZY)
     if any(f"{kind.__module__}.".startswith(lazy) for kind in type(value).__mro__):
         from vibroswarm.notebook.lazy_views import lazy_view_of
@@ -204,7 +205,9 @@ def _picture(value: Picture) -> str:
 @view_of.register
 def _study(value: Study) -> str:
     """Show the first cells of a study, with their values of the fields that are varied."""
-    names = value.varied or ["strategy.name"]  # a study that varies nothing has one column, its cell's name
+    # A study that varies nothing has one cell, whose name is its strategy. In other studies, a cell that does not set a
+    # varied field (its table in a ``list`` may lack it) shows its name in that field's column.
+    names = value.varied or ["strategy.name"]
     body = [
         [cell.number, *(cell.words.get(name, cell.name) for name in names)]
         for cell in value.cells[:MOST_ROWS]
@@ -253,7 +256,8 @@ def record(value: object) -> str:
     """Return the view of an object whose class has no view of its own.
 
     It shows the first paragraph of the class's docstring, and the values of the public fields. A value that is a data
-    frame, or a list of objects of one class, is shown as a table below.
+    frame, or a list of dataclass objects or named tuples of one class, is shown as a table below. An object without
+    public fields is shown as a short text and that paragraph.
     """
     values = public_values(value)
     tables = {name: content for name, content in values.items() if _is_table(content)}
@@ -270,7 +274,7 @@ def _first_paragraph(value: object) -> str:
     # Python gives a dataclass without a docstring its signature as one.
     if text.startswith(f"{type(value).__name__}("):
         return ""
-    # A reference to the module's docstring would be of no use in a notebook.
+    # Marks of code are omitted, and so is this reference to a module's docstring, which a notebook does not show.
     return text.split("\n\n")[0].replace("``", "").replace(", see the head of this module", "")
 
 
@@ -291,6 +295,7 @@ def _frame_of(content: Any) -> pl.DataFrame:
     """
     if isinstance(content, pl.DataFrame):
         return content
+    # infer_schema_length: None takes the columns from all rows, not only from the first ones.
     return pl.DataFrame(
         [{name: _cell(part) for name, part in public_values(one).items()} for one in content],
         infer_schema_length=None,
@@ -298,7 +303,9 @@ def _frame_of(content: Any) -> pl.DataFrame:
 
 
 def frame(content: pl.DataFrame, names: Mapping[str, str] | None = None) -> str:
-    """Return the first ``MOST_ROWS`` rows of a data frame as an HTML table, and how many rows and columns it omits.
+    """Return the first ``MOST_ROWS`` rows of a data frame as an HTML table.
+
+    A line below says how many rows are omitted and, unless ``names`` chooses the columns, how many columns.
 
     Args:
         names: headings of the columns to show, by column; by default the first ``MOST_COLUMNS`` with their own names.

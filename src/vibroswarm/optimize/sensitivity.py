@@ -49,7 +49,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Field(NotebookView):
-    """First-order and total index of one field, with 95 % limits; nan if the noise hides all effects."""
+    """First-order and total index of one field, with 95 % limits.
+
+    All are nan if the noise hides all effects, or if the cost does not vary.
+    """
 
     name: str
     """Full name of the field."""
@@ -81,10 +84,10 @@ class Sensitivity(NotebookView):
     """Always 0: the indices need all runs."""
     noise_share: float
     """Share of the variance of the points' means that is noise of the runs, both as estimated. If it is 1 or more, all
-    indices are nan. 0 with a single run per point, where the noise is unknown."""
+    indices are nan. It is 0 with a single run per point, where the noise is unknown, and if the cost does not vary."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return plain values for JSON; but indices that are nan stay nan, which JSON lacks."""
         return {**vars(self), "fields": [vars(index) for index in self.fields]}
 
 
@@ -101,11 +104,13 @@ def sobol_indices(
 
     Args:
         search: defines the space, the scenarios and the cost (the first column of its first objective).
-        budget: runs in all. replicates: runs of each point of the design, at least 1.
-        executor, workers: see ``study.executors``. progress: called as runs finish.
+        budget: largest number of runs; fewer are made, since the number of points is limited to certain values, see
+            ``saltelli``.
+        replicates: runs of each point of the design, at least 1. executor, workers: see ``study.executors``.
+        progress: called as runs finish, with the number done so far.
     Raises:
-        InputError: SALib is not installed, the budget is too small, or ``replicates`` is not a whole number from 1 on.
-        RunError: a run failed.
+        InputError: SALib is not installed, the budget is too small, ``replicates`` is not a whole number from 1 on, or
+            a cost gives no number for a run. RunError: a run failed, or the workers are gone.
     """
     replicates = whole_number_of(replicates, "replicates", 1, RUN_LIMIT - 1)
     design = saltelli(search.space.size, budget // replicates, search.seed)
@@ -188,7 +193,7 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
     for _ in range(DRAWS):
         chosen = random.integers(0, blocks, blocks)
         drawn.append(_shares(mean_by_block[chosen], noise_by_block[chosen]))
-    # limits of 95 %, each (2, d); a resample is nan if the noise hides all effects in it
+    # Limits of 95 %, each (2, d). A resample in which the noise hides all effects is nan, and is left out.
     low, high = np.nanquantile(np.array(drawn), [0.025, 0.975], axis=0)
     fields = [
         Field(
@@ -228,6 +233,8 @@ def _shares(mean: Array, noise: Array) -> Array:
     if variance <= 0:
         return np.full((2, mean.shape[1] - 2), np.nan)
     a_with_b = mean[:, 1:-1]
+    # Var(E(Y given u_i)). To subtract the centre leaves its expectation as it is, since a and a_with_b have the same
+    # mean, but lowers the variance of the estimate.
     first = ((b - centre)[:, None] * (a_with_b - a[:, None])).mean(axis=0)
     # On average, a squared difference of two means is too large by the noise of both.
     total = 0.5 * ((a[:, None] - a_with_b) ** 2 - noise[:, :1] - noise[:, 1:-1]).mean(axis=0)
@@ -250,6 +257,8 @@ MIN_CANDIDATES: Final = 20
 
 def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
     """Compute the importance of each field by PED-ANOVA, the largest first; the sum is 1.
+
+    Only the scores under the first objective are used.
 
     Args:
         found: a finished search. best_share: share of the candidates that count as the best ones.

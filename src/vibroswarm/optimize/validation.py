@@ -97,7 +97,7 @@ class Truth(NotebookView):
     against: tuple[Interval, ...]
     """Score of the winner minus the score of each of ``others``, paired by run."""
     too_short: bool = False
-    """Whether the search was a swarm with fewer than ``LEAST_ITERATIONS``: its winner is the best of random points."""
+    """Whether the search was a swarm whose particles never moved, see ``is_too_short``."""
 
     def __repr__(self) -> str:
         score = self.winner.score
@@ -320,7 +320,7 @@ def paired_score(objective: Objective, first: Scored, second: Scored) -> Interva
 
 
 def _beyond(share: Interval, limit: float) -> str:
-    """Write whether a share is significantly beyond its limit, within it, or neither."""
+    """Write whether a share is significantly beyond its limit, within it, or neither; neither if the share is nan."""
     if share.low > limit:
         return f"beyond the limit of {100 * limit:g} % by {100 * (share.estimate - limit):.1f} points"
     if share.high <= limit:
@@ -344,7 +344,8 @@ def _parts(rows: Rows) -> dict[str, Interval]:
             "robots_undecided": cluster_share(robots - decided, robots),
         }
         for name, value in parts.items():
-            # The share of wrong robots is nan in a case in which no robot decided: any other case is worse.
+            # In a case in which no robot decided, the share of wrong robots is nan, and any other case replaces it. The
+            # part ``robots_undecided`` covers such a case.
             if name not in worst or math.isnan(worst[name].estimate) or value.estimate > worst[name].estimate:
                 worst[name] = value
     return worst
@@ -359,6 +360,7 @@ class Member(NotebookView):
     """A candidate of a front; scores are in the order of the objectives."""
 
     key: int
+    """Key of the candidate in the search's archive."""
     values: Values
     believed: tuple[float, ...]
     """Scores in the search."""
@@ -387,7 +389,8 @@ class Front(NotebookView):
     def too_little(self) -> list[float]:
         """Median over the candidates of (true - believed) / abs(true), for each objective.
 
-        It is the share by which the believed scores are too low: above 0 the search underestimated the cost.
+        It is the share by which the believed scores are too low: above 0 the search underestimated the cost. It is nan
+        if the true score of any candidate is 0.
         """
         shares = [  # (candidates, objectives)
             [_too_little(believed, true) for believed, true in zip(m.believed, m.true, strict=True)]
@@ -421,7 +424,7 @@ class Front(NotebookView):
         return pl.DataFrame(rows, infer_schema_length=None)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return plain values for JSON; scores are in the order of the objectives, whose names are left out."""
         return {
             "says": self.words,
             "fresh_runs_each": self.runs,
