@@ -39,6 +39,7 @@ class CodeError(RunError):
 
 def nearest(word: object, known: Iterable[str]) -> str:
     """Return ``", did you mean 'x'?"`` for the known word most similar to ``word``, or "" if none is similar."""
+    # Cut, because comparing a very long text would take long.
     match = difflib.get_close_matches(str(word)[:100], list(known), n=1, cutoff=0.6)
     return f", did you mean '{match[0]}'?" if match else ""
 
@@ -51,7 +52,7 @@ def check_format(version: object, newest: int, field: str | None = None) -> None
             and writes, the only one.
         field: the file or folder, for the message.
     Raises:
-        InputError: the format is older or newer, or ``version`` is not an integer.
+        InputError: the format is older or newer. A ``version`` that is not an integer counts as newer.
     """
     if not isinstance(version, int) or version > newest:
         raise InputError(
@@ -92,12 +93,13 @@ def whole_number_of(value: object, field: str, low: int, high: int) -> int:
 
 
 def number_of(value: object, field: str, low: float = 0.0, high: float = 1e300) -> float:
-    """Return ``value`` unchanged if it is an integer or a float in the range from ``low`` to ``high``, inclusive.
+    """Return ``value`` unchanged if it is an ``int`` or ``float`` in the range from ``low`` to ``high``, inclusive.
 
     Args:
-        field: name of the argument, for the message. high: its default leaves out infinity.
+        field: name of the argument, for the message. high: its default is below infinity, so that infinity is refused.
     Raises:
-        InputError: the value is of another type (a boolean is refused too), not finite, or out of range.
+        InputError: the value is of another type (booleans, and NumPy's integers and float32, are refused too), NaN, or
+            out of range.
     """
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise InputError(f"{shown(value)} is wrong; give a number from {low:g} to {high:g}", field=field)

@@ -112,9 +112,13 @@ SCHEMAS: Final = {name: Schema(columns, NULLABLE[name], KEYS[name]) for name, co
 
 
 def code_files(scenarios: Iterable[Scenario], motion: str) -> dict[str, str]:
-    """Return the texts of the users' code files that the scenarios or the motion source use, by name of the file."""
+    """Return the texts of the users' code files that the scenarios or the motion source use, by name of the file.
+
+    Files that are not loaded in this process are left out.
+    """
+    # ``texts_of`` also leaves out names that are no references to code, such as that of a built-in motion source.
     codes = [motion, *(code for scenario in scenarios for code in scenario.codes)]
-    # A reference to code is "file.py:Name".
+    # A reference to code is "file.py:Name sha256:...".
     return {code.partition(":")[0]: text for code, text in plugins.texts_of(codes)}
 
 
@@ -194,7 +198,10 @@ class Result(NotebookView):
         return f"{type(self).__name__}({', '.join(parts)})"
 
     def same_tables(self, other: Result) -> bool:
-        """Return whether every table equals that of ``other``, bit by bit, including order and types."""
+        """Return whether every table equals that of ``other`` without tolerance, including order and types.
+
+        Optional tables must be absent in both or in neither. nan equals nan, and 0.0 equals -0.0.
+        """
         for name in TABLES:
             mine, theirs = getattr(self, name), getattr(other, name)
             if (mine is None) != (theirs is None):
@@ -266,7 +273,8 @@ class Result(NotebookView):
         """Read a result from the folder ``path`` that ``write`` wrote; it equals the result that was written.
 
         Raises:
-            InputError: the folder is not a result, its format is older or newer, or a table is damaged or missing.
+            InputError: the folder is not a result, its format is older or newer, a table is damaged or missing, tables
+                do not fit each other or the scenario, or the scenario is not the one that ``result.json`` names.
         """
         folder = path_of(path)
         about = _head(folder)

@@ -40,7 +40,8 @@ def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated:
     Args:
         frames: tables by name, each of its schema (``result.SCHEMAS``); None for an optional table that is absent.
         folder: the result's folder, for messages. simulated: whether the result is no recording; then the columns of
-            ``REQUIRED`` must have no nulls.
+            ``REQUIRED`` must have no nulls, except for beliefs of robots without samples, and for messages and
+            posteriors of a user's strategy.
     Raises:
         InputError: a table is wrong; the message names the file and the column.
     """
@@ -73,8 +74,9 @@ def _file(folder: Path, name: str) -> str:
 def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
     """Check that the tables ``ends`` and ``robots`` have a row for each robot of each run, sorted by run and robot.
 
-    The tables motion, segments, faults and failures may lack some runs or robots, but must name no unknown ones. The
-    table floors must have the runs of the table runs.
+    The table runs, which defines the runs, must be sorted, and floors must have the same runs in the same order. The
+    tables motion, segments, faults and failures may lack some runs or robots, but must name no unknown ones.
+    Observations, inference and places are compared with motion in ``_check_samples``. The table moves is not checked.
     """
     runs, robots = tables["runs"]["run"], scenario.swarm.robots
     if not runs.is_sorted():
@@ -122,10 +124,12 @@ def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder
 
 
 def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
-    """Check order and times of the samples and segments.
+    """Check order and times of samples, ends and segments, and that tables with a row per sample have the same samples.
 
-    Samples must be sorted by run, time and robot, and each robot's sample numbers must grow with time. The tables
-    observations, inference and places must have the same rows as motion.
+    Samples must be sorted by run, time and robot, and each robot's sample numbers must grow with time. No stop may
+    start after its sample, and none of these times may lie after the end of the scenario's run. The tables
+    observations, inference and places must have the same keys as motion, in the same order. The count ``samples`` of a
+    robot must be at least its largest sample number + 1.
     """
     motion, last_s = tables["motion"], _ends_s(scenario)
     _check_sorted(motion, "time_s", folder, "motion")
@@ -201,7 +205,7 @@ def _check_most(table: pl.DataFrame, column: str, most: float, folder: Path, nam
 def _ends_s(scenario: Scenario) -> float:
     """Return the latest time that a table may hold, s.
 
-    It is one tick after the end of the run, as the last control period may end then.
+    It is one tick after the end of the run, as the last control period may end then, plus the tolerance.
     """
     return scenario.run.t_end_s + scenario.tick_s + TOLERANCE_S
 
@@ -231,9 +235,10 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
 def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
     """Check decisions, consensus, times (at most the end of the run), numbers of robots, and posterior counts.
 
-    Exactly the robots that decided have a decision time, and exactly the runs with a known consensus have counts of
-    right, wrong and undecided robots. A robot has both counts of its posterior, alpha and beta, or none; only a user's
-    strategy (one with ``code``) may have a column of one of these names alone.
+    Robots that decided have a decision time, and undecided ones have none; this is not checked where the decision is
+    not known (null). Exactly the runs with a known consensus have counts of right, wrong and undecided robots. A robot
+    has both counts of its posterior, alpha and beta, or none. Only with a user's strategy (one with ``code``) may it
+    have one of the two, since its state may have a field of only one of these names.
     """
     robots, runs = tables["robots"], tables["runs"]
     decided, timed = robots["decision"].is_in([0, 1]), robots["decision_time_s"].is_not_null()

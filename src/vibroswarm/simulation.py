@@ -62,7 +62,7 @@ def simulate(
         moves: whether it shall have the table ``moves``, with a row for each drive, turn, avoidance and stop; it has
             this table in any case if the network or localisation reads it.
         energies: whether it shall have the energies of the samples.
-        progress: called with the share of the work done.
+        progress: called with the share of the motion that is simulated; the readings and beliefs are computed after it.
     Raises:
         InputError: the seed or a run number is out of range, the source of motion is unknown, the code of a strategy,
             network or task is not loaded, or readings cannot be tested against the decision boundary.
@@ -109,8 +109,9 @@ def replay(result: Result, scenario: Scenario) -> Result:
         scenario: may differ from the result's scenario in all sections that do not determine motion (``OF_MOTION``).
     Raises:
         InputError: the result was recorded or lacks moves that are needed, ``scenario`` would move the robots in
-            another way, the strategy of either steers or is a user's that is not loaded, or the runs ended when all
-            robots had decided.
+            another way, the strategy of either steers or is a user's that is not loaded, the network or task of
+            ``scenario`` is not loaded, readings cannot be tested against its decision boundary, or the runs ended when
+            all robots had decided.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     check_scenario(scenario)
@@ -126,7 +127,7 @@ def replay(result: Result, scenario: Scenario) -> Result:
                 f"a replay keeps the motion, and so {which} as it was; simulate again to change it",
                 field="faults" if section == "motion_faults" else section,
             )
-    if scenario.run.stop != "t_end":
+    if scenario.run.stop != "t_end":  # true of the result too: both have the same section ``run``
         raise InputError("these runs ended when all had decided; their motion is cut short", field="run.stop")
     refuse_steering(scenario)
     own = result.scenario.strategy
@@ -268,6 +269,7 @@ def _to_the_end(
         state = engine.init(scenario, seed, run, *wanted)
         while not reached(state.time_s, scenario.run.t_end_s, scenario.run.control_period_ms):
             pieces.append(state.advance(min(state.time_s + PIECE_S, scenario.run.t_end_s)))
+            # A state ends at a whole tick, which may be later than t_end_s: hence at most 1.
             progress((done + min(state.time_s / scenario.run.t_end_s, 1.0)) / len(runs))
     return join(pieces)
 

@@ -75,10 +75,12 @@ FIGURES: Final = (
 
 
 class ByRun(NotebookView):
-    """Robots grouped by run; sums have a fixed order, whatever the number of threads.
+    """Robots grouped by run, to sum and average values of robots over each run.
+
+    Values are added in a fixed order, whatever the number of threads, so that rounding is reproducible.
 
     ``robots`` is the table sorted by run; ``runs`` are the numbers of its runs, ``first`` the index of each run's first
-    row and ``count`` its number of robots, shape (runs,) each. The methods take and return values of robots in the
+    row and ``count`` its number of robots, shape (runs,) each. Values of robots, in and out of the methods, are in the
     order of this sorted table, which may differ from the order of the argument.
 
     Args:
@@ -132,10 +134,11 @@ def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.
         raise InputError("the tables of robots and of runs must have the same runs, once each", field="runs")
     joined = by_number.join(of_robots, on="run", how="inner", maintain_order="left")
     columns = {name: numbers(joined[name]) for name in ("truth", "consensus_time_s", *COUNTS)}
-    # of_swarms compares the integer codes of the categories.
+    # of_swarms compares the integer codes of the categories. The cast gives a column of plain strings these codes too.
     columns["consensus"] = joined["consensus"].cast(RUNS["consensus"]).to_physical().to_numpy()
     values = means | of_swarms(columns, by_run.count, t_end_s)
     figures = [pl.Series(name, values[name], nan_to_null=True) for name in FIGURES]
+    # Counts are floats so far, with nan (then null) in runs without a truth.
     typed = [column.cast(pl.Int64) if column.name in COUNTS else column for column in figures]
     return joined.select("run", "truth", "consensus", "robots").with_columns(typed)
 
@@ -202,6 +205,7 @@ class CellSummary(NotebookView):
         }
 
     def _items(self) -> list[tuple[str, Any]]:
+        """Return name and value of each field, in the order of the fields; an interval stays an ``Interval``."""
         return [(field.name, getattr(self, field.name)) for field in fields(self)]
 
 
@@ -229,6 +233,8 @@ def summary(
         "right": icc_of_counts(right, counts_with_truth),
         "undecided": icc_of_counts(undecided, robot_counts),
     }
+    # m of the design effects is the mean size of all runs, also for "right", whose correlation leaves out runs without
+    # a truth.
     named: dict[str, Any] = {
         **{name: interval(name, figures, level, seed) for name in INTERVALS},
         **consensus_shares(table, level),
@@ -317,7 +323,8 @@ def icc_of_counts(count: NDArray[np.int64], of: NDArray[np.int64]) -> float:
     Args:
         count: number of robots of each run that have the outcome. of: number of all robots of each run; shape (runs,)
             each. Runs without robots are left out.
-    Returns: the correlation; nan for fewer than 2 runs, single robots, or if all robots have the same outcome.
+    Returns: the correlation; nan for fewer than 2 runs, if every run has a single robot, or if all robots have the same
+        outcome.
     """
     count, of = count[of > 0], of[of > 0]
     size = of.astype(np.float64)
@@ -342,7 +349,8 @@ def icc(means: NDArray[np.float64], within: NDArray[np.float64], sizes: NDArray[
     grand = float(sizes @ means) / robots
     between = float(sizes @ (means - grand) ** 2) / (runs - 1)  # B
     inside = float(within.sum()) / (robots - runs)  # W
-    # m: the number of robots of a run, or for unequal runs the mean size that keeps B and W unbiased.
+    # m: the number of robots of a run. For runs of unequal sizes it is the weighted mean size with which (B - W) / m
+    # estimates the variance of the run effects without bias.
     size = (robots - float(sizes @ sizes) / robots) / (runs - 1)
     total = between + (size - 1.0) * inside
     return (between - inside) / total if total > 0 else math.nan  # r

@@ -116,7 +116,8 @@ def pooled_counting(
         rule: evidence that the threshold h applies to: "count" or "belief". undecided_counts: u, how much being
             undecided counts as an error, 0 to 1. level: confidence level. seed: of the intervals of differences.
     Raises:
-        InputError: an unknown rule, u outside [0, 1], fewer than 4 runs with a truth, or runs that stopped early.
+        InputError: a level that is not between 0 and 1, an unknown rule, u outside [0, 1], fewer than 4 runs with a
+            truth, or a run, with or without a truth, that stopped early.
     """
     check_level(level)
     if rule not in RULES:

@@ -103,29 +103,30 @@ class Decidability(NotebookView):
 
     @property
     def is_warning(self) -> bool:
-        """Whether a report must warn of it."""
+        """Whether a report must warn of the verdict: the question was assessed, and is not decidable."""
         return self.verdict not in ("decidable", "not assessed")
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return the fields for JSON; a number that is not finite becomes None."""
         return {name: plain(value) for name, value in self.__dict__.items()}
 
 
 def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = None) -> Decidability:
     """Compute whether a scenario's question can be decided from the samples that its swarm will take.
 
-    The verdict is "not assessed" for a task other than ``fill_ratio``, and correcting thresholds are computed for
-    ``boundary_of = "readings"`` only.
+    The verdict is "not assessed" for a task other than ``fill_ratio``. Correcting thresholds are computed for
+    ``boundary_of = "readings"`` only: with "tiles" the tested boundary allows for the sensor's errors.
 
     Args:
         scenario: only its task, sensor, arena, floor and decision are used, not its motion and strategy.
         error: wanted probability of a wrong majority of bits, for ``samples_needed``.
-        floor: by default the floor of run 0 with seed 0. The random floors of a scenario all have its fill ratio,
-            unless the arena's border cuts tiles off. Some part of the given floor must lie in the arena; a scenario
-            refuses any other floor of its own.
+        floor: by default the floor of run 0 with seed 0, which stands for the scenario's other random floors, because
+            all have the same fill ratio (unless the arena's border cuts tiles off). At least a part of the floor must
+            lie in the arena; this is always true of the scenario's own floors.
     Raises:
-        InputError: the floor lies outside the arena; or ``error`` is not between 0 and 0.5, and the verdict is
-            "decidable".
+        InputError: the floor lies outside the arena; ``readings_boundary`` refuses the scenario; or ``error`` is not
+            between 0 and 0.5, and the verdict is "decidable".
+        CodeError: a user's task raised an error, or returned something other than 0, 1 and None.
     """
     floor, sensor = floor or scenario.floor_for(0, 0), scenario.sensor
     size = (scenario.arena.width_m, scenario.arena.height_m)
@@ -172,23 +173,23 @@ def decidability_of_share(
     level: float = 0.95,
     error: float = 0.05,
 ) -> Decidability:
-    """Compute from a measured share of ones whether the question can be decided.
+    """Compute from a share of ones, measured or exact, whether the question can be decided.
 
     Args:
-        share: measured share of ones, 0 to 1. boundary: share that robots compare it with.
-        truth: 1 if the fill ratio is above the boundary, 0 if it is below, None if it equals the boundary.
-        effective_samples: number of independent samples behind the share, which need not be whole. It gives the share
-            an interval, and if this interval contains the boundary, the verdict is "indistinguishable from the
-            boundary". None or infinite: the share is exact and gets no interval.
+        share: share of ones, 0 to 1. boundary: the tested boundary, with which robots compare the share of ones.
+        truth: 1 if the fill ratio is above the boundary of the question, 0 if it is below, None if it equals it.
+        effective_samples: number of independent samples behind a measured share, which need not be whole. It gives the
+            share an interval, and if there is a truth and this interval contains the boundary, the verdict is
+            "indistinguishable from the boundary". None or infinite: the share is exact and gets no interval.
         level: of the share's interval. error: wanted probability of a wrong majority, for ``samples_needed``.
     Raises:
-        InputError: a share, level or error outside its range.
+        InputError: a share or level outside its range; or an error outside its range, and the verdict is "decidable".
     """
     if not 0.0 <= share <= 1.0:
         raise InputError(f"{share!r} is not a share; give a number from 0 to 1", field="share")
     check_level(level)
     verdict, low, high = _side(share, boundary, truth), None, None
-    # The measured share is compared with the boundary itself, so that is the tested boundary too.
+    # The boundary of the question is not an argument; the tested boundary is reported in its place too.
     says = _words(verdict, share, boundary=boundary, tested=boundary, truth=truth)
     if effective_samples is not None and math.isfinite(effective_samples):
         limits = wilson_limits(share * effective_samples, effective_samples, level)
@@ -222,7 +223,9 @@ def expected_share(sensor: Sensor, fill_ratio: float, tiled: float = 1.0, spillo
         spillover: s, area sensed as vibrating minus area that vibrates, as a share of the tiles' area.
     """
     false_positive, false_negative = error_rates(sensor)
-    sensed = min(max(fill_ratio + spillover, 0.0), 1.0)  # g
+    # g. It is limited to a share, because the spillover may be that of a floor with another fill ratio, as for the
+    # mirror image in ``mending_thresholds``.
+    sensed = min(max(fill_ratio + spillover, 0.0), 1.0)
     on_tiles = sensed * (1.0 - false_negative) + (1.0 - sensed) * false_positive
     return tiled * on_tiles + (1.0 - tiled) * false_positive  # q
 
@@ -309,7 +312,8 @@ def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
     and standard error are nan.
 
     Args:
-        tile: index of the tile of each sample, -1 off all tiles. bits: the bit it read; both of shape (samples,).
+        tile: index of the tile of each sample, -1 off all tiles, where the sample is left out. bits: the bit of each
+            sample; both of shape (samples,).
     """
     tile_of, bit = np.asarray(tile, dtype=np.int64).ravel(), np.asarray(bits, dtype=np.float64).ravel()
     on = tile_of >= 0
@@ -319,8 +323,9 @@ def observed_share(tile: ArrayLike, bits: ArrayLike) -> ObservedShare:
         return ObservedShare(share=math.nan, standard_error=math.nan, effective_samples=0.0, tiles=0)
     share, smooth = float((ones / n).mean()), (ones + 0.5) / (n + 1.0)
     variance = float((smooth * (1.0 - smooth) / n).sum()) / n.size**2
-    # Variance of a single independent sample. The smoothed variance is its minimum, so that it is above 0 even if all
-    # bits are equal. Divided by the variance of the share, it gives the effective number of samples.
+    # Variance of a single independent sample: q (1 - q) with the share q. It is at least the mean of the tiles' p (1 -
+    # p), which is above 0 even if all bits are equal. Divided by the variance of the share, it gives the effective
+    # number of samples.
     variance_of_one = max(share * (1.0 - share), float((smooth * (1.0 - smooth)).mean()))
     return ObservedShare(share, math.sqrt(variance), variance_of_one / variance, n.size)
 
@@ -368,7 +373,10 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
 
 
 def _side(share: float, boundary: float, truth: int | None) -> Word:
-    """Return on which side of the boundary the share of ones is; "on the boundary" if there is no truth."""
+    """Return the verdict: "decidable" if the share of ones is on the side of the boundary that the truth requires.
+
+    Otherwise it is "wrong side", or "on the boundary" if the share equals the boundary or there is no truth.
+    """
     if truth is None or abs(share - boundary) < ON:
         return "on the boundary"
     return "decidable" if (share > boundary) == (truth == 1) else "wrong side"

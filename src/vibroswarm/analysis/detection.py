@@ -172,7 +172,8 @@ def needed(
         false_alarm and false_alarm_high, the share of false alarms at t_end and its upper limit; clear_until_s, the
         first time at which this limit is too high (0: from the start; null: never by t_end).
     Raises:
-        InputError: no cell, a rate or level that is not between 0 and 1, or ``of`` is neither swarm nor robots.
+        InputError: no cell, a cell whose runs have different numbers of robots, a rate or level that is not between 0
+            and 1, or ``of`` is neither swarm nor robots.
     """
     check_level(level)
     alarm_rate = error if false_alarms is None else false_alarms

@@ -57,13 +57,14 @@ def judged_tables(
     Args:
         scenario, seed: of the runs. robots, runs: as a ``Result`` has them, with all robots of each run; both sorted by
             run, and ``robots`` by robot within a run.
-        judged: "working": the robots without any fault before the end of the run; "all": the tables as they are.
+        judged: "working": the robots without any fault before t_end, even if the run stopped before the fault; "all":
+            the tables as they are, which are also returned if the scenario has no faults.
     Returns: the table of the judged robots, and the table of the runs with at least one of them. In the table of runs
         consensus, its time and the numbers of right, wrong and undecided robots are computed from these robots alone.
         Both tables are empty if no run has a judged robot.
     Raises:
-        InputError: another word for ``judged``, or a table of robots whose number of rows is not that of all robots in
-            all runs.
+        InputError: another word for ``judged``; or working robots are to be selected, and the number of rows of
+            ``robots`` is not runs times robots.
     """
     check_choice(judged, "judged", JUDGED)
     if judged == "all" or not scenario.faults.kinds:
@@ -118,9 +119,10 @@ def fault_curve(
     judged: Judged = "working",
     level: float = 0.95,
 ) -> pl.DataFrame:
-    """Simulate a scenario with each of several shares of faulty robots.
+    """Compute a strategy's outcomes against the share of faulty robots, by simulating a scenario with each share.
 
-    Every run goes to t_end, also if the scenario stops early.
+    Every run goes to t_end, also if the scenario stops early: where faults do not change the motion, all shares use the
+    same motion, which therefore must not end with the decisions.
 
     Args:
         scenario: its other kinds of fault stay as they are. kind: of the fault that is varied, such as "stuck_at_1".
@@ -131,7 +133,8 @@ def fault_curve(
         runs with a judged robot), and each of ``FIGURES`` with its limits (``wrong``, ``wrong_low``, ``wrong_high``);
         these are null if no run has a judged robot.
     Raises:
-        InputError: an unknown kind, no share, a share outside 0 to 1, or a scenario that cannot be simulated.
+        InputError: an unknown kind, another word for ``judged``, no share, a share outside 0 to 1, a level that is not
+            between 0 and 1, or a scenario that cannot be simulated.
     """
     check_choice(kind, "kind", FAULTS)
     check_choice(judged, "judged", JUDGED)

@@ -83,8 +83,8 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
     """Return the maps of one run at several times.
 
     Args:
-        result: of a strategy in ``WITH_MAP``, simulated to its end. run: number of a run of this result, which is not
-            checked. time_s: times of the maps, s, (times,), at least one.
+        result: of a strategy in ``WITH_MAP``, simulated to its end. run: number of a run of this result. time_s: times
+            of the maps, s, (times,).
     Returns: beliefs that each tile vibrates, (times, robots + 1, tiles); the last entry of axis 1 is the pooled map.
     Raises:
         InputError: another strategy, a recording, a result without the moves that estimated places need, or no run of

@@ -6,9 +6,9 @@ would get wrong (1/2 for a robot without a belief). Report the shares right, wro
 
 Every strategy can be made faster by letting it err more often. So two strategies are compared over the settings of
 each: all combinations of the values that ``fronts.toml`` lists for its fields. Each setting is a point (decision time,
-forced error). The front consists of the points that no other point beats in both, joined by straight lines. Every point
-of a line can be reached: a swarm that draws one of two settings for each run has a weighted mean of their times and of
-their errors.
+forced error). The front consists of the points for which no other point is at least as good in both, joined by straight
+lines. Every point of a line can be reached: a swarm that draws one of two settings for each run has a weighted mean of
+their times and of their errors.
 
 | name | symbol | equation |
 |---|---|---|
@@ -142,9 +142,10 @@ def front_settings() -> dict[str, dict[str, Any]]:
 
 
 def reached(scenario: Scenario, seed: int, runs: Sequence[int]) -> Reached:
-    """Replay a scenario as given (to t_end) and with each combination of its strategy's settings (``front_settings``).
+    """Replay a scenario as given and with each combination of its strategy's settings (``front_settings``).
 
-    All points have the same motion and readings. A combination that the scenario refuses is left out.
+    All points have the same motion and readings, so every run goes to t_end, whenever its robots decide. A combination
+    that the scenario refuses is left out.
 
     Args:
         scenario: its strategy must not steer. seed: of the runs. runs: their numbers.
@@ -195,6 +196,7 @@ def matched_error(first: Reached, reference: Reached, seed: int = 0) -> MatchedE
     time_means = [means_of(strategy.time_s) for strategy in (first, reference)]
     error_means = [means_of(strategy.error) for strategy in (first, reference)]
     # Lists: index 0 is the first strategy, 1 the reference. Arrays: row 0 is the strategy as given, column 0 all runs.
+    # The strategy that errs more in all runs gives e* and T* of every draw.
     of_first = bool(error_means[0][0, 0] > error_means[1][0, 0])
     matched = 0 if of_first else 1
     time_as_given, error_as_given = time_means[matched][0], error_means[matched][0]
@@ -237,7 +239,9 @@ def _limits(values: Array, runs: int) -> Interval:
 
 
 def front_of(time_s: Array, error: Array) -> tuple[Array, Array]:
-    """Return the times and errors of the points that no other point beats in both, sorted by rising time.
+    """Return the times and errors of the points on the front, sorted by rising time.
+
+    A point is left out if another point is at least as good in both figures; of equal points one is kept.
 
     Args:
         time_s, error: of each point, (points,) each.

@@ -28,7 +28,7 @@ from vibroswarm.core.notebook_view import html_view
 from vibroswarm.errors import InputError
 
 DRAWS: Final = 1999
-"""Bootstrap and sign-flip draws; one less than 2000, so that 2.5 % and 97.5 % are whole ranks."""
+"""Bootstrap and sign-flip draws; one less than 2000, so that limits at 95 % are whole ranks of ``sign_flip``."""
 FEW: Final = 10
 """If fewer runs than this have a share other than 0, or other than 1, a bootstrap of the share is unreliable."""
 _EXACT: Final = 10
@@ -36,7 +36,7 @@ _EXACT: Final = 10
 _MANY_VALUES: Final = 2000
 """Above this number of distinct values, resampled means are replaced by their normal limit."""
 _TAIL: Final = 5
-"""With fewer draws as extreme as the observed sum, the p-value is that of the normal limit."""
+"""With fewer draws as extreme as the observed sum, the p-value may be that of the normal limit (``sign_flip``)."""
 _BLOCK: Final = 4_000_000
 """Most random numbers in memory at a time: draws are made in blocks of this size."""
 
@@ -99,8 +99,10 @@ def wilson_limits(successes: ArrayLike, n: ArrayLike, level: float = 0.95) -> tu
     """Compute Wilson's limits of shares.
 
     Args:
-        successes: number of successes; need not be whole. n: number of trials. Both broadcast.
+        successes: number of successes. n: number of trials. Neither need be whole; both broadcast.
     Returns: lower and upper limits, in the broadcast shape; nan where n is 0.
+    Raises:
+        InputError: the level is not between 0 and 1.
     """
     check_level(level)
     k, total = np.asarray(successes, dtype=np.float64), np.asarray(n, dtype=np.float64)
@@ -157,6 +159,7 @@ def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     shares = without_nan(values)
     of_shares = mean_interval(shares, level)
     if shares.size < 2:
+        # Without runs the limits are nan, which max and min return because it is their first argument.
         return of_shares._replace(low=max(of_shares.low, 0.0), high=min(of_shares.high, 1.0))
     of_angles = mean_interval(np.arcsin(np.sqrt(np.clip(shares, 0.0, 1.0))), level)
     # The angle of a share is from 0 to pi / 2; limits outside that range become those of the shares 0 and 1.
@@ -249,7 +252,8 @@ def cluster_share_of_distinct(
 ) -> Interval:
     """Compute a share of robots as ``cluster_share`` does, from numbers of runs that have the same counts.
 
-    Runs with the same numbers of robots and of robots with the outcome are of one kind. The kinds may be in any order.
+    Runs with the same numbers of robots and of robots with the outcome are of one kind. The kinds may be in any order;
+    those without robots or without runs are left out.
 
     Args:
         count: number of robots with the outcome in a run of each kind. of: number of all robots in such a run.
@@ -310,16 +314,17 @@ def sign_flip(differences: ArrayLike, level: float = 0.95, seed: int = 0, draws:
     If the differences are symmetric about m, each d - m is equally likely to be positive or negative. Flipping the
     signs of all d - m in a subset S gives a sum at least as large as the observed sum of d - m exactly when the mean of
     the d in S is at most m. So the limits are quantiles of the means of random subsets, in which each difference is
-    included with probability 1/2 (Hartigan's typical values). 0 lies outside the limits exactly when p < 1 - level. For
-    symmetric differences the interval is exact; for others it is correct for many runs, like Student's. With fewer than
-    6 pairs the limits at 95 % are infinite; without pairs, estimate, limits and p are nan.
+    included with probability 1/2 (Hartigan's typical values). Unless p is replaced as described below, 0 lies outside
+    the limits exactly when p is at most 1 - level. For symmetric differences the interval is exact; for others it is
+    correct for many runs, like Student's. With fewer than 6 pairs the limits at 95 % are infinite; without pairs,
+    estimate, limits and p are nan.
 
     Up to 10 differences all subsets are enumerated. For more, ``draws`` random subsets are drawn (equal differences
     together), and for very many distinct differences the normal limit is used.
 
-    If fewer than ``_TAIL`` of the random sums are as extreme as the observed sum, p is the smaller of two values: the
-    p-value from the draws and that of the normal limit. A limited number of draws cannot give p-values as small as a
-    correction over many comparisons needs.
+    If fewer than ``_TAIL`` of the random sums are as extreme as the observed sum, p is replaced by that of the normal
+    limit if this is smaller: a limited number of draws cannot give p-values as small as a correction over many
+    comparisons needs.
     """
     check_level(level)
     d = without_nan(differences)
@@ -389,7 +394,8 @@ def _sign_flip_of_many(d: Values, mean: float, level: float) -> SignFlip:
     """Compute the interval and p-value of ``sign_flip`` from the normal limit.
 
     The mean of a random subset has the standard deviation sqrt(sum (d - mean)^2) / n about the mean of all d. It is
-    above 0, because this function is called only if many differences are distinct.
+    above 0, because this function is called only if many differences are distinct. The p-value uses it too, unlike
+    ``_normal_p_value``, so that p and the interval agree.
     """
     error = math.sqrt(float(((d - mean) ** 2).sum())) / d.size
     half = float(ndtri(0.5 + level / 2)) * error

@@ -35,7 +35,7 @@ NOT_DUE: Final = 2
 OWN: Final = 3
 """The robot sent it."""
 MAX_ENTRIES: Final = 50_000_000
-"""Messages times robots of a log."""
+"""Largest size of a log: number of messages times number of robots."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +83,10 @@ class MessageLog:
 
 
 def log_size(result: Result, run: int = 0) -> int:
-    """Return the number of entries of a run's log: messages times robots."""
+    """Return the number of entries of a run's log, messages times robots, from the table of robots alone.
+
+    Callers compare it with a limit such as ``MAX_ENTRIES`` before they compute the log.
+    """
     sent = result.robots.filter(pl.col("run") == run)["sent"].sum()
     return int(sent) * result.scenario.swarm.robots
 
@@ -113,8 +116,10 @@ def message_log(result: Result, run: int = 0) -> MessageLog:
             f"{messages} messages to {robots} robots are too many to list: more than {MAX_ENTRIES} entries",
             field="run",
         )
-    # compute_deliveries sends one message per row of motion, so it gets one row per message. Arrival ticks depend only
-    # on run, sender and tick of the messages (and on tracks); the columns about reading are zeros of the right shape.
+    # compute_deliveries sends one message per row. A strategy may send at other times than its samples, so the rows and
+    # stops given here are those of messages, not of samples. Arrival ticks depend only on run, sender and tick of the
+    # messages, and on tracks. All other columns matter only for samples and for when messages are read: their values
+    # are zeros, or those of the motion.
     rows = Rows(
         bounds=read_only(np.array([0, messages])),
         runs=read_only(np.array([run], dtype=np.int64)),

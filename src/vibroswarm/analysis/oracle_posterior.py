@@ -89,17 +89,18 @@ class Known(NotebookView):
     known: Interval
     """Share of runs in which the side of the boundary could be known by the end."""
     wrong: Interval
-    """Share of the runs with a known side in which this side is wrong; its expected value is ``claimed`` if floors
-    follow the prior."""
+    """Share of the runs with a known side in which this side is wrong; runs without a truth are left out. Its expected
+    value is ``claimed`` if floors follow the prior."""
     claimed: Interval
-    """Mean posterior error at the time of knowing: the expected share wrong, at most alpha."""
+    """Mean posterior error at the time of knowing, over the same runs as ``wrong``: the expected share wrong, at most
+    alpha."""
     time_s: Interval
     """Mean of min(time known, t_end)."""
     monte_carlo_error: float
     """Largest Monte Carlo standard error of a posterior at a decision; 0 if it is exact."""
     unsettled: int
-    """Runs in which the Monte Carlo error was too large to compare a posterior with 1 - alpha. In these runs the side
-    counts as not known."""
+    """Number of runs in which the Monte Carlo error was too large, at one time or more, to compare the posterior with
+    1 - alpha. At such a time the side counts as not known; it may still be known at a later one."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields for JSON, with the figures over time but without the table of runs."""
@@ -138,10 +139,11 @@ def could_be_known(
         energies: compute the posterior from the energies that were read (Gamma sensor), not from the bits.
         level: confidence level of the limits.
     Raises:
-        InputError: runs that stopped early; an alpha outside (0, 1/2); times that do not increase; an unknown prior, or
-            one of other length than N + 1; energies that the result does not hold, or whose densities are not known or
-            depend on more than the tile below; no tile in the arena, or tiles that its border cuts; or too many runs
-            in which the chains do not converge.
+        InputError: runs that stopped early; an alpha outside (0, 1/2); a level outside (0, 1); times that do not
+            increase; an unknown prior, or one of other length than N + 1; energies that the result does not hold, or
+            whose densities are not known or depend on more than the tile below; no tile in the arena, or tiles that
+            its border cuts; with chains, a tile outside the arena, or edges that reach over too many tiles; or too
+            many runs in which the chains do not converge.
     """
     if result.runs["stopped_early"].any():
         raise InputError(
@@ -165,6 +167,7 @@ def could_be_known(
     else:
         posteriors = _exactly(result, prior, alpha, times, energies)
     runs = pl.DataFrame([p.row for p in posteriors], schema=_RUNS, orient="row")
+    # A side can be right or wrong only in a run with a truth.
     decided = runs.filter((pl.col("decision") != -1) & pl.col("truth").is_not_null())
     wrong = decided.filter(pl.col("decision") != pl.col("truth")).height
     unsettled = sum(not p.settled for p in posteriors)
@@ -259,6 +262,7 @@ def _exactly(
     taken_s, boundary = result.motion["time_s"].to_numpy(), scenario.decision.decision_boundary
     posteriors = []
     for run, truth in result.runs.select("run", "truth").iter_rows():
+        # Samples are sorted by run: those of this run have the indices from ``low`` to ``high`` - 1.
         low, high = np.searchsorted(run_of_sample, [run, run + 1])
         part = slice(int(low), int(high))
         floor = result.floor(run)
@@ -409,10 +413,11 @@ def on_both_sides(result: Result) -> Result:
     the floors are in the table of floors.
 
     Args:
-        result: at least one run, all simulated to t_end, with floors drawn at random for each run.
+        result: at least one run. The runs must be ones that ``simulation.replay`` accepts: simulated to t_end, with a
+            strategy that does not steer.
     Raises:
-        InputError: floors are not drawn for each run, the arena's border cuts them, or their fill ratio is the
-            boundary.
+        InputError: floors are not drawn for each run, the arena's border cuts them or leaves tiles outside, their fill
+            ratio is the boundary, or the runs cannot be replayed.
     """
     scenario = result.scenario
     if not scenario.floor.drawn_by_run:
@@ -437,12 +442,13 @@ def on_both_sides(result: Result) -> Result:
     weights = mirrored(vibrating, tiles, scenario.decision.decision_boundary)
     weights[vibrating] = 0.0
     mirror = int(weights.argmax())
+    # ``!r`` writes the share with all digits, so that it gives exactly ``mirror`` tiles.
     other = replay(result, scenario.with_values({"floor.source": f"random:{mirror / tiles!r}"}))
     tables: dict[str, Any] = {
         name: _alternating(getattr(result, name), getattr(other, name))
         for name in ("observations", "inference", "robots", "runs", "floors")
     }
-    return replace(result, **tables)  # the other tables tell of the motion, which is the same
+    return replace(result, **tables)  # the other tables do not depend on floors
 
 
 def _alternating(even: pl.DataFrame, odd: pl.DataFrame) -> pl.DataFrame:

@@ -106,10 +106,11 @@ def compare(
 
     Args:
         first, second: ``run_figures`` of the two cells, of the same seed; rows with the same run number are a pair.
-        figures: columns to compare, of both tables. level: confidence level of the intervals. seed: of the sign flips.
+        figures: names in ``DIRECTIONS``, each a column of both tables. level: confidence level of the intervals.
+        seed: of the sign flips.
     Returns: one comparison per figure, in the order of ``figures``.
     Raises:
-        InputError: a figure that cannot be compared, or no run in both cells.
+        InputError: a figure that is not in ``DIRECTIONS``, no run in both cells, or a level outside (0, 1).
     """
     check_level(level)
     for figure in figures:

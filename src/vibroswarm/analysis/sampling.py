@@ -126,6 +126,8 @@ class Walk(NotebookView):
         Args:
             tile, observation: columns of the table of observations, (rows,) each. tiles: number of tiles in the arena;
                 None: for each run the highest index of a visited tile + 1.
+        Raises:
+            InputError: ``tiles`` is smaller than an index of a visited tile + 1.
         """
         if self.first.size == 0:
             return {name: np.empty(0) for name in WALK}
@@ -147,8 +149,8 @@ class Walk(NotebookView):
         return cached[2]
 
     def _steps(self, samples: pl.DataFrame) -> dict[str, NDArray[np.float64]]:
-        """Compute the columns of ``walk_figures`` that depend on motion only, (runs,) each."""
-        if samples.is_empty():
+        """Compute the columns of ``walk_figures`` that need places and times of samples, (runs,) each."""
+        if samples.is_empty():  # ``figures`` then returns empty columns, and ``_consecutive`` needs a row
             return {}
         before, after = _consecutive(samples, self.first, self.count)
         x, y, t = (samples[name].to_numpy() for name in ("x_m", "y_m", "time_s"))
@@ -196,10 +198,11 @@ def _mean_of_steps(
     Args:
         after: row of the later sample of each step, from ``_consecutive``. first: first row of each run, (runs,).
     """
-    # bounds[r]: index of the first step of run r, where its steps begin and those of run r - 1 end. Steps are ordered
-    # by run, so it is the first step at which the running maximum of ``after`` is at least first[r], the first row of
-    # run r. A run without steps has the same bound as the next run. The appended row lies behind all others, so that
-    # the last bound is the number of steps.
+    # bounds[r]: index of the first step of run r; the last bound is the number of steps. Rows and steps are ordered by
+    # run, so this is the first step whose ``after`` is first[r], the first row of run r, or higher. Within a run steps
+    # are ordered by robot, so ``after`` is not sorted; the search is therefore in its running maximum. A run without
+    # steps has the same bound as the next run. The appended row is higher than all of ``after``, which gives the last
+    # bound.
     bounds = np.searchsorted(np.maximum.accumulate(after), np.append(first, after.max(initial=0) + 1))
     steps = np.diff(bounds)
 
@@ -334,10 +337,10 @@ def correlogram(
         of: "bits": the values that were read; "tiles": 1 if the tile below vibrates, else 0, without sensor errors.
         level: confidence level of the limits.
     Returns: one row per bin: from_m (included), to_m (excluded), pairs (mean number per run), correlation (mean over
-        runs), low, high (its limits). The last three are null in a bin without pairs, and low and high are null if
-        only one run has pairs in it.
+        runs), low, high (its limits). A run has a correlation in a bin if it has pairs in it and its values are not all
+        equal. The last three columns are null if no run has one, and low and high are null if only one run has.
     Raises:
-        InputError: fewer than two edges, edges that do not increase, or another ``of``.
+        InputError: fewer than two edges, edges that do not increase, another ``of``, or a level outside (0, 1).
     """
     if of not in ("bits", "tiles"):
         raise InputError(f"'{of}' has no correlogram; give bits or tiles", field="of")
@@ -410,7 +413,7 @@ def lag_one(result: Result, level: float = 0.95) -> Interval:
     """Compute the correlation of the bits of consecutive samples of a robot (lag-1 correlation), averaged over runs.
 
     The pairs of all robots of a run count together. Runs without consecutive samples, and runs whose bits are all
-    equal, are left out.
+    equal, are left out; the interval is undefined (nan) if no run is left.
     """
     ordered = result.observations.sort("run", "robot", "sample")
     # A number that is the same in all rows of one robot in one run.
@@ -429,9 +432,12 @@ def lag_one(result: Result, level: float = 0.95) -> Interval:
 def packet_loss(result: Result) -> pl.DataFrame:
     """Count the messages addressed to, and received by, the robots of each run; compute the share that was lost.
 
-    Each robot broadcasts one message per sample. Of the other robots' messages, those sent at least two control periods
-    before the receiver's last stop began are counted as addressed to it: when it took its last sample, each of these
-    had been received or lost, while later ones may still have been under way. Robots without samples do not count.
+    Each robot is taken to broadcast one message per sample, which arrives one control period later or not at all. So
+    the share includes robots out of range, and is not meaningful for strategies that send at other times or for
+    networks that delay messages. Robots read messages only while they walk: for the last time one control period before
+    a stop, when they read messages sent at least one period earlier. So of the other robots' messages, those sent at
+    least two control periods before the receiver's last stop began are counted as addressed to it: it had read each of
+    these by its last sample, unless the message was lost. Robots without samples do not count.
 
     A recording may lack rows of samples whose messages were sent nevertheless. So messages are counted by the index
     ``sample`` of a robot's samples, not by rows.

@@ -36,7 +36,8 @@ Prior = PriorName | ArrayLike
 Values = NDArray[np.float64]
 
 _BLOCK: Final = 4_000_000
-"""Numbers in memory at once."""
+"""Largest number of entries, rows times (N + 1), of the arrays with which ``posterior_of_counts`` computes a block of
+rows."""
 _SMALL: Final = 1e-290
 """Sums below this may suffer from underflow and are recomputed in logarithms."""
 

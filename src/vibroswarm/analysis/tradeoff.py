@@ -59,10 +59,11 @@ def time_error_curve(
         batch: number of runs computed together. workers: number of threads.
     Returns: one row for each pair; pairs are in the given order, with all values of O_c for the first p_c first.
         Columns: credible_threshold, min_observations, error, error_low, error_high, all columns of
-        ``CellSummary.as_row``, and pareto (whether the point is on the Pareto front).
+        ``CellSummary.as_row``, and pareto (whether the point is on the Pareto front). The error is over the runs with
+        a truth; if there are none, it is null and no point is on the front.
     Raises:
-        InputError: no settings, u outside [0, 1], batch or workers below 1, a setting that the scenario refuses, or a
-            strategy that steers.
+        InputError: no settings, u outside [0, 1], batch or workers below 1, a seed or runs that ``check_runs`` refuses,
+            a level outside (0, 1), a setting that the scenario refuses, or a strategy that steers.
     """
     settings = list(product(credible_thresholds, min_observations))
     if not settings:
@@ -121,7 +122,7 @@ def replayed(
             threads, each with one batch at a time.
     Yields: for each batch of runs, in the order of ``runs``, the tables of robots and of runs of each point.
     Raises:
-        InputError: the strategy steers.
+        InputError: the strategy steers; raised when the first batch is requested.
     """
     refuse_steering(base)
 

@@ -2,6 +2,7 @@
 
 | name | symbol | equation |
 |---|---|---|
+| belief | p | the robot's probability that the share of ones is below the boundary: belief in decision 0 |
 | confidence at decision time | - | p for decision 0, 1 - p for decision 1, at the time of the decision |
 | estimate | f | alpha / (alpha + beta), posterior mean at the end |
 | interval | - | 2.5 % and 97.5 % quantiles of Beta(alpha, beta) |
@@ -34,15 +35,15 @@ class RobotVerdict(NotebookView):
     robot: int
     """Number of the robot."""
     decision: int
-    """0 or 1; -1: undecided."""
+    """0 or 1; -1: undecided; None: not logged."""
     decision_time_s: float | None
     """Time of the decision; None if there is none."""
     belief_at_decision: float | None
-    """p, the belief that the share of ones is below the boundary, at the decision."""
+    """p at the decision; None if there is none."""
     belief_in_decision: float | None
-    """Confidence at decision time."""
+    """Confidence at decision time; None if the robot has not decided or has no belief."""
     belief: float | None
-    """p at the end."""
+    """p at the decision or, for an undecided robot, at its last sample or timer."""
     estimate: float | None
     """Posterior mean of the share of ones."""
     interval: tuple[float, float] | None
@@ -66,10 +67,13 @@ class RobotVerdict(NotebookView):
 
 @dataclass(frozen=True)
 class Verdict(NotebookView):
-    """The outcome of one run; times in s."""
+    """The outcome of one run; times in s.
+
+    ``consensus``, ``right``, ``wrong`` and ``undecided`` are None if a recording lacks the decision of any robot.
+    """
 
     consensus: str | None
-    """One of ``outcomes.CONSENSUS``; None if a recording does not contain decisions."""
+    """One of ``outcomes.CONSENSUS``."""
     consensus_time_s: float | None
     """When the last robot decided; None without a consensus."""
     decision: int | None
@@ -121,9 +125,9 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
     Args:
         run: number of the run; by default the first run of the result.
     Raises:
-        InputError: the result holds no such run.
+        InputError: ``result`` is not a ``Result``, or holds no such run.
     """
-    check_threads()
+    check_threads()  # polars, which starts threads, would hang in a forked process
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     available = result.runs["run"].to_list()
     run = int(available[0]) if run is None and available else run
@@ -174,7 +178,7 @@ def _robot(row: dict[str, Any]) -> RobotVerdict:
     from scipy.special import betaincinv
 
     alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]
-    # A belief is the probability that decision 0 is right.
+    # ``belief`` is p, the belief in decision 0. It is None for a robot that has not decided, or has no belief.
     confidence_at_decision = None if belief is None else (belief if row["decision"] == 0 else 1.0 - belief)
     return RobotVerdict(
         robot=row["robot"],
@@ -218,7 +222,7 @@ def headline(found: Verdict) -> str:
     """Return the swarm's outcome as one sentence, such as "CONSENSUS, RIGHT: all 20 robots decided ...".
 
     Args:
-        found: of the run, from ``verdict``.
+        found: outcome of the run, from ``verdict``.
     """
     if found.consensus is None:
         return "Decisions were not logged."
@@ -243,7 +247,8 @@ def headline(found: Verdict) -> str:
 def confidence(found: Verdict) -> str:
     """Return a sentence with the range, over robots, of the confidence at decision time.
 
-    If no robot decided, the sentence gives the range of their beliefs in answer 0 at the end of the run.
+    If no robot has a confidence, the sentence gives the range of their beliefs in answer 0 at the end of the run. If
+    they have no beliefs either, it says so, or that no robot took a sample.
 
     Args:
         found: outcome of the run, from ``verdict``.
@@ -256,6 +261,7 @@ def confidence(found: Verdict) -> str:
             if any(r.samples for r in found.robots):
                 return "Confidence: not defined; these robots report no belief."
             return "No robot took a sample."
+        # "less" is short for "less than 50 % vibrates", answer 0 of the question about the share of vibrating tiles.
         answer = "less" if found.of_shares else found.answers[0]
         return f"Confidence: no robot decided; belief in '{answer}' is {_range(beliefs)}. {note}"
     return f"Confidence at decision time: {_range(beliefs)}. {note}"
@@ -299,6 +305,9 @@ OPINION_NOTE: Final = (
 
 
 def holds_opinions(scenario: Scenario) -> bool:
-    """Return whether robots count conclusions of others as readings; False for a strategy that is not built in."""
+    """Return whether robots count conclusions of others as readings, so that ``OPINION_NOTE`` applies.
+
+    This is not known of strategies that are not built in; the result is False for them.
+    """
     name = scenario.strategy.name
     return name in _ALWAYS or (name == "bayes_bots" and bool(scenario.strategy.params.positive_feedback))

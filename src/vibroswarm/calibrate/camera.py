@@ -98,8 +98,9 @@ RIGHT: Final = Camera()
 def corrected(result: Result, camera: Camera) -> Result:
     """Return a recording with the true positions of its samples and tracks; a simulation is returned unchanged.
 
-    The positions of a recording are those that the camera saw. The positions of a simulation are true already. Samples
-    have their positions in the table ``motion``.
+    The positions of a recording are those that the camera saw. The positions of a simulation are true already. Only the
+    tables ``motion`` (of samples) and ``tracks`` change. Positions in ``ends`` and ``segments``, and the tiles in
+    ``observations``, stay those that the camera saw.
     """
     if camera == RIGHT or not isinstance(result, Recording):
         return result
@@ -112,7 +113,8 @@ def corrected(result: Result, camera: Camera) -> Result:
 def seen_through(result: Result, camera: Camera) -> Result:
     """Return a simulation with samples where the camera would have seen them; a recording is returned unchanged.
 
-    The positions of a recording are already those that the camera saw.
+    The positions of a recording are already those that the camera saw. Only the table ``motion`` changes: bits and
+    energies stay those read at the true positions.
     """
     if camera == RIGHT or isinstance(result, Recording):
         return result

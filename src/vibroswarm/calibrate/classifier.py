@@ -185,7 +185,8 @@ def classifier_accuracy(
 
     Every classifier is tested on one robot and trained on the other robots. The result has three figures.
     ``simulated``: real session i is tested against simulated session i, by a classifier trained on the other sessions;
-    if there are fewer simulated sessions than real ones, the simulated ones are used again from the first.
+    if there are fewer simulated sessions than real ones, the simulated ones are used again from the first. A real or
+    simulated session that is the only one of its kind is used for the training too.
     ``simulated_by_robot``: each pair of a real and a simulated session is distinguished by a classifier trained on the
     other robots of this pair. ``real``: each pair of real sessions is distinguished in the same way.
 

@@ -78,7 +78,7 @@ class Reading(NotebookView):
 
     @property
     def deviation(self) -> float:
-        """Recorded minus simulated value, in standard deviations between simulated sessions; NaN if that is 0."""
+        """Recorded minus simulated value, in units of ``spread``; NaN if all simulated sessions have the same value."""
         return (self.recorded - self.simulated) / self.spread if self.spread > 0 else np.nan
 
 
@@ -95,15 +95,16 @@ class Fold(NotebookView):
     readings: tuple[Reading, ...]
     """Statistics of the bits, without those that are unknown."""
     accuracy_fitted: float
-    """Accuracy of a classifier between the session's stretches and simulated ones, tested on other robots than trained
-    on; mean over ``CLASSIFIED`` simulated sessions. Chance is 0.5."""
+    """Accuracy of a classifier between stretches (consecutive samples of one robot) of the session and of a simulated
+    one, tested on other robots than trained on; mean over ``CLASSIFIED`` simulated sessions. Chance is 0.5."""
     accuracy_simulator: float
     """Accuracy of a classifier between the session's stretches and those of another simulator; NaN without one."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON; null where a value is unknown.
 
-        ``told_apart`` is ``accuracy_fitted``, and ``told_apart_other`` is ``accuracy_simulator``.
+        ``told_apart`` is ``accuracy_fitted``, and ``told_apart_other`` is ``accuracy_simulator``. ``fields`` are the
+        fitted fields of the scenario; the rest of the fit is left out.
         """
         return {
             "session": self.session,
@@ -120,8 +121,9 @@ class Fold(NotebookView):
 def on_floor(base: Scenario, floor: Floor) -> Scenario:
     """Return the scenario with this floor's tiles, their size and place.
 
-    If the tiles fill the arena exactly, the fields of the tile size become None, the scenario's default: a scenario
-    without a tile size has tiles that fill its arena.
+    ``floor.source`` is only the name of the floor here, because ``floor.tiles`` takes precedence over it. If the tiles
+    fill the arena exactly, the fields of the tile size become None, the scenario's default: a scenario without a tile
+    size has tiles that fill its arena.
     """
     rows, columns, width, height, left, bottom = floor.geometry
     arena = base.arena
@@ -194,6 +196,8 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Datas
     scenario = on_floor(fitted.scenario, found.floors[session])
     # Each fold has a seed of its own, so that its simulations are independent of those of the other folds.
     dataset = dataset_of([simulate(scenario, _SEED + session, SIMULATED)])
+    # The positions of real sessions are those that their camera saw, so simulated samples are compared as it would see
+    # them. Only the samples are replaced, because the comparisons below use no other table.
     simulated = replace(dataset, samples=dataset.seen_by(fitted.camera))
     held_out = found.only([session]).samples
     threshold = scenario.sensor.rms_threshold
@@ -203,7 +207,8 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Datas
     readings = []
     for name, value in recorded.items():
         in_simulation = np.array([rates[name] for rates in by_session])
-        # A standard deviation needs two values.
+        # A statistic is left out if it is unknown in this session or in too many simulated ones: a standard deviation
+        # needs two values.
         if np.isfinite(value) and np.isfinite(in_simulation).sum() > 1:
             mean, spread = float(np.nanmean(in_simulation)), float(np.nanstd(in_simulation, ddof=1))
             readings.append(Reading(name, value, mean, spread))
@@ -221,7 +226,8 @@ def _fold(found: Dataset, rest: Dataset, session: int, fitted: Fit, other: Datas
 def _recognised(held: pl.DataFrame, others: list[pl.DataFrame]) -> float:
     """Return how well a classifier distinguishes one session from each of the others: mean balanced accuracy.
 
-    It is tested on other robots than it was trained on. With one real session it cannot be tested on other sessions.
+    Each classifier is trained and tested on the same pair of sessions, but on different robots: as only one real
+    session is given, none is left for a test on another session.
     """
     return float(
         np.mean([classifier_accuracy([held], [other]).simulated_by_robot.estimate for other in others])
@@ -266,7 +272,8 @@ def readings_of(samples: pl.DataFrame, threshold: float) -> dict[str, float]:
 
     The statistics are the false positive and false negative rates, over all samples and by distance from the edge
     (``EDGES_M``; larger distances are in no class), the share of ones, and the correlation of successive bits of a
-    robot. A rate without samples is NaN.
+    robot. Its deviations are from the mean bit of all robots, so differences between robots contribute to the
+    correlation. A rate without samples is NaN.
 
     Args:
         samples: samples of one session, with ``edge_m`` (``Dataset.samples``).

@@ -23,8 +23,10 @@ avoidance and without a turn on the spot.
 
 An undisturbed interval is recognised by its duration: intervals without avoidance usually have no turn either, so their
 median duration is that of an undisturbed interval, and intervals within ``CALM_S`` of this median count as undisturbed.
-The drive is the part of the interval before the robot stops to sample. Speed and veer are measured without the first
-and last tracked steps of the drive, in which the robot starts and stops.
+Intervals whose two samples are at most ``LEAST_M`` apart do not count: the robot hardly moved. ``drive_table`` leaves
+them out before the median is computed, ``undisturbed`` only afterwards. The drive is the part of the interval before
+the robot stops to sample. Speed and veer are measured without the first and last tracked steps of the drive, in which
+the robot starts and stops.
 
 Where a robot samples depends on the turn from sample to sample, which includes starts and stops. The veer does not: it
 is the slope of the course in the middle of a drive, and is smaller.
@@ -245,6 +247,8 @@ IQR_TRIANGULAR: Final = 2.0 * (np.sqrt(6.0) - np.sqrt(3.0))
 def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
     """Return the undisturbed intervals whose previous interval is undisturbed too, so that a turn is defined.
 
+    Intervals with a turn of ``MOST_TURN`` or more are left out, because it is taken to be a turn on the spot.
+
     Args:
         samples: ``features.sample_table``, of any number of sessions.
     Returns:
@@ -257,7 +261,7 @@ def undisturbed(samples: pl.DataFrame) -> pl.DataFrame:
     without_avoidance = pl.col("avoid_s") < 1e-9
     usual_s = samples.filter(without_avoidance)[
         "spacing_s"
-    ].median()  # None without rows: none is then chosen below
+    ].median()  # None without rows; ``usual_duration`` is then null, and no interval is chosen
     usual_duration = (pl.col("spacing_s") - usual_s).abs() <= CALM_S
     calm = without_avoidance & usual_duration & (pl.col("distance_m") > LEAST_M)
     turn = pl.arctan2("dy_m", "dx_m").diff().over(key)
@@ -313,7 +317,8 @@ def course_of(own: pl.DataFrame) -> Course | None:
         bend_per_m=middle / arc_m,
         spread_per_m=spread / arc_m,
         slow_share=_slow_share(own["index"].to_numpy(), turn - middle, spread),
-        # The distribution of distances is triangular, so the factor of the normal law is replaced.
+        # Becomes ``robot.speed_wander``, the sd of a triangular law, so the factor of the normal law is replaced by
+        # that of a triangular one.
         distance_spread=quartile_spread(distance - line) * IQR / IQR_TRIANGULAR / float(np.median(distance)),
         turns=own.height,
         samples=int(own["index"][-1]) + 1,
@@ -327,7 +332,7 @@ def quartile_spread(values: Floats) -> float:
 
 
 def _slow_share(index: NDArray[np.int64], deviation: Floats, spread: float) -> float:
-    """Return the mean autocorrelation of turns over ``SLOW_LAGS``, clipped to [0, 1].
+    """Return the autocorrelation of turns over all pairs that are one of ``SLOW_LAGS`` apart, clipped to [0, 1].
 
     The result is NaN if no two intervals are one of these lags apart, or if all deviations are equal.
 

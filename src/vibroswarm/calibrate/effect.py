@@ -67,8 +67,8 @@ def effects(
     The motion of each scenario is simulated once for each seed, and replayed under each strategy.
 
     Args:
-        first, second: the scenarios to compare, with the same end of a run. Their own strategies do not matter, but
-            must not steer.
+        first, second: the scenarios to compare. Both must have the same ``run.t_end_s``, which is not checked: that of
+            ``first`` is used for both. Their own strategies do not matter, but must not steer.
         runs: number of runs for each scenario and seed.
         seed: the seed of the estimates; ``seed`` + 1 is used to confirm the differences.
         strategies: names of the strategies, none of which steers.
@@ -81,6 +81,7 @@ def effects(
             t_end.
     """
     runs = whole_number_of(runs, "runs", 1, MAX_RUNS)
+    # ``replay`` refuses steering too, but only after the first simulation.
     for scenario in (first, second):
         refuse_steering(scenario)
         for name in strategies:
@@ -93,6 +94,7 @@ def effects(
             pieces: dict[str, list[Tables]] = {name: [] for name in strategies}
             for start in range(0, runs, BATCH):
                 chosen = list(range(start, min(start + BATCH, runs)))
+                # The tables of robots and of runs depend on bits, so energies are not kept.
                 shared = simulate(scenario, seed + block, chosen, energies=False)
                 for name in strategies:
                     replayed = replay(shared, scenario.with_values({"strategy.name": name}))

@@ -66,8 +66,9 @@ def sample_table(result: Result) -> pl.DataFrame:
 
     Columns of the sample: run, robot, sample, time_s, x_m, y_m, energy, and vibrating (whether the tile below
     vibrates). Columns of the interval since the robot's previous sample, null at its first sample: dx_m, dy_m,
-    distance_m, spacing_s (the time between the two samples) and avoid_s (time spent avoiding). Column wraps: how often
-    the robot's 16-bit counter of avoidance time started again from 0 since the previous sample.
+    distance_m, spacing_s (the time between the two samples) and avoid_s (time spent avoiding; also null if a recording
+    does not log it). Column wraps: how often the robot's 16-bit counter of avoidance time started again from 0 since
+    the previous sample.
 
     Raises:
         InputError: the result has no energies.
@@ -95,7 +96,8 @@ def sample_table(result: Result) -> pl.DataFrame:
         dx_m=since("x_m"),
         dy_m=since("y_m"),
         spacing_s=since("time_s"),
-        # The table of motion has avoid_s as a difference already, but for the first sample too, where it becomes null.
+        # In the table of motion, avoid_s is the time since the previous sample already. At a robot's first sample it is
+        # the time since the start of the run, so it is replaced by null there.
         avoid_s=pl.when(since("time_s").is_not_null()).then(pl.col("avoid_s").cast(pl.Float64)),
     )
     frame = frame.with_columns(distance_m=(pl.col("dx_m") ** 2 + pl.col("dy_m") ** 2).sqrt())
@@ -118,8 +120,9 @@ def _wraps(result: Result, frame: pl.DataFrame) -> pl.Series:
     key = ["run", "robot", "sample"]
     totals = frame.join(result.rows.select(*key, "avoid_total_s"), on=key, how="left", maintain_order="left")
     wraps = totals.select(
-        # A recording holds the total without wraps, so total / wrap, rounded down, counts the wraps since the start;
-        # 1e-9 makes up for rounding errors where the total is a multiple of the wrap.
+        # ``avoid_total_s`` of a recording grows on where the robot's counter wrapped, so total / (value at which it
+        # wraps), rounded down, counts the wraps since the start. 1e-9 makes up for rounding errors where the total is a
+        # multiple of this value.
         (pl.col("avoid_total_s") / pl.col("run").replace_strict(wraps_at, return_dtype=pl.Float64) + 1e-9)
         .floor()
         .diff()
@@ -207,10 +210,12 @@ def _bin_of(values: Floats, edges: Floats) -> NDArray[np.int64]:
 
 
 def shapeless(feature: str, u: Floats) -> Floats:
-    """Return values of a feature without any structure: uniform over its range (1 m by 1 m for places).
+    """Return values of a feature without any structure, uniform over its range.
 
-    The range of energies ends at the limit that the authors used; the other ranges are those of the authors'
-    histograms. The shape is (n, 1) or (n, 2), as that of ``values_of``.
+    Their similarity to real values is the null, which a simulation without structure would reach
+    (``similarity.null_similarity``). The range of energies ends at the limit that the authors used; the other ranges
+    are those of the authors' histograms. For places, whose histogram covers the range of its own data, any rectangle
+    gives the same histogram. The shape is (n, 1) or (n, 2), as that of ``values_of``.
 
     Args:
         u: uniform numbers in (0, 1), (n, 2); the second column is not used for a feature with one column.

@@ -122,7 +122,7 @@ def fit(
     # The scenario holds fitted values with five digits after the point.
     rounded = {name: round(value, 5) for name, value in sensor.values.items()}
     for name, value in rounded.items():
-        if name not in SPREADS or value > 0:  # a spread is left out if it is 0: its field must be positive
+        if name not in SPREADS or value > 0:  # a spread field must be positive: for 0, that of the base stays
             changed[f"sensor.{name}"] = value
     changed["sample.interrupts_avoidance"] = avoidance_beyond(found, base).value < INTERRUPTED_BELOW
     changed |= rays.fields(base)
@@ -131,12 +131,14 @@ def fit(
         changed["sample.stop_ms"] = stop_ms
     if loss is not None:
         changed["network.name"], changed["network.loss.share"] = "loss", round(loss.value, 5)
-    speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]  # mean speed of the scenario's robots
+    # Mean speed of the scenario's robots at the start.
+    speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]
     options = {} if candidates is None else {"candidates": candidates}
     # Avoidance is fitted last, by simulations with all other fields fitted.
     avoidance = fit_avoidance(found, base.with_values(changed), speed_m_s, progress=progress, **options)
     changed |= avoidance.fields(base.with_values(changed), speed_m_s)
     changed |= camera.camera.fields()
+    # Without a camera error there are no draws, and the camera gives no estimates.
     camera_values = {name: getattr(camera.camera, name) for name in camera.draws}
     # Estimates of the camera and the sensor are fields of these sections; the others have names of their own.
     figures = [
@@ -182,10 +184,11 @@ def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
 def _share(name: str, value: float, each: Floats) -> Fitted:
     """Return a share with its standard error and 95 % interval, from the scatter between clusters.
 
-    The error and the interval are NaN with fewer than two clusters.
+    The error is that of the unweighted mean over clusters. The interval is ``value`` -+ 1.96 errors; its lower limit is
+    at least 0. Both are NaN with fewer than two clusters.
 
     Args:
-        name: name of the estimate. value: the estimate.
+        name: name of the estimate. value: the estimate; it may be a weighted mean.
         each: the share in each cluster (a session, or a robot in a session), (clusters,).
     """
     error = float(each.std(ddof=1)) / math.sqrt(each.size) if each.size > 1 else math.nan

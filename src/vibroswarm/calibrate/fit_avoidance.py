@@ -98,7 +98,7 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
 
     Args:
         values: parameters by name, see the head of this module.
-        base: scenario with the rays to turn.
+        base: scenario whose rays' angles are scaled, if ``values`` has ``ray_deg``.
         speed_m_s: speed of the robots' wheels, with which the turning rate gives the track of a turning robot.
     """
     rays = base.rays
@@ -123,8 +123,10 @@ def fields_of(values: dict[str, float], base: Scenario, speed_m_s: float) -> dic
 def summary(samples: pl.DataFrame, arena_m: tuple[float, float]) -> Floats:
     """Return the statistics of one session, (statistics,), in the order of ``SUMMARIES``.
 
-    The rim is the outermost fifth of the arena on each side: the paper's floor has 5 x 5 tiles. Statistics are NaN if
-    no robot has two samples, or without times spent avoiding.
+    The rim is the outermost fifth of the arena on each side: the paper's floor has 5 x 5 tiles. The quantiles of
+    avoidance times are over intervals with avoidance; they are 0 if there is none. If no interval has a known time
+    spent avoiding, the first two statistics are NaN; if no robot has two samples, all statistics of intervals but the
+    quantiles and the ends of legs are.
 
     Args:
         samples: samples of one session, ordered by robot and time.
@@ -171,10 +173,12 @@ def fit_avoidance(
         scenario: scenario in which all other fields are fitted already.
         speed_m_s: mean speed of the robots at the start, which turns turning rates into a track (``fields_of``).
         candidates: number of parameter vectors tried, one run each.
-        progress: called with the share of the runs that is done, 0 to 1.
+        progress: called with the share of the runs that is done, after each candidate; the last ``CHECKS`` runs are not
+            reported, so the share stays below 1.
     """
     real = np.array([summary(session.sort("robot", "time_s"), found.arena_m) for session in found.by_session])
-    rays_fitted = scenario.rays.forward_each_m is not None  # the field that ``fit_rays`` sets
+    # ``fit_rays`` sets this field together with the angles; a scenario that had it before counts as fitted too.
+    rays_fitted = scenario.rays.forward_each_m is not None
     prior = PRIOR | ({} if rays_fitted else UNSEEN)
     # Candidates use the random numbers of "run" 0; ``_predicted`` uses those of "run" 1.
     u = uniforms(_SEED, run=0, robot=0, purpose=Purpose.OPTIMIZER, count=candidates * len(prior))

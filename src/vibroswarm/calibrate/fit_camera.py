@@ -69,7 +69,7 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
     # theta: the Gamma distributions of energies (6 values), reach and log blur, as ``fit_plain`` returns them.
     # at: magnification and shifts (3 values, units as in ``_BOUNDS``), reach and log blur.
     def edges(at: Floats) -> Floats:
-        """Return each sample's signed distance from the nearest edge, at its true position if this is the camera."""
+        """Return each sample's signed distance from the nearest edge, at its true position if ``at`` is the camera."""
         true_x, true_y = _camera(at).true(x, y, found.arena_m)
         distance = np.empty(x.size)
         for floor in set(found.floors):  # all sessions on the same floor at once
@@ -96,6 +96,8 @@ def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
 
     equal_weights = np.ones(x.size)
     at = np.zeros(5)  # a camera without error
+    # ``vibrating`` is for the tile below the seen position. ``fit_plain`` derives only its start values from it, so it
+    # is not recomputed for the cameras below.
     theta = fit_plain(energy, edges(at), samples["vibrating"].to_numpy())
     before = float(log_likelihoods(theta, energy, edges(at)).sum())
     for _ in range(ROUNDS):

@@ -11,7 +11,7 @@
 | robot.misalignment_wander | variation of m from sample to sample (``undisturbed``) |
 | robot.misalignment_drift | slow variation of m (``undisturbed``) |
 | robot.misalignment_run_spread | sd of a robot's m between sessions, minus what the variation within sessions explains |
-| robot.speed_factors, misalignments | of each robot: the mean over sessions, if robots can be matched between them |
+| robot.speed_factors, misalignments | of each robot: mean over sessions, if robots can be matched and speed_redraw is "robot" |
 
 The bend is the turn per distance driven, 1/m; the track is the distance between the wheels; a body is one robot's speed
 and bend; "wander" is variation from sample to sample.
@@ -80,7 +80,9 @@ class DriveFit:
         """Return the scenario's fields for these estimates, by dotted name; None leaves a field out.
 
         Values are clipped to what robots can have: speed factors are positive, a battery outlasts the run, and
-        misalignments are between -0.5 and 0.5. Variations are clipped to what the fields allow.
+        misalignments are between -0.5 and 0.5. Variations are clipped to what the scenario allows. Fields of individual
+        robots are given only if speeds vary more between robots than within them, because the list of their speed
+        factors requires ``speed_redraw`` "robot"; their misalignments go with it.
 
         Args:
             base: scenario with the full speed, the track and the end of a run.
@@ -100,6 +102,7 @@ class DriveFit:
             "robot.speed_factor_min": low,
             "robot.speed_factor_max": high,
             "robot.speed_redraw": "robot" if by_robot else "sample",
+            # 0.4 is the largest value that the field accepts.
             "robot.speed_wander": _round(min(self.speed_wander, 0.4)) if by_robot else None,
             "robot.battery_life_s": _round(max(values["battery_life_s"], 1.01 * base.run.t_end_s), 0),
         }
@@ -136,6 +139,8 @@ class DriveFit:
     def _each(self, base: Scenario, low: float, high: float) -> dict[str, object]:
         """Return the fields of individual robots; empty if robots could not be matched between sessions.
 
+        Misalignments are left out if the bend of any robot is unknown, because the list must have an entry for each.
+
         Args:
             base: scenario with the full speed and the track.
             low, high: bounds of the speed factors' distribution, which are widened to include all robots.
@@ -163,14 +168,14 @@ def _round(value: float, digits: int = 5) -> float:
 
 
 def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
-    """Fit speed, battery and veer; return the estimates, with bootstrap draws, and the fields of single robots.
+    """Fit speed, battery and veer over all robots, and speed and bend of each robot if robots can be matched.
 
     Args:
         found: sessions, with positions corrected for the camera.
         base: scenario with the sampling interval that the robots were programmed with.
         draws: number of bootstrap resamples of robots in sessions.
     Raises:
-        InputError: fewer than two robots with ten drives.
+        InputError: fewer than two robots with ten drives; a robot counts once in each session.
     """
     table, runs = _table_of_robots(found)
     if len(table) < 2:
@@ -229,7 +234,8 @@ def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
     """Match the robots of all sessions; return speed at the start and bend of each, (sessions, robots, 2).
 
     Robots of every session are in the order of the first session's. The result is None if sessions have different
-    numbers of robots, or if matched robots differ by more than ``APART``: the sessions then have different robots.
+    numbers of robots, or if matched robots differ too much between sessions: their variance, in units of ``APART``
+    squared, exceeds 1 in the mean over robots, speed and bend. The sessions then have different robots.
 
     Args:
         table, runs: from ``_table_of_robots``.
@@ -249,7 +255,8 @@ def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
         _, row_of_robot = linear_sum_assignment((apart**2).sum(axis=2))
         matched.append(session[row_of_robot])
     if len(matched) > 1:
-        # Variance of a robot between sessions, in units of APART squared, mean over robots: (speed, bend).
+        # Variance of a robot between sessions, in units of APART squared, mean over robots: (speed, bend). That of the
+        # bend is NaN, and counts as 0, if a single bend is unknown.
         scatter = np.nan_to_num(np.var(matched, axis=0, ddof=1).mean(axis=0)) * scale**2 / np.square(APART)
         if scatter.mean() > 1.0:
             return None
@@ -282,6 +289,8 @@ def _between_sessions(matched: Floats, values: dict[str, float], table: Floats) 
     in_two_sessions = np.isfinite(bends).sum(axis=0) > 1
     if not in_two_sessions.any():
         return 0.0
+    # Both estimates exist, because a bend that is known in two sessions gives two known bends. ``within`` is a
+    # variance.
     within, slow = values["bend_within_per_m"] ** 2, values["slow_share"]
     turns, samples = (float(np.nanmean(table[:, column])) for column in (TURNS, SAMPLES))
     # Variation from sample to sample: an interval's own turn has the variance 2 within (1 - slow), because a measured

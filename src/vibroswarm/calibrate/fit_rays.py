@@ -79,9 +79,10 @@ class RaysFit:
 def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
     """Fit the angles and starts of the rays, and the largest turn at the end of a leg.
 
-    A robot's number is taken to mean the same robot, with the same sensors, in all sessions. The estimates of the rays
-    are left out if a robot has fewer than ``LEAST_APPROACHES`` approaches. The estimate of the largest turn is left out
-    if there are fewer than ``LEAST_TURNS`` turns.
+    A robot's number is taken to mean the same sensors in all sessions. (In the study's recordings the starts of the
+    rays belong to the number, but speed and veer do not, so ``fit_drive`` matches robots instead.) The estimates of the
+    rays are left out if a robot has fewer than ``LEAST_APPROACHES`` approaches. The estimate of the largest turn is
+    left out if there are fewer than ``LEAST_TURNS`` turns.
 
     Args:
         found: sessions, with positions corrected for the camera.
@@ -136,8 +137,8 @@ def fit_rays(found: Dataset, base: Scenario, draws: int = DRAWS) -> RaysFit:
 def _largest_turn_deg(turned: Floats) -> float:
     """Return the largest turn at the end of a leg, deg, from the observed turns without sign, rad.
 
-    The estimate 2 mean - a_0 is clipped: to 180 degrees at most, and to twice ``LEAST_TURN`` (a_0) at least, because a
-    smaller largest turn would hardly have been observed.
+    The estimate 2 mean - a_0 is clipped: to 180 degrees at most, and to twice ``LEAST_TURN`` (a_0) at least, because
+    with a smaller largest turn fewer than half of the turns would exceed a_0 and be observed.
     """
     return float(np.degrees(np.clip(2 * turned.mean() - LEAST_TURN, 2 * LEAST_TURN, np.pi)))
 
@@ -177,15 +178,16 @@ def _fit_forward(
     """Return F of each robot, m, (robots,), given the outermost angle; and the mean absolute error of distances, m.
 
     Let M be the maximum over rays in the equation of d(i). The errors |d - M - F cos i| are smallest in total if F is
-    the median of (d - M) / cos i with the weights cos i.
+    the median of (d - M) / cos i with the weights cos i. In the mean that is returned, errors above ``CLIP_M`` count as
+    ``CLIP_M``.
 
     Args:
         distance, incidence, robot: distance (m), incidence (rad) and robot's number of each approach, (approaches,).
         base: scenario with theta_c, the lateral offsets and the ratios of the rays' angles.
         ray_deg: the outermost angle.
     """
+    reach = base.walk.avoidance_threshold_mm / 1000.0  # R = theta_c, m
     # Columns of angles and of lateral offsets, (rays, 1), so that ``rays`` below is (rays, approaches).
-    reach = base.walk.avoidance_threshold_mm / 1000.0
     angle = np.radians(_angles(base, ray_deg))[:, None]
     side = np.array(base.rays.side_m)[:, None]
     rays = reach * np.cos(angle) * np.cos(incidence) - (side + reach * np.sin(angle)) * np.sin(incidence)

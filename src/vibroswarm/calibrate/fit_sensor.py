@@ -171,7 +171,7 @@ def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
     """Return the theta that a fit starts from, (8,).
 
     For each kind of tile the shape is 4, the scale gives the standard deviation of the energies there, and the location
-    is below the least energy. The reach is 0.5 cm, the blur 1.5 cm.
+    is 0 or a value below the least energy. The reach is 0.5 cm, the blur 1.5 cm.
 
     Args:
         energy: energy of each sample, (samples,). on: whether the tile below each sample vibrates, (samples,).
@@ -189,8 +189,8 @@ def _start(energy: Floats, on: NDArray[np.bool_]) -> Floats:
         theta += [
             np.log(4.0),
             np.log(max(float(own.std()), 1e-3) / 2.0),  # with shape 4, the standard deviation is 2 scales
-            # The location must be below the least energy, because the density is 0 up to the location. Half of the
-            # least energy, after 0.1 is taken off, leaves some room; it is 0 for small energies.
+            # The location should be below the least energy, because the density is 0 up to the location. Half of the
+            # least energy, after 0.1 is taken off, leaves some room; it is 0 if the least energy is 0.1 or less.
             max(float(own.min()) - 0.1, 0.0) * 0.5,
         ]
     return np.array([*theta, 0.5, np.log(1.5)])
@@ -265,7 +265,8 @@ def _factors(
         Log factors of the tiles, (tiles,); log factors of the robots, (clusters,); and the two spreads.
     """
     from_vibrating, from_still = _parts(theta, data)
-    # Probability that a sample was read on a vibrating tile.
+    # Probability that a sample was read on a vibrating tile. Without ``_FLOOR`` it would be 0 / 0 for an energy that is
+    # impossible on both kinds; such a sample counts as read on the still tile.
     share = from_vibrating / (from_vibrating + from_still + _FLOOR)
     values = _values(theta)
     # Log energy minus its mean, if the sample was read on a vibrating tile, and if it was read on a still tile.

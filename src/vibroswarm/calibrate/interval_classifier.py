@@ -146,7 +146,8 @@ def same_robots(one: pl.DataFrame, other: pl.DataFrame, features: Sequence[str] 
 def other_robots(one: pl.DataFrame, other: pl.DataFrame) -> float:
     """Return the accuracy between two sessions, tested on robots that were not trained on.
 
-    The result is NaN if fewer than two robots are in both sessions.
+    Each robot that is in both sessions is held out in turn, while all other robots of the two sessions are trained on.
+    The result is NaN if no robot is in both sessions, or if one session has only the robot that is held out.
 
     Args:
         one, other: intervals of the two sessions, from ``undisturbed``.

@@ -89,8 +89,8 @@ class Bursts(NotebookView):
 def windows_of(result: Result) -> list[Windows]:
     """Return the windows of each robot of each run, by run and robot; robots without counts of messages are left out.
 
-    A robot sends one message at each sample, so the times of samples are the times of messages. The times of samples
-    whose rows are missing are interpolated. A window ends where the robot stops to sample.
+    A robot sends one message at each sample, so the times of samples are the times of messages (``_times``). A window
+    ends when the robot stops to sample, not at the sample, because a robot reads messages only while it walks.
     """
     tables = []
     joined = result.motion.with_columns(received=result.inference["messages_received"])
@@ -115,7 +115,10 @@ def windows_of(result: Result) -> list[Windows]:
 
 
 def _times(number: NDArray[Any], time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the times of all messages of a robot, s; the times of missing rows are interpolated.
+    """Return the times of a robot's messages from its first to its last row, s, one for each sample number.
+
+    The times of rows that are missing in between are interpolated. Messages before the first row or after the last one
+    have no known time, and are left out.
 
     Args:
         number, time_s: number and time of each sample whose row exists, (rows,).
@@ -169,7 +172,10 @@ def fit_independent(windows: Sequence[Windows]) -> Bursts:
     table, spacing_s = _Table(windows), second_s(windows)
 
     def model(at: Any) -> Bursts:
-        """Return the model at a point of the optimiser, (logit of the loss, log shift), without a bad state."""
+        """Return the model at a point of the optimiser, (logit of the loss, log shift), without a bad state.
+
+        ``bad_s`` and ``lost_in_bad`` have no effect, because no state is bad.
+        """
         return Bursts(
             bad_share=0.0, bad_s=1.0, lost_in_bad=0.0, lost_in_good=1.0 / (1.0 + math.exp(-at[0])),
             shift=math.exp(at[1]), log_likelihood=0.0, parameters=2,
@@ -294,7 +300,8 @@ def passing(model: Bursts, most_sent: int, most_received: int, spacing_s: float)
         after (0: good, 1: bad).
     """
     b = model.bad_share
-    redrawn = -math.expm1(-spacing_s / max(model.bad_s * (1.0 - b), 1e-9))  # 1 - exp(-1 / c)
+    # 1 - exp(-1 / c), with c = bad_s (1 - b) / spacing_s; 1e-9 avoids a division by 0 if b is 1.
+    redrawn = -math.expm1(-spacing_s / max(model.bad_s * (1.0 - b), 1e-9))
     # Probability of the next state (column) after each state (row).
     step = (1.0 - redrawn) * np.eye(2) + redrawn * np.array([[1.0 - b, b], [1.0 - b, b]])
     lost = np.array([model.lost_in_good, model.lost_in_bad])
@@ -315,7 +322,8 @@ def lost_for_good(windows: Windows) -> NDArray[np.int64]:
     """
     missing = np.cumsum(windows.sent - windows.received)  # messages missing so far, after each window
     lowest_from_here = np.minimum.accumulate(missing[::-1])[::-1]
-    # The count of missing messages is negative after a window that counted messages of the next window too early.
+    # Inner maximum: the count of missing messages is negative after a window that counted messages of the next window
+    # too early. The outer one has no effect: the minima never decrease, so no difference is negative.
     return np.asarray(np.maximum(np.diff(np.maximum(lowest_from_here, 0), prepend=0), 0))
 
 
@@ -337,7 +345,10 @@ def by_size(windows: Sequence[Windows]) -> NDArray[np.int64]:
 
 
 def lost_in_long_windows(windows: Sequence[Windows], times: float = 2.0) -> tuple[float, float]:
-    """Return two shares that belong to long windows: the share of the lost messages, and the share of all messages.
+    """Return how much of the lost messages, and how much of all messages, belongs to long windows, as shares.
+
+    If the first share is much larger than the second, a robot that receives nothing does not sample either: its window
+    lasts until it samples again. The model has no such dependence of losses on the length of a window.
 
     Args:
         windows: the receivers. times: a window is long if it is longer than this many times the median length.
@@ -362,7 +373,8 @@ def simulated(windows: Sequence[Windows], model: Bursts, spacing_s: float, draw:
         draw: number of the draw; the same number gives the same messages.
     """
     rng = np.random.default_rng([_SEED, draw])
-    chance = -math.expm1(-spacing_s / max(model.bad_s * (1.0 - model.bad_share), 1e-9))  # 1 - exp(-1 / c)
+    # Probability that a state is redrawn, as in ``passing``.
+    chance = -math.expm1(-spacing_s / max(model.bad_s * (1.0 - model.bad_share), 1e-9))
     made = []
     for w in windows:
         count = int(w.sent.sum())

@@ -213,7 +213,7 @@ def _draw(pair: NDArray[np.object_], values: list[Floats], feature: str) -> None
     """
     spans, bins = SPANS[feature], _BINS[feature]
     if len(spans) == 1:
-        # Shares of all values, those beyond the range included.
+        # Shares of all values, those beyond the range included. ``max`` has no effect, because there are some values.
         heights = [np.histogram(each[:, 0], bins, spans[0])[0] / max(len(each), 1) for each in values]
         for axis, height, ink in zip(pair, heights, INK, strict=True):
             axis.stairs(height, np.linspace(*spans[0], bins + 1), fill=True, color=ink)

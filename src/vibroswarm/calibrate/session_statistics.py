@@ -62,7 +62,11 @@ class Figure(NotebookView):
     """Mean over sessions with its interval; None if no session has a value."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, in SI units; limits that are not finite, as with one session, become None."""
+        """Return plain values for JSON, in SI units.
+
+        Limits that are not finite, as with one session, become None. Without an interval, there are no entries for the
+        estimate and its limits.
+        """
         values: dict[str, Any] = {"name": self.name, "by_session": list(self.by_session)}
         if self.interval is not None:
             low, high = (

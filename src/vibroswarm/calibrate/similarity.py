@@ -90,7 +90,7 @@ class Similarity(NotebookView):
 
     @property
     def share_of_way(self) -> float:
-        """Position between null (0) and ceiling (1)."""
+        """Position of ``at_equal_counts`` between null (0) and ceiling (1); it may lie outside of this range."""
         return (self.at_equal_counts - self.null) / (self.ceiling - self.null)
 
     def as_dict(self) -> dict[str, Any]:
@@ -99,9 +99,9 @@ class Similarity(NotebookView):
 
 
 def cosine(a: Floats, b: Floats) -> float:
-    """Return the cosine similarity S; nan if one histogram is empty."""
+    """Return the cosine similarity S of two flattened histograms; NaN if one of them has no counts."""
     norms = math.sqrt(float(a @ a) * float(b @ b))
-    return float(a @ b) / norms if norms > 0 else math.nan  # Eq. 25
+    return float(a @ b) / norms if norms > 0 else math.nan  # Eq. 25 of the paper
 
 
 def similarity(feature: str, one: Floats, other: Floats) -> float:
@@ -258,7 +258,7 @@ class EnergyDistance(NotebookView):
 def mean_distance(one: Floats, other: Floats | None = None) -> float:
     """Return E abs(X - Y), the mean distance between the rows of two samples, (n, columns) each.
 
-    Without ``other``, return E abs(X - X'), the mean over the pairs of different rows of one sample.
+    Without ``other``, return E abs(X - X'), the mean over the pairs of different rows of one sample, n at least 2.
     """
     if one.shape[1] == 1:
         return _mean_along_a_line(one[:, 0], None if other is None else other[:, 0])
@@ -306,8 +306,9 @@ def compare_distance(
     level: float = 0.95,
     known: RealCache | None = None,
 ) -> EnergyDistance | None:
-    """Compare real with simulated sessions by one feature's energy distance; None if a session has fewer than 10
-    values.
+    """Compare real with simulated sessions by one feature's energy distance.
+
+    The result is None if a session has fewer than 10 values.
 
     Args:
         real, simulated: values of each session, (n, columns) each.

@@ -33,8 +33,8 @@ DRIVES: Final = 0.62
 LEAST_STEPS: Final = 3
 """Fewest steps of a drive before a turn away from a wall."""
 COURSE_STEPS: Final = 4
-"""The course before a standstill is computed from at most this many steps, without the last one. A drive before or
-after a turn at the end of a leg has at least this many steps."""
+"""Most steps at the end of a drive that determine the course before a turn away from a wall; the very last of these
+steps is left out. A drive before or after a turn at the end of a leg has at least this many steps."""
 LONGEST_GAP_S: Final = 0.5
 """Longest time between two positions of a path without a gap."""
 LONGEST_TURN_S: Final = 3.2
@@ -100,7 +100,11 @@ def approach_tables(result: Result, samples: pl.DataFrame) -> tuple[pl.DataFrame
 
 
 def _path(result: Result, run: int, robot: int) -> _Path | None:
-    """Return a robot's path with its driving steps; None if it is unknown or has fewer than 100 positions."""
+    """Return a robot's path with its driving steps; None if it is unknown or has fewer than 100 positions.
+
+    (The camera of the study sees a robot 100 times in 22 s or more.) A step across a gap of the path does not count as
+    driving.
+    """
     track = track_of(result, run, robot)
     if track is None or len(track) < 100:
         return None
@@ -129,7 +133,8 @@ def _approaches(
     for previous_s, (sample_s, avoid_s) in zip(samples[:-1, 0], samples[1:], strict=True):
         if not avoid_s > 1e-9:  # also if it is NaN
             continue
-        # From shortly before the previous sample to about the beginning of the stop (1 s) for this sample.
+        # From the last 0.3 s of the stop for the previous sample, so that the whole drive is included, to about the
+        # beginning of the stop (1 s) for this sample.
         first, last = np.searchsorted(path.time_s, [previous_s - 0.3, sample_s - 0.9])
         turn = _first_turn(path, int(first), int(last))
         if turn is None:
@@ -171,10 +176,12 @@ def _first_turn(path: _Path, first: int, last: int) -> tuple[float, float, float
     later_drive = np.flatnonzero(driving[end:])
     over = end + int(later_drive[0]) if later_drive.size else driving.size  # first step after the standstill
     x, y = path.x_m[first:last], path.y_m[first:last]
-    # The course leaves out the last step of the drive, in which the robot may begin to stop.
+    # The course is the direction from position ``back`` to position ``end`` - 1. It leaves out the last step of the
+    # drive, in which the robot may begin to stop.
     back = max(begin, end - COURSE_STEPS)
     course = float(np.arctan2(y[end - 1] - y[back], x[end - 1] - x[back]))
-    still = slice(end + 1, over + 1)  # positions during the standstill
+    # Positions during the standstill, without the one at its beginning: in the next step the robot may still brake.
+    still = slice(end + 1, over + 1)
     return (
         float(path.time_s[first + end]), float(np.median(x[still])), float(np.median(y[still])), course,
     )  # fmt: skip
@@ -202,7 +209,8 @@ def _to_wall(x: float, y: float, course: float, size: tuple[float, float]) -> tu
 def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[float]:
     """Return the turns at the ends of legs, rad: turns between two drives, far from walls and without avoidance.
 
-    Turns below ``LEAST_TURN`` are left out, because they cannot be distinguished from veer.
+    Drives of fewer than ``COURSE_STEPS`` steps are ignored. Turns below ``LEAST_TURN`` are left out, because they
+    cannot be distinguished from veer.
 
     Args:
         path: the robot's path.
@@ -220,8 +228,10 @@ def _leg_turns(path: _Path, samples: Floats, size: tuple[float, float]) -> list[
             or min(x, size[0] - x, y, size[1] - y) < FAR_M
         ):
             continue
-        # Avoidance is known per interval between samples, so this turn may be avoidance if the interval of one of the
-        # next two samples has any. The 3 s let at least one sample follow the turn.
+        # Avoidance is known per interval between samples, so this turn may be avoidance if there is any in the interval
+        # before one of the first two samples that follow its beginning, up to 3 s after its end. Without such a sample
+        # the turn counts: a turn at the end of a leg usually restarts the timer of the samples (``sample.timer``), so
+        # that the next sample follows more than 3 s later.
         soon = (samples[:, 0] > path.time_s[stop]) & (samples[:, 0] < path.time_s[start] + 3.0)
         if np.nansum(samples[soon, 1][:2]) > 1e-9:
             continue

@@ -57,6 +57,7 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(allow_abbrev=False, formatter_class=_Formatter, **settings)
+        # The parsed arguments hold the parser of the chosen command or task, whose ``error`` knows its options.
         self.set_defaults(parser=self)
 
     def error(self, message: str) -> NoReturn:
@@ -183,6 +184,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     Args:
         argv: the words after the program's name. None means the words that this process was started with; then Ctrl-C
             is handled too, and ends the process.
+    Raises:
+        SystemExit: after ``--help``, or for an error in the command line that ``_Parser.error`` reports itself.
     """
     if sys.stderr is None:  # closed by the caller: messages are lost, but the exit code must be right
         sys.stderr = Path(os.devnull).open("w", encoding="utf-8")  # noqa: SIM115 - open until the process ends
@@ -209,14 +212,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _code_of(error: Exception) -> int:
-    """Print the message of an expected error and return its exit code; any other error, a bug, is raised again."""
+    """Print the message of an expected error and return its exit code; any other error, a bug, is raised again.
+
+    No message is printed if the reader of stdout closed the pipe.
+    """
     if isinstance(error, InputError):
         return _failed(str(error), 2)
     if isinstance(error, RunError):
         return _failed(str(error), 1)
     if isinstance(error, MemoryError):
         return _failed("out of memory; use fewer robots, tiles or runs", 1)
-    if isinstance(error, BrokenPipeError):  # the reader, such as `head`, has closed the pipe
+    if isinstance(error, BrokenPipeError):  # the reader is, for example, `head`
         _silence_stdout()
         return 1
     if isinstance(error, OSError):
@@ -275,7 +281,7 @@ def _failed_with(error: OSError) -> int:
 
 
 def shown_name(name: object) -> str:
-    """Return a file name for a message, cut if it is longer than file systems allow."""
+    """Return a file name or path for a message; of more than 300 characters, only the first 200 and their number."""
     text = str(name)
     return text if len(text) <= 300 else f"{text[:200]}... ({len(text)} characters)"
 

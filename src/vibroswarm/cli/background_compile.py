@@ -37,7 +37,7 @@ def begin() -> bool:
     """
     from vibroswarm.core.jit import add_compile_listener, cache_folder
 
-    # the processors that this process may use, or on systems that do not tell them, those of the machine
+    # the processors that this process may use, or on systems that do not report them, those of the machine
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if processors < 2 or not sys.executable or cache_folder() is None:
         return False

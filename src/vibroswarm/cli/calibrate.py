@@ -56,6 +56,7 @@ def _add_figures(tasks: Any) -> None:
     parser.add_argument(
         "folders", metavar="DIR", type=Path, nargs="+", help="folders of recordings or simulations"
     )
+    # One threshold for all results, because error rates depend on it; by default that of the paper.
     parser.add_argument(
         "--at", metavar="THETA", type=real, default=1.33, help="threshold for error rates (default 1.33)"
     )
@@ -175,7 +176,7 @@ def print_effects(found: list[Effect], names: tuple[str, str]) -> None:
                 name,
                 with_interval(figures["decision_time_s"], ".0f"),
                 with_interval(figures["belief_in_truth"], ".3f"),
-                *(f"{100 * share:.1f}" for share in shares.values()),  # in the order of CONSENSUS
+                *(f"{100 * share:.1f}" for share in shares.values()),  # in the order of outcomes.CONSENSUS
             ]
             for effect in found
             for name, figures, shares in zip(names, effect.figures, effect.consensus, strict=True)
@@ -222,10 +223,14 @@ def _add_bursts(tasks: Any) -> None:
 
 
 def run_bursts(arguments: argparse.Namespace) -> int:
-    """Fit both models of message loss to recordings, and print them with the gaps expected and found.
+    """Fit both models of message loss to recordings, and print them with the expected and the recorded gaps.
 
-    A gap is a number of messages that a receiver lost in a row. The models are independent losses and losses in bursts
-    (Gilbert-Elliott). Returns the exit code.
+    The models are independent losses and losses in bursts (Gilbert-Elliott). The size of a gap is the number of
+    messages that a receiver lost in successive windows, each of which has losses. Returns the exit code.
+
+    Raises:
+        InputError: no robot has counts of received messages, no message is lost, or ``--errors`` is given for one
+            receiver.
     """
     from vibroswarm.calibrate import message_loss
     from vibroswarm.cli.output import print_json
@@ -302,13 +307,13 @@ def _print_gaps(
     lost_in_long: float,
     sent_in_long: float,
 ) -> None:
-    """Print how many gaps of each size were found beside how many each model expects, and the losses in long intervals.
+    """Print the recorded number of gaps of each size beside those that the models expect, and losses in long intervals.
 
-    A gap is a number of messages that a receiver lost in a row. An interval between a robot's own samples is long if it
-    is more than twice the median.
+    The size of a gap is the number of messages that a receiver lost in successive intervals between its own samples,
+    each of which has losses. An interval is long if it is more than twice the median.
 
     Args:
-        found: number of gaps in each class of size; ``STEPS`` has the smallest size of each class.
+        found: recorded number of gaps in each class of size; ``STEPS`` has the smallest size of each class.
         expected: for each model, an array (2, classes): the means of these numbers, then their standard deviations.
         lost_in_long: share of the lost messages that fall into long intervals.
         sent_in_long: share of all messages that fall into long intervals.

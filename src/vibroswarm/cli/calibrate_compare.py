@@ -73,7 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
     if len(arguments.simulated) > 1:
         return _compare_several(arguments)
     real, simulated = read_result(arguments.real), read_result(arguments.simulated[0])
-    # RIGHT is a camera without error; None stands for the camera of SIM's scenario.
+    # RIGHT is a camera without error. With None, ``compare`` uses the camera of SIM's scenario, or RIGHT if the
+    # positions need no change, as those of two recordings (``camera_between``).
     camera = RIGHT if arguments.no_camera else None
     comparison = compare(real, simulated, camera=camera, intervals=arguments.intervals)
     if arguments.picture is not None:
@@ -92,6 +93,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _compare_several(arguments: argparse.Namespace) -> int:
     """Compare several simulations with the same recording and print them side by side; return the exit code.
+
+    The printed tables have energy distances and the classifier's shares, but no similarities; ``--json`` has all.
 
     Raises:
         InputError: an option is given that applies to one simulation only, a folder is given twice, or one cannot be
@@ -112,7 +115,8 @@ def _compare_several(arguments: argparse.Namespace) -> int:
     real = read_result(arguments.real)
     # The first comparison fills this cache with what depends on the recording only; the others reuse it.
     of_real_alone = RealCache()
-    # RIGHT is a camera without error; None stands for the camera of each SIM's scenario.
+    # RIGHT is a camera without error. With None, ``compare`` uses the camera of each SIM's scenario, or RIGHT if the
+    # positions need no change, as those of two recordings (``camera_between``).
     camera = RIGHT if arguments.no_camera else None
     found = {}
     for folder in arguments.simulated:
@@ -176,6 +180,9 @@ def print_comparisons(found: dict[str, Comparison]) -> None:
 def over_sessions(one: Interval | None, form: str, *, scale: float = 1.0) -> str:
     """Format an estimate with its interval over sessions, such as ``44.1 [41.0, 47.2]``; ``-`` for None.
 
+    The estimate of a single session is printed without its limits, which are infinite (or 0 and 1 for a share), and an
+    estimate that is undefined in every session as a dash.
+
     Args:
         form: format specification of each number, such as ``.3g``.
         scale: factor by which each number is multiplied.
@@ -190,8 +197,12 @@ def over_sessions(one: Interval | None, form: str, *, scale: float = 1.0) -> str
 def print_comparison(found: Comparison) -> None:
     """Print the comparison of one simulation: similarities, energy distances, and what classifiers recognise.
 
+    With a single real session, nothing is compared between real sessions: the cells "real - real" are dashes, and the
+    classifiers have no row for "which real session".
+
     Args:
-        found: the comparison of the recording with the simulation.
+        found: the comparison of the recording with the simulation. The tables do not have its missing features, which
+            are listed at the end.
     """
     from vibroswarm.calibrate.features import WORDS
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
@@ -232,11 +243,13 @@ def print_comparison(found: Comparison) -> None:
 def _print_similarities(found: Comparison) -> None:
     """Print the cosine similarity of each feature between the recording and the simulation.
 
-    The column "published" uses all samples, as the paper does; the column "here" and those after it use equal numbers
-    of real and simulated samples. Two columns give a scale: "null" is the similarity of the recording to uniformly
-    spread values, and "ceiling" is the similarity of two samples from the recording's own distribution. The columns of
-    sessions have the mean and the range over pairs of sessions. The column "without camera" has the similarities of the
-    exact simulated positions; it is printed if the other columns use positions as the camera would see them.
+    The column "published" is computed as in the paper: of all samples, with the authors' avoidance times. All other
+    columns use equal numbers of real and simulated values. The column "here" is the result, and two columns give its
+    scale: "null" is the similarity of the recording to uniformly spread values, and "ceiling" is the similarity that is
+    expected of two samples from the recording's own distribution. The columns of sessions have the mean and the range
+    over pairs of sessions; a single real session has a dash in "session, real-real". The column "without camera" is
+    "here" for the exact simulated positions; it is printed if the other columns use positions as the camera would see
+    them.
     """
     from vibroswarm.calibrate.features import WORDS
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
@@ -313,7 +326,7 @@ def _print_intervals(found: Comparison) -> None:
 
 
 def _mean_and_range(shares: tuple[float, ...]) -> str:
-    """Format the mean of some shares with the smallest and the largest, such as ``0.612 (0.580-0.640)``."""
+    """Format the mean of shares, at least one, with the smallest and the largest, such as ``0.612 (0.580-0.640)``."""
     return f"{sum(shares) / len(shares):.3f} ({min(shares):.3f}-{max(shares):.3f})"
 
 

@@ -66,6 +66,7 @@ def add_parser(tasks: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Fit a scenario to recordings, save and print it; validate it on held-out sessions if requested.
 
+    An existing file ``--out`` is replaced only with ``--force``. ``--against`` has no effect without ``--folds``.
     Returns the exit code.
     """
     from vibroswarm.calibrate.cross_validation import folds
@@ -142,8 +143,8 @@ def share_done(what: str) -> Callable[[float], None] | None:
 def print_fit(found: Fit) -> None:
     """Print the fitted figures, the changed fields, the predictive check, and what the model lacks.
 
-    The predictive check compares each recorded figure of avoidance with the range that holds 95 % of the sessions
-    simulated with the fit.
+    A figure has its 95 % interval in brackets, and its standard error. The predictive check compares each recorded
+    figure of avoidance with the range that holds 95 % of the sessions simulated with the fit.
     """
     from vibroswarm.calibrate.fit import LACKS
     from vibroswarm.cli.output import print_paragraph, print_table
@@ -185,7 +186,7 @@ def print_fit(found: Fit) -> None:
 
 
 def _toml(value: Any) -> str:
-    """Write a value of a field as TOML does."""
+    """Format the value of a fitted field as TOML: a boolean, a number, a list of numbers, or a word."""
     return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
 
 
@@ -197,13 +198,11 @@ def print_folds(judged: list[Fold]) -> None:
     the accuracy of a classifier that distinguishes real stretches (some consecutive samples of one robot) from
     simulated ones. The second table has statistics of the bits that the robots read (``Fold.readings``): the value as
     recorded and the value as simulated with the fit, as means over the held-out sessions; and for each of these
-    sessions, by how many standard deviations its recorded value is above its simulated value, or a dash if the
-    statistic is unknown in it.
+    sessions, by how many standard deviations (between simulated sessions) the recorded value is above the simulated
+    one. A statistic has a row if it is known in some session, and a dash for each session in which it is unknown.
 
     Args:
-        judged: one entry for each held-out session, at least one; all have the same features in the same order. The
-            second table has all statistics that are known in some session; a session in which one is unknown has a
-            dash.
+        judged: one entry for each held-out session, at least one; all have the same features in the same order.
     """
     import numpy as np
 

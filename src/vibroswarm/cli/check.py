@@ -75,7 +75,8 @@ def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
     from vibroswarm.scenario import plugins
 
     if plugins.is_code(text):
-        loaded = plugins.load_file(kind, text)  # an object of this kind; with None, of any kind
+        loaded = plugins.load_file(kind, text)  # registers an object of this kind; with None, of any kind
+        # ``kind_of`` returns None for objects of no kind, which ``load_file`` refuses; ``str`` is for the type checker.
         return str(plugins.kind_of(loaded)), plugins.name_in(text)
     known = {kind_name: plugins.KINDS[kind_name].known() for kind_name in ([kind] if kind else KINDS)}
     if not any(text in names for names in known.values()):

@@ -47,10 +47,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def add_completions(top: argparse.ArgumentParser) -> None:
-    """Set how the value of each option of all commands is completed: with names, files or folders.
+    """Prepare a parser for the package shtab: set how values are completed, and shorten the commands' descriptions.
 
-    The result is stored in the attribute ``complete`` of each option, which the package shtab reads when it writes the
-    script.
+    The value of an option or positional argument is completed with names, files or folders, or not at all. shtab reads
+    this from the attribute ``complete`` of the argument when it writes the script.
+
+    Args:
+        top: the parser of all commands, which is changed in place.
     """
     import shtab
 
@@ -64,7 +67,7 @@ def add_completions(top: argparse.ArgumentParser) -> None:
                 complete = words[option]
             elif action.metavar == "DIR":
                 complete = shtab.DIRECTORY
-            # --out and --floor are named because some commands read their values as text or as the name of a TOML file
+            # --out and --floor are named here because not all commands declare their values as Path
             elif action.type is Path or option in ("--out", "--floor") or action.metavar in ("FLOOR", "FILE"):
                 complete = shtab.FILE
             else:
@@ -100,7 +103,8 @@ def names_by_option() -> dict[str, Iterable[str]]:
 
 
 def _parsers(parser: argparse.ArgumentParser) -> Iterable[argparse.ArgumentParser]:
-    """Return the parsers of all commands and tasks that do work themselves."""
+    """Return the parsers of all commands and tasks that have no subcommands."""
+    # Imported here, because vibroswarm.cli imports this module when it builds its parser.
     from vibroswarm.cli import leaves
 
     return leaves(parser)

@@ -76,10 +76,11 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate every fill ratio with every number of robots; print and save when errors are rare enough.
+    """Simulate every fill ratio with every number of robots; print and save at which times errors are rare enough.
 
-    Errors are misses of floors above the boundary, and false alarms on floors below it. They are rare enough while they
-    are below the tolerated probabilities (``--error``, ``--false-alarms``). Returns the exit code.
+    Errors are misses of floors above the boundary, which fall with time, and false alarms on floors below it, which
+    rise with time. They are rare enough while the upper limits of their shares of runs are below the tolerated
+    probabilities (``--error``, ``--false-alarms``). Returns the exit code.
     """
     from vibroswarm.analysis.detection import detection_curve, needed, pairs
     from vibroswarm.cli.out_folder import deliver
@@ -166,7 +167,8 @@ def _fills(given: list[float] | None, base: Scenario) -> tuple[list[float], list
     """Return the fill ratios to simulate, and which of these were added to the given ones.
 
     False alarms can occur only on floors below the boundary. So if no given fill ratio is below the boundary, some fill
-    ratios below it are added.
+    ratios below it are added. Given fill ratios are not rounded: one that is no whole number of tiles is refused when
+    the floor is made.
 
     Args:
         given: the values of ``--fills``; None to use fill ratios around the boundary.
@@ -197,7 +199,7 @@ def _fills(given: list[float] | None, base: Scenario) -> tuple[list[float], list
 
 
 def _warnings(study: Study) -> list[str]:
-    """Return a sentence for each fill ratio that cannot be judged correctly by any number of robots in any time."""
+    """Return a sentence for each fill ratio on which the swarm cannot be right, however many samples robots take."""
     from vibroswarm.analysis.decidability import decidability
 
     verdicts = [decidability(cell.scenario) for cell in study.cells]
@@ -233,6 +235,7 @@ def _save(
     for name, table in tables.items():
         write_table(table, arguments.out / name)
     boundary = base.decision.decision_boundary
+    # Pictures show misses only, so they need no tolerated probability of a false alarm.
     for name, picture in pictures_of(tables["detection"], boundary, error, arguments.style):
         picture.write(arguments.out / name)
     report = report_of(tables, base, arguments.seed, error, false_alarms, warnings)
@@ -242,10 +245,11 @@ def _save(
 def print_detection(
     need: pl.DataFrame, distinguished: pl.DataFrame, scenario: Scenario, error: float, false_alarms: float
 ) -> None:
-    """Print the answer, a table of the floors that are distinguished from each other, and a table of all cells.
+    """Print sentences on which floors are recognised, a table of the floors distinguished, and a table of all cells.
 
     The first table has a row for each floor above the boundary and each number of robots. It states when the robots
-    distinguish this floor from a floor below the boundary, and the highest fill ratio of such a floor.
+    distinguish this floor from a floor below the boundary, and the highest fill ratio of such a floor. There is no such
+    table if all floors are on one side of the boundary.
 
     Args:
         need: result of ``analysis.detection.needed``: one row for each cell, with the time until misses are rare

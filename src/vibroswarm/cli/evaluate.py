@@ -55,7 +55,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the study that the options describe."""
+    """Run the study that the options describe, and print and save its results; return the exit code."""
     return do_study(study_from(arguments), arguments)
 
 
@@ -80,6 +80,7 @@ def study_from(arguments: argparse.Namespace) -> Study:
             raise InputError("is also varied by --strategy; use one of them", field="--vary strategy.name")
         vary["strategy.name"] = names
         arguments.strategy = None  # scenario_from would take the list for one name
+    # With --vary preset, this scenario is not used below, but its options are checked, applied to the preset "paper".
     base = scenario_from(arguments)
     until = None
     if arguments.until is not None:

@@ -100,8 +100,8 @@ def _list(args: argparse.Namespace) -> int:
 def _list_paper(args: argparse.Namespace) -> int:
     """Print each number of the paper's table of difficulties beside two recomputed numbers; return the exit code.
 
-    The first recomputed number is computed as the paper did it, the second is the correct value. The paper prints two
-    decimals; a number that differs from the correct value rounded to two decimals is marked.
+    The first recomputed number is computed as the paper did it, the second is the correct value. The paper's number,
+    which has two decimals, is marked "differs" if it is not the correct value rounded to two decimals.
     """
     from dataclasses import asdict
 
@@ -208,7 +208,10 @@ def _make(args: argparse.Namespace) -> int:
 
 
 def _resolved(spec: str, args: argparse.Namespace) -> tuple[NDArray[np.uint8], str]:
-    """Return the tiles (rows, columns) and the name of the floor that ``spec`` and ``--tiles`` describe."""
+    """Return the tiles (rows, columns) and the name of the floor that ``spec``, ``--tiles`` and ``--seed`` describe.
+
+    The seed selects one random floor; it has no effect on other floors.
+    """
     from vibroswarm.floors.grid_text import parse_tiles
     from vibroswarm.floors.source import resolve
 

@@ -29,6 +29,8 @@ def came() -> bool:
 def listen() -> None:
     """Record from now on whether Ctrl-C is pressed in this process (``came``), and repeat a Ctrl-C that is lost.
 
+    If the process ignores Ctrl-C, or the program that imports this package handles it, nothing is recorded or repeated.
+
     A Ctrl-C is lost while a kernel is compiled: LLVM then calls Python functions and cannot pass on their exceptions,
     so Python only prints the ``KeyboardInterrupt`` (``sys.unraisablehook``) and continues. The hook that is installed
     here does not print it, but sends Ctrl-C to the main thread again a moment later. This is repeated until the
@@ -36,8 +38,8 @@ def listen() -> None:
     """
     _came.clear()
     if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        # Ctrl-C is ignored, as under nohup, or handled already, by the program that imports this package or since an
-        # earlier call: leave that as it is.
+        # Ctrl-C is ignored, as under nohup, or handled by the program that imports this package; or an earlier call has
+        # installed ``interrupt``, which continues to record.
         return
 
     def interrupt(number: int, frame: FrameType | None) -> None:

@@ -83,8 +83,8 @@ def _add_import(tasks: Any) -> None:
 def run_import(arguments: argparse.Namespace) -> int:
     """Read and check the logs, save them as one recording and print what it holds; return the exit code.
 
-    Some fields of the scenario are inferred from the logs. If an option sets such a field (``stated``), the value of
-    the option is used instead of the inferred value.
+    Some fields of the scenario are inferred from the logs: threshold, gate, sampling interval, strategy and others. If
+    an option sets such a field (``stated``), the value of the option is used instead of the inferred value.
     """
     from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
     from vibroswarm.cli.output import print_line, print_saved
@@ -98,7 +98,8 @@ def run_import(arguments: argparse.Namespace) -> int:
     scenario = scenario_from(arguments)
     if scenario.floor.drawn_by_run:
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
-    # the names of the fields that options set
+    # The names of the fields that --set and --strategy set. No other option sets a field that can be inferred, except
+    # --preset and --scenario, whose values are replaced by inferred ones.
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
     logs, computed, files = _logs_of(arguments, scenario)
@@ -198,7 +199,8 @@ def _with_energies(
 def _pages(recording: Recording, folder: Path) -> list[str]:
     """Write a page and a picture of each session into ``folder``; return the names of the pages.
 
-    The pages show beliefs. If the logs have none, they are computed by a replay, and the title of each page says so.
+    The pages show beliefs. If these are not all logged, those of all sessions are computed by a replay, and the title
+    of each page says so. The pictures show no beliefs, and decisions as logged.
     """
     from vibroswarm.plots.run import write_run_picture
     from vibroswarm.recordings.replay import with_beliefs
@@ -218,15 +220,19 @@ def _pages(recording: Recording, folder: Path) -> list[str]:
 
 
 def _logs_beliefs(recording: Recording) -> bool:
-    """Return whether the logs hold the robots' beliefs: no value of the inference table is missing.
+    """Return whether the logs hold all beliefs of all robots, with the counts and decisions that belong to them.
 
-    The column "message" does not count, because it is no belief.
+    These are the columns of the inference table, in which a value that is not logged is null. Only the column "message"
+    may have nulls: it is what a robot sent, which pages can do without.
     """
     return bool(recording.inference.drop("message").null_count().sum_horizontal()[0] == 0)
 
 
 def _print_import(recording: Recording) -> None:
-    """Print what an import repaired, the settings that it inferred, and the outcome of each session."""
+    """Print the problems that an import counted in the logs, the settings that it inferred, and each session's outcome.
+
+    Whether the floor fits the energies is printed in between (``floor_words``).
+    """
     from vibroswarm.cli.output import print_line, print_paragraph
     from vibroswarm.recordings.assemble_recording import count_lines
 

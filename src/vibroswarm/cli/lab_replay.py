@@ -50,8 +50,8 @@ def add_parser(tasks: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Replay each strategy on a recording and print its outcomes beside those that were logged; return the exit code.
 
-    Samples that are missing in the log are restored (``put_back``). Some messages that the log counts as received
-    cannot have been sent by any robot by that time; they are left out and counted (``unsent``).
+    Samples that are missing in the log are restored (``put_back``). If the log counts more messages received by a robot
+    before one of its samples than the other robots can have sent by then, the surplus is left out (``unsent``).
     """
     from vibroswarm.cli.output import print_json, print_paragraph, print_table
     from vibroswarm.recordings.recording import Recording
@@ -116,9 +116,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the fields set by ``--gate`` and ``--set``, by dotted name.
+    """Return the fields set by ``--gate`` and ``--set``, by dotted name; if both set the gate, that of ``--set``.
 
-    In ``--set``, a field may be named with or without its section.
+    In ``--set``, a field may be named with or without its section. ``strategy.name`` has no effect: ``run`` replaces it
+    by each strategy of ``--strategy``.
 
     Raises:
         InputError: a replay cannot change the field, or the name without a section fits fields of several sections.

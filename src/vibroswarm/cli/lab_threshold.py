@@ -19,8 +19,10 @@ if TYPE_CHECKING:
 def costs(text: str) -> tuple[float, float]:
     """Return the costs of a false positive and of a false negative, in this order, from a text such as ``1:5``.
 
+    Only their ratio matters. A cost of 0 is accepted here and refused by ``find_thresholds``.
+
     Raises:
-        argparse.ArgumentTypeError: the text is not two numbers, or one is negative.
+        argparse.ArgumentTypeError: the text is not two finite numbers, or one is negative.
     """
     parts = text.split(":")
     if len(parts) != 2:
@@ -176,7 +178,7 @@ def _print_threshold(found: Threshold, margin_m: float) -> None:
 
 
 def _rates(rates: Rates) -> str:
-    """Format the rates of false positives and of false negatives, in percent."""
+    """Format the rates of false positives and of false negatives, in percent; "nan" for one without samples."""
     return (
         f"still read as vibrating {100 * rates.false_positive:.1f} %, vibrating read as still "
         f"{100 * rates.false_negative:.1f} %"

@@ -1,4 +1,4 @@
-"""``vibroswarm lab track``: find robots in videos of overhead cameras; with their log, make a recording."""
+"""``vibroswarm lab track``: find robots in videos of overhead cameras; with the robots' log, make a recording."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ examples:
 
 
 def add_parser(tasks: Any) -> None:
-    """Add the task ``track``."""
+    """Add the task ``track`` and its options to the tasks of ``vibroswarm lab``."""
     parser = tasks.add_parser(
         "track",
         help="track robots with ArUco markers in the video of an overhead camera",
@@ -85,7 +85,13 @@ def add_parser(tasks: Any) -> None:
 
 
 def _board(text: str) -> tuple[int, int]:
-    """Return the numbers of inner corners of a chessboard, across and down, in a text such as ``9x6``."""
+    """Return the numbers of inner corners of a chessboard, across and down, in a text such as ``9x6``.
+
+    Both are at least 3, since OpenCV detects no smaller boards.
+
+    Raises:
+        argparse.ArgumentTypeError: the text has another form, or a number is not from 3 to 50.
+    """
     across, _, down = text.lower().partition("x")
     if not (across.isdigit() and down.isdigit() and 3 <= int(across) <= 50 and 3 <= int(down) <= 50):
         raise argparse.ArgumentTypeError(
@@ -119,12 +125,14 @@ def _for_each(given: list[Any] | None, videos: int, option: str) -> list[Any]:
 def _markers(arguments: argparse.Namespace, arena_m: tuple[float, float]) -> Markers:
     """Return the markers that ``--markers`` describes: those of a file, or the default markers with the given ids.
 
-    Ids need the options for the size and height of the robots' markers; a file states both itself.
+    Whole numbers separated by commas are ids; any other text is the path of a file. Ids need the options for the size
+    and height of the robots' markers; a file states both itself.
 
     Args:
         arena_m: width and height of the arena, at whose edges the default markers of the floor are.
     Raises:
-        InputError: with ids, the size or the height is missing; or one of them is given with a file.
+        InputError: with ids, the size or the height is missing; with a file, one of them is given; or the file or the
+            ids are wrong.
     """
     from vibroswarm.tracking.markers import read_markers, usual_markers
 
@@ -144,8 +152,12 @@ def _markers(arguments: argparse.Namespace, arena_m: tuple[float, float]) -> Mar
 def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame | None:
     """Return the table of the robots' log; None without ``--log``.
 
+    With a log, a recording is made, which needs the floor on which the robots were. So ``--floor`` or ``--scenario``
+    must state it; the floor of a preset is that of a simulation.
+
     Raises:
-        InputError: a log is given without a floor, or with a floor that is drawn at random for each run.
+        InputError: the log cannot be read; neither of these options is given; or the floor is drawn at random for each
+            run.
     """
     from vibroswarm.tracking.track import read_robot_log
 
@@ -160,7 +172,7 @@ def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame 
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Track the robots in the videos, save and print what was found; with a log, also save a recording.
+    """Track the robots in the videos, save and print the results; with a log, also save a recording.
 
     Returns the exit code.
     """
@@ -188,7 +200,7 @@ def run(arguments: argparse.Namespace) -> int:
     # to those that the log states or implies. So they are also part of the hash that identifies this work.
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
-    # Videos are identified by their paths, not by their content. --board, --partial and --any-floor do not count.
+    # Videos are identified by their paths, not by their content; the log by its samples.
     work = hash_of(
         scenario.hash, stated, markers.to_toml(), [str(video.resolve()) for video in videos],
         [str(board) for board in boards], heights, None if samples is None else samples.to_dicts(),
@@ -204,7 +216,8 @@ def run(arguments: argparse.Namespace) -> int:
     tracked = None if samples is None else with_positions(tracking, samples, str(arguments.log), period_s)
     with whole_folder(arguments.out, replace=True) as part:
         if tracked is not None:
-            # ``_samples`` has refused floors that are drawn at random, so seed and run (0 and 0) do not matter.
+            # ``_samples`` has refused a floor that is drawn for each run. The floor of a file or of a pattern does not
+            # depend on seed and run (0 and 0).
             floor = scenario.floor_for(0, 0)
             recording = recording_of([tracked.log], floor, scenario, stated, any_floor=arguments.any_floor)
             recording.write_into(part)
@@ -282,7 +295,7 @@ def _write_tables(folder: Path, tracking: Stitched) -> None:
 
 
 def document(session: Stitched, tracked: TrackedLog | None) -> dict[str, Any]:
-    """Return what was found as plain values for JSON.
+    """Return the results of the tracking as plain values for JSON.
 
     The values of the first camera are at the top level. If there are several cameras, the list "cameras" has the values
     of each of them, the first included.

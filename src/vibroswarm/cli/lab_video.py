@@ -24,7 +24,7 @@ LEAST_DISTANCE_M = 0.1
 
 
 def add_parser(tasks: Any) -> None:
-    """Add the task ``video``."""
+    """Add the task ``video`` and its options to the tasks of ``vibroswarm lab``."""
     parser = tasks.add_parser(
         "video",
         help="render a result as the video of an overhead camera, to rehearse tracking",
@@ -70,6 +70,8 @@ def add_parser(tasks: Any) -> None:
 
 def _add_camera(camera: argparse._ArgumentGroup) -> None:
     """Add the options for how the camera hangs and what it sees."""
+    # --distortion is k1 of r = f (theta + k1 theta^3 + ...), see ``tracking.fisheye``. A lens that keeps lines straight
+    # has r = f tan(theta), where k1 is 1/3.
     camera.add_argument(
         "--size", metavar="WxH", type=_size, default=(1920, 1080), help="px (default 1920x1080)"
     )

@@ -156,6 +156,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"'{arguments.reference}' is not an entry (entries: {known})", field="--reference")
     for kind in arguments.faults or ():  # refuse an unknown kind now, before anything is simulated
         check_choice(kind, "--faults", FAULTS)
+    # Without --faults, a league with swarms of one robot is accepted: its table of faults is empty.
     if arguments.faults and arguments.fault_runs and min(league.robots) == 1:
         raise InputError(
             "needs swarms of at least 2 robots, one of which works; see --robots", field="--faults"
@@ -285,8 +286,10 @@ def players_from(
     A league varies the strategy and the swarm size, so these options hold lists. ``scenario_from`` takes single values;
     therefore ``arguments.strategy`` and ``arguments.robots`` are set to None before it makes the base scenario.
 
+    Without ``--strategy``, the names are those of ``on_equal_terms``.
+
     Raises:
-        InputError: an option is wrong.
+        InputError: ``--floor`` or ``--tiles`` is given, or the value of an option is wrong.
     """
     from vibroswarm.cli.scenario_options import chosen, scenario_from
     from vibroswarm.league.entries import FILLS, PATTERNS, floors_of
@@ -315,8 +318,8 @@ def on_equal_terms() -> list[str]:
     from vibroswarm.strategies import known
     from vibroswarm.strategies.static_analysis import told
 
-    # `told` lists what a robot is told. The boundary's kind only decides whether this includes the sensor's error
-    # rates.
+    # `told` lists what a robot knows in advance, and the place of each reading if the strategy uses it. `boundary_of`
+    # (the field decision.boundary_of) only affects whether the sensor's error rates are listed, so any value will do.
     return [
         name
         for name, strategy in known().items()
@@ -325,13 +328,15 @@ def on_equal_terms() -> list[str]:
 
 
 def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
-    """Return the entries, with one entry for each value of a field in place of each entry whose field is varied.
+    """Replace entries of a league by several: one for each value that ``--vary`` gives a field.
+
+    Entries of other strategies than that of ``text`` stay as they are, and so does the order.
 
     Args:
         text: a value of ``--vary``: ``FIELD=A,B`` to vary all entries, or ``STRATEGY:FIELD=A,B`` to vary the entries of
             one strategy.
     Raises:
-        InputError: the text is not of this form, or its strategy or field is unknown.
+        InputError: the text is not of this form, its field is unknown, or no entry has its strategy.
     """
     from vibroswarm.league.entries import varied
     from vibroswarm.scenario.scenario import parse_setting
@@ -339,7 +344,7 @@ def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
     name, separator, values = text.partition("=")
     if not separator or not values.strip():
         raise InputError(f"'{text}' is not of the form [strategy:]section.field=value,value", field="--vary")
-    strategy, colon, field = name.strip().rpartition(":")
+    strategy, colon, field = name.strip().rpartition(":")  # without a colon, all of the name is the field
     return varied(
         entries,
         strategy if colon else None,  # None: of all strategies

@@ -11,11 +11,13 @@ if TYPE_CHECKING:
 
 
 def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> None:
-    """Print the answer in sentences, then each table that is not empty.
+    """Print the answer in sentences, the standings, and the differences, beliefs, faults and fronts if there are any.
+
+    The tables "floors" and "floor_differences", which have rows for each floor, are not printed.
 
     Args:
         standings: the finished league.
-        tables: the tables that ``_tables_of`` returns; "beliefs" and "faults" may be missing.
+        tables: the tables that ``league._tables_of`` returns; "beliefs" and "faults" may be missing.
     """
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
     from vibroswarm.league.report import answers
@@ -42,6 +44,7 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
                 values_text(row, "forced_error", scale=100, form=".1f"),
                 *(f"{100 * row[name]:.1f}" for name in ("right", "wrong", "undecided")),
                 values_text(row, "decision_time_s", scale=1, form=".0f"),
+                # None with one run of one swarm size: the runs that measure the worst floor did not choose it
                 "-" if row["worst_floor_error"] is None else f"{100 * row['worst_floor_error']:.1f}",
                 f"{row['sent']:.0f}",
                 f"{row['bytes_sent']:.0f}",
@@ -61,7 +64,7 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
         print_beliefs(tables["beliefs"])
     if "faults" in tables and tables["faults"].height:
         print_faults(tables["faults"])
-    # A front of a single entry tells no more than the entry's row in the standings.
+    # A front of a single entry adds nothing to the entry's row in the standings.
     if (tables["fronts"]["points"] > 1).any():
         print_fronts(tables["fronts"])
     print_line()
@@ -77,10 +80,15 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
 
 
 def print_beliefs(beliefs: pl.DataFrame) -> None:
-    """Print the confidence of robots when they decided, and how often these decisions were right.
+    """Print the confidence of robots when they decided, how often these decisions were right, and how many decided.
 
-    Both are averages over floors, in which each floor is weighted by the prior probability of its number of vibrating
-    tiles. The column "floors" names that prior: the strategy's own, or the one of tiles that vibrate independently.
+    These are averages over floors, in which each floor is weighted by the prior probability of its number of vibrating
+    tiles. The column "floors" names that prior: the strategy's own, or the one of tiles that vibrate independently. The
+    column "settings" names the settings of decisions: the entry's own, or a threshold of 95 % and no least number of
+    observations.
+
+    Args:
+        beliefs: result of ``belief_calibration``.
     """
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
 
@@ -130,11 +138,12 @@ def print_fronts(fronts: pl.DataFrame) -> None:
 def print_faults(curves: pl.DataFrame) -> None:
     """Print, for each kind of fault, how many faulty robots each entry tolerates.
 
-    That number is followed by the forced errors (%) of the working robots, with 0, 1, 2, ... faulty robots.
+    That number is followed by the forced errors (%) of the working robots, with 0, 1, 2, ... faulty robots. A dash
+    stands for a kind of fault that does not exist for the entry's strategy: "opposite" if messages have no opposite.
 
     Args:
-        curves: result of ``fault_curves``: one row for each entry, kind of fault and number of faulty robots, which
-            rises from row to row.
+        curves: result of ``fault_curves``: one row for each entry, kind of fault and number of faulty robots. Within an
+            entry and kind, that number rises from row to row.
     """
     from vibroswarm.cli.output import print_line, print_paragraph, print_table
     from vibroswarm.league.fault_curves import MARGIN, borne
@@ -164,7 +173,10 @@ def print_faults(curves: pl.DataFrame) -> None:
 
 
 def _difference(row: dict[str, Any]) -> list[str]:
-    """Return the printed cells of a row of differences: strategy, figure, difference with limits, and p."""
+    """Return the printed cells of a row of differences: strategy, figure, difference with limits, and p.
+
+    The figure is the decision time or the forced error: ``Standings.differences`` compares no others.
+    """
     is_time = row["figure"] == "decision_time_s"
     scale, form, unit = (1, "+.0f", " s") if is_time else (100, "+.1f", " points")
     name = "decision time" if is_time else "forced error"
@@ -173,7 +185,10 @@ def _difference(row: dict[str, Any]) -> list[str]:
 
 
 def values_text(row: dict[str, Any], name: str, scale: float, form: str, unit: str = "") -> str:
-    """Format a figure of a row with its limits, such as ``44.1 % [41.0, 47.2]``; "not reached" if it has no value.
+    """Format a figure of a row with its limits, such as ``44.1 % [41.0, 47.2]``; without limits that are missing.
+
+    If the figure itself is missing, the result is "not reached": for example, a front may have no point with the error
+    of the reference.
 
     Args:
         name: column of the figure. The columns of its limits have the same name with ``_low`` and ``_high`` added.
@@ -181,7 +196,7 @@ def values_text(row: dict[str, Any], name: str, scale: float, form: str, unit: s
         form: format specification of each number, such as ``.1f``.
         unit: text that follows the figure, such as " %".
     """
-    # a value x is missing if it is None, or if it is NaN: then x != x
+    # A value x is missing if it is None, or if it is NaN: then x != x.
     values = [row[name + end] for end in ("", "_low", "_high")]
     if values[0] is None or values[0] != values[0]:
         return "not reached"

@@ -93,7 +93,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Do what the options ask for: a search, a grid, a comparison or a sensitivity analysis; return the exit code.
+    """Run a search, a grid, a comparison or a sensitivity analysis, as the options say; return the exit code.
 
     Only a search and a grid can be resumed. For the other two, ``arguments.resumes`` is set to None, so that the
     message after Ctrl-C does not offer to resume them.
@@ -125,7 +125,7 @@ def search_from(arguments: argparse.Namespace) -> Search:
 
     method = arguments.method
     search = Search() if arguments.search is None else Search.read(arguments.search, method=method)
-    # The method is among these settings for a search without a file, to which it was not passed above.
+    # `Search.read` gets the method too, since it checks the file's other entries under the method that will be used.
     options = {"budget": arguments.budget, "fresh": arguments.fresh, "method": method}
     changes = {name: value for name, value in options.items() if value is not None}
     pso = search.pso if arguments.noise is None else replace(search.pso, noise=arguments.noise)
@@ -165,7 +165,7 @@ def _counting(what: str, runs: int) -> Iterator[Callable[[int], None]]:
     from vibroswarm.study.runner import StudyProgress
 
     with study_progress(what) as progress:
-        # Failed runs are not counted here: the results report them.
+        # How many runs failed is not known here; the results report it.
         yield lambda done: progress(StudyProgress(done=done, wanted=runs, failed=0))
 
 
@@ -178,7 +178,10 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     """Run a search, score its winner or its Pareto front on fresh runs, print and save the result.
 
     Fresh runs are needed because the scores of the search itself are too good: the winner was chosen for its score,
-    which is partly luck. Returns the exit code.
+    which is partly luck. With several objectives the result is a Pareto front. It is empty if no candidate has finite
+    scores; then nothing is scored on fresh runs.
+
+    Returns the exit code.
     """
     from vibroswarm.cli.optimize_output import print_found
     from vibroswarm.cli.out_folder import claim, deliver
@@ -203,10 +206,10 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
         result = run_search(search, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
     truth: Truth | None = None
     front: Front | None = None
-    if result.front:  # the search has several objectives, so its result is a Pareto front
+    if result.front:  # never with one objective
         with _counting("scoring on fresh runs", fresh_runs(result) * len(result.front)) as counted:
             front = front_of(result, progress=counted, **execution)
-    if len(search.objectives) == 1:  # score the winner, and each start of the search for comparison
+    if len(search.objectives) == 1:  # the winner, and each start of the search for comparison
         with _counting("scoring on fresh runs", search.settings.fresh * (1 + len(search.starts))) as counted:
             truth = truth_of(result, progress=counted, **execution)
     if arguments.out is not None:
@@ -226,7 +229,10 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
 
 
 def _grid(arguments: argparse.Namespace) -> int:
-    """Run a grid, score its cell of lowest cost on fresh runs, print and save the result; return the exit code."""
+    """Run a grid, score its cell of lowest cost on fresh runs, print and save the result; return the exit code.
+
+    ``--cost`` replaces the grid's objective by one with default statistic and parameters, even if the file has others.
+    """
     from vibroswarm.cli.optimize_output import print_grid, print_truth
     from vibroswarm.cli.out_folder import claim, deliver
     from vibroswarm.cli.output import print_saved
@@ -277,8 +283,8 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
 
     names = ("method", "noise", "fresh", "check", "against", "runs")
     _refuse(arguments, names, "does not apply to --sensitivity")
-    # Here --budget is the number of runs of the analysis. It is removed from the arguments because search_from would
-    # take it for the budget of a search and check it against the limits of one.
+    # Here --budget is the number of runs of the analysis. It is removed from the arguments, since `search_from` would
+    # check it against the limits of a search's budget.
     budget, arguments.budget = 20_000 if arguments.budget is None else arguments.budget, None
     search = search_from(arguments)
     work = hash_of(search.hash, budget)
@@ -302,7 +308,10 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
 
 
 def _check(arguments: argparse.Namespace) -> int:
-    """Compare two scenarios on fresh runs, twice with different seeds, and print the result; return the exit code."""
+    """Compare two scenarios on fresh runs, twice with different seeds, and print the result; return the exit code.
+
+    Of the search, the comparison uses only the cases, the first objective, the source of motion and the seed.
+    """
     from vibroswarm.cli.optimize_output import print_comparison
     from vibroswarm.cli.output import print_json
     from vibroswarm.cli.scenario_options import warn_of

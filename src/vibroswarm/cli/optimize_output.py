@@ -36,7 +36,7 @@ def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
     Args:
         found: the result of the search.
         truth: the scores of the best candidate and of the starts on fresh runs; None with several objectives.
-        front: the Pareto front, scored on fresh runs; None with one objective.
+        front: the Pareto front, scored on fresh runs; None with one objective, or if the front is empty.
     """
     if front is not None:
         _print_front(front)
@@ -102,11 +102,14 @@ def _print_front(front: Front) -> None:
 
 
 def _print_parts(scored: Scored) -> None:
-    """Print the parts of a score that is the decision time under limits of the errors; nothing for other scores."""
-    if scored.parts is None:
+    """Print the parts of a score of the cost ``time_at_error``: decision time, wrong and undecided; else nothing.
+
+    This cost is the decision time, with penalties if the wrong or the undecided robots exceed a limit. So these two
+    shares are also compared with their limits.
+    """
+    if scored.parts is None:  # another cost
         return
-    # for each part that has a limit, how it compares with the limit, in words
-    compared_with_limit = scored.near
+    compared_with_limit = scored.near  # in words, by the name of the part
     print_paragraph(f"  decision time {with_interval(scored.parts['decision_time_s'], '.0f')} s")
     for words, name in (("wrong decisions", "robot_error"), ("undecided", "robots_undecided")):
         print_paragraph(f"  {words} {percent(scored.parts[name])}: {compared_with_limit[name]}")
@@ -115,7 +118,7 @@ def _print_parts(scored: Scored) -> None:
 
 
 def print_grid(nodes: Nodes) -> None:
-    """Print the score of every cell of a grid; mark the lowest score, and those that do not differ significantly."""
+    """Print the score of every cell of a grid; mark the lowest, and those that are not significantly higher."""
     print_paragraph(
         f"{nodes.grid.objective.words}, {nodes.best.scored.score.n:,} runs per cell on shared motion:"
     )

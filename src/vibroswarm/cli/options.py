@@ -50,7 +50,10 @@ def real(text: str, low: float = -math.inf, high: float = math.inf) -> float:
 
 
 def _range(low: float, high: float) -> str:
-    """Describe a range in words for an error message."""
+    """Describe a range in words for an error message.
+
+    ``high`` is written with up to 10 digits, so that a limit such as 1000000 does not appear as 1e+06.
+    """
     return f"{low:g} or more" if high == math.inf else f"from {low:g} to {high:.10g}"
 
 
@@ -236,7 +239,7 @@ def add_scenario_options(
 
 
 def read_result(folder: Path) -> Result:
-    """Read a result from its folder: a ``Recording`` of real robots, or the ``Result`` of a simulation."""
+    """Read a result from its folder: the ``Result`` of a simulation, or a ``Recording`` of real robots (a subclass)."""
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.result import Result
 

@@ -150,7 +150,11 @@ class Printed(NamedTuple):
 
 
 def hash_of(*parts: object) -> str:
-    """Return 16 hexadecimal digits that identify a command's work: the hash of its settings."""
+    """Return 16 hexadecimal digits that identify a command's work: the hash of its settings.
+
+    Args:
+        parts: the settings. Their ``repr`` must be the same in every process.
+    """
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
@@ -217,8 +221,8 @@ def read_printed(folder: Path) -> Printed | None:
 def _block(given: Any, path: Path) -> Block:
     """Return a block of ``printed.json`` after checking its form: a paragraph, a line or a table.
 
-    The file may come from someone else, so control characters, which a terminal would obey, are replaced. The entries
-    of a table are the arguments of ``output.print_table``.
+    The file may come from someone else, so control characters, which a terminal would obey, are replaced in all that
+    is printed. The entries of a table are the arguments of ``output.print_table``.
 
     Args:
         given: the block as it was read from JSON.
@@ -229,9 +233,10 @@ def _block(given: Any, path: Path) -> Block:
     for kind in ("text", "line"):
         if isinstance(given, dict) and kind in given:
             return {kind: plain(entry(given, kind, str, path))}
-    # The block must be a table. `names` is how many of the first columns name a row, `texts` how many of the first
-    # columns hold text (a table can be laid out with any such number, so it is not checked); `more` lists the columns
-    # that are printed with --wide only.
+    # The block must be a table; `entry` refuses what is not. `names` is how many of the first columns name a row,
+    # `texts` how many of the first columns hold text (a table can be laid out with any such number, so it is not
+    # checked). `more` lists the columns that are printed with --wide only; it is compared with the headers, and not
+    # printed.
     columns = [plain(name) for name in words(entry(given, "columns", list, path), "columns", path)]
     rows = [[plain(cell) for cell in words(row, "rows", path)] for row in entry(given, "rows", list, path)]
     names, texts = entry(given, "names", int, path), entry(given, "texts", int, path)

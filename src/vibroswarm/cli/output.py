@@ -80,7 +80,7 @@ def print_table(
             repeats these columns, or puts them on a line of their own.
         texts: how many of the first columns hold text, including those that name the row. Text is aligned to the left,
             and the columns of text after the names may be wrapped. All other columns hold numbers, aligned to the
-            right.
+            right. Columns that name the row always count as text, so a number below ``names`` has no effect.
         more: headers of the columns that are printed with ``--wide`` only. They come after the columns of text, so that
             ``names`` and ``texts`` hold with and without them.
     """
@@ -133,7 +133,7 @@ def table_lines(
 ) -> list[str]:
     """Return the lines of a table with all its rows; the arguments are those of ``print_table``.
 
-    Without ``--wide``, the columns of ``more`` are left out, and the last line lists them.
+    Without ``--wide``, the columns of ``more`` are left out, and listed below the table.
     """
     from vibroswarm.cli.tables import layout, table_of
 
@@ -188,6 +188,9 @@ def check_open(arguments: argparse.Namespace) -> None:
 
 def print_saved(arguments: argparse.Namespace, what: str, page: str | None = None) -> None:
     """Print where results are saved, or without ``--out`` that they are not; with ``--open``, open their page.
+
+    With ``--json`` nothing is printed on stdout, which holds the JSON document only. A command without the option
+    ``--json`` or ``--open`` counts as called without it.
 
     Args:
         what: what is saved, or what would be saved with ``--out``, in words.

@@ -25,7 +25,7 @@ class _Lines:
         self.latest_s = time.monotonic()
 
     def __call__(self, text: str) -> None:
-        """Report ``text`` on stderr, unless a line was reported less than ten seconds ago."""
+        """Report ``text`` on stderr, unless the last line, or the start, is less than ten seconds ago."""
         now_s = time.monotonic()
         if now_s - self.latest_s >= LINE_EVERY_S:
             self.latest_s = now_s
@@ -34,7 +34,9 @@ class _Lines:
 
 @contextmanager
 def _bar(what: str, total: float | None = None) -> Iterator[Callable[..., None]]:
-    """Show a progress bar; yield the function that updates it by keywords: description, total, completed, note.
+    """Show a progress bar on stderr, unless ``--quiet``; yield the function that updates it.
+
+    The function takes keywords: description, total, completed, and note, a text at the end of the bar.
 
     Args:
         what: description of the work.
@@ -62,8 +64,8 @@ def progress_bar(what: str) -> Iterator[Callable[[float], None]]:
 def labelled_progress_bar(what: str) -> Iterator[Callable[[str, float], None]]:
     """Show a progress bar; yield a function that takes a description of the present step and the share done, 0 to 1.
 
-    Before that, report on stderr if kernels must be compiled. If stderr is not a terminal, lines with the share done
-    are printed instead of a bar; they do not describe the step.
+    If kernels must be compiled, that is reported first (``say_compiling``). If stderr is not a terminal, lines with the
+    share done are printed instead of a bar; they name the whole work, not the step.
 
     Args:
         what: description of the whole work.
@@ -81,8 +83,8 @@ def labelled_progress_bar(what: str) -> Iterator[Callable[[str, float], None]]:
 def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
     """Yield a function that takes the progress of a study and shows runs done, rate and failures.
 
-    While a kernel is compiled, no run ends, so "compiling" is shown. If stderr is not a terminal, lines are printed
-    instead of a bar.
+    No run ends while a kernel is compiled, so "compiling" is shown until progress is reported again. If stderr is not a
+    terminal, lines are printed instead of a bar.
 
     Args:
         what: description of the work.
@@ -90,10 +92,10 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
     from vibroswarm.study.runner import StudyProgress
 
     began_s = time.monotonic()
-    latest = StudyProgress(done=0, wanted=0, failed=0)
+    latest = StudyProgress(done=0, wanted=0, failed=0)  # for lines that are printed during compilation
 
     def rate_and_failures(now: StudyProgress) -> tuple[float, str]:
-        """Return the number of runs per second so far, and how many batches failed in words (empty if none)."""
+        """Return the number of runs per second so far, and in words how many batches failed (empty if none)."""
         passed_s = time.monotonic() - began_s
         rate = now.done / max(passed_s, 1e-9)  # 1e-9: the clock may not have advanced yet
         return rate, f"{now.failed} batches failed" if now.failed else ""
@@ -122,6 +124,7 @@ def study_progress(what: str) -> Iterator[Callable[[StudyProgress], None]]:
         def show(now: StudyProgress) -> None:
             rate, failed = rate_and_failures(now)
             note = f"{rate:,.0f} per second{f', {failed}' if failed else ''}"
+            # `description` is set each time, because it may be "compiling"
             update(description=what, total=now.wanted, completed=now.done, note=note)
 
         with _while_compiling(lambda: update(description=f"{what}: compiling")):
@@ -180,11 +183,13 @@ _reported: set[tuple[str, ...]] = set()
 
 
 def say_compiling(*sources: str) -> None:
-    """If the engine's kernels are not cached, report on stderr that they are compiled, and start a process that helps.
+    """Unless an engine is cached, report on stderr that kernels are compiled, and start a second process for some.
+
+    The second process compiles the kernels of observation and inference (``background_compile``), while this process
+    compiles those of the engine, which simulate motion.
 
     Args:
-        sources: names of the motion sources (engines) that may be used. Nothing is reported if the kernels of one of
-            these engines are cached. Without names, nothing is reported if the kernels of any engine are cached.
+        sources: names of the motion sources (engines) of which at least one must be cached; without names, any engine.
     """
     from vibroswarm.cli.background_compile import begin
     from vibroswarm.core.jit import cache_folder, is_cached

@@ -107,6 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"cannot be created: {error.strerror}", field=str(arguments.out)) from None
     with folder_lock(arguments.out):
         with labelled_progress_bar(f"reproducing {len(items)} items") as progress:
+            # An archive holds the cells of all items, also of those whose results are in the folder already.
             reproduction = reproduce(
                 settings, arguments.out, items, progress, with_cells=arguments.archive is not None
             )
@@ -126,7 +127,9 @@ PARTS = ("items", "runs", "figures", "tables", "report.html", "printed.json", ".
 
 
 def _refuse_other(folder: Path, archive: Path | None) -> None:
-    """Refuse a folder that holds anything but the parts of a reproduction, its archive and hidden files.
+    """Refuse a file, and a folder that holds anything but the parts of a reproduction, its archive and hidden files.
+
+    A reproduction with other settings is accepted: ``reproduce`` recomputes the items that depend on a changed setting.
 
     Raises:
         InputError: the folder is refused.
@@ -144,12 +147,14 @@ def _refuse_other(folder: Path, archive: Path | None) -> None:
 
 
 def check(arguments: argparse.Namespace) -> int:
-    """Recompute some cells of an archive, print whether they confirm it, and return exit code 0.
+    """Recompute some cells of an archive, check its other contents, print the result, and return exit code 0.
 
-    A cell is one scenario with its engine and seed, simulated many times.
+    A cell is one scenario with its engine and seed, simulated many times. The other contents are checked for
+    consistency: the hashes of the files, the tables, and the verdicts.
 
     Raises:
-        RunError: results differ; the differences are printed first.
+        InputError: the file is not an archive, is damaged, or would take too long to check.
+        RunError: a cell differs, or the archive is inconsistent; the differences are printed first.
     """
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.paper.verify_archive import verify
@@ -179,7 +184,7 @@ def check(arguments: argparse.Namespace) -> int:
 def settings_of(arguments: argparse.Namespace) -> Settings:
     """Return the settings of a reproduction that the options give.
 
-    Recordings are taken from the environment variable ``RECORDINGS`` if ``--recordings`` is not given.
+    If ``--recordings`` is not given, the environment variable ``RECORDINGS`` names their folder, unless it is empty.
 
     Raises:
         InputError: a column or control is unknown, or the number of runs is out of range.
@@ -196,7 +201,7 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         raise InputError(
             f"unknown control '{arguments.control}' (known: {', '.join(CONTROLS)})", field="--control"
         )
-    if not 2 <= arguments.runs <= MOST_RUNS:
+    if not 2 <= arguments.runs <= MOST_RUNS:  # a confidence interval over runs needs two
         raise InputError(f"{arguments.runs} is not from 2 to {MOST_RUNS}", field="--runs")
     recordings = arguments.recordings
     if recordings is None and os.environ.get(RECORDINGS):
@@ -212,7 +217,10 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
 
 
 def _print_verdicts(reproduction: Reproduction) -> None:
-    """Print the counts of verdicts in each column (preset), then each claim with its verdicts, then skipped items."""
+    """Print the counts of verdicts in each column (preset), each claim with its verdicts, and the skipped items.
+
+    If verdicts are inconclusive for lack of runs, the advice to use more runs follows the counts.
+    """
     from textwrap import fill
 
     from vibroswarm.cli import terminal

@@ -66,7 +66,10 @@ WIDEST_MAP: Final = 15
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate one run, save it and play it back if requested, and print its verdict; return the exit code."""
+    """Simulate one run, save it and play it back if requested, and print its verdict; return the exit code.
+
+    With ``--json``, nothing is played back, since stdout gets the document only.
+    """
     from vibroswarm.cli.out_folder import claim, refuse_other_run
     from vibroswarm.cli.output import check_open, print_paragraph, print_saved
     from vibroswarm.cli.scenario_options import chosen, scenario_from
@@ -79,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     # An existing folder is accepted only if it holds the same run, or with --force. at_once=False: the older folder
     # stays until the new one is complete and replaces it.
     claim(arguments, lambda: refuse_other_run(arguments.out, scenario, arguments.seed, motion), at_once=False)
-    # Segments are the positions between samples; the page and the playback need them, and not every engine has them.
+    # Segments are the positions between samples. They are recorded only for the page and the playback, which need them.
     with_segments = arguments.out is not None or arguments.watch is not None
     result = _simulate(scenario, arguments.seed, motion, with_segments)
     if arguments.out is not None:
@@ -89,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
 
         play(result, arguments.watch)
     _print_verdict(result, arguments)
-    has_page = result.segments is not None
+    has_page = result.segments is not None  # None: not recorded, or a user's motion source does not have them
     print_saved(arguments, "scenario, tables, picture and page", "run.html" if has_page else None)
     if arguments.out is not None and not has_page and not arguments.json:
         print_paragraph(f"No page: '{arguments.motion}' has no positions between samples")
@@ -97,9 +100,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _refuse_without_segments(scenario: Scenario, seed: int, motion: str) -> None:
-    """Refuse ``--watch`` if a motion source has no positions between samples.
+    """Refuse ``--watch`` before the run is simulated if the motion source has no positions between samples.
 
-    A user's source is asked for them at the start of the run; the engines of this package all have them.
+    The engines of this package all have them. For a user's source, a run is created and advanced to 0 s, which
+    simulates nothing but shows whether the source returns segments.
 
     Raises:
         InputError: the source has no positions between samples.
@@ -149,7 +153,10 @@ def _save(result: Result, out: Path) -> None:
 
 
 def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
-    """Print the verdict of a run, the robots' map of the floor if they keep one, and warnings; or all as JSON."""
+    """Print the verdict of a run, the robots' map of the floor if they keep one, and warnings.
+
+    With ``--json``, print a document instead, which has no map.
+    """
     from vibroswarm.analysis.decidability import decidability
     from vibroswarm.analysis.verdict import verdict
     from vibroswarm.cli.output import print_json, print_paragraph

@@ -39,7 +39,10 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
     If a value is user code (FILE.py:NAME), the file is loaded.
 
     Args:
-        base: the scenario whose fields are set; it gives the size of a random floor if ``--tiles`` does not.
+        base: the scenario whose fields are set. Its random floor is used if ``--tiles`` is given without ``--floor``,
+            and its numbers of rows and columns if ``--floor`` names a random floor and ``--tiles`` is not given.
+    Raises:
+        InputError: a value is wrong.
     """
     values: dict[str, Any] = {}
     if arguments.floor is not None or arguments.tiles is not None:
@@ -65,7 +68,7 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
 
 
 def chosen(kind: str, text: str) -> str:
-    """Check the name of a strategy, network, task or motion source, and return it as a scenario holds it.
+    """Check the name of a strategy, network, task or motion source, and return it as scenarios and results store it.
 
     Args:
         kind: "strategy", "network", "task" or "motion".
@@ -96,14 +99,17 @@ def chosen(kind: str, text: str) -> str:
 def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[str, Any]:
     """Return the fields of the floor that ``--floor`` and ``--tiles`` describe.
 
-    A random floor and a pattern are stored by name. The tiles of a file are copied into the scenario, so that the
-    scenario does not depend on the file.
+    A random floor is stored by name and size, a pattern by name. The tiles of a file are copied into the scenario, so
+    that the scenario does not depend on the file; ``floor.rows`` and ``floor.columns``, which only random floors use,
+    are not set then.
 
     Args:
         base: the scenario whose fields are set. Without ``--floor``, its random floor is used; without ``--tiles``, a
             random floor has the base's size.
         spec: the text of ``--floor``; None if it is not given.
         tiles: the text of ``--tiles``; None if it is not given.
+    Raises:
+        InputError: there is no such floor, or ``--tiles`` is wrong or does not apply to the floor.
     """
     size = None if tiles is None else parse_tiles(tiles)
     if spec is None:
@@ -114,7 +120,8 @@ def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[s
         spec = base.floor.source
     if is_random(spec) and size is None:
         size = (base.floor.rows, base.floor.columns)
-    grid, name = resolve(spec, size)  # of a random floor, only the size of the grid is used
+    # A random floor is drawn when it is simulated: here, only the size of its grid counts.
+    grid, name = resolve(spec, size)
     name = "".join(c if c.isprintable() else "?" for c in name)  # file names may contain anything
     if is_random(spec):
         return {
@@ -124,8 +131,9 @@ def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[s
             "floor.columns": grid.shape[1],
         }
     rows = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
-    # For a pattern, `resolve` returns the user's text in a standard form, such as diagonal:0.46. For a file it returns
-    # the name of the file, which normally has no colon.
+    # For a pattern, `resolve` returns its standard name, such as diagonal:0.46. A pattern whose fill ratio is written
+    # in another way, such as diagonal:.46, is not recognised here, so its tiles are stored too. For a file, `resolve`
+    # returns the name of the file, which is assumed to have no colon.
     is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
     return {"floor.source": name, "floor.tiles": None if is_pattern else rows}
 

@@ -45,7 +45,11 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print what a folder or file holds, and with ``--open`` open its page; return the exit code."""
+    """Print what a folder or file holds, and with ``--open`` open its page; return the exit code.
+
+    Raises:
+        InputError: the path cannot be shown; or ``--open`` is given for a file, or for a folder without a page.
+    """
     path: Path = arguments.folder
     if path.is_dir():
         _show_folder(path, arguments)
@@ -80,8 +84,8 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
     lines: list[str] = []
     store = None
     printed = read_printed(folder)
-    # A search has two files. is_search is False if one of them is missing or is not a plain file; if only one is there,
-    # the folder is refused as damaged.
+    # A search has two files. A folder that has at least one of their names, but not both as regular files, is a damaged
+    # search.
     if is_search(folder) or any(os.path.lexists(folder / name) for name in (SEARCH_HEAD, SEARCH)):
         if not is_search(folder):
             raise InputError(
@@ -150,7 +154,7 @@ def _show_result(folder: Path, arguments: argparse.Namespace) -> None:
         [
             [
                 run,
-                one.consensus or "not logged",
+                one.consensus or "not logged",  # None: a recording without decisions
                 "-" if one.consensus_time_s is None else f"{one.consensus_time_s:.1f}",
                 one.right,
                 one.wrong,
@@ -163,7 +167,7 @@ def _show_result(folder: Path, arguments: argparse.Namespace) -> None:
 
 
 def _origin(result: Result) -> str:
-    """Return what was simulated or recorded in words: robots, strategy, floor, and seed."""
+    """Describe in words what was simulated or recorded: robots, strategy, floor of the first run, and seed."""
     robots = result.scenario.swarm.robots
     floor, strategy = result.floor(int(result.runs["run"][0])).name, result.scenario.strategy.name
     seed = "as recorded" if result.seed is None else f"seed {result.seed}"
@@ -177,7 +181,9 @@ OF_CODE: Final = ("strategy.name", "network.name", "task.name")
 
 
 def state_of(store: Store) -> dict[str, Any]:
-    """Return the state of a study's folder for JSON: how much is done, damaged and failed.
+    """Return the state of a study's folder in plain values: how much is done, damaged and failed.
+
+    ``--json`` prints these values, and ``study_lines`` describes them.
 
     ``runs_wanted`` and ``runs_there`` are sums over cells; ``runs_each`` is the number of runs per cell, None if it
     depends on a precision (``until``).
@@ -233,7 +239,7 @@ def search_lines(about: dict[str, Any], *, with_result: bool = True) -> list[str
         return lines
     if not with_result:
         return lines
-    if truth := about["result"].get("truth"):
+    if truth := about["result"].get("truth"):  # of a search with one objective
         score = truth["true"]["score"]  # of the best candidate, on fresh runs
         believed, estimate, low, high = (
             math.nan if value is None else value  # JSON has no NaN: it is saved as null
@@ -241,7 +247,7 @@ def search_lines(about: dict[str, Any], *, with_result: bool = True) -> list[str
         )
         lines.append(f"Best: {values_said(about['result']['best'])}")
         lines.append(f"Believed {believed:.4g}, true {estimate:.4g} [{low:.4g}, {high:.4g}]. {truth['says']}")
-    if front := about["result"].get("front"):
+    if front := about["result"].get("front"):  # the Pareto front of a search with several objectives
         lines.append(front["says"])
     return lines
 
@@ -288,7 +294,8 @@ def study_lines(about: dict[str, Any]) -> list[str]:
 def results_of(store: Store) -> Outcome | None:
     """Summarise the finished runs of a study.
 
-    If the study was repeated on other seeds and the repetition is saved in its folder, it confirms the comparisons.
+    If the folder holds a repetition of the study on other seeds (``SECOND``), the summary states which comparisons are
+    confirmed by it.
 
     Returns:
         The summary; None if no run is finished.

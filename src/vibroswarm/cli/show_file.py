@@ -1,4 +1,4 @@
-"""Files that commands have written, for ``vibroswarm show``: scenarios, settings, studies, searches, floors, tables."""
+"""``vibroswarm show`` for a file: a scenario, settings of strategies, study, search, floor, table or archive."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def show_file(path: Path, arguments: argparse.Namespace) -> None:
     """Print what a file holds; the kind of file is detected by its suffix and its content.
 
     Raises:
-        InputError: there is no such file, or no command writes such a file.
+        InputError: the file cannot be read, its suffix is not known, or its content is wrong.
     """
     from vibroswarm.core.tables import MAX_BYTES
     from vibroswarm.core.untrusted_files import check_plain
@@ -48,14 +48,15 @@ def show_file(path: Path, arguments: argparse.Namespace) -> None:
 def _show_toml(path: Path, arguments: argparse.Namespace) -> None:
     """Print what a TOML file describes: a search, a study, settings of strategies or a scenario.
 
-    The kind is detected by the names of the file's tables. For a search or a study, only a summary is printed.
+    A search and a study are detected by the names of their entries, settings by the form of their keys; any other file
+    is read as a scenario. For a search or a study, only a summary is printed.
     """
     from vibroswarm.core.untrusted_files import parsed_toml, read_text
 
     text = read_text(path, "a file in TOML")
     tables = parsed_toml(text, str(path))
     summary: dict[str, Any]
-    if {"space", "objective", "search"} & set(tables):  # tables that only the file of a search has
+    if {"space", "objective", "search"} & set(tables):  # entries of files for `optimize` only
         from vibroswarm.optimize.spec import Search
 
         search = Search.read(path)
@@ -69,7 +70,8 @@ def _show_toml(path: Path, arguments: argparse.Namespace) -> None:
         if "search" not in tables and (cells := _cells_of_grid(path)):
             summary |= {"method": "grid", "cells": cells}
             words = f"Grid of {cells} cells over {', '.join(search.space.names)}, or fields of a search."
-    elif {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):  # names of a study only
+    # entries that no scenario has; a search may have some of them, so it is detected first
+    elif {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
         from vibroswarm.study.spec import Study
 
         study = Study.read(path)
@@ -119,7 +121,7 @@ def _is_settings(tables: dict[str, Any]) -> bool:
 
 
 def _show_settings(text: str, tables: dict[str, Any], arguments: argparse.Namespace) -> None:
-    """Print the settings of each strategy, after the comment at the top of the file, which says how they were found.
+    """Print the settings of each strategy, after the file's first comment, which states how ``tune`` chose them.
 
     Args:
         text: the text of the file.
@@ -144,16 +146,17 @@ def _show_settings(text: str, tables: dict[str, Any], arguments: argparse.Namesp
 
 
 def _show_scenario(scenario: Scenario, path: Path, arguments: argparse.Namespace) -> None:
-    """Print the fields of a scenario that differ from those of the preset ``paper``."""
+    """Print the fields of a scenario that differ from those of the preset ``paper``.
+
+    A table inside a section, such as the parameters of a strategy, is compared and printed as a whole.
+    """
     from vibroswarm.scenario.scenario import preset
 
     here, paper = scenario.model_dump(mode="json"), preset("paper").model_dump(mode="json")
-    # for each field that differs, by dotted name: its value here and its value in the preset
+    # For each field that differs, by dotted name: its value here and its value in the preset (None if the preset has no
+    # such table). Every section is a dictionary.
     differing = {
-        f"{section}.{name}": (
-            value,
-            paper[section].get(name),
-        )  # the paper's strategy has no table of another's
+        f"{section}.{name}": (value, paper[section].get(name))
         for section, fields in here.items()
         for name, value in fields.items()
         if value != paper[section].get(name)
@@ -181,7 +184,7 @@ def _short(value: Any) -> str:
 
 
 def _is_floor(path: Path) -> bool:
-    """Return whether a CSV file holds a floor, a grid of 0 and 1; False for a table.
+    """Return whether a file is a CSV file that holds a floor and not a table.
 
     The first line that is not a comment has the names of the columns in a table, and numbers in a floor.
     """
@@ -257,12 +260,12 @@ def _frame(path: Path) -> pl.DataFrame:
 
 
 def _print_frame(table: pl.DataFrame, arguments: argparse.Namespace) -> None:
-    """Print a table; its columns before the first column of numbers are aligned to the left as text."""
+    """Print a table, or with ``--json`` its rows; columns before the first one of numbers are aligned to the left."""
     if arguments.json:
         import polars as pl
         from polars.selectors import float as float_columns
 
-        # JSON has no numbers for nan and infinity.
+        # JSON has no nan and no infinity: `when` without `otherwise` makes them null.
         finite = pl.when(float_columns().is_finite()).then(float_columns())
         print_json(table.with_columns(finite).to_dicts())
         return
@@ -279,7 +282,9 @@ def _cell(value: Any) -> str:
 
 
 def show_tables(folder: Path, arguments: argparse.Namespace) -> None:
-    """Print which tables, with their sizes, and which pictures a folder holds that is no result, study or search.
+    """Print the names and sizes of the tables in a folder, and the names of its pictures and pages.
+
+    ``show`` prints this for a folder that is no result, study or search and has no ``printed.json``.
 
     Raises:
         InputError: the folder has neither tables nor pictures.

@@ -88,7 +88,8 @@ def run_study_of(
     """Print the plan of a study and run it, or only the part that ``--shard`` or ``--batch`` names.
 
     Args:
-        allow_failures: return the result even if runs failed. If only a shard is run, its failures are raised anyway.
+        allow_failures: return the result even if runs failed. A shard has no result to return, so its failures are
+            raised anyway.
     Returns:
         The result; None if only a part of the study was run: then a sentence about that part is printed.
     Raises:
@@ -110,6 +111,7 @@ def run_study_of(
         )
     if job is not None and arguments.batch is not None:
         raise InputError("cannot be used with --shard", field="--batch")
+    # A part of a study is of use only if it is saved, to be joined with the other parts.
     if (job or arguments.batch) and arguments.out is None:
         raise InputError("needs --out DIR", field="--shard" if job else "--batch")
     check_open(arguments)
@@ -143,7 +145,7 @@ def _execution(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _second_block(result: StudyResult, arguments: argparse.Namespace) -> StudyResult | None:
-    """Run the cells of a study again on other seeds, to confirm comparisons; None if the study compares no cells."""
+    """Run the cells of a study again on other seeds, to confirm comparisons; None if no cells are compared."""
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.study.cell_comparison import pairs_of, second_block
 
@@ -170,6 +172,8 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
     cells, groups = len(study.cells), len(plan.groups)
     # With --until, intervals are computed after 100 runs for the first time.
     runs = f"{study.runs:,}" if study.runs else "100 or more"
+    # Cells share work (see `study.plan`). For each run, all cells together need this many motions, observations of
+    # samples, and inferences from the readings.
     shared = ", ".join(
         f"{count:,} {name}{'s' * (count != 1)}"
         for count, name in (
@@ -183,8 +187,9 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
     # Without saved results, an empty store takes their place, so that all runs are left to do. Its path is not used.
     store = Store(Path(), study) if store is None else store
     for damage in store.damaged:
+        # a warning, so it is not printed by `report`, which --quiet silences
         print(f"damaged, will be recomputed: {damage}", file=sys.stderr)
-    say_compiling()
+    say_compiling()  # before `expected`, whose trial runs compile kernels
     left = expected(store, plan)
     if left.runs == 0:
         report("Nothing to do: all runs exist.")
@@ -354,7 +359,7 @@ def answer_lines(outcome: Outcome) -> list[str]:
 
     if not outcome.answers:
         lines = cell_sentences(outcome.cells[:MOST_SENTENCES])
-        left = len(outcome.cells) - len(lines)
+        left = len(outcome.cells) - len(lines)  # there is one sentence for each cell
         return lines + ([f"... and {left} more cells."] if left else [])
     lines = []
     for answer in outcome.answers[:MOST_SENTENCES]:
@@ -364,9 +369,9 @@ def answer_lines(outcome: Outcome) -> list[str]:
 
 
 def print_effects(outcome: Outcome) -> None:
-    """Print a row for each comparison of two cells: the differences in time, right, wrong and undecided.
+    """Print a row for each comparison of two cells: the differences in time, right, wrong and undecided; then a note.
 
-    A star marks significant differences.
+    A star marks significant differences. Nothing is printed if no cells are compared.
     """
     if not outcome.answers:
         return

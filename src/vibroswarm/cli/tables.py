@@ -114,10 +114,12 @@ def cell_width(text: str) -> int:
 
 
 def _grid(table: Table, width: int, *, wrapped: bool = False, stacked: bool = False) -> _Laid | None:
-    """Lay out rows and columns, with headers of as few lines as possible; None if they do not fit.
+    """Lay out rows and columns; return None if the table is too wide even with headers of ``MOST_HEAD_LINES`` lines.
+
+    Headers get as few lines as possible.
 
     Args:
-        wrapped: whether to break texts between words.
+        wrapped: whether to break the texts of columns that do not name the row, between words.
         stacked: whether to put each interval on a line under its estimate.
     """
     columns = range(len(table.columns))

@@ -39,6 +39,7 @@ printing = Printing()
 
 def use(arguments: argparse.Namespace) -> None:
     """Set how much is printed from the options of a new command."""
+    # --quiet and --verbose have no default (`options.add_loudness`), so they may be missing.
     for name in ("wide", "quiet", "verbose"):
         setattr(printing, name, bool(getattr(arguments, name, False)))
 
@@ -54,7 +55,7 @@ def width() -> int:
     """Return the width to print in, characters.
 
     It is the value of the environment variable COLUMNS if that is a number above 0, else the width of the terminal, but
-    in both cases at least ``LEAST``. If COLUMNS is not set and stdout is not a terminal, it is ``UNLIMITED``.
+    in both cases at least ``LEAST``. Without either, as when stdout is a file, it is ``UNLIMITED``.
     """
     with suppress(ValueError):  # COLUMNS is missing or is not a number
         if (given := int(os.environ.get("COLUMNS", ""))) > 0:
@@ -71,7 +72,10 @@ def text_width() -> int:
 
 
 def plain(text: str) -> str:
-    """Return text as one printable line: it may quote a file, with characters that a terminal would act on."""
+    """Return text as one printable line: white space becomes spaces, other unprintable characters become ``?``.
+
+    The text may quote a file, whose control characters a terminal would act on.
+    """
     return "".join(c if c.isprintable() else " " if c.isspace() else "?" for c in text)
 
 
@@ -95,7 +99,10 @@ def _line(text: str) -> None:
 
 @contextmanager
 def verbose() -> Iterator[None]:
-    """Inside the context, report on stderr about the command: versions, settings, kernels that it loads, its end."""
+    """Inside the context of a command, report on stderr its versions, settings, loaded kernels and end, with times.
+
+    Nothing is reported unless ``--verbose`` is set (``_line``).
+    """
     from vibroswarm.core.jit import add_compile_listener, cache_folder, compiles
     from vibroswarm.simulation import versions
 

@@ -1,4 +1,9 @@
-"""``vibroswarm tradeoff``: decision time against error over p_c and O_c, on shared motion."""
+"""``vibroswarm tradeoff``: decision time against error over p_c and O_c, on shared motion.
+
+p_c is the credible threshold: a robot decides when its belief in an answer exceeds it. O_c is the number of
+observations that it must exceed to decide. The motion of each run is simulated once, and decisions are computed on it
+for every pair of p_c and O_c.
+"""
 
 from __future__ import annotations
 
@@ -60,7 +65,7 @@ def add_parser(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay every pair of p_c and O_c on the same runs; print the Pareto front and save the curve.
+    """Compute time and error of every pair of p_c and O_c on the same runs; print the Pareto front and save the curve.
 
     Returns the exit code.
     """
@@ -104,6 +109,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         deliver_to(None)
     else:
+        # replace=True even without --force: `claim` has accepted the folder.
         with whole_folder(arguments.out, replace=True, marker=MARKER) as part:
             write_table(curve, part / "tradeoff")
             front_picture(curve, arguments.style).write(part / "front")
@@ -115,7 +121,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print_front(curve: pl.DataFrame) -> None:
-    """Print the settings on the Pareto front: those for which no other setting is both faster and less often wrong.
+    """Print the settings on the Pareto front, the fastest first.
+
+    A setting is on the front if no other one is at least as good in decision time and error, and better in one of them.
 
     Args:
         curve: result of ``time_error_curve``: one row for each setting, a pair of p_c and O_c.

@@ -112,8 +112,11 @@ def run(arguments: argparse.Namespace) -> int:
 def _print_tuned(tuned: Tuned, how: str) -> None:
     """Print the settings that were found, the error and time that they reach, and how they were found.
 
+    If no settings of a strategy have at most the target error, ``tune`` has chosen those with the smallest error. Their
+    error in the table is then above the target.
+
     Args:
-        tuned: the result of the search.
+        tuned: the result of the search. Its ``target`` is the forced error of the scenario as it is.
         how: a sentence that describes how the settings were found.
     """
     from vibroswarm.cli.output import print_paragraph, print_table

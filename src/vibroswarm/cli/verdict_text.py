@@ -105,6 +105,8 @@ def verdict_text(result: Result, found: Verdict) -> str:
 def robot_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:
     """Return the lines of the table of robots: one row for each robot, or in a large swarm one for each decision.
 
+    With ``--wide``, each robot has a row in a large swarm too.
+
     Args:
         found: the verdict on the run.
         posterior: header of the column of posteriors: "share of ones", or "opinion" for strategies whose robots count
@@ -120,7 +122,7 @@ def robot_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:
 
 
 MOST_ROBOTS: Final = 20
-"""Robots that have a row each without ``--wide``."""
+"""Largest swarm, in robots, whose robots have a row each without ``--wide``."""
 
 
 def summary_lines(found: Verdict, posterior: str = "share of ones") -> list[str]:

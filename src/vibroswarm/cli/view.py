@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.errors import InputError
     from vibroswarm.view.server import Server, viser, write_html
 
-    if not 1.0 <= arguments.speed <= 200.0:
+    if not 1.0 <= arguments.speed <= 200.0:  # the range of the slider on the page; --html has the same limits
         raise InputError(f"{arguments.speed:g} is not from 1 to 200", field="--speed")
     if arguments.html is not None and arguments.picture is not None:
         raise InputError("conflicts with --html; use one of them", field="--picture")

@@ -48,7 +48,7 @@ class Moment:
     x_m: NDArray[np.float64]
     y_m: NDArray[np.float64]
     belief: NDArray[np.float64]
-    """Probability that the share of ones is below the boundary."""
+    """Probability that the share of ones is below the boundary; nan after a sample if the strategy keeps no belief."""
     decision: NDArray[np.int64]
     """Number of the answer that the robot has decided on; -1 while it is undecided."""
     faults: list[str]
@@ -59,12 +59,15 @@ class Moment:
 
 @dataclass(frozen=True)
 class Radio:
-    """Messages that were sent until one time."""
+    """Messages that were sent until one time, each with its final state.
+
+    The states are those at the end of the run: a message in state ``RECEIVED`` may arrive after this time.
+    """
 
     lost: NDArray[np.int64]
     """(robots,): number of messages sent to each robot that were lost."""
     addressed: NDArray[np.int64]
-    """(robots,): number of messages that others sent to each robot."""
+    """(robots,): number of messages that others sent to each robot; every message goes to all others."""
     latest: NDArray[np.uint8]
     """(receivers, senders): state of the sender's latest message at the receiver; ``OWN`` if the sender has sent none,
     and on the diagonal."""
@@ -193,7 +196,8 @@ def line(playback: Playback, moment: Moment) -> str:
     """Return a moment as one line of text: for each robot its belief, and a mark for its decision and faults.
 
     The belief is that in the task's first answer, such as "less"; "-" if the strategy has none. The mark is ? if the
-    robot is undecided, < if it decided for the first answer, > for the second; ! follows if it has a fault.
+    robot is undecided, < if it decided for the first answer, > for the second; ! follows if it has a fault. The line
+    also has the number of lost messages, if the moment has ``radio``.
     """
     marks = {-1: "?", 0: "<", 1: ">"}
     beliefs = " ".join(
@@ -219,6 +223,8 @@ def _belief_text(belief: float) -> str:
 
 def frame(playback: Playback, moment: Moment, speed: float) -> RenderableType:
     """Return a moment as a picture for the terminal: the arena, beliefs as bars, and who hears whom by radio.
+
+    The radio is left out without a log of messages.
 
     Args:
         speed: simulated seconds per second, shown in the first line.

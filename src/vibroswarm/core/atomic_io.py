@@ -29,7 +29,8 @@ from vibroswarm.errors import InputError, RunError
 TEMPORARY_NAME: Final = re.compile(
     r"(?:\.(?P<name>.+?)\.(?P<old>old\.)?|vibroswarm-)vs(?P<host>[0-9a-f]{8})-(?P<pid>\d+)-[0-9a-f]{12}(?:\..*)?"
 )
-"""Names of temporary files and folders (see the module's text); ``old`` matches for a folder that was moved aside."""
+"""Names of temporary files and folders. Those with a dot are explained in the module's docstring; ``old`` matches for
+a folder that was moved aside. ``vibroswarm-vsHOST-PID-TOKEN`` is a folder in the system's folder of temporary files."""
 OLD_MARK: Final = "old."
 """Precedes the tag of a folder that was moved aside while another takes its place."""
 
@@ -115,14 +116,15 @@ def remove_leftovers_once(folder: Path) -> None:
 
 
 def _remove_at_once(folder: Path) -> None:
-    """Remove a folder in such a way that nobody sees, or moves back, one that is half removed.
+    """Rename a folder and then remove it, so that no process sees it half removed under its own name.
+
+    If this process is killed during the removal, ``remove_leftovers`` removes the rest.
 
     Raises:
         OSError: the folder could not be removed.
     """
-    doomed = folder.with_name(
-        f".removed.{tag()}"
-    )  # no ``OLD_MARK``, so ``remove_leftovers`` removes what is left
+    # The new name has no ``OLD_MARK``, so ``remove_leftovers`` does not move the folder back.
+    doomed = folder.with_name(f".removed.{tag()}")
     folder.replace(doomed)
     shutil.rmtree(doomed)
 
@@ -217,7 +219,7 @@ def _lock(stream: int, path: Path) -> bool:
         elif msvcrt is not None:
             os.lseek(stream, LOCK_OFFSET, os.SEEK_SET)  # ``locking`` locks the byte at the current position
             msvcrt.locking(stream, msvcrt.LK_NBLCK, 1)  # 1 byte
-            os.lseek(stream, 0, os.SEEK_SET)
+            os.lseek(stream, 0, os.SEEK_SET)  # where ``folder_lock`` writes
     except (BlockingIOError, PermissionError):
         return False
     except OSError:  # a file system without locks
@@ -296,13 +298,14 @@ def _short_suffix(path: Path) -> str:
 def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     """Yield the path of a new empty file beside ``path``; after the ``with`` block, rename the file to ``path``.
 
-    If the block raises an error, the new file is removed and ``path`` stays as it was.
+    The new file has the suffix of ``path``, by which some libraries choose the format. If the block raises an error,
+    the new file is removed and ``path`` stays as it was.
 
     Args:
-        replace: whether an existing file at ``path`` may be replaced.
+        replace: whether an existing file at ``path`` may be replaced; checked before the block only.
     Raises:
         InputError: ``path`` is a folder, or exists and ``replace`` is false, or its folder cannot be written to.
-        RunError: the disk is full or failed.
+        RunError: the disk is full or failed: the block or the renaming raised an ``OSError``.
     """
     path = Path(path)
     if path.is_dir():
@@ -339,7 +342,8 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
     Args:
         contents: file name to text (written as UTF-8) or bytes.
     Raises:
-        RunError: the folder or a file cannot be written.
+        InputError: a file cannot be created, as ``whole_file`` has it.
+        RunError: the folder cannot be created, or the disk is full or failed.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -350,6 +354,11 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
 
 
 def _make_empty(part: Path) -> None:
+    """Create an empty file, with permissions by the umask; ``tempfile`` would let only this user read it.
+
+    Raises:
+        OSError: the file exists or cannot be created.
+    """
     os.close(os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666))
 
 
@@ -363,9 +372,11 @@ def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> 
 
     Raises:
         InputError: ``path`` exists and may not be replaced, or it cannot be written.
-        RunError: the disk is full or failed.
+        RunError: the disk is full or failed: the block or the renaming raised an ``OSError``.
     """
     path = Path(path)
+    # At every call, not once as for files: a folder that a killed process left moved aside must be back when ``path``
+    # is checked.
     remove_leftovers(path.parent)
     check_folder(path, replace=replace, marker=marker)
     part = path.parent / f"{temporary_stem(path.name)}{tag()}"
@@ -425,7 +436,7 @@ def _aside(path: Path) -> Path:
 def _swap_in(part: Path, path: Path) -> None:
     """Rename the folder ``part`` to ``path`` and remove the old folder at ``path``, if there was one.
 
-    If the renaming fails, the old folder is moved back.
+    If the renaming fails, the old folder is moved back, unless another process has put a folder at ``path`` since.
 
     Raises:
         OSError: one of the folders could not be renamed.

@@ -60,6 +60,8 @@ def code_hash() -> str:
 def syntax_hash(package: Path, sources: Iterable[Path]) -> str:
     """Return a hash (16 hexadecimal digits) of Python files and their names, ignoring comments, docstrings and layout.
 
+    Versions of Python may write the same syntax tree differently (``ast.dump``), so the hash may depend on the version.
+
     Args:
         package: folder to which the names that are hashed are relative, so that the hash does not depend on where the
             package is installed.

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel
 
 LANES: Final = 8
-"""Number of partial sums, which compilers turn into one vector."""
+"""Number of partial sums, which compilers turn into one vector. Of a single sum they may not: that would change the
+order of the additions, and so the rounding."""
 
 
 @allocating_kernel

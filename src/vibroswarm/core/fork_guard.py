@@ -24,7 +24,7 @@ HOW: Final = (
 
 class _State:
     used = False
-    """Whether tables were used in this process or in its parents."""
+    """Whether ``check_threads`` was called in this process, or in a parent before the fork."""
     begun = False
     """Whether polars had started threads when this process was about to fork."""
     lost = False

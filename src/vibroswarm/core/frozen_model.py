@@ -13,7 +13,7 @@ class FrozenModel(BaseModel):
     @field_validator("*")
     @classmethod
     def _normalize_zero(cls, value: object) -> object:
-        """Turn -0.0 into 0.0: equal values are written alike and have one hash."""
+        """Turn -0.0 into 0.0 (-0.0 + 0.0 is 0.0), also in tuples: equal values are written alike and have one hash."""
         if isinstance(value, tuple):
             return tuple(cls._normalize_zero(item) for item in value)
         return value + 0.0 if isinstance(value, float) else value

@@ -3,9 +3,10 @@ otherwise.
 
 Numba's disk cache checks only the file of the function itself, so a change in a function that it calls from
 another file would go unnoticed. The cache folder is therefore named by a hash of all sources that may hold a
-kernel or a template of a kernel, and of the versions of Python, Numba, LLVM and NumPy: changed sources have another
-folder, so that no outdated kernel is run. If a process finds that a source was changed before it was imported, no
-kernel is cached any more. See ``kernel_cache`` for the files in the folder.
+kernel or a template of generated kernels (``inference.generated_kernels``), and of the versions of Python, Numba, LLVM
+and NumPy: changed sources have another folder, so that no outdated kernel is run. If a source file was changed between
+the import of this module, which hashes it, and its own import, this process caches no kernel from then on. See
+``kernel_cache`` for the files in the folder.
 
 Plain mode (``PLAIN``, or Numba missing) runs all kernels as plain Python.
 """
@@ -111,6 +112,7 @@ def cache_folder() -> Path | None:
         base = _user_cache()
         base.mkdir(mode=0o700, parents=True, exist_ok=True)
         folder = base
+        # One by one: with ``parents=True``, only the last folder would get ``mode``.
         for name in ("vibroswarm", "kernels", key):
             folder = folder / name
             folder.mkdir(mode=0o700, exist_ok=True)
@@ -136,8 +138,9 @@ ENGINES: Final = {
 def is_cached(*sources: str) -> bool:
     """Return whether the kernels of at least one of these engines are cached; always True in plain mode.
 
-    Only files of the engines' own modules count: a cache may also hold kernels of other modules, such as those that
-    draw a floor, while no engine has been compiled yet.
+    If they are not, callers announce the wait for the compilation, or compile before they start worker processes. Only
+    files of the engines' own modules count: a cache may also hold kernels of other modules, such as those that draw a
+    floor, while no engine has been compiled yet.
 
     Args:
         sources: names of motion sources; without names, all engines of ``ENGINES``.
@@ -199,8 +202,11 @@ def inner(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inlined_uncached(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile as ``inlined`` does, without a cache file: for functions of generated modules, whose code is part of
-    their callers' cached kernels."""
+    """Compile as ``inlined`` does, without a cache file: for the functions of a strategy or network, and their callees.
+
+    The types of these functions' arguments are defined by generated modules (``inference.generated_kernels``), and
+    their code is part of the cached kernels of those modules.
+    """
     return _compile(function, from_python=False, cached=False, _nrt=False, forceinline=True)
 
 
@@ -236,7 +242,8 @@ _compiled: list[Any] = []
 _changed_sources: set[str] = set()
 """Sources found to be changed after they were hashed; from the first one on, no kernel is cached."""
 _hashed_at_s = time.time()
-"""When this module was imported: a source that was changed later differs from what the kernel cache is named by."""
+"""Time of this module's import, during which its first kernel (``signed``) has the sources hashed: a file that was
+changed later may differ from what was hashed."""
 
 
 def _stamp(path: Path) -> tuple[int, int]:
@@ -294,7 +301,9 @@ def _compile(
         cached: whether compiled code may be cached on disk. It is cached only until a source file is found to be
             changed: the cache folder is named by a hash of the sources as they were when this process started.
         options: further options of ``numba.njit``: ``_nrt=False`` turns reference counting off, ``forceinline=True``
-            inlines the function into its callers (False is Numba's default).
+            inlines the function into its callers. ``forceinline`` is always given: without it, Numba compiles a
+            function with the value of the caller for which it is compiled, so callees of inlined functions would be
+            inlined too.
     """
     if not compiles():
         return function
@@ -325,7 +334,9 @@ def _compile(
     if not from_python:
         _call_plain(compiled)
     _set_for_compiling(compiled, side_by_side)
-    if not cached:  # a changed source does no harm to code that is not cached
+    # Without a cache there is none to disable. The code is part of the cached kernels of generated modules, but these
+    # are named by a hash of its source.
+    if not cached:
         return cast("Callable[P, R]", compiled)
     _compiled.append(compiled)
     if _is_changed(function.__code__.co_filename):

@@ -121,7 +121,7 @@ class _Files(IndexDataCacheFile):
     def _load_index(self) -> dict[Any, str]:
         """Return the file name of each cached overload, by signature.
 
-        Empty if there is no index, or if it belongs to another source or another version of Numba.
+        Empty if there is no index, if it is damaged, or if it belongs to another source or another version of Numba.
         """
         content = self._read(self._index_path)
         if content is None:
@@ -170,6 +170,7 @@ class KernelCache(FunctionCache):
 
     def __init__(self, function: Any) -> None:
         super().__init__(function)
+        # Replaces the ``IndexDataCacheFile`` that Numba has created with the same arguments.
         stamp = self._impl.locator.get_source_stamp()
         self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
 

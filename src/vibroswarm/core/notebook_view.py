@@ -14,11 +14,14 @@ from typing import Any, Final
 from vibroswarm.errors import shown
 
 MOST_CHARACTERS: Final = 180
-"""Length up to which values are added to an object's line."""
+"""Length up to which values are added to an object's line; parentheses and ``...`` are not counted."""
 
 
 def short_text(value: object) -> str:
-    """Return ``Name(field=value, ...)`` on one line; fields that do not fit in MOST_CHARACTERS are shown as ``...``."""
+    """Return ``Name(field=value, field=value)`` on one line.
+
+    ``...`` replaces the first field that does not fit in MOST_CHARACTERS, and all fields after it.
+    """
     name, text = type(value).__name__, ""
     for field, content in public_values(value).items():
         part = f"{', ' if text else ''}{field}={short_value(content)}"
@@ -29,7 +32,10 @@ def short_text(value: object) -> str:
 
 
 def public_values(value: object) -> dict[str, Any]:
-    """Return the public fields of a dataclass, a named tuple or any other object: name to value."""
+    """Return the public fields of a dataclass, a named tuple or any other object: name to value.
+
+    An object that has no ``__dict__``, such as a number, has none.
+    """
     if is_dataclass(value):
         return {field.name: getattr(value, field.name) for field in fields(value) if field.name[0] != "_"}
     if isinstance(value, tuple) and hasattr(value, "_fields"):
@@ -40,8 +46,9 @@ def public_values(value: object) -> dict[str, Any]:
 def short_value(value: object) -> str:
     """Return a value as it is shown in ``short_text``.
 
-    Texts are cut, and floats have six digits. Collections, arrays and tables are shown by their size only, except for
-    up to three numbers, which are listed. Other objects are shown by the name of their class or function.
+    Texts are cut to 60 characters, and floats have six significant digits. Arrays, tables and collections are shown by
+    their size only, but a list or tuple of at most three numbers in full. A function is shown by its name, and any
+    other object by the name of its class, with its length if it has one.
     """
     if value is None or isinstance(value, bool | int | str | Path):
         return shown(str(value) if isinstance(value, Path) else value)

@@ -34,9 +34,14 @@ class ProgressLine:
 
     ``width`` is the length of the text that is now on the line, in characters; 0 before the first text. The caller has
     checked that the stream exists (``is_watched``).
+
+    Args:
+        what: the words before the bar, such as "simulating".
+        stream: where the line is written; by default stderr.
     """
 
     def __init__(self, what: str, stream: TextIO | None = None) -> None:
+        # The time of the latest update is -1 at first, so that the first text is always shown.
         self.what, self.stream = what, sys.stderr if stream is None else stream
         self.began_s, self.latest_s, self.width = time.monotonic(), -1.0, 0
 

@@ -58,7 +58,10 @@ class Purpose(IntEnum):
 
 
 def _number(value: int) -> int:
-    """Return a constant that Numba treats as a variable; it would compile the callee anew for each literal."""
+    """Return a constant as a NumPy integer.
+
+    To Numba, a global Python integer is a literal, and a kernel that is called with it is compiled anew for each value.
+    """
     return np.int64(value)  # type: ignore[return-value]
 
 
@@ -126,7 +129,7 @@ move are ``ALONE`` and the next."""
 OF_TOLD_X: Final = _number(2)
 OF_TOLD_Y: Final = _number(4)
 OF_TOLD_HEADING: Final = _number(6)
-"""Peers of the pairs of numbers of the errors of a start as a robot is told it."""
+"""First peers of the pairs of numbers of the errors in the start (x, y, heading) that a robot assumes."""
 OF_PATHS: Final = _number(8)
 """Peer of the number that begins the draws of a robot's paths."""
 
@@ -180,6 +183,7 @@ def uniform(seed: int, run: int, robot: int, purpose: int, index: int, peer: int
 
 @kernel
 def _fill(out: NDArray[np.float64], seed: int, run: int, robot: int, purpose: int, first: int) -> None:
+    """Fill ``out`` with the numbers that ``uniforms`` returns."""
     for i in range(out.size):
         out[i] = uniform(seed, run, robot, purpose, first + i, ALONE)
 
@@ -194,5 +198,9 @@ def uniforms(
 
 
 def shuffled(count: int, seed: int, run: int) -> NDArray[np.int64]:
-    """Return a random permutation of 0..count-1 for the floor of ``run``, shape (count,)."""
+    """Return a random permutation of 0..count-1 for the floor of ``run``, shape (count,).
+
+    Each of 0..count-1 gets a uniform number, by which they are sorted. Floors have no robot; their numbers use robot 0.
+    """
+    # A stable sort gives the same order everywhere, even if two numbers are equal.
     return np.argsort(uniforms(seed, run, 0, Purpose.FLOOR, count), kind="stable")

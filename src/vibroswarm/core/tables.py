@@ -7,7 +7,7 @@ tables and the scenario, are checked in ``result_validation``.
 A spreadsheet takes a cell that begins with ``=``, ``+``, ``-``, ``@``, a tab or a carriage return for a formula and
 runs it, although the text may come from a stranger: a label, a file name, a message. ``escaped`` puts an apostrophe
 before such texts, by which spreadsheets mark a text. Texts that are numbers ("-1.5") stay as they are. ``unescaped``
-restores the original.
+restores the texts.
 """
 
 from __future__ import annotations
@@ -174,14 +174,13 @@ def _check_values(values: pl.Series, nullable: bool, name: str) -> None:
 
 
 def _first(where: pl.Series) -> int:
-    """Return the number of the first row, from 0, in which a boolean column is true; the caller knows of one."""
+    """Return the number of the first row, from 0, in which a boolean column is true; there must be one."""
     return int(where.arg_true()[0])
 
 
-# Texts that already begin with apostrophes get another one too, so that ``unescaped`` can always remove one.
 _FORMULA: Final = r"^'*[=+\-@\t\r]"
-"""Texts that get an apostrophe. Those that begin with apostrophes already get one more, so that ``unescaped`` can
-restore them."""
+"""Texts that get an apostrophe: formulas, and formulas with apostrophes before them. Without one more apostrophe,
+``unescaped`` would take one that belongs to the text for the mark, and remove it."""
 _NUMBER: Final = r"^[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?$"
 """Texts that are numbers."""
 _MARK: Final = "'"
@@ -189,14 +188,19 @@ _MARK: Final = "'"
 
 
 def csv_bytes(frame: pl.DataFrame) -> bytes:
-    """Return a frame as CSV in UTF-8, texts escaped; nested values must have become text before."""
+    """Return a frame as CSV in UTF-8, with texts and column names as ``escaped`` returns them.
+
+    The caller converts lists and structs to text first, as polars cannot write them to CSV.
+    """
+    # polars holds valid UTF-8 only, so that "replace" has nothing to replace.
     return escaped(frame).write_csv().encode("utf-8", "replace")
 
 
 def escaped(frame: pl.DataFrame) -> pl.DataFrame:
     """Return the frame with an apostrophe before texts and column names that a spreadsheet would take for formulas.
 
-    Columns of an ``Enum`` or a ``Categorical`` become text columns. A single "-" stays, as it is no formula.
+    Texts that are numbers stay as they are, and so does a single "-", which is no formula. A column name is judged by
+    its first character alone. Columns of an ``Enum`` or a ``Categorical`` become text columns.
     """
     columns = []
     for name, kind in frame.schema.items():
@@ -211,11 +215,14 @@ def escaped(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 def unescaped(frame: pl.DataFrame) -> pl.DataFrame:
-    """Return the frame with its texts as they were before ``escaped``; column names and types stay as they are."""
+    """Return the frame with its texts as they were before ``escaped``.
+
+    Column names that ``escaped`` changed keep their apostrophe, and its text columns stay text columns.
+    """
     return frame.with_columns(
         pl.when(pl.col(name).str.contains(r"^'+[=+\-@\t\r]"))
         .then(pl.col(name).str.slice(1))  # without the first apostrophe
-        .otherwise(name)
+        .otherwise(name)  # the column of this name, unchanged
         .alias(name)
         for name, kind in frame.schema.items()
         if kind == pl.String

@@ -18,10 +18,10 @@ def tick_at(time_s: float, tick_ms: int) -> int:
 
 
 def reached(time_s: float, until_s: float, tick_ms: int) -> bool:
-    """Return whether motion simulated up to ``time_s`` has reached ``until_s``: then ``advance`` has nothing to do.
+    """Return whether motion simulated up to ``time_s`` is at the tick of ``until_s`` or later.
 
-    The times are compared as ticks of ``tick_ms``. As floats, the sum 4.98 s + 0.02 s is a little more than the time of
-    the 250th tick; a loop that compared floats, and advanced until the motion's time is at least that sum, would never
-    end.
+    If so, ``MotionState.advance(until_s)`` does nothing. The times are compared as ticks, of ``tick_ms`` each: as
+    floats, 0.28 s + 0.02 s is a little more than 0.3 s, the time of tick 15 of 20 ms. ``advance`` to that sum stops at
+    0.3 s, so a loop that advanced until the floats compare as equal or greater would never end.
     """
     return tick_at(time_s, tick_ms) >= tick_at(until_s, tick_ms)

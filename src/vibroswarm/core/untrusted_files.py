@@ -34,7 +34,8 @@ def check_plain(path: Path, most: int, what: str) -> int:
     Args:
         most: size limit, bytes. what: the kind of file expected, for errors: "a scenario".
     Raises:
-        InputError: the file is missing, unreadable, not a regular file, or too large.
+        InputError: the file is missing, out of reach, not a regular file, or too large. Whether it can be opened is not
+            checked.
     """
     name = _named(path)
     try:
@@ -82,7 +83,7 @@ def read_json(path: Path, what: str) -> Any:
     """Read a JSON file and return its value; ``what`` names the kind of file, for errors.
 
     Raises:
-        InputError: ``read_text`` refuses the file, or it is not JSON, or it holds NaN or an infinite number.
+        InputError: ``read_text`` or ``parsed_json`` refuses the file.
     """
     return parsed_json(read_text(path, what), _named(path))
 
@@ -91,7 +92,8 @@ def parsed_json(text: str | bytes, name: str) -> Any:
     """Parse a JSON text and return its value; ``name`` is the name of its file, for errors.
 
     Raises:
-        InputError: the text is not JSON, or holds NaN or an infinite number.
+        InputError: the text is not JSON, or holds ``NaN`` or ``Infinity``. A number too large for a float, such as
+            1e999, is not refused: it becomes infinite.
     """
     try:
         return json.loads(text, parse_constant=_no_number)  # Python would accept NaN and Infinity
@@ -117,8 +119,8 @@ def entry(about: Any, key: str, kind: type[T], path: Path | str) -> T:
     """Return the value under a key of a JSON object, after checking its type.
 
     Args:
-        about: the JSON value that should be the object. kind: type that the value must have.
-        path: name of the file, for errors.
+        about: the JSON value that should be the object. kind: type that the value must have, one of ``_KINDS``; for
+            numbers that may be integers or floats, see ``number``. path: name of the file, for errors.
     Raises:
         InputError: ``about`` is not an object or lacks the key, or the value has another type. A boolean is no number.
     """
@@ -172,13 +174,16 @@ def sized(count: int) -> str:
 
 
 def _no_number(text: str) -> NoReturn:
+    """Refuse ``NaN``, ``Infinity`` or ``-Infinity``, with which ``json.loads`` calls this function."""
     raise ValueError(f"{text} is not a JSON number")
 
 
 def _named(path: Path) -> str:
+    """Return a path as text for an error; escaped if it holds characters that cannot be printed."""
     name = str(path)
     return name if name.isprintable() else repr(name)
 
 
 def _why(error: OSError | ValueError) -> str:
+    """Return the reason that an error gives; of an ``OSError`` without number and path, as errors name the path."""
     return error.strerror or str(error) if isinstance(error, OSError) else str(error)

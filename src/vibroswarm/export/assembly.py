@@ -30,7 +30,8 @@ from vibroswarm.strategies.static_analysis import PLACE, fields_read
 from vibroswarm.strategies.world import World, belief_below
 
 HOOKS: Final = ("begin", "on_sample", "on_timer", "decision", "steer")
-"""Hooks of a strategy that have the same names in ``robot_program``; the others are treated one by one."""
+"""Hooks that only take the place of the function of the same name in ``robot_program``; ``hooks_of`` treats the others
+one by one."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +109,9 @@ def refuse_options(scenario: Scenario, strategy: Strategy) -> None:
     """Refuse parameters (options) for which a variant of the strategy runs: variants cannot be exported.
 
     Raises:
-        InputError: a variant runs. It names the file of the variant's hooks, and the first parameter whose default
-            would select another variant or none; the strategy, if several parameters have to change for that.
+        InputError: a variant runs. The message gives file and line of its ``on_sample``, and the error's field is the
+            first parameter that would select another variant or none if it alone had its default. If no parameter
+            would, the field is the strategy.
     """
     used, params = strategy_used(scenario), scenario.strategy.params
     if used is strategy:
@@ -134,7 +136,8 @@ def refuse_options(scenario: Scenario, strategy: Strategy) -> None:
 
 
 def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:
-    """Return the strategy's parameters by name, as plain Python numbers."""
+    """Return the strategy's parameters by name, as plain Python numbers; a single 0 if it has no parameters."""
+    # "or ()" is for the type checker: NumPy's ``names`` may be None, but a row always has a field.
     names = strategy.params_type.names or ()
     values = strategy.params_row(scenario.strategy.params)
     return {name: np.asarray(value).item() for name, value in zip(names, values, strict=True)}
@@ -143,7 +146,8 @@ def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:
 def hooks_of(strategy: Strategy, has_places: bool) -> dict[str, Any]:
     """Return the values of the open names of ``robot_program`` for a strategy: its hooks, and constants about them.
 
-    A hook that the strategy does not have is replaced by a function of ``robot_program``.
+    A missing ``on_message`` or ``belief`` is replaced by a function of ``robot_program``. A missing ``on_timer`` or
+    ``steer`` is left out, so that ``robot_program`` keeps its default (``inference.default_hooks``).
 
     Args:
         has_places: whether the robot estimates its place.
@@ -154,7 +158,8 @@ def hooks_of(strategy: Strategy, has_places: bool) -> dict[str, Any]:
         found["on_message"] = robot_program.hear_bit
         found["on_counts"] = strategy.on_counts
     found["belief"] = strategy.belief or robot_program.no_belief
-    found["next_s"] = robot_program.timer_of_state  # reads s.next_s
+    # The timer's time is no hook of strategies: ``timer_of_state`` reads it from the state's field ``next_s``.
+    found["next_s"] = robot_program.timer_of_state
     found["HAS_TIMER"], found["HAS_STEER"] = strategy.on_timer is not None, strategy.steer is not None
     found["HAS_PLACES"] = has_places
     found["posterior_below"] = posterior_below  # called by ``robot_program.belief_of_posterior``

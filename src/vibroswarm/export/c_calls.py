@@ -33,7 +33,8 @@ from vibroswarm.export.source import MATH, is_function, math_name, plain
 BUILT_IN: Final[dict[str, Any]] = {
     "abs": None, "min": None, "max": None, "int": INT, "float": REAL, "bool": BOOL, "round": INT,
 }  # fmt: skip
-"""Python's own functions that may be called, and the types of their results; None: the type of their arguments."""
+"""Python's own functions that may be called, and the types of their results; None: the type of their arguments. ``int``
+and ``round`` of a ``LONG`` stay ``LONG``."""
 
 
 class Calls(Expressions):

@@ -118,7 +118,8 @@ class Expressions:
     def reads_row(self, item: ast.expr) -> bool:
         """Return whether an expression reads a number in a row or array that a call might change.
 
-        Sizes of arrays cannot change. A row or array that is passed to a function is not read here, but there
+        ``size`` of an array does not count, because it cannot change; an element of ``shape`` counts, although it
+        cannot change either. A row or array that is passed to a function is not read here, but there
         (``calls_with_rows``).
         """
         for part in ast.walk(item):
@@ -220,7 +221,7 @@ class Expressions:
         kind = row.type.type_of(node.attr)
         if kind is None:
             self.refuse(node, f"the field '{node.attr}', which {row.type.name} has not")
-        # Short integers are stored in a row, but are ``vs_int`` in expressions.
+        # A short integer would be ``vs_int`` in expressions, like one in an array; no struct has such a field.
         number_kind = kind if isinstance(kind, Struct | CArray) or kind in (REAL, BOOL, LONG) else INT
         return Value(field_of(row.text, node.attr), number_kind, is_place=True)
 
@@ -228,7 +229,8 @@ class Expressions:
         """Translate an element of an array, or a length such as ``a.shape[0]``, which is a constant.
 
         Constant indices are checked against the length, others are not: a negative index would count from the end in
-        Python, but not in C. ``VS_LOAD`` converts stored floating-point numbers.
+        Python, but not in C. ``VS_LOAD`` converts stored floating-point numbers to ``vs_real`` where they are read. The
+        target of an assignment is the element itself, to which C converts the value.
         """
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             array, axis = self.expression(node.value.value), self.expression(node.slice).constant
@@ -288,7 +290,7 @@ class Expressions:
                 number = number_of(eval(text, {}))  # noqa: S307 - two numbers and an operator
             except (ArithmeticError, TypeError, ValueError) as error:  # a division by zero, or an overflow
                 self.refuse(node, f"constants without a result ({error})")
-            if number is None:  # such as the complex number of a negative one to the power of 0.5
+            if number is None:  # such as (-8.0) ** 0.5, which is complex
                 self.refuse(node, "constants whose result is no number")
             return literal(number)  # type: ignore[arg-type]
         both = joined(joined(left.type, right.type), INT)  # truth values count as whole numbers

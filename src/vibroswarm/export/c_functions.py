@@ -118,7 +118,10 @@ class Program:
         return made
 
     def name_for(self, source: Source) -> str:
-        """Return a unique name in C for a function: with the name of its module, and a number if that is taken."""
+        """Return a unique name in C for a function, which ends in a number if the name without it is taken.
+
+        It contains the name of the function's module, unless that is the template.
+        """
         module = source.function.__module__
         prefix = "" if module == self.template else f"{module.rpartition('.')[2]}_"
         name = base = f"vs_{prefix}{source.function.__name__}"
@@ -221,9 +224,9 @@ class Function(Calls):
     def do_return(self, node: ast.Return) -> None:
         """Translate ``return`` of a number, a constant row or several numbers; the result's type may widen.
 
-        All returns of a function must have results of one type, or numbers of which one type holds all; a ``return``
-        without a value beside them is not refused. C returns copies, so an array or a row that can be changed is
-        refused: a change of the copy would be lost.
+        All returns of a function must have results of one type, or numbers of which one type holds all. A ``return``
+        without a value beside one with a value is refused; a body that may end without ``return`` is not. C returns
+        copies, so an array or a row that can be changed is refused: a change of the copy would be lost.
         """
         if node.value is None:
             if self.returns not in (None, VOID):
@@ -275,8 +278,8 @@ class Function(Calls):
     def do_for(self, node: ast.For) -> None:
         """Translate a ``for`` loop over ``range(...)`` or a tuple of constant whole numbers, as ``for k in (0, 2, 5)``.
 
-        The numbers of a tuple must be whole and constant, since they become a constant array of ``vs_int``; this is not
-        checked. The variable must not be assigned in the body, because it is the counter of the loop in C.
+        The numbers of a tuple become a constant array of ``vs_int``, so anything but constants of 32 bits is refused.
+        The variable must not be assigned in the body, because it is the counter of the loop in C.
         """
         if node.orelse or not isinstance(node.target, ast.Name):
             self.refuse(node, f"the loop 'for {ast.unparse(node.target)}'")
@@ -461,7 +464,8 @@ def reads(value: ast.expr, target: ast.expr) -> bool:
 
     It does if it contains the target's text (if the target is an element of an array: the text of the array). It also
     does if it contains the variable at the target's beginning by itself, such as ``s`` of ``s.ones``, because a
-    function that is called with ``s`` may read the field. Other fields of that variable do not count.
+    function that is called with ``s`` may read the field. Other fields of that variable do not count. Texts are
+    compared, so a field that is read through another variable for the same row goes unnoticed.
     """
     place = target.value if isinstance(target, ast.Subscript) else target
     wanted = ast.unparse(place)

@@ -56,7 +56,8 @@ def library_files(scenario: Scenario) -> dict[str, str]:
 
     Raises:
         InputError: the robots cannot be exported: a construct cannot be translated (file and line are named), the
-            strategy has an option that cannot be exported, or it reads places that a real robot cannot know.
+            strategy has an option that cannot be exported, it reads places that a real robot cannot know, or a
+            constant is nan.
     """
     parts = parts_of(scenario)
     sources = c_sources(parts)
@@ -103,7 +104,7 @@ def measured(sources: Path) -> Memory | None:
     Returns:
         The memory; None if the compiler is not installed.
     Raises:
-        RunError: the compiler failed.
+        RunError: the compiler or the tool that lists sizes failed.
     """
     if shutil.which(COMPILER) is None:
         return None
@@ -131,7 +132,7 @@ def _measured(sources: Path, program: Path, flags: str) -> Memory:
         words = getattr(error, "stderr", None) or str(error)
         raise RunError(f"{COMPILER} failed: {words.strip()[:300]}") from error
     # The tool lists the sizes of code, of initialised data and of data that is zero at the start. Initialised data
-    # takes flash, for the values, and RAM.
+    # takes flash, for the values, and RAM. Headings fill its first line, so the first line of numbers is the program's.
     numbers = re.findall(r"^\s*(\d+)\s+(\d+)\s+(\d+)", size.stdout, re.MULTILINE)
     text, data, zeros = (int(word) for word in numbers[0])
     return Memory(flash=text + data, ram=data + zeros, flags=flags)

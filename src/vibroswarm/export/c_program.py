@@ -69,11 +69,13 @@ def c_sources(parts: RobotParts) -> CSources:
     """
     structs, (precision, why) = structs_of(parts), precision_of(parts)
     robot = structs["Robot"]
-    # Constant rows are static structs in C, filled in from the macros of the header of parameters.
+    # Constant rows are static structs in C, filled in from the macros of the header of parameters. Without localisation
+    # there is no LOCALISER.
     constants = {name: structs[row] for name, row in ROWS.items() if row in structs}
     # Constant rows and numbers that the translated functions read as global names.
     globals = {name: Value(f"(vs_{name.lower()})", kind, is_place=True) for name, kind in constants.items()}
     globals["RMS_THRESHOLD"] = Value("VS_RMS_THRESHOLD", REAL)
+    # A constant and not a macro, so that the code for blind robots is left out if it is 0.
     globals["SENSING_BLIND_MS"] = literal(parts.blind_ms)
     program = Program(
         struct_of={kind.source: kind for kind in structs.values() if kind.source is not None},
@@ -123,15 +125,16 @@ def c_sources(parts: RobotParts) -> CSources:
 def precision_of(parts: RobotParts) -> tuple[int, str]:
     """Return the least precision in which robots act as they do in double precision, and the reason for it.
 
-    For strategies of the package, tests compare the precisions; a user's own strategy gets float without such a test.
+    For strategies of the package, tests compare the precisions. A user's own strategy is not tested: it gets ``MIXED``
+    if its robots localise, else ``SINGLE``.
 
     Returns:
         ``SINGLE`` (float), ``MIXED`` (double, with arrays in float) or ``DOUBLE``, and a sentence for the header.
     """
-    if parts.mixture is not None:
+    if parts.mixture is not None:  # no strategy that needs DOUBLE reads places
         return MIXED, "float changes which wall a component takes; double arrays need twice the memory"
     tested = "float makes the same events as double"
-    # A function that was typed in may have no module.
+    # str(): the module of a function made by ``exec`` may be None.
     is_ours = str(plain(parts.strategy.on_sample).__module__).startswith("vibroswarm.")
     reason = tested if is_ours else "not tested for this strategy; compare with 3 (double)"
     return NEEDS_DOUBLE.get(parts.strategy.name, (SINGLE, reason))
@@ -146,7 +149,10 @@ def made_by(parts: RobotParts) -> str:
 
 
 def structs_of(parts: RobotParts) -> dict[str, Struct]:
-    """Return the structs of the program by the names of their Python classes, each after those that it contains."""
+    """Return the structs of the program by the names of their Python classes, each after those that it contains.
+
+    State and message have their numbers only: an exported program cannot hold arrays of fixed size declared there.
+    """
     strategy = parts.strategy
     found = {
         "World": struct_of_class("vs_World", World, omitted=OMITTED_OF_WORLD),
@@ -166,6 +172,7 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
         found["LocalisationProgram"] = struct_of_class(
             "vs_LocalisationProgram", LocalisationProgram, like=parts.localiser
         )
+        # mutable: a named tuple, but localisation changes its arrays in place.
         found["Mixture"] = struct_of_class("vs_Mixture", Mixture, mutable=True, like=parts.mixture)
     found["Robot"] = robot_struct(parts, found)
     return found

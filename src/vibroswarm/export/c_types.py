@@ -100,7 +100,7 @@ def c_name(kind: Any) -> str:
 
 
 def is_by_reference(kind: Any) -> bool:
-    """Return whether a variable of this type refers to an array or row of another, which can be changed by it."""
+    """Return whether a Python variable of this type is a reference through which an array or row can be changed."""
     return isinstance(kind, CArray) or (isinstance(kind, Struct) and kind.mutable)
 
 

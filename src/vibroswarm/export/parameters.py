@@ -41,7 +41,13 @@ def macro_of(row: str, field: str) -> str:
 
 
 def constants_of(parts: RobotParts) -> dict[str, str]:
-    """Return the values of the program's constants as texts in C, by the names of their macros."""
+    """Return the values of the program's constants as texts in C, by the names of their macros.
+
+    ``SENSING_BLIND_MS`` is not among them: its number stands in the program itself.
+
+    Raises:
+        InputError: a constant is nan.
+    """
     rows: dict[str, Mapping[str, Any]] = {
         "PARAMS": parts.params,
         # A robot has no table of beliefs.

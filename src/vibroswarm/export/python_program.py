@@ -136,7 +136,7 @@ class Collected:
         """Return a function's name in the module; if it is not in the module yet, add it and the functions it calls.
 
         Functions of ``robot_program`` keep their names; other functions get the name of their module in front, and a
-        number behind if that name is taken.
+        number behind if that name is taken. ``uniform`` is always in the module, with the body in ``UNIFORM``.
         """
         found = plain(function)
         if found is plain(uniform):
@@ -156,12 +156,14 @@ class Collected:
         return self.names[found]
 
     def global_of(self, source: Source, node: ast.Name) -> ast.expr:
-        """Return what replaces a global name: its number, or the name of a class, function or constant row.
+        """Return what replaces a global name: its number, or the name of a class or function in the module.
+
+        The names of constant rows and of ``math`` stay. A function that is not in the module yet is added to it.
 
         Args:
             source: of the function that uses the name.
         Raises:
-            InputError: the name is none of these.
+            InputError: the name is that of something else.
         """
         name = node.id
         # Numbers of the scenario that are open names of the template.
@@ -209,7 +211,10 @@ class Rewriter(ast.NodeTransformer):
         self.local = arguments | stored
 
     def rewritten(self) -> ast.FunctionDef:
-        """Return the function without annotations and decorators, with the first paragraph of its docstring."""
+        """Return the function with its body rewritten, and the first paragraph of its docstring.
+
+        Annotations, decorators, default values and keyword-only parameters are left out.
+        """
         tree = copy.deepcopy(self.source.tree)  # the tree is cached, and must not be changed
         names = [ast.arg(argument.arg) for argument in tree.args.args]
         arguments = ast.arguments(posonlyargs=[], args=names, kwonlyargs=[], kw_defaults=[], defaults=[])
@@ -270,7 +275,8 @@ class Rewriter(ast.NodeTransformer):
     def visit_BoolOp(self, node: ast.BoolOp) -> Any:
         """Leave out operands of ``and`` that are always true.
 
-        ``visit_If`` and ``visit_IfExp`` treat tests that are always true or always false as a whole.
+        At least one operand must remain: ``visit_If`` and ``visit_IfExp`` have replaced tests of which all are true.
+        Operands of ``or`` that are always false stay.
         """
         if isinstance(node.op, ast.And):
             values = [item for item in node.values if self.truth(item) is not True]
@@ -297,11 +303,15 @@ class Rewriter(ast.NodeTransformer):
         return found if isinstance(found, bool) else None
 
     def known(self, node: ast.expr) -> Any:
-        """Return the number of a constant, or of a global name whose value is a number; None for anything else."""
+        """Return the number of a constant or of a global name; None for anything else.
+
+        None also for a global number that is negative, infinite or nan, as its text in Python is not one constant.
+        """
         if isinstance(node, ast.Constant):
             return number_of(node.value)
         if isinstance(node, ast.Name) and node.id not in self.local and node.id in self.source.space:
-            # Only of a number: for a function ``global_of`` would add it to the module.
+            # ``global_of`` knows the numbers that replace those of the template. It is called for numbers only, because
+            # it would add a function to the module.
             found = self.made.global_of(self.source, node) if self.is_number(node) else None
             return number_of(found.value) if isinstance(found, ast.Constant) else None
         return None
@@ -311,7 +321,10 @@ class Rewriter(ast.NodeTransformer):
         return number_of(self.source.space[node.id]) is not None
 
     def visit_Name(self, node: ast.Name) -> Any:
-        """Replace a global name by its number, or by the name of the function or class in the module."""
+        """Replace a global name by its number, or by the name of the function or class in the module.
+
+        Names of local variables and of Python's own functions stay.
+        """
         if node.id in self.local or node.id not in self.source.space:
             return node
         return self.made.global_of(self.source, node)

@@ -118,7 +118,8 @@ def start(r: Robot, seed: int, run: int, number: int) -> None:
 def told_pose(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None:
     """Tell the robot where it starts: place, m, and heading, rad, anticlockwise from x.
 
-    A robot that does not estimate its place ignores this.
+    It is called after ``start``, which sets the address of random numbers. A robot that does not estimate its place
+    ignores it.
     """
     if HAS_PLACES:
         # State of localisation's own random numbers: a whole number from 1 to 2^32 - 1. min() is needed in single
@@ -128,10 +129,10 @@ def told_pose(r: Robot, x_m: float, y_m: float, heading_rad: float) -> None:
 
 
 def told_error(r: Robot, peer: int, spread: float) -> float:
-    """Return a random error of the start that a robot is told: normal, with standard deviation ``spread``.
+    """Return a random error of x, y or heading at the start: normal, with standard deviation ``spread``.
 
-    It is the error that the simulation draws. ``peer`` is part of the number's address: one of ``OF_TOLD_X``,
-    ``OF_TOLD_Y`` and ``OF_TOLD_HEADING``.
+    The simulation draws the same error. ``peer`` selects the coordinate: ``OF_TOLD_X``, ``OF_TOLD_Y`` or
+    ``OF_TOLD_HEADING``.
     """
     return spread * normal(r.seed, r.run, r.number, LOCALISATION, FIRST, peer)
 
@@ -172,7 +173,8 @@ def looks_now(r: Robot, gyro_deg: float) -> bool:
 def is_blind(r: Robot) -> bool:
     """Return whether the rays are ignored: in a turn or avoidance, and for some driving time after it.
 
-    In a stop, it depends on the mode in which the robot will go on after the stop.
+    In a stop, it depends on the mode in which the robot will go on after the stop. The function is called only if
+    ``SENSING_BLIND_MS`` is above 0; otherwise a robot never ignores its rays.
     """
     mode = r.walk.resume if r.walk.mode == STOP else r.walk.mode
     return mode != DRIVE or r.walk.driven_ms < r.sees_from_ms
@@ -181,7 +183,7 @@ def is_blind(r: Robot) -> bool:
 def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     """Do one tick; return True to take the sample now, and then call ``sample`` before the next step.
 
-    If it returns False and ``r.sends`` is true, the timer has sent the message ``r.out``.
+    If it returns False and ``r.sends`` is true, send ``r.out`` to all robots: the message of the timer.
 
     Args:
         gyro_deg: angle turned since the last step, anticlockwise positive. nearest_mm: the shortest ray; used only if
@@ -209,7 +211,9 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
         begins_avoidance = r.walk.avoidances != before.avoidances
         if r.walk.mode != before.mode or begins_avoidance:
             end_move(r, before.mode)
-            if begins_avoidance:  # an avoidance that goes on after a sample has met no new obstacle
+            # An avoidance that goes on after a sample has met no new obstacle: move_ray_m stays nan, as set by
+            # ``end_move``.
+            if begins_avoidance:
                 r.move_ray_m = seen_mm / 1000.0
     if begins_stop:
         r.sense = begin_sense()
@@ -239,8 +243,8 @@ def right_percent(r: Robot) -> float:
 def accelerate(r: Robot, ax: float, ay: float, az: float) -> None:
     """Process a reading of the accelerometer, made at ``SENSING.rate_hz``: acceleration along three axes.
 
-    The unit is that of ``RMS_THRESHOLD``.
-    Readings count only in a stop, after the robot has settled, and up to the number that a sample takes.
+    The unit is that of ``RMS_THRESHOLD``. Readings count only in a stop, after the robot has settled, and up to the
+    number that a sample takes.
     """
     stands = r.walk.mode == STOP and r.walk.stopped_ms >= SENSING.settle_ms
     if stands and r.sense.taken < readings(SENSING):
@@ -262,8 +266,8 @@ def sample(r: Robot, reading: int) -> None:
         reading: the observation, 0 or 1.
     """
     t_s, k = time_s(r), r.samples
-    # The values of a ``Reading`` after the reading, time and number: x, y, heading and spread; then the number, x, y
-    # and the spreads in x and y of the lagged sample. ``estimate`` holds them in this order.
+    # ``estimate`` holds the fields of a ``Reading`` from x_m on, in order: pose and spread of the robot; then number,
+    # place and spreads of the lagged sample, the one taken ``localisation.lag`` samples ago.
     if HAS_PLACES:
         x = Reading(
             reading, t_s, k, r.estimate[0], r.estimate[1], r.estimate[2], r.estimate[3], int(r.estimate[4]),
@@ -375,7 +379,8 @@ def end_move(r: Robot, kind: int) -> None:
         r.move_after_drive,
         r.walk.mode == AVOID,
     )
-    # Only a drive of two ticks or more counts; 1.5 allows for rounding of the times.
+    # Only a drive of two ticks or more counts, as in ``localisation.locate``: a drive of one tick before an avoidance
+    # means that the robot had turned in place. 1.5 allows for rounding of the times.
     r.move_after_drive = kind == DRIVE and duration_s > 1.5 * r.world.tick_s
     r.move_start_s, r.move_turned_deg = time_s(r), 0.0
     r.move_ray_m = math.nan
@@ -412,7 +417,8 @@ def stopped(r: Robot) -> None:
         add_sample(r.place, LOCALISER, r.estimate)
 
 
-# The exporter (``assembly``) puts the functions below in place of hooks and of ``strategies.world.belief_below``.
+# ``hear_bit``, ``no_belief`` and ``timer_of_state`` take the place of hooks, and ``belief_of_posterior`` that of
+# ``strategies.world.belief_below`` (``assembly``). ``on_counts`` and ``posterior_below`` are themselves replaced.
 # Arguments of one letter are those of the hooks (``inference.default_hooks``).
 
 

@@ -38,7 +38,8 @@ class Source:
         """Return the error that refuses a construct.
 
         Args:
-            node: the construct, which gives the line; None: the function's first line. why: what is refused.
+            node: the construct, which gives the line; None: the function's first line. why: what is refused, in words
+                with which the message begins.
         """
         line = self.before + getattr(node, "lineno", 1)
         return InputError(

@@ -14,7 +14,8 @@ The clusters of vibrating tiles are updated with each change of a tile:
 The entropy is S / (N_v log2 N_v). Removing a tile can split its cluster only if the tile's vibrating neighbours are not
 connected around it, so most changes cost a few additions. Cells are indexed in the grid with its border, row after row.
 
-Annealing swaps a vibrating and a still tile at a time:
+Annealing swaps a vibrating and a still tile at a time. f is the share of tiles that vibrate; w_ij is 1 for neighbours
+i, j and 0 for other pairs:
 
 | name | symbol | unit | equation |
 |---|---|---|---|

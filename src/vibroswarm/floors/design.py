@@ -48,7 +48,8 @@ def constructions(rows: int, columns: int, ones: int) -> Iterator[NDArray[np.uin
     yield _filled(ones, r + c, r)  # triangle in a corner
     # Square in the middle: by the larger distance from the middle row or column, doubled so that it is whole.
     yield _filled(ones, np.maximum(abs(2 * r - rows + 1), abs(2 * c - columns + 1)), r)
-    # Squares of 1 x 1 tiles up to half of the floor's longer side, so that there are at least two of them.
+    # Squares of 1 x 1 tiles up to half of the floor's longer side, so that there are at least two of them; on a floor
+    # of one tile this half is 0, and squares of 1 x 1 are used all the same.
     for side in range(1, max(2, max(rows, columns) // 2 + 1)):
         for first, second in ((r, c), (c, r)):
             yield _filled(ones, (r // side + c // side) % 2, first // side, second)  # checkerboard of squares
@@ -167,7 +168,8 @@ def make_floor(
         moran_index: E_MI, in [-1, 1]. entropy: E_e, in [0, 1]; None: any.
         seed: in [0, 2^63); another seed makes another floor.
     Raises:
-        InputError: an argument is out of its range, or so few tiles vibrate that a measure is undefined.
+        InputError: an argument is out of its range, or a measure is undefined, as no tile, all tiles or, for the
+            entropy, a single tile would vibrate.
     """
     target = _target(rows, columns, fill_ratio, moran_index, entropy, seed)
     best: _Found | None = None
@@ -199,7 +201,8 @@ def _target(
     """Check the arguments of ``make_floor``, and return them with the whole number of vibrating tiles.
 
     Raises:
-        InputError: an argument is out of its range, or so few tiles vibrate that a measure is undefined.
+        InputError: an argument is out of its range, or a measure is undefined, as no tile, all tiles or, for the
+            entropy, a single tile would vibrate.
     """
     # Here rows and columns may be any integers: ``check_size`` refuses those below 1, with a better message.
     rows = whole_number_of(rows, "rows", -(2**31), 2**31 - 1)
@@ -295,7 +298,7 @@ def _anneal(
 
 
 def _reached(target: _Target, found: Difficulty) -> str:
-    """Return the sentence that a floor was made, with its measures ``found``."""
+    """Return the sentence that a floor was made, with its measures; the entropy is nan if a single tile vibrates."""
     words = f"made: {_size(target)}, fill ratio {found.fill_ratio:.4g}, Moran index {found.moran_index:.3f}"
     return words + ("" if math.isnan(found.entropy) else f", entropy {found.entropy:.3f}")
 
@@ -305,7 +308,7 @@ def _nearest(target: _Target, found: Difficulty, favouring: list[_Found]) -> str
 
     Args:
         found: measures of the nearest floor. favouring: the floor that favours the Moran index and the one that favours
-            the entropy, or empty.
+            the entropy; empty if any entropy is accepted, or if only the fill ratio misses its target.
     """
     target_text = f"Moran index {target.moran_index:g}"
     has = f"fill ratio {found.fill_ratio:.4g}, Moran index {found.moran_index:.3f}"

@@ -75,12 +75,15 @@ def moran_index(tiles: ArrayLike) -> float:
 
 
 def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
-    """Return the number of tiles of each cluster of vibrating tiles (4-connected), largest first, shape (M,).
+    """Return the number of tiles of each cluster of vibrating tiles (4-connected), largest first.
 
     Args:
         tiles: (rows, columns) of 0 and 1.
+    Returns: shape (number of clusters,).
+    Raises:
+        InputError: ``tiles`` is not a rectangle of 0 and 1.
     """
-    from scipy import ndimage
+    from scipy import ndimage  # here, so that importing this module does not load SciPy
 
     labels, _ = ndimage.label(as_tiles(tiles))  # scipy's default structure joins through sides only
     # Label 0, that of still tiles, is left out.

@@ -51,7 +51,7 @@ class Floor(NotebookView):
     name: str = ""
 
     def __post_init__(self) -> None:
-        """Copy the tiles, so that they cannot be changed from outside, and check all fields.
+        """Copy the tiles, so that they cannot be changed from outside, and check all fields except ``name``.
 
         Raises:
             InputError: a field is wrong.
@@ -120,7 +120,7 @@ class Floor(NotebookView):
 
     @classmethod
     def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
-        """Return a floor whose tiles fill a rectangle of ``width_m`` by ``height_m`` with a corner at the origin.
+        """Return a floor whose tiles fill the rectangle from the origin to (``width_m``, ``height_m``).
 
         Args:
             tiles: (rows, columns) of 0 and 1, top row first. name: name of the floor.
@@ -136,7 +136,8 @@ class Floor(NotebookView):
     def tile_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.int32]:
         """Return the index of the tile under each point; -1 if no tile is there.
 
-        A point on the edge between two tiles belongs to the tile on the right, or to the lower one.
+        A point on the edge between two tiles belongs to the tile on the right, or to the lower one. So a point on the
+        floor's right or lower edge is on no tile.
 
         Args:
             x_m, y_m: coordinates of the points in the arena, m, in two arrays of the same shape.
@@ -154,7 +155,8 @@ class Floor(NotebookView):
 
 def _is_finite(value: object) -> bool:
     """Return whether a value is a finite real number, of Python or NumPy."""
-    if isinstance(value, int) and abs(value) > 10**300:  # too large for a float, so that isfinite would raise
+    # isfinite would raise on an integer beyond the largest float, about 1.8e308; 10^300 is safely below that.
+    if isinstance(value, int) and abs(value) > 10**300:
         return False
     return isinstance(value, Real) and math.isfinite(value)
 

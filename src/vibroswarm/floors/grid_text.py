@@ -22,7 +22,7 @@ Size = tuple[int, int]
 """Rows and columns of a floor."""
 
 _STILL: Final = re.compile(r"0(\.0*(e\+00)?)?")
-"""Texts of a still tile: 0, also as a decimal."""
+"""Texts of a still tile: 0, also as a decimal; ``e+00`` is how ``numpy.savetxt`` writes it by default."""
 _VIBRATING: Final = re.compile(r"1(\.0*(e\+00)?)?")
 """Texts of a vibrating tile: 1, also as a decimal."""
 _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,9}")
@@ -71,13 +71,14 @@ def read_text(text: str, name: str, size: Size | None = None) -> NDArray[np.uint
         size: rows and columns, if they are known. A grid must be of this size; a list of coordinates cannot be read
             without it.
     Raises:
-        InputError: the text is neither a grid nor a list of coordinates. The message names the line, what it holds, and
-            what would be right.
+        InputError: the text is neither a grid nor a list of coordinates, is too large, does not fit ``size``, or is a
+            list without ``size``. If a line is wrong, the message names it, what it holds, and what would be right.
     """
     lines, ended = _lines(text, name)
     # A text that ends with "# -1" is a list of coordinates. A text without it is a list if each line is a pair of
     # cells, unless it can be a grid of two columns. With a known size, it is a grid if it has this size and holds only
-    # 0 and 1. Without a known size, it is a list (which is refused below) if its cells are integers other than 0 and 1.
+    # 0 and 1. Without a known size, it is a list (which is refused below) if all cells are integers, and not all of
+    # them 0 or 1; any other text is read as a grid, whose checks report the wrong cell.
     pairs = all(len(line.cells) == 2 and line.separated for line in lines)
     grid_fits = size is not None and not ended and size == (len(lines), 2) and _all_bits(lines)
     if ended or (pairs and not grid_fits and (size is not None or _coordinates(lines))):
@@ -125,7 +126,9 @@ def _lines(text: str, name: str) -> tuple[list[_Line], bool]:
 
 
 def _split(number: int, line: str, name: str) -> _Line:
-    """Split a line into cells at commas, semicolons, tabs or spaces; without any of them each character is a cell.
+    """Split a line into cells at its commas or, if it has none, at semicolons, else at tabs, else at spaces.
+
+    Without any of these each character is a cell.
 
     Args:
         number: number of the line, from 1. name: name of the file, for messages.
@@ -134,6 +137,7 @@ def _split(number: int, line: str, name: str) -> _Line:
     """
     for separator in (",", ";", "\t"):
         if separator in line:
+            # Checked before the split needs memory; n separators make n + 1 cells, which ``_lines`` counts exactly.
             _check_length(number, line.count(separator), name)
             return _Line(number, [cell.strip() for cell in line.split(separator)], separated=True)
     cells = line.split(maxsplit=TILE_LIMIT)  # limited, so that a huge line does not fill the memory
@@ -152,7 +156,7 @@ def _check_length(number: int, cells: int, name: str) -> None:
 
 def _bit(cell: str) -> int | None:
     """Convert a cell to 0 or 1, also from decimals such as ``1.0`` or ``1.0e+00``; None if it is neither."""
-    if cell in {"0", "1"}:
+    if cell in {"0", "1"}:  # faster than the patterns
         return int(cell)
     if _STILL.fullmatch(cell):
         return 0
@@ -173,10 +177,13 @@ def _coordinates(lines: list[_Line]) -> bool:
 def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.uint8]:
     """Return the tiles of a grid, one cell per tile; ``size``, if given, must be the grid's size.
 
+    There must be at least one line.
+
     Raises:
         InputError: a cell is neither 0 nor 1, rows differ in length, the grid is not of this size, or it is too large.
     """
     columns = len(lines[0].cells)
+    # ``_lines`` limits the number of cells. If later lines are shorter than the first, the array has more tiles.
     if len(lines) * columns > TILE_LIMIT:
         raise InputError(
             f"holds {len(lines)} x {columns} tiles, which is too large; at most {TILE_LIMIT}", field=name

@@ -73,11 +73,14 @@ def read_tiles(path: Path | str, tiles: Size | None = None) -> NDArray[np.uint8]
 def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = False) -> None:
     """Write a floor to a file from which ``read_tiles`` gives the same tiles.
 
+    The exceptions are .txt and .csv files of more than ``grid_text.MAX_LINES`` rows, which ``read_tiles`` refuses.
+
     Args:
         path: the file. Its suffix selects the format: ``.txt`` (rows of 0 and 1), ``.csv`` or ``.png`` (one pixel per
             tile). tiles: (rows, columns) of 0 and 1. replace: whether an existing file may be replaced.
     Raises:
-        InputError: the suffix is not known, the file exists and ``replace`` is false, or its folder cannot be written.
+        InputError: ``tiles`` is not a rectangle of 0 and 1; the suffix is not known; ``path`` is a folder, or exists
+            and ``replace`` is false; or its folder cannot be written.
         RunError: the disk is full or failed.
     """
     path, grid = Path(path), as_tiles(tiles)
@@ -195,13 +198,14 @@ def _brightness(data: bytes, name: str) -> NDArray[np.float64]:
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error")  # Pillow only warns of many broken or oversized pictures
+            warnings.simplefilter("error")  # of some broken or oversized pictures Pillow only warns
             with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
                 picture.verify()  # checks the checksums, which decoding ignores; the picture cannot be used afterwards
             with Image.open(io.BytesIO(data), formats=["PNG"]) as picture:
                 return _grey(picture, name)
     except InputError:  # raised by ``_grey``
         raise
+    # Pillow's own limit on pixels is above PIXEL_LIMIT, which ``_grey`` checks.
     except (Image.DecompressionBombError, Image.DecompressionBombWarning):
         raise InputError(f"is too large a picture; at most {PIXEL_LIMIT} pixels", field=name) from None
     except Exception as error:  # Pillow raises many kinds of error on incomplete pictures
@@ -221,7 +225,8 @@ def _grey(picture: Image.Image, name: str) -> NDArray[np.float64]:
             f"has {picture.height} x {picture.width} pixels, which is too large; at most {PIXEL_LIMIT}",
             field=name,
         )
-    # Modes I have 16 bits a pixel, which convert("L") would clip instead of scaling to 8 bits.
+    # A grey PNG of 16 bits a pixel has the mode "I;16" (in older versions of Pillow "I"). convert("L") would clip its
+    # values at 255 instead of scaling them.
     if picture.mode.startswith("I"):
         return np.asarray(picture, dtype=np.float64) / 65535
     if picture.has_transparency_data:

@@ -68,7 +68,7 @@ def pattern(name: str) -> NDArray[np.uint8]:
     """Return the tiles of a named pattern, uint8 of shape (10, 10), top row first.
 
     Args:
-        name: one of ``NAMES``; case does not matter, and '_' may stand for '-'.
+        name: one of ``NAMES``, also in another spelling that ``canonical`` accepts.
     Raises:
         InputError: no pattern has this name.
     """
@@ -132,6 +132,8 @@ def resolve(
 ) -> tuple[NDArray[np.uint8], str]:
     """Return the floor called ``spec``, and its name.
 
+    A name of a pattern or of a random floor is never read as a file, even if a file of this name exists.
+
     Args:
         spec: a pattern (``diagonal:0.46``), a random floor (``random:0.48``), or the path of a file.
         tiles: rows and columns of the floor; a picture is divided into them. A pattern or a grid of another size is
@@ -140,8 +142,8 @@ def resolve(
         seed, run: select one random floor; not used for other floors.
     Returns: the tiles, uint8 of shape (rows, columns), top row first; the name of the floor in titles and results.
     Raises:
-        InputError: there is no such pattern or file (the message names the most similar name), or it does not fit
-            ``tiles``.
+        InputError: there is no such pattern or file (the message names the most similar pattern), the file cannot be
+            read or is no floor, the fill ratio of a random floor is impossible, or the floor does not fit ``tiles``.
     """
     if is_random(spec) or family(spec) is not None:
         rows, columns = tiles or DEFAULT_SIZE  # the size of a random floor; a pattern has its own
@@ -152,6 +154,8 @@ def resolve(
                 field="--tiles",
             )
         return grid, spec if is_random(spec) else canonical(spec)
+    # If the text looks like a file, ``read_tiles`` reports that the file is missing. Else it is more likely a misspelt
+    # pattern.
     if not _is_there(spec) and not _looks_like_a_file(spec):
         raise InputError(_unknown(spec), field=_FIELD)
     return read_tiles(spec, tiles), Path(spec).name
@@ -162,7 +166,8 @@ def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> ND
 
     Args:
         source: a pattern with its fill ratio (``diagonal:0.46``), or a random floor (``random:0.48``).
-        rows, columns, seed, run: size and address of a random floor; not used for patterns, which are 10 x 10.
+        rows, columns: size of a random floor. seed, run: select one random floor. All four are not used for patterns,
+            which are 10 x 10.
     Raises:
         InputError: there is no such pattern (the message names the most similar name), or a floor of this size cannot
             have this fill ratio.
@@ -219,6 +224,7 @@ def _unknown(spec: str) -> str:
 
 def _is_there(spec: str) -> bool:
     """Return whether a file or folder of this name exists."""
+    # An empty name is none, but ``Path("")`` is the working folder.
     try:
         return bool(spec) and Path(spec).exists()
     except (OSError, ValueError):  # a name that is too long, or holds a NUL

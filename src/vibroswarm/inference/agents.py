@@ -43,13 +43,14 @@ AGENT = np.dtype(
     + [(name, np.int64) for name in ("opinion", "row", "tick", "sample_tick", "due_tick")]
     + [(name, np.float64) for name in ("decided_s", "first_decided_s", "belief", "belief_at_decision")]
 )  # fmt: skip
-"""State of one robot. ``decision``: -1 while undecided. ``opinion``: the same, but may still change. ``samples``,
-``sent``, ``received``, ``timers``: numbers so far. ``heard``: index of the next unread message of the run. ``ones``,
-``own_ones``: number of ones among received messages, and among its own. ``row``: row of its last sample, counted from
-the run's first (-1: none). ``tick``, ``sample_tick``, ``due_tick``: ticks of its last event, of its last sample, and at
-which its timer is due. ``decided_s``, ``first_decided_s``: times of its current and of its first decision. ``belief``,
-``belief_at_decision``: after its last event, and when the current decision was made. Times and beliefs are nan
-before."""
+"""State of one robot. ``decision``: -1 while undecided. ``opinion``: what its strategy's ``decision`` returned last,
+which is no decision yet if the strategy decides by opinions. ``samples``, ``sent``, ``received``, ``timers``: numbers
+so far. ``heard``: index of the next unread message of the run. ``ones``, ``own_ones``: number of ones among received
+messages, and among its own. ``row``: row of its last sample, counted from the run's first (-1: none). ``tick``,
+``sample_tick``, ``due_tick``: ticks of its last event, of its last sample, and at which its timer is due.
+``decided_s``, ``first_decided_s``: times of its current and of its first decision. ``belief``, ``belief_at_decision``:
+after its last event, and when the current decision was made. Times and beliefs are nan before. Not every kernel updates
+all fields."""
 
 FINALS: Final[dict[str, Any]] = {
     "run": pl.UInt32,
@@ -63,8 +64,9 @@ FINALS: Final[dict[str, Any]] = {
     "samples": pl.UInt32,
     "messages_received": pl.UInt32,
 }
-"""The final state of each robot. ``belief_below`` is that at the moment of decision or, for a robot that never decided,
-at its last sample or timer. alpha, beta (null if the strategy has none) and messages_received are those at the end."""
+"""The final state of each robot. ``belief_below`` is the belief that the share of ones is below the boundary: at the
+moment of decision or, for an undecided robot, at its last sample or timer. alpha, beta (null if the strategy has none)
+and messages_received are those at the end."""
 
 
 FAILURE = np.dtype([("opposite_from_s", np.float64), ("silent_tick", np.int64), ("works", np.int64)])
@@ -84,7 +86,7 @@ class Swarm(NamedTuple):
     states: NDArray[np.void]
     """Rows of the strategy's ``State``."""
     arrays: Any
-    """A tuple of arrays, (runs * robots, size) each."""
+    """A tuple of the strategy's arrays, (runs * robots, size) each; 0 if it has none."""
     params: NDArray[np.void]
     """(robots,): rows of the strategy's ``Params``."""
     failures: NDArray[np.void]
@@ -112,17 +114,17 @@ def world_of(scenario: Scenario, counts: int) -> World:
         counts: largest number of observations that a posterior may hold without its prior; it determines the size of
             the table of beliefs.
     Raises:
-        InputError: readings cannot be tested against the decision boundary.
+        InputError: raised by ``readings_boundary`` or ``strategy_used``.
     """
     decision, arena = scenario.decision, scenario.arena
     rows, columns, tile_width_m, tile_height_m, left_m, bottom_m = geometry_of(scenario)
-    # Robots assume error rates of 0, that is, trust their readings, unless the boundary or the strategy needs the
-    # rates.
+    # With boundary_of = "readings" robots trust their readings, so the error rates that they assume are 0, unless the
+    # strategy needs the rates.
     positive, negative = 0.0, 0.0
     if decision.boundary_of == "tiles" or strategy_used(scenario).knows_error_rates:
         own = error_rates(scenario.sensor)
         assumed = (decision.assumed_false_positive, decision.assumed_false_negative)
-        # A rate that the scenario does not give is the sensor's own.
+        # A rate that the scenario does not give is the sensor's own, away from edges.
         positive, negative = (
             own_rate if value is None else value for value, own_rate in zip(assumed, own, strict=True)
         )
@@ -195,12 +197,13 @@ def set_failures(swarm: Swarm, scenario: Scenario, seed: int, runs: NDArray[np.i
     If the scenario has no faults, the rows stay as ``empty_swarm`` has set them.
 
     Args:
-        swarm: changed in place. runs: run numbers of the swarm's runs, in the order of its rows.
+        swarm: changed in place. seed: seed of the runs. runs: run numbers of the swarm's runs, in the order of its
+            rows.
     """
     if not scenario.faults.kinds:
         return
     run_numbers: list[int] = runs.tolist()
-    # (runs, robots) each; infinite for robots without the fault.
+    # (runs, robots) each. Times are infinite for robots without the fault.
     opposite_from_s = onset_s(scenario, seed, run_numbers, "opposite")
     opinion_counts = working(scenario, seed, run_numbers)  # True for robots without any fault
     # If each robot of a run has a fault, all opinions count.
@@ -214,7 +217,7 @@ def silent_ticks(scenario: Scenario, seed: int, runs: list[int]) -> NDArray[np.i
     """Return the tick from which each robot's radio is dead, (runs, robots); ``NEVER_TICK`` if it never is."""
     from_s = onset_s(scenario, seed, runs, "radio_dead")
     tick_ms = scenario.run.control_period_ms
-    # Messages are sent and read at ticks.
+    # Messages are sent and read at ticks, so the times are converted to ticks.
     ticks = [
         NEVER_TICK if np.isinf(time_s) else tick_at(time_s, tick_ms) for time_s in from_s.ravel().tolist()
     ]
@@ -222,7 +225,10 @@ def silent_ticks(scenario: Scenario, seed: int, runs: list[int]) -> NDArray[np.i
 
 
 def sizes_of(scenario: Scenario) -> dict[str, int]:
-    """Return the numbers of robots, rows, columns and tiles, by name; sizes of arrays are formulas of them."""
+    """Return the numbers of robots, rows, columns and tiles, by name.
+
+    The sizes of a strategy's or network's arrays are formulas of these numbers.
+    """
     rows, columns = geometry_of(scenario)[:2]
     robots = scenario.swarm.robots
     return {"robots": robots, "rows": int(rows), "columns": int(columns), "tiles": int(rows * columns)}
@@ -303,6 +309,7 @@ def is_lost(seed: int, run: int, receiver: int, sender: int, number: int, loss: 
     Args:
         loss: probability that a message is lost.
     """
+    # Without losses the random number need not be computed.
     return loss > 0.0 and loss_uniform(seed, run, receiver, sender, number) < loss
 
 
@@ -317,10 +324,12 @@ def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
 
     They are the columns of ``FINALS`` without run and robot, and ``sent``, the number of messages that the robot sent.
 
-    For a robot that never decided, the decision is -1, and ``decision_time_s`` and ``belief_at_decision`` are nan.
-    alpha and beta are nan if the strategy has none.
+    For an undecided robot the decision is -1 and ``decision_time_s`` is nan; ``belief_at_decision`` is nan if it never
+    decided. alpha and beta are nan if the strategy has none.
     """
     agents, states = swarm.agents, swarm.states
+    # A strategy may return to -1 after a decision; ``decided_s`` and ``belief_at_decision`` are then those of that
+    # change.
     decided = agents["decision"] != -1
     fields = states.dtype.names or ()
     counts = {

@@ -62,7 +62,10 @@ class SampleBuffer(NamedTuple):
 
 
 def empty_sample_buffer(robots: int, capacity: int) -> SampleBuffer:
-    """Allocate a buffer for ``capacity`` samples; its contents are not set until ``ClosedLoop.begin`` is called."""
+    """Allocate a buffer for ``capacity`` samples, without setting its contents.
+
+    ``ClosedLoop.begin`` sets the arrays with an entry per robot, and ``record_samples`` the rows of the other arrays.
+    """
     return SampleBuffer(
         robot=np.empty(capacity, dtype=np.uint16),
         sample=np.empty(capacity, dtype=np.uint32),
@@ -162,14 +165,21 @@ class ClosedLoop:
         self.ends_s: list[float] = []
         """Ends of the runs, s; callers append to this list, it is not used here."""
         self.entry: Callable[..., int] | None = None  # compiled ``record_samples``; see ``add_samples``
+        # bounds: 0 and the number of samples in the buffer, so that all its samples are those of one run (``Rows``).
+        # runs: the number of the run. walked_tick, known_tick: as in ``Stops``; see ``catch_up``.
         self.bounds, self.runs = np.zeros(2, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self.walked_tick, self.known_tick = np.zeros(robots, dtype=np.int64), np.zeros(1, dtype=np.int64)
         self._allocate(max_samples(scenario))
 
     def _allocate(self, capacity: int) -> None:
-        """Allocate what depends on the number of samples of a run: buffer, inputs of the replay, replayer."""
+        """Allocate what depends on the number of samples of a run: buffer, inputs of the replay, replayer.
+
+        Args:
+            capacity: number of samples that there is room for.
+        """
         scenario, robots = self.scenario, self.walked_tick.size
         self.buffer = empty_sample_buffer(robots, capacity)
+        # The columns that ``OnlineLocalisation.locate`` writes: the estimate, then draws of the place if they are read.
         width = len(ESTIMATE) + width_of(draws_read(scenario))
         self.estimates = np.zeros((capacity if self.localisation else 0, width))
         self.log_ratios = np.zeros(capacity if reads_energies(scenario) else 0)
@@ -205,13 +215,17 @@ class ClosedLoop:
         )
 
     def _enlarge(self, needed: int) -> None:
-        """Make room for ``needed`` samples and as many again; the next ``catch_up`` replays the run from its start."""
+        """Make room for ``needed`` samples and as many again.
+
+        The next ``catch_up`` replays the run from its start, as the new replayer has replayed nothing yet.
+        """
         filled = int(self.bounds[1])
         old: list[NDArray[Any]] = [*self.buffer, self.estimates, self.log_ratios]
         self._allocate(2 * needed)
         new: list[NDArray[Any]] = [*self.buffer, self.estimates, self.log_ratios]
         for before, now in zip(old, new, strict=True):
-            # Columns with one entry per robot keep their size, and all of it; those without entries are not used.
+            # Columns with one entry per robot do not grow, and are copied whole. Columns that are not needed have no
+            # entries. Of all others the rows of the samples so far are copied.
             size = before.shape[0] if before.shape == now.shape else filled
             now[:size] = before[:size]
         self.is_new = True
@@ -226,7 +240,8 @@ class ClosedLoop:
         self.buffer.latest[:], self.buffer.own[:], self.buffer.first[:] = -1, 0, -1
         self.walked_tick[:], self.known_tick[0] = 0, 0
         self.moves, self.tracks = list[NDArray[np.void]](), NO_TRACKS
-        # is_new: whether ``catch_up`` was not called in this run yet. located: number of samples that it has handled.
+        # is_new: whether the next ``catch_up`` replays the run from its start: in a new run, or after ``_enlarge``.
+        # located: number of samples that ``catch_up`` has handled.
         self.is_new, self.located = True, 0
         if self.localisation is not None:
             self.localisation.begin(run)
@@ -322,7 +337,7 @@ class ClosedLoop:
 
     @property
     def decision_time_s(self) -> NDArray[np.float64]:
-        """Time of each robot's current decision, (robots,); nan: undecided."""
+        """Time of each robot's current decision, (robots,); nan: it has not decided yet."""
         return self.replayer.swarm.agents["decided_s"]
 
     @property
@@ -335,7 +350,11 @@ class ClosedLoop:
 
     @property
     def first_all_decided_s(self) -> float | None:
-        """First time at which all robots had decided, s; None while any robot is undecided."""
+        """First time at which all robots had decided, s; None while any robot is undecided.
+
+        ``all_decided_s`` is later if a robot has changed its decision since. It is earlier by ``decision.hold_s`` if
+        robots decide by opinions, as such decisions count from the time since which the opinions agree.
+        """
         if self.all_decided_s is None:
             return None
         return float(self.replayer.swarm.agents["first_decided_s"].max())
@@ -416,8 +435,8 @@ def add_piece(piece: Motion, loops: Sequence[ClosedLoop], tick_ms: int) -> tuple
     """Append the samples and, if needed, the moves of a piece of motion to each closed loop.
 
     Args:
-        piece: motion of one run; its table of ends has one row per robot, in the order of robots. loops: changed.
-            tick_ms: control period.
+        piece: motion of one run; its table of ends has one row per robot, in the order of robots, and all
+            ends are at the same time. loops: changed. tick_ms: control period.
     Returns: the arguments of ``ClosedLoop.catch_up``: the tick up to which motion is known, exclusive; the tick since
         which each robot stands, (robots,), -1: it walks.
     """

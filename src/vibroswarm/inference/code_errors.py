@@ -24,7 +24,7 @@ ALLOCATES = re.compile(
 def translate_errors(strategy: Strategy, network: Network) -> Iterator[None]:
     """Translate errors that users' functions of a strategy or a network raise within the ``with`` block.
 
-    Errors of this package's own strategies and networks are bugs, and pass unchanged.
+    Other errors pass unchanged. So do errors of this package's own strategies and networks, which are bugs.
 
     Raises:
         InputError: a function cannot be compiled.
@@ -33,7 +33,7 @@ def translate_errors(strategy: Strategy, network: Network) -> Iterator[None]:
     try:
         yield
     except (InputError, RunError, KeyboardInterrupt, MemoryError):
-        raise
+        raise  # these have a message for users already, or are no errors in the user's code
     except Exception as error:
         files = files_of(strategy) | files_of(network)
         if not files:
@@ -104,6 +104,8 @@ def _compiler_message(error: Exception, files: dict[str, Callable[..., Any]]) ->
 def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None:
     """Return file, line and function in a user's code where an error was raised; None if it was raised elsewhere.
 
+    Elsewhere means: in code of this package that no other code called, or in an installed library.
+
     Args:
         files: the user's files, as ``files_of`` returns them.
     """
@@ -112,11 +114,10 @@ def _place(error: Exception, files: dict[str, Callable[..., Any]]) -> str | None
         for frame in traceback.extract_tb(error.__traceback__)
         if PACKAGE not in Path(frame.filename).parents
     ]
-    # Raised by this package alone, or within a library.
     if not frames or "site-packages" in frames[-1].filename:
         return None
-    # A cached kernel reports the path that the file had when it was compiled. The user's file may have moved since, so
-    # it is found by its name alone. If the error is in none of these files, the first of them is named.
+    # A cached kernel reports the path that the file had when it was compiled. The file may have been moved since, so
+    # only its name is compared; or it may have been renamed, so without a match the first of the user's files is named.
     last, by_name = frames[-1], {Path(file).name: file for file in files}
     file = by_name.get(Path(last.filename).name) or next(iter(files))
     return f"{file}, line {last.lineno}, in {last.name}"

@@ -2,9 +2,11 @@
 
 ``generated_kernels`` makes a module like this one for each strategy and network, with their compiled functions, and
 replaces this module by it in the kernel's source. The functions here serve for hooks that a strategy or network does
-not define, and for type checks of the templates. ``strategies.base`` and ``networks.base`` describe the hooks'
-arguments: s: state of the robot; a: arrays; x: reading; m: message; out: message to fill; d: random numbers; p:
-parameters; w: world; n: state of the network; t_s: time.
+not define, and for type checks of the templates. The constants, and ``next_s``, ``reading_of``, ``views``,
+``clear_network`` and ``bit_of``, are in every generated module, so here they serve for type checks alone.
+
+``strategies.base`` and ``networks.base`` describe the hooks' arguments: s: state of the robot; a: arrays; x: reading;
+m: message; out: message to fill; d: random numbers; p: parameters; w: world; n: state of the network; t_s: time.
 """
 
 from __future__ import annotations
@@ -53,7 +55,10 @@ def on_timer(s: Row, a: Any, t_s: float, out: Row, d: Draws, p: Row, w: World) -
 
 
 def next_s(s: Row) -> float:
-    """Return the time at which ``on_timer`` is due, s."""
+    """Return the time at which ``on_timer`` is due, s.
+
+    The generated function returns ``s.next_s``; without ``on_timer`` it returns 0, and is not called.
+    """
     return 0.0
 
 
@@ -76,14 +81,17 @@ def steer(s: Row, a: Any, x: Reading, d: Draws, p: Row, w: World) -> tuple[float
 
 
 def opposite(m: Row) -> None:
-    """Change a message into its opposite; a message that has no opposite stays as it is."""
+    """Change the message that a robot with the fault ``opposite`` sends into its opposite, if it has one.
+
+    This default is for messages that have none, which stay as they are.
+    """
 
 
 def reading_of(readings: Readings, k: int, time_s: float, number: int) -> Any:
     """Return the reading of the sample in row ``k`` as the strategy gets it.
 
-    This default returns a ``Reading``. For a strategy that ``reads_details`` the generated module replaces it by a
-    function that returns a ``DetailedReading``.
+    It is a ``Reading`` or, for a strategy that ``reads_details``, a ``DetailedReading``: the generated module has
+    ``own_reading`` or ``detailed_reading`` under this name.
 
     Args:
         time_s: time of the sample. number: index of the sample among the robot's samples.
@@ -92,19 +100,22 @@ def reading_of(readings: Readings, k: int, time_s: float, number: int) -> Any:
 
 
 def views(arrays: Any, i: int) -> Any:
-    """Return the arrays of the robot in row ``i``; this default, for strategies without arrays, returns any value."""
+    """Return the arrays of the robot in row ``i`` of ``arrays``, a named tuple; without arrays, 0, which no hook reads.
+
+    The generated function lists the arrays by name.
+    """
     return i
 
 
 def clear_network(a: Any) -> None:
-    """Set the network's arrays in ``a`` to zero, but not parameters that are lists, which ``a`` contains too.
+    """Set the network's declared arrays in ``a`` to zero, but not parameters that are lists, which ``a`` contains too.
 
-    This default does nothing: it is that of networks without arrays.
+    The generated function lists the arrays by name; for networks without arrays it does nothing.
     """
 
 
 def bit_of(m: Row) -> int:
-    """Return the bit of a one-bit message; 0 for other messages."""
+    """Return the bit of a message; the generated function returns 0 if the strategy's messages have no ``bit``."""
     return 0
 
 

@@ -136,6 +136,7 @@ class Timeline:
         first = np.full(self.runs.size * self.robots, -1, dtype=np.int32)
         begins = order[np.append(True, ~goes_on)[: order.size]]  # first row of each robot; none without rows
         first[whose[begins]] = begins - run_start[begins]
+        # known: tick at which each run ends; empty if there are no runs.
         end_tick = np.rint(self.ends["end_s"].to_numpy() * per_s).astype(np.int64)
         known = end_tick.reshape(-1, self.robots).max(axis=1) if end_tick.size else end_tick
         # A message is read one tick after it was sent, so a robot last walked one tick after the last tick whose
@@ -165,7 +166,7 @@ class Timeline:
         return int(np.diff(self.bounds).max(initial=0))
 
     def message_uniforms(self, seed: int) -> NDArray[np.float64]:
-        """Return the uniform number from which each sample's message is drawn, (rows,); it is cached by seed."""
+        """Return the first random number of ``on_sample`` at each sample, (rows,); the result is cached by seed."""
         if seed not in self._message_uniforms:
             self._message_uniforms[seed] = message_uniforms(
                 seed, self.runs, self.bounds, self.robot, self.sample
@@ -373,7 +374,8 @@ def write_heard(
     while rows > 0 and tick[low + rows - 1] > until:
         rows -= 1
     if last_own >= 0:
-        # The messages that the robot had passed at its last sample stay passed.
+        # Messages that the robot had passed at its last sample stay passed. ``until`` is earlier than at that sample
+        # only if this stop begins before the stop of that sample, as a user's motion source may give it.
         rows = max(rows, heard[low + last_own, HEARD_ROWS])
     # The robot's latest own messages may have been sent after ``until``: go back to the last one among the first n.
     while last_own >= rows:
@@ -464,7 +466,10 @@ def message_uniforms(
     robot: NDArray[np.uint16],
     sample: NDArray[np.uint32],
 ) -> NDArray[np.float64]:
-    """Return the uniform number from which each sample's message is drawn, (rows,).
+    """Return the first random number of ``on_sample`` (``u(d, 0)``) at each sample, (rows,).
+
+    The numbers are computed in advance, once for all strategies that are replayed. Their addresses are those of
+    ``agents.sample_draws`` with k = 0.
 
     Args:
         runs, bounds, robot, sample: as in ``Timeline``.

@@ -74,7 +74,8 @@ class NetworkArrays(NamedTuple):
 def clear_network(a):
 {zeroed}
 '''
-"""Text of the class of a network's arrays, and of ``clear_network``, which zeroes them; braces are filled in."""
+"""Text of the class of a network's arrays, and of ``clear_network``. The names in braces are filled in: ``fields`` are
+the parameters that are lists and the declared arrays, ``zeroed`` are the declared arrays alone."""
 OPPOSITE_BIT: Final = """
 
 @inlined_uncached
@@ -103,7 +104,8 @@ def uses_uniforms(strategy: Strategy) -> bool:
 
 def key_of(*declared: Strategy | Network) -> str:
     """Return a hash, 12 hexadecimal digits, of all code from which the kernels of a strategy and a network are made."""
-    # ``source`` is the text of a user's file; it is empty for the strategies and networks of this package.
+    # ``source`` is the text of a user's file that was loaded by name (``scenario.plugins``). It is empty for strategies
+    # and networks of this package, of installed packages and of a user's own program.
     texts = [item.source or _text_of(item) for item in declared]
     # ``source_hash`` is that of this package's own source, which includes the templates.
     text = "\0".join((source_hash(), *texts))
@@ -208,6 +210,8 @@ def kernels(strategy: Strategy, network: Network, template: str) -> ModuleType:
 
     Args:
         template: name of a module of this folder that imports from ``default_hooks``, such as ``replay_counts``.
+    Raises:
+        ValueError: the module does not import from ``default_hooks``.
     """
     made_hooks = hooks_of(strategy, network).__name__  # name of the generated module ``hooks``
     text = (FOLDER / f"{template}.py").read_text()
@@ -295,14 +299,14 @@ def _is_hook_code(function: FunctionType, module: str) -> bool:
 def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any], Any]) -> Any:
     """Compile a function for use in a kernel, with the Python functions that it calls; return the compiled form.
 
-    The function itself is not changed. What is compiled is a copy, in whose globals the functions that it calls are
-    replaced by their compiled forms. That is done for functions for which ``_is_hook_code`` is true. Any other function
-    stays as it is, and the kernel compiles only if Numba can compile a call of it.
+    The function itself is not changed. If it calls functions for which ``_is_hook_code`` is true, what is compiled is a
+    copy, in whose globals they are replaced by their compiled forms. Any other function that it calls stays as it is,
+    and the kernel compiles only if Numba can compile a call of it.
 
     Args:
         function: a Python function; a function that is compiled already is returned as it is.
         compiled: compiled forms of functions so far, extended. None in place of a form marks a function that is being
-            compiled, so that a function that calls itself is found.
+            compiled, so that a function that calls itself is detected.
     Raises:
         InputError: a function calls itself, directly or indirectly.
     """
@@ -320,7 +324,7 @@ def compiled_hook(function: Callable[..., Any], compiled: dict[Callable[..., Any
         for name, value in globals_of(function).items()
         if isinstance(value, FunctionType) and _is_hook_code(value, function.__module__)
     }
-    rebound = function  # the copy, if there is something to replace
+    rebound = function  # what is compiled: the function itself, or its copy with other globals
     if called:
         space = {**function.__globals__, **called}
         rebound = FunctionType(

@@ -88,6 +88,7 @@ def steerable(state: MotionState, motion: str) -> KernelRun:
         InputError: the motion source does not support steering.
     """
     if not isinstance(state, KernelRun):
+        # A source from a user's file is named with the hash of that file, which the message leaves out.
         raise InputError(
             f"'{motion.partition(plugins.HASH)[0]}' cannot be steered, and the strategy steers; take 'event' or "
             "'fixed-step'",
@@ -110,6 +111,8 @@ def steer_on(
         state: the run's motion, changed. loop: the run's closed loop, which replays the samples.
         take, take_moves, take_segments: called with new rows of samples, moves and segments, if given.
     Returns: whether any robot sampled.
+    Raises:
+        InputError: the strategy chooses a turn or a leg that is out of range.
     """
     before = int(loop.bounds[1])  # number of samples so far
 
@@ -130,9 +133,11 @@ def steer_on(
         until_s, take_samples, pass_on_moves if loop_reads_moves else take_moves, take_segments
     )
     if loop_reads_moves:
+        # Engines pass moves on when they have ended. The loop also needs those under way: localisation reads the stops
+        # at which robots have just sampled, and networks the positions of all robots.
         loop.add_moves(state.moves_under_way())
     loop.catch_up(state.tick, state.stop_ticks)
-    for k in range(before, int(loop.bounds[1])):
+    for k in range(before, int(loop.bounds[1])):  # rows of the new samples
         turn_deg, drive_ms = loop.replayer.steering[k].tolist()  # both nan: the strategy leaves all as drawn
         if not (math.isnan(turn_deg) and math.isnan(drive_ms)):
             state.steer(int(loop.buffer.robot[k]), turn_deg, drive_ms)
@@ -163,7 +168,7 @@ def _whole_run(state: KernelRun, loop: ClosedLoop, until_s: float, columns: Samp
         """Append a copy of ``rows`` to ``kept``, as the engine overwrites its rows."""
         kept.append(joined([rows]))
 
-    has_moves = state.record.moves.size > 0
+    has_moves = state.record.moves.size > 0  # a buffer without room: the table was not requested
     while not reached(state.time_s, until_s, loop.tick_ms):
         steer_on(
             state,

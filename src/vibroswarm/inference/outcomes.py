@@ -157,7 +157,7 @@ def belief_in_truth(belief: Array, truth: Array) -> Array:
 
 def estimate_of(alpha: NDArray[Any], beta: NDArray[Any]) -> Array:
     """Return the posterior mean of the fill ratio, element by element; nan where alpha and beta are nan or both 0."""
-    total = alpha + beta.astype(np.float64)
+    total = alpha + beta.astype(np.float64)  # floats: the sum of 32-bit integers could overflow
     # ``where`` leaves nan where the total is 0 or nan.
     estimate: Array = np.divide(alpha, total, out=np.full(total.shape, np.nan), where=total > 0)
     return estimate
@@ -242,7 +242,7 @@ def robot_table(finals: pl.DataFrame, truth: Array) -> pl.DataFrame:
         truth: the right decision of each run, (runs,).
     """
     robots = finals.height // truth.size  # per run
-    # The columns that the columns to be added are computed from: ``sent`` only if the table has it.
+    # ``robot_columns`` reads these columns, and takes ``samples`` for ``sent`` if the table lacks the latter.
     read: list[str] = [name for name in ("belief_below", "samples", "sent") if name in finals.columns]
     by_run = {name: finals[name].to_numpy().reshape(-1, robots) for name in read}
     computed = robot_columns(by_run, truth)
@@ -345,7 +345,9 @@ def of_swarms(runs: Columns, robots: ArrayLike, t_end_s: ArrayLike) -> dict[str,
 
 
 def sum_by_run(values: Array, first: NDArray[np.intp]) -> Array:
-    """Return the sum over the robots of each run, (runs,); numbers are always added in the same order.
+    """Return the sum over the robots of each run, (runs,); empty if there are no runs.
+
+    The numbers of a run are always added in the same order, so that rounding is reproducible.
 
     Args:
         values: (robots of all runs,), run by run. first: (runs,): index of each run's first robot.

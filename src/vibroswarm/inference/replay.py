@@ -107,6 +107,7 @@ def sent_messages(
     # Such a strategy sends exactly one message at each sample, unless a robot's radio is dead.
     if counts_only(strategy_used(scenario)) and not scenario.faults.radio_dead:
         return timeline.robot.astype(np.int64), timeline.stops.tick
+    # All other strategies need this replayer. Its buffer holds the messages of one run.
     replayer = MessagesReplayer(
         scenario,
         seed,
@@ -138,7 +139,8 @@ def _replayed(
         observations: the observation table. messages, log: (rows,): the message sent at each sample, and the state
             after it; written unless None.
     Raises:
-        ValueError: the observation table does not have the rows of the timeline.
+        ValueError: the observation table does not have the rows of the timeline, or the strategy reads energies and
+            some are missing.
     """
     if not _same_rows(timeline.samples, observations):
         raise ValueError("the observation table does not have the rows of the motion table")

@@ -6,8 +6,8 @@ are four ways to get these numbers:
 * Without losses every robot hears every message. The number of ones that a robot has received is the number that all
   robots have sent, less its own.
 * With losses, ``Reach`` says which robots each message reaches, and the ones that reach each robot are counted.
-* With losses (``loss`` > 0) in a swarm that is too large for ``Reach``, messages are read one by one, and the loss of
-  each is drawn.
+* With losses (``loss`` > 0) but without ``Reach``, messages are read one by one, and the loss of each is drawn. There
+  is no ``Reach`` in a closed loop, and none for large swarms and very long runs (``Timeline.reach``).
 * For other networks, ``Deliveries`` lists the messages that each robot reads before each sample.
 
 Robot ``i`` of the r-th run is in row ``e`` = r * robots + i of the swarm's arrays. ``low`` is the first row of the
@@ -118,6 +118,7 @@ def read_before_sample(
         deliveries: lists of messages, or empty. start, end: range of the new messages in ``deliveries.which``; used
             only if there are deliveries. loss: probability that a message is lost.
     """
+    # ``until_at_end`` is empty only without deliveries; ``until`` is also empty if there are no samples.
     if deliveries.until_at_end.size > 0:
         ones, row = 0, swarm.agents[e]
         for place in range(start, end):
@@ -127,7 +128,7 @@ def read_before_sample(
     elif lossy:
         ones = in_lane(counts.ones_reached[unsigned(heard[HEARD_ROWS])], signed(i))
         update_counts(swarm, e, i, ones, others, world)
-    elif loss > 0.0:  # with losses, in a swarm that is too large for ``Reach``
+    elif loss > 0.0:  # with losses, but without ``Reach``
         read_one_by_one(swarm, e, i, signed(heard[HEARD_ROWS]), rows, low, messages, world, seed, run, loss)
     else:  # without losses: all ones that were sent, less the robot's own
         ones = counts.ones_sent[unsigned(heard[HEARD_ROWS])]
@@ -228,17 +229,19 @@ def take(
 ) -> int:  # fmt: skip
     """Let the strategy handle a sample: update state, decision, steering and log, and write the message to send.
 
+    The robot's ``belief`` is not updated here; ``replay`` computes it once, at the end of the run.
+
     Args:
         e, i: row and number of the robot. k: row of the sample. messages, log, steering: their row ``k`` is written;
             log and steering only if they are requested.
-    Returns: ``DONE`` or an error code.
+    Returns: ``DONE`` or an error code, which ends the replay.
     """
     row, s, p, w = swarm.agents[e], swarm.states[e], swarm.params[i], world_of_robot(world, i)
     a, number = views(swarm.arrays, e), signed(rows.sample[k])
     x = own_reading(readings, k, rows.time_s[k], number)
     known_uniform = readings.uniforms[k] if readings.uniforms.size > 0 else -1.0  # below 0: not computed yet
     sends = on_sample(s, a, x, messages[k], sample_draws(seed, run, i, number, known_uniform), p, w)
-    if x.t_s >= swarm.failures[e].opposite_from_s:
+    if x.t_s >= swarm.failures[e].opposite_from_s:  # a faulty robot sends the opposite of its message
         opposite(messages[k])
     row.samples += 1
     row.sent += 1

@@ -2,8 +2,8 @@
 
 A robot's log has the number n of messages that it received between two samples. A replay draws which messages these
 are: n of the messages that other robots sent since its previous sample, chosen at random. Times in a log are a little
-late, so n may be larger than the number of messages sent in that time. The rest is then drawn from older messages that
-the robot has not heard, and after that from messages sent up to ``slack_s`` later.
+late, so n may be larger than the number of messages sent in that time. The rest is then drawn from those messages of
+the interval before that the robot has not heard, and after that from messages sent up to ``slack_s`` later.
 
 ``Session`` holds the samples of one recorded run, one per row; the message of a row is the one that its robot sent at
 that sample. ``seed`` and ``run`` are part of the address of all random numbers.
@@ -79,10 +79,11 @@ def hear(
 ) -> tuple[int, int]:  # fmt: skip
     """Choose the messages that robot ``i`` has received between its previous sample and that in row ``k``.
 
-    They are chosen from three ranges of rows, each used only if the ranges before it hold too few messages. The first
-    range holds the messages sent since the robot's previous sample. The second is the first range of that previous
-    sample, of which the robot has not heard all. The third holds messages that, by the times in the log, were sent up
-    to ``slack_s`` too late for this sample.
+    They are chosen from three ranges of rows, each used only if the ranges before it hold too few messages that the
+    robot has not heard. The first range holds the messages that are new at this sample: by the times in the log, they
+    were sent before its ``hears_until_s``, but too late to be new at the robot's previous sample. The second holds the
+    messages that were new at that previous sample. The third holds those sent up to ``slack_s`` after
+    ``hears_until_s``.
 
     Args:
         heard_messages: changed: the chosen messages are marked as heard, and the ranges move on to the next sample.
@@ -90,7 +91,8 @@ def hear(
     """
     heard, leftover_from, new_from = heard_messages
     # By the times in the log, the messages of rows before ``until`` were sent in time. If these times are late by
-    # ``slack_s``, the messages of rows before ``later`` were sent in time too.
+    # ``slack_s``, the messages of rows before ``later`` were sent in time too. Neither is above k, since messages of
+    # later rows have not been computed yet.
     until = new_from[i]
     while until < k and session.time_s[until] < session.hears_until_s[k]:
         until += 1
@@ -108,14 +110,16 @@ def hear(
     return ones, zeros
 
 
-# Compiled without allocation of memory. A kernel that allocates counts references to arrays, and would drop references
+# A ``kernel``, not an ``allocating_kernel``: one that allocates counts references to arrays, and would drop references
 # to the arrays in tuples that its hooks return.
 @kernel
 def replay_from_counts(
     session: Session, swarm: Swarm, messages: NDArray[np.void], heard_messages: HeardMessages, log: Log,
     world: World, slack_s: float, seed: int, run: int,
 ) -> tuple[int, int]:  # fmt: skip
-    """Replay one recorded run from its start to its end, or until the strategy does what strategies may not do.
+    """Replay one recorded run from its start to its end, or to the first error of the strategy.
+
+    ``first_decided_s`` of the robots is not set, since only closed loops read it.
 
     Args:
         session: the samples of the run. swarm, heard_messages: state of the run's robots, zeroed; changed.
@@ -123,10 +127,11 @@ def replay_from_counts(
         slack_s: by how much times in the log may be late, s.
         seed, run: address of the random numbers, which choose the messages that are heard and serve the strategy.
 
-    Returns: ``DONE`` or an error code; and the number of received messages for which no message was left to choose.
+    Returns: ``DONE`` or an error code; and the number of messages that robots received according to their logs, but for
+        which no sent message was left to choose.
     """
     rows, robots = session.robot.size, swarm.params.size
-    unsent = 0  # messages received by the logs for which none was left to choose
+    unsent = 0  # the number that is returned
     for i in range(robots):
         begin_agent(swarm.agents[i])
         begin(swarm.states[i], views(swarm.arrays, i), begin_draws(seed, run, i), swarm.params[i],

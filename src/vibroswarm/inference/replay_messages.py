@@ -133,10 +133,13 @@ def send_message(
 ) -> bool:  # fmt: skip
     """Send the message that the strategy of robot ``i``, in row ``e``, has written to the end of ``buffer``.
 
-    Its sender, tick and number are stored, it is put into the inboxes of its receivers, and it is counted as sent. The
-    caller has checked that ``buffer`` has a row for it.
+    Its sender, tick and number are stored, and it is counted as sent. If the network has ``send``, the message is also
+    put into the inboxes of its receivers; else robots read it from ``buffer`` itself (``read_arrived``). The caller has
+    checked that ``buffer`` has a row for it. If the network reads positions, the caller has also written those of all
+    robots to ``buffer``.
 
     Args:
+        bytes_on_air: length of the message.
         network_params, network_state: (1,): rows of the network's parameters and state. network_arrays: the network's
             arrays, or 0 if it has none.
     Returns: whether the inbox had room; if not, the replay must be repeated with a larger buffer.
@@ -224,7 +227,8 @@ def settle_opinions(swarm: Swarm, first: int, tick: int, buffer: MessageBuffer, 
     """Turn the opinions of a run's robots into decisions if, at this tick, they have agreed for ``world.hold_s``.
 
     The time of the decisions is that since which the opinions agree. ``first_decided_s``, the time at which this was
-    known, is ``hold_s`` later.
+    known, is ``hold_s`` later. A robot that does not count (``update_decision``) gets its own opinion as its decision,
+    even if the others do not agree with it.
 
     Args:
         first: row of the run's robot 0. tick: the present tick, before any event at it is processed; or, when no event
@@ -252,6 +256,8 @@ def begin_run(
     network_arrays: Any, seed: int, run: int,
 ) -> None:  # fmt: skip
     """Set a run to time 0: its robots, in rows from ``first`` on, their messages and the network.
+
+    The strategy's arrays are zero already (``Replayer.clear``).
 
     Args:
         buffer, tracks, network_state, network_arrays: changed. world: as robot 0 knows it.

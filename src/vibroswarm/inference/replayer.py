@@ -49,10 +49,10 @@ class Replayer(ABC):
     """Replays some runs, in one or several calls of ``advance``, each from where the last one stopped.
 
     Args:
-        runs: number of runs. longest: number of samples of the longest run. rows: number of samples of all runs. Upper
-            bounds will do for both, as in a closed loop.
-        messages: (rows,), written if given: the message sent at each sample.
-        log: (rows,), written if given: the state after each sample.
+        scenario, seed: those of the runs. runs: number of runs. longest: number of samples of the longest run. rows:
+            number of samples of all runs. Upper bounds will do for ``longest`` and ``rows``, as in a closed loop.
+        messages, log: (rows,), written if given: the message sent at each sample, and the state after it. Both are
+            given or neither, because ``MessagesReplayer`` writes no messages without a log.
         network: the network whose functions the kernel calls.
     """
 
@@ -143,6 +143,7 @@ class Replayer(ABC):
             return
         # Viewed as bytes, all fields of the records are zeroed at once.
         self.swarm.states.view(np.uint8)[:] = 0
+        # ``arrays`` is 0, not a tuple, if the strategy has none.
         for array in self.swarm.arrays if isinstance(self.swarm.arrays, tuple) else ():
             array[:] = 0
 

@@ -58,7 +58,7 @@ def _tracks(whose: NDArray[np.int64], robots: int, *columns: NDArray[np.int64 | 
     order = np.argsort(whose, kind="stable")
     bounds = np.searchsorted(whose[order], np.arange(robots + 1))
     tick, x_m, y_m, heading_rad, speed_m_s, rate_rad_s = (read_only(column[order]) for column in columns)
-    first = bounds[:-1].astype(np.int64)
+    first = bounds[:-1].astype(np.int64)  # a copy, because ``positions_at`` changes it
     return Tracks(
         bounds=read_only(bounds.astype(np.int64)),
         tick=tick,
@@ -121,6 +121,7 @@ def tracks_of_rows(rows: NDArray[np.void], robots: int) -> Tracks:
             of robots.
     """
     drives = rows["kind"] == DRIVE  # a robot that turns is taken to stay where it is
+    # Tables hold wrapped headings, so these are wrapped too: positions are then exactly those computed from a table.
     return _tracks(
         rows["robot"].astype(np.int64),
         robots,

@@ -45,7 +45,7 @@ def deliveries_of(scenario: Scenario, seed: int, timeline: Timeline) -> Deliveri
         CodeError: a function of the network raised an error.
     """
     robots = timeline.robots
-    most = timeline.robot.size * max(robots - 1, 0)  # each message reaches each other robot
+    most = timeline.robot.size * max(robots - 1, 0)  # if each message reaches each other robot
     if most > MAX_DELIVERIES:
         return None
     network, strategy = network_of(scenario.network.name), strategy_used(scenario)
@@ -75,6 +75,7 @@ def compute_deliveries(
         log: (rows, robots), written: tick from which each robot can read the message of each row, -1: never;
             ``NO_ARRIVALS`` if this is not needed.
     Raises:
+        InputError: the network cannot be compiled.
         CodeError: a function of the network raised an error.
     """
     robots, strategy = scenario.swarm.robots, strategy_used(scenario)

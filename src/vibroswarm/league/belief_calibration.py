@@ -70,13 +70,13 @@ def belief_calibration(
     """Simulate random floors with the numbers of vibrating tiles ``COUNTS``, and compare confidence with outcomes.
 
     Args:
-        league: its entries, its base scenario and its smallest swarm size are used. Its floors are replaced, and its
-            seed is changed.
+        league: its entries, its base scenario and its smallest swarm size are used, with other floors and another seed.
         folder: where runs are saved; runs that are there already are not repeated. None: they are not saved.
         runs: number of motions; each is used on every floor.
         how: further arguments of ``study.run.run``, such as workers.
     Returns: one row per entry whose strategy has a belief, settings and prior: ``COLUMNS``, the figures also with
-        ``_low`` and ``_high`` (null if undefined). Empty if no entry has a belief.
+        ``_low`` and ``_high`` (null if undefined). If no entry has a belief, the table has no rows, and only
+        ``COLUMNS``, all of type String.
     Raises:
         InputError: runs are missing, for example because some failed.
     """
@@ -185,8 +185,8 @@ def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Arra
     The caller has checked that each run has its rows.
 
     Args:
-        table: rows of robots with cell, run, decision, belief_below and truth. first: number of the cell of the first
-            floor; the cells of the other floors follow. shape: (number of floors, number of runs).
+        table: rows of robots with cell, run, decision, belief_below (``agents.FINALS``) and truth. first: number of the
+            cell of the first floor; the cells of the other floors follow. shape: (number of floors, number of runs).
     Returns: four arrays (floors, runs): number of robots that decided, sum of their confidences at decision time,
         number of them that are right, and number of all robots.
     """
@@ -194,6 +194,7 @@ def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Arra
     floor_and_run = floor * shape[1] + table["run"].to_numpy()  # index into the results, flattened
     decision, below = numbers(table["decision"]), numbers(table["belief_below"])
     decided = decision >= 0
+    # Decision 0 is "below the boundary".
     confidence = np.where(decision == 0, below, 1.0 - below)
     right = decision == numbers(table["truth"])
 

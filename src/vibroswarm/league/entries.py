@@ -189,10 +189,10 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
                     field="fills",
                 )
             source = f"{name}:{fill:g}"
-            # 1 - f is rounded below, since floating point may put it next to the decimal number.
+            # ``round``: in floating point 1 - f may differ a little from the decimal number.
             fill_above = round(1.0 - fill, 6)
             found.append(LeagueFloor(pattern=name, fill_ratio=fill, source=source))
-            if is_random(source):
+            if is_random(source):  # each run draws its own floor, so there is none to invert
                 above = f"{name}:{1.0 - fill:g}"
                 found.append(LeagueFloor(pattern=name, fill_ratio=fill_above, source=above))
                 continue

@@ -73,17 +73,16 @@ def fault_curves(
     """Simulate a league's entries with faulty robots, and compute the table of the module's docstring.
 
     Args:
-        league: its entries, its base scenario and its smallest swarm size are used. Its floors are replaced, and its
-            seed is changed.
+        league: its entries, its base scenario and its smallest swarm size are used, with other floors and another seed.
         folder: where runs are saved; runs that are there already are not repeated. None: they are not saved.
         kinds: kinds of faults. most: largest number of faulty robots; by default ``MOST``, but never the whole swarm.
         runs: number of runs for each kind of fault, number of faulty robots and floor.
         how: further arguments of ``study.run.run``, such as workers.
     Returns: one row per entry (``name``), kind and number of faulty robots from 0 up; limits have ``_low`` and
-        ``_high``. Empty if nothing was simulated with faults: for a swarm of a single robot, or if no
-        kind fits any entry.
+        ``_high``. It has no rows if no kind fits any entry, or for a swarm of a single robot without ``most``.
     Raises:
-        InputError: an unknown kind, or ``most`` is not from 1 to the number of robots - 1.
+        InputError: an unknown kind, ``most`` is not from 1 to the number of robots - 1, or runs are missing, for
+            example because some failed.
     """
     for kind in kinds:
         check_choice(kind, "faults", FAULTS)
@@ -175,7 +174,8 @@ def _row(case: Case, errors: dict[Case, Errors]) -> dict[str, Any]:
             f"{figure}_high": plain(found.high),
         }
     low, high = row["rise_low"], row["rise_high"]
-    row["bears"] = None  # inconclusive, unless the whole interval lies on one side of the margin
+    # None: there are no faulty robots or no limits, or the margin lies within the limits.
+    row["bears"] = None
     if count > 0 and low is not None and high is not None and (high < MARGIN or low > MARGIN):
         row["bears"] = high < MARGIN
     return row

@@ -162,7 +162,8 @@ def answers(table: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> tuple[st
     """Write the sentences at the top of the report.
 
     They name the fastest entry and the one with the smallest error, the entries that know the grid of tiles, the
-    significant differences from the reference, and the fastest front.
+    significant differences from the reference (over all floors and floor by floor), the fastest front, and the
+    strategies whose robots are too confident.
 
     Args:
         table: the standings, by rising forced error.
@@ -176,7 +177,7 @@ def answers(table: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> tuple[st
         f"{surest['decision_time_s']:.0f} s. Fastest: {fastest['name']}, {fastest['decision_time_s']:.0f} s; its "
         f"forced error is {_share(fastest, 'forced_error')}."
     ]
-    # Entries whose robots are told the grid of tiles.
+    # Entries whose robots are told the grid of tiles. ``table`` may lack the column ``told``.
     if with_grid := [row["name"] for row in table.iter_rows(named=True) if "grid" in (row.get("told") or "")]:
         found.append(
             "Told the grid of tiles, which the other entries are not (with a wrong grid, worse than counting): "
@@ -320,7 +321,10 @@ def _times_100(value: float | None) -> float | None:
 
 
 def _with_limits(table: pl.DataFrame) -> pl.DataFrame:
-    """Select the columns of the standings that are shown; limits become a column of text behind their figure's."""
+    """Return the table of standings that the report shows, with the limits of a figure as text in the next column.
+
+    The limits of right, wrong and undecided are left out. Messages and bytes have a table of their own (``COSTS``).
+    """
     rows = [
         {
             "name": row["name"],

@@ -1,6 +1,7 @@
 """Run a league and compute its standings: time and error of each strategy over all floors, with intervals.
 
-A league runs entries (strategies with settings) on the same floors, with the same motion.
+A league runs entries (strategies with settings) on the same floors, with the same motion. (Entries whose settings set
+fields of motion move in their own way; they share only the random numbers of motion.)
 
 | column | what it is |
 |---|---|
@@ -73,11 +74,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class League(NotebookView):
-    """Strategies that are compared on the same floors, motion, readings and radio.
-
-    Raises:
-        InputError: a scenario cannot be run.
-    """
+    """Strategies that are compared on the same floors, motion, readings and radio, except for fields that they set."""
 
     base: Scenario
     """Scenario with all fields that entries do not set."""
@@ -117,7 +114,12 @@ class League(NotebookView):
 
     @cached_property
     def study(self) -> Study:
-        """The study of all cells, ordered by entry, then floor, then swarm size."""
+        """The study of all cells, ordered by entry, then floor, then swarm size.
+
+        Raises:
+            InputError: no decision is right on a floor, or ``Study`` refuses a value, such as the scenario of a cell or
+                the number of runs.
+        """
         self._check_floors()
         # Blocks of a study: a list with one point per entry, and a grid of all pairs of floor and swarm size.
         # A strategy that is not built in is named by its file and class (``code``).
@@ -129,9 +131,10 @@ class League(NotebookView):
             "floor.source": [floor.source for floor in self.floors],
             "swarm.robots": list(self.robots),
         }
+        # Floors that are not known patterns are defined in the study, by the name that ``floor.source`` uses.
         floors = {floor.source: floor.tiles for floor in self.floors if floor.tiles is not None}
         return Study(
-            self.base.with_values(SIZE),
+            self.base.with_values(SIZE),  # random floors of the same size as the patterns
             {"list": entry_points, "grid": grid},
             runs=self.runs,
             seed=self.seed,
@@ -146,7 +149,9 @@ class League(NotebookView):
             folder: where runs are saved; None: they are not saved. how: further arguments of ``study.run.run``,
                 such as workers.
         Raises:
-            InputError: the folder cannot be used, or runs failed.
+            InputError: the study is not valid, the folder cannot be used, or runs are missing (some failed, and ``how``
+                allows failures).
+            RunError: runs failed, or the disk is full.
         """
         return standings_of(self, run(self.study, folder, **how))
 
@@ -174,19 +179,24 @@ class Standings(NotebookView):
     def interval(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Interval:
         """Compute the mean of a figure of an entry over floors and units, with its 95 % interval over units.
 
+        Units for which ``by_unit`` is nan are left out; the interval is nan if none remains.
+
         Args:
             entry: index of the entry. figure: one of ``FIGURES``. floors: indices of floors; by default all.
         """
         return mean_interval(self.by_unit(entry, figure, floors))
 
     def by_unit(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Array:
-        """Average a figure of an entry over floors (by default all), for each unit: (units,)."""
+        """Average a figure of an entry over floors (by default all), for each unit: (units,).
+
+        The average of a unit is nan if the figure is nan on any of these floors.
+        """
         of_floors = self.values[figure][entry]
         mean: Array = (of_floors if floors is None else of_floors[list(floors)]).mean(axis=0)
         return mean
 
     def boundary_of(self, entry: Entry) -> str:
-        """Return the value of ``decision.boundary_of`` that an entry runs with."""
+        """Return the value of the scenario field ``decision.boundary_of`` that an entry runs with."""
         found: str = entry.settings.get("decision.boundary_of", self.league.base.decision.boundary_of)
         return found
 
@@ -194,7 +204,8 @@ class Standings(NotebookView):
         """Return the floor on which an entry errs most, among those with a fill ratio nearest to 1/2, and the error.
 
         Every other unit serves to choose the floor, and the rest to estimate the forced error on it, so that the choice
-        does not bias the estimate. With a single unit there is none to estimate with, and the interval is nan.
+        does not bias the estimate. Alternate units are taken because units are sorted by swarm size: with 2 or more
+        runs, both halves contain all sizes. With a single unit there is none to estimate with, and the interval is nan.
 
         Args:
             entry: index of the entry.
@@ -215,7 +226,9 @@ class Standings(NotebookView):
 
     @cached_property
     def table(self) -> pl.DataFrame:
-        """The standings, one row per entry by rising forced error.
+        """The standings, one row per entry, by rising forced error, then decision time, then name.
+
+        An entry whose forced error is undefined (null) comes first.
 
         Columns: name, strategy, bytes_on_air, told (the prior knowledge that robots need), ``FIGURES``, worst_floor and
         worst_floor_error; figures also with ``_low`` and ``_high``.
@@ -263,7 +276,8 @@ class Standings(NotebookView):
         Args:
             reference: the label of an entry; by default the first.
         Returns: one row per figure of ``COMPARED`` and entry: name, reference, figure, difference (entry - reference)
-            with its 95 % limits, p_value, p_holm (corrected over the entries). Empty for a single entry.
+            with its 95 % limits, p_value of the sign-flip test, p_holm (corrected over the entries, for each figure by
+            itself). Empty for a single entry.
         Raises:
             InputError: no entry has the label ``reference``.
         """
@@ -295,8 +309,8 @@ class Standings(NotebookView):
         Args:
             reference: the label of an entry; by default the first.
         Returns: one row per figure of ``COMPARED``, entry and floor: name, reference, pattern, fill_ratio, figure,
-            difference (entry - reference), p_value of a paired t-test, p_holm (corrected over entries and floors).
-            Empty for a single entry.
+            difference (entry - reference), p_value of a paired t-test, p_holm (corrected over entries and floors,
+            for each figure by itself). Empty for a single entry.
         Raises:
             InputError: no entry has the label ``reference``.
         """

@@ -10,8 +10,8 @@ There are two rounds, in each of which all strategies have the same number of ru
 2. the best ``FINALISTS`` settings by the criterion, and the strategy's default settings, with ``AGAIN`` times as many
    runs. These have fresh motion and floors, so that luck in the first round does not help in the second.
 
-The chosen settings are still partly lucky in the second round. So report their figures from a league with another
-seed, never from the tuning.
+The chosen settings are still partly lucky in the second round. So report their figures from a league whose seed is
+that of neither round, never from the tuning.
 """
 
 from __future__ import annotations
@@ -67,7 +67,8 @@ def spaces(own_motion: bool = False) -> dict[str, dict[str, Any]]:
     """Return the search spaces that are part of the package.
 
     Args:
-        own_motion: whether to add the bounds of the fields of motion, the same for all strategies.
+        own_motion: whether to search the fields of motion too, so that each strategy gets a motion of its own. Their
+            bounds are the same for all strategies.
     Returns: for each strategy a mapping from field to its bounds, as in a study's ``sobol`` block, or to a fixed value.
     """
     known = shipped("spaces.toml")
@@ -102,7 +103,9 @@ def tune(
         folder: where runs are saved, so that the same call continues after an interruption; None: they are not saved.
         how: further arguments of ``study.run.run``, such as workers.
     Raises:
-        InputError: a strategy has no space, or ``folder`` contains runs of another tuning.
+        InputError: a strategy is unknown, occurs twice or has no space; a setting is not valid; or ``folder`` contains
+            runs of another tuning.
+        RunError: runs failed, or the disk is full.
     """
     known_spaces = spaces() if space_of is None else space_of
     tuned = entries_of(strategies, {})
@@ -193,7 +196,7 @@ def by_criterion(standings: Standings, target: float) -> list[int]:
     """Return the indices of a league's entries, sorted by the criterion of tuning, the best first.
 
     Entries whose forced error is at most ``target`` come first, sorted by decision time. The other entries follow,
-    sorted by forced error.
+    sorted by forced error. Ties keep the order of the league. Forced errors and ``target`` must not be nan.
     """
     entries = range(len(standings.league.entries))
     errors = [standings.interval(k, "forced_error").estimate for k in entries]

@@ -87,10 +87,11 @@ def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.Dat
 
     Args:
         samples: run, robot and sample of each row. estimates: (samples, 9 or more): columns of ``ESTIMATE``; further
-            columns are ignored.
+            columns (draws of places) are ignored.
     """
     columns = [samples[name] for name in ("run", "robot", "sample")]
-    late = estimates[:, 4] < 0.0  # the column ``lagged_sample``: there is no sample ``lag`` ago yet
+    # Column 4 is ``lagged_sample``, which is -1 in a robot's first samples, when there is no sample ``lag`` ago yet.
+    late = estimates[:, 4] < 0.0
     for k, name in enumerate(ESTIMATE):
         values = np.where(late, np.nan, estimates[:, k]) if name.startswith("lagged") else estimates[:, k]
         columns.append(pl.Series(name, values, nan_to_null=True).cast(PLACES[name]))
@@ -103,7 +104,10 @@ def is_estimated(scenario: Scenario) -> bool:
 
 
 def draws_read(scenario: Scenario) -> int:
-    """Return how many random paths of places (``robot.place_draws``) the strategy reads: its parameter ``draws``."""
+    """Return how many random paths of places (``robot.place_draws``) the strategy reads: its parameter ``draws``.
+
+    A strategy without this parameter reads none: 0.
+    """
     return int(getattr(scenario.strategy.params, "draws", 0))
 
 
@@ -131,12 +135,14 @@ def estimate(
         stop_start_s, time_s: (samples,): when the robot stopped for the sample, and when it took it. moves, ends:
             tables of the motion; ``moves`` is sorted by run and start.
     Returns: (samples, 9): the columns of ``ESTIMATE``; the number of the lagged sample is -1 where there is none. If
-        the strategy reads draws, 2 draws + 2 columns of ``place_draws.draw_places`` follow.
+        the strategy reads draws, 2 draws + 2 columns of ``place_draws.draw_places`` follow. A robot's rows are nan from
+        the first sample on whose stop is not among the moves.
     Raises:
         InputError: the motion has no table of moves.
     """
     moves, robots = known_moves(moves), scenario.swarm.robots
     odometer = measure_moves(scenario, seed, moves, ends)
+    # Each robot's first move begins at its pose at time 0.
     starts = moves.group_by("run", "robot", maintain_order=True).first().sort("run", "robot")
     draws = draws_read(scenario)
     out = np.full((samples.height, len(ESTIMATE) + width_of(draws)), np.nan)
@@ -145,7 +151,7 @@ def estimate(
     rows = np.argsort(whose, kind="stable")  # samples by agent and, for each agent, in order of time
     moved = odometer["run"].to_numpy().astype(np.int64) * robots + odometer["robot"].to_numpy()
     agents = starts["run"].to_numpy().astype(np.int64) * robots + starts["robot"].to_numpy()
-    method = scenario.localisation.method
+    method = scenario.localisation.method  # the methods other than "mixture" have a single Gaussian
     components = scenario.localisation.components if method == "mixture" else 1
     kind = odometer["kind"].to_physical().to_numpy().astype(np.int64)  # indices into walk.KINDS
     # The last arguments of ``locate_robots``, in its order.
@@ -186,7 +192,8 @@ def estimate(
 def ray_forward_m(scenario: Scenario) -> NDArray[np.float64]:
     """Return how far ahead of its centre each robot's rays begin, m, (robots,).
 
-    A list of the scenario that has fewer entries than there are robots is repeated.
+    They are the entries of ``rays.forward_each_m``, repeated if there are fewer than robots, cut if there are more.
+    Without that list, each is ``rays.forward_m``.
     """
     return np.resize(np.array(scenario.rays.forward_each_m or scenario.rays.forward_m), scenario.swarm.robots)
 
@@ -197,6 +204,7 @@ def speed_law(robot: Robot) -> tuple[float, float]:
 
     If the scenario lists each robot's factor, the law is used all the same, as robots do not know their own factors.
     """
+    # Imported here, because the import takes a third of a second and only this function needs it.
     from scipy.special import gammaincinv
 
     # The moments are computed from 4096 quantiles of the law, at the midpoints of equal shares.
@@ -313,14 +321,16 @@ def locate_robots(
                 drive(f, program, duration_s[m], gyro_rad[m], sampled_s[e], at_obstacle)
             elif kind[m] != STOP:  # a turn or an avoidance
                 if not math.isnan(ray_m[m]):
-                    # A drive of a single tick before the avoidance does not count: the robot had turned in place.
+                    # A drive of a single tick before the avoidance does not count: the robot has hardly moved in it.
                     after_drive = m > first and kind[m - 1] == DRIVE and duration_s[m - 1] > 1.5 * tick_s
                     obstacle(f, program, ray_m[m], after_drive)
                 turn(f, program, duration_s[m], gyro_rad[m])
             # A stop. It belongs to the next sample if it began at the time that the sample states; robots also stop for
             # other reasons, and at the end.
             elif k < last and abs(stop_start_s[rows[k]] - start_s[m]) < 0.5 * tick_s:
-                if paths.component.size > 0:  # 9: the draws follow the columns of ESTIMATE
+                # The draws follow the 9 columns of ESTIMATE. They are made first, as they read the place of the sample
+                # ``lag`` ago, which ``sampled`` overwrites.
+                if paths.component.size > 0:
                     draw_places(f, program, paths, out[rows[k], 9:])
                 sampled(f, program, out[rows[k]])
                 sampled_s[e] = time_s[rows[k]]
@@ -340,7 +350,8 @@ def begin_robot(
 ) -> None:
     """Start the filter of robot ``i`` at the pose at which the robot assumes that it starts.
 
-    That pose is its true pose at time 0 (``x_m``, ``y_m``, ``heading_rad``) plus normal errors.
+    That pose is its true pose at time 0 (``x_m``, ``y_m``, ``heading_rad``) plus normal errors. If its start is unknown
+    (``program.start_unknown``), the filter does not use it, and begins spread over the arena.
     """
     x_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_X)
     y_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_Y)

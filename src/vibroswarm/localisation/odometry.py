@@ -125,8 +125,8 @@ def merged_moves(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Merge the pieces into which blocking divided a drive or turn, as the robot does not notice that it was blocked.
 
-    Consecutive moves of one robot that have the same kind are merged. A stop, and an avoidance with a ray, always begin
-    a new row.
+    Consecutive moves of one robot that have the same kind are merged. A stop always begins a new row, and so does an
+    avoidance with a ray: the ray marks the first piece of an avoidance.
 
     Args:
         whose: (moves,): number of each move's robot; moves are sorted by robot and, for each robot, by time.

@@ -31,7 +31,7 @@ class OnlineLocalisation:
         Args:
             seed: seed of the runs.
         """
-        robots, told = scenario.swarm.robots, scenario.localisation  # told: what robots are told to assume
+        robots, told = scenario.swarm.robots, scenario.localisation  # told: the fields of what robots assume
         components = told.components if told.method == "mixture" else 1
         program, forward_m = program_of(scenario), ray_forward_m(scenario)
         self.programs = [program._replace(ray_forward_m=float(each_m)) for each_m in forward_m]
@@ -46,9 +46,9 @@ class OnlineLocalisation:
 
         State of each robot: ``sampled_s``, (robots, 1), time of its last sample, of which ``locate_robots`` takes a
         row; ``begun``, whether its filter has started; ``zeroing``, (robots, 2), mean and number of the gyro biases
-        that it has measured; ``numbers``, number of its moves that the filter has read; ``stop_tick``, tick at which it
-        stopped for its last sample, -1 before. ``given`` is a list of arrays of moves (``MOVE_ROW``) that were added,
-        and that the filters have not read yet.
+        that it has measured; ``numbers``, number of its moves, merged by ``merged_moves``, that the filter has read;
+        ``stop_tick``, tick at which it stopped for its last sample, -1 before. ``given`` is a list of arrays of moves
+        (``MOVE_ROW``) that were added, and that the filters have not read yet.
 
         Args:
             run: number of the run.
@@ -117,7 +117,7 @@ class OnlineLocalisation:
                 when the robot stopped for each sample, and when it took it. out: (samples, 9 or more): estimates,
                 written.
         """
-        # ``rows`` is an array of records; these are contiguous columns of it.
+        # Columns of the records ``rows``; the kernels take ``kind`` as int64.
         kind, ray_m = rows["kind"].astype(np.int64), rows["ray_m"].copy()
         first, turned_rad = merged_moves(np.zeros(rows.size, dtype=np.int64), kind, ray_m, rows["turned_rad"])
         start_s = rows["tick"][first] * self.tick_ms / 1000.0
@@ -135,7 +135,8 @@ class OnlineLocalisation:
             number=self.numbers[i],
         )
         self.numbers[i] += count
-        # Pose at the first new move: at the robot's first call the true pose at time 0, and not used later.
+        # Pose at the first new move: at the robot's first call the true pose at time 0, and not used later. The heading
+        # is wrapped as in the table of moves, from which ``locate.estimate`` takes it.
         pose = (float(rows["x_m"][0]), float(rows["y_m"][0]), wrapped_rad(float(rows["heading_rad"][0])))
         locate_robots(
             self.filters[i],

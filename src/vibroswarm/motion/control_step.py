@@ -57,8 +57,8 @@ ROBOT = np.dtype(
 * ``misalignment``, ``speed_factor``, ``battery``: its own wheel parameters.
 * ``speed_m_s``, ``rate_rad_s``: of the current control period; if the move is blocked, speed 0 and ``blocked`` 1.
 * ``gyro_deg``, ``nearest_mm``: readings of gyro and rays. ``ray_forward_m``: how far ahead its rays start.
-* ``stop_tick``: when its latest stop began. ``drive_ticks`` to ``stop_ticks``: control periods spent in each mode since
-  its latest sample.
+* ``stop_tick``: when its latest stop began; for a robot that has failed, see ``fail``. ``drive_ticks`` to
+  ``stop_ticks``: control periods spent in each mode since its latest sample.
 * ``dice_``: its ``Dice``. ``speed_factors``: its speed factors from AT_ONCE consecutive samples on.
 * ``mode`` to ``samples``, ``leg_ms`` to ``next_leg_ms``: the ``WalkState`` of its program. ``sees_from_ms``: driving
   time from which it uses its rays.
@@ -246,8 +246,8 @@ def note_turns_end(swarm: Swarm, setup: Setup, i: int, before: WalkState, after:
 def nearest_m(swarm: Swarm, setup: Setup, i: int) -> float:
     """Return the shortest of robot ``i``'s rays to a wall or to another robot, m.
 
-    It is infinite if nothing is within ``look_m``, the shorter of the rays' range and theta_c, as objects beyond have
-    no effect on the robot.
+    It is infinite if nothing is within ``look_m``, the shorter of the rays' range and the avoidance threshold theta_c,
+    as objects beyond have no effect on the robot.
     """
     # Only walls and robots that a ray can reach are tried. ``ray_reach_m``: how far rays reach from the robot's centre.
     x, y, reach = swarm[i].x_m, swarm[i].y_m, setup.ray_reach_m
@@ -329,8 +329,9 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
     """
     before = load(swarm, i)
     row = swarm[i]
-    # A robot whose failure is due during a stop still completes the stop and takes its sample, and fails then. After it
-    # has failed (``row.failed``), it stays in mode STOP, so ``fail`` is called at every further tick.
+    # A robot whose failure is due during a stop still completes the stop and takes its sample, and fails at its next
+    # step. A robot that has failed (``row.failed``) stays in mode STOP without a sample; ``fail`` handles each of its
+    # further steps.
     if tick >= row.fails_tick and (before.mode != STOP or before.sampled or row.failed):
         fail(swarm, i, tick)
         return 0
@@ -359,11 +360,11 @@ def control_one(swarm: Swarm, setup: Setup, seed: int, run: int, tick: int, i: i
 def fail(swarm: Swarm, i: int, tick: int) -> None:
     """Make robot ``i`` stand for good from this tick on, as if in a stop that never ends with a sample.
 
-    It is called at every tick from the failure on. ``stop_tick`` is the tick from which a standing robot hears no
-    messages, or -1 while it hears them. A robot that stands to sample hears nothing from the start of its stop. A
-    failed robot hears until its ``silent_tick``: ``stop_tick`` is -1 until then, and afterwards the first tick at which
-    the robot is silent. If the robot failed at a sample and was silent already, ``stop_tick`` stays the start of that
-    stop.
+    It is called at every step of the robot from the failure on. For a standing robot, ``stop_tick`` is read as the tick
+    from which it hears no messages, or -1 while it hears them. A robot that stands to sample hears nothing from the
+    start of its stop. A failed robot hears until its ``silent_tick``: ``stop_tick`` is -1 until then, and afterwards
+    the first tick at which the robot is silent. If the robot failed after a sample and was due to be silent by then,
+    ``stop_tick`` stays the start of that stop.
     """
     row = swarm[i]
     if not row.failed:
@@ -431,6 +432,8 @@ def refresh(
 ) -> None:
     """Update what changes at a sample of robot ``i``: speed factor, misalignment (veer) and battery.
 
+    ``begin`` calls this function too, for the first speed factor and the battery.
+
     Args:
         speeds: ``robot_params.speed_quantiles``. tick: the present tick, by which the battery has run down. Its factor
             stays above 0, as scenarios with runs that last ``battery_life_s`` or longer are refused.
@@ -439,6 +442,7 @@ def refresh(
     if index == 0:  # all of the AT_ONCE factors drawn before are used up
         draw_speed_factors(swarm[i].speed_factors, setup, speeds, seed, run, i, swarm[i].samples)
     swarm[i].speed_factor = swarm[i].speed_factors[index]
+    # Before the first sample the misalignment stays: ``robot_params.begin_veer`` adds the first shift after ``begin``.
     if setup.misalignment_wander + setup.misalignment_drift > 0.0 and swarm[i].samples > 0:
         # The robot's misalignment without the shift is not stored, to keep rows small (those of the event engine fill
         # whole cache lines). So the previous shift is subtracted and the new one added.

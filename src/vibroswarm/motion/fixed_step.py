@@ -45,6 +45,7 @@ def step(
         write_segments(record, swarm, run, tick, True)
     if record.moves.size > 0:
         note_moves(record.moves, record.under_way, record.filled, swarm, setup, run, tick, True)
+    # Before ``account``: the control period that begins with a sample counts towards the next sample.
     if sampling > 0:
         sample(swarm, setup, speeds, record, seed, run, tick)
     account(swarm)

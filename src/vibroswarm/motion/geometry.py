@@ -79,7 +79,7 @@ def sin_cos(angle_rad: float) -> tuple[float, float]:
 def wall_distance(x_m: float, y_m: float, dx: float, dy: float, width_m: float, height_m: float) -> float:
     """Return the distance from a point to the first wall in the direction of the unit vector (dx, dy).
 
-    The arena reaches from (0, 0) to (width_m, height_m). If the point is outside of it, the distance is 0.
+    The arena reaches from (0, 0) to (width_m, height_m). If the point is outside of it or on a wall, the distance is 0.
     """
     if x_m <= 0.0 or y_m <= 0.0 or x_m >= width_m or y_m >= height_m:
         return 0.0

@@ -181,7 +181,10 @@ class KernelRun(ABC):
 
     @property
     def stop_ticks(self) -> NDArray[np.int64]:
-        """Tick since which each robot stands and does not hear, (robots,); -1: it moves, or stands but hears."""
+        """Tick since which each robot stands and does not hear, (robots,); -1: it moves, or has failed but still hears.
+
+        For a failed robot that hears, ``control_step.fail`` sets -1 in its row.
+        """
         return np.where(self.swarm["mode"] == STOP, self.swarm["stop_tick"], -1)
 
     @property
@@ -250,8 +253,9 @@ class KernelRun(ABC):
 
         Args:
             take: called with each piece of new samples.
-            take_moves: called, whenever the buffer of moves is half full, with the moves that are then removed from it:
-                all those before the oldest one under way. The other moves stay in the buffer.
+            take_moves: called, whenever the buffer of moves is more than half full, with the moves that are then
+                removed from it: all those before the oldest one under way. The other moves stay in the buffer. If None,
+                the removed moves are dropped.
         """
         return self.go_on_to(self.until_tick(until_s), take, take_moves)
 
@@ -385,7 +389,7 @@ class KernelRun(ABC):
 
 
 def in_order(segments: NDArray[np.void]) -> NDArray[np.void]:
-    """Return segment rows sorted by time, then robot: the event engine writes a turn's rows only after it has ended."""
+    """Return segment rows sorted by time, then robot: the event engine writes the rows of a turn after their ticks."""
     return segments[np.lexsort((segments["robot"], segments["tick"]))]
 
 

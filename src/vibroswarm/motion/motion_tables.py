@@ -96,9 +96,10 @@ class Motion(NotebookView):
 def join(pieces: Sequence[Motion]) -> Motion:
     """Join pieces of motion: at least one, given in the order of runs, and of time within a run.
 
-    Each piece contains the robots' ends and their moves under way. If several pieces contain the end of the same robot
-    in the same run, or the same move, the row of the last piece is taken, as it is the latest. A failed run is reported
-    once, by the row of the first piece that contains it.
+    Samples and segments are in one piece each: a segment is only in the piece in which it begins. Ends and moves under
+    way are in every piece, so several pieces may contain the end of the same robot in the same run, or the same move.
+    Of these the row of the last piece is taken, as it is the latest. A failed run is reported once, by the row of the
+    first piece that contains it.
     """
     check_threads()
     ends = pl.concat([piece.ends for piece in pieces])
@@ -156,6 +157,8 @@ def checked_batch(
 ) -> Motion:
     """Simulate whole runs by a user's ``batch`` (see ``source.Batch``), and check the tables of each run.
 
+    Of segments only the columns are checked. Rows of runs that are not in ``runs`` are not checked.
+
     Raises:
         CodeError: ``batch`` raised an error, or its result is not a valid ``Motion``.
         InputError: the scenario has robots that stop for good, which only our engines simulate.
@@ -172,7 +175,7 @@ def checked_batch(
             for one in (motion_parts.samples, motion_parts.ends)
         ):
             of_run = pl.col("run") == run
-            # Of segments only the columns are checked, so they need not be filtered.
+            # Segments are not filtered, as their rows are not checked.
             part = Motion(
                 samples=motion_parts.samples.filter(of_run),
                 ends=motion_parts.ends.filter(of_run),
@@ -189,7 +192,11 @@ def checked_batch(
 
 
 def _rows_where(table: Any, of_run: pl.Expr) -> Any:
-    """Return the rows of an optional table that belong to a run; all of it if that cannot be found out."""
+    """Return the rows of an optional table that belong to one run, given the condition for them.
+
+    A value that is no table, or has no column ``run``, is returned as it is: None is valid, and ``_wrong`` reports the
+    others.
+    """
     return table.filter(of_run) if isinstance(table, pl.DataFrame) and "run" in table.columns else table
 
 
@@ -242,10 +249,11 @@ def _called(init: Callable[..., Any], function: Callable[..., Any], *arguments: 
     """Call a user's function and return its result; report its errors with file and line.
 
     Args:
-        init: the function by which the user's source was created; its file is the one whose lines are reported.
+        init: ``init`` or ``batch`` of the user's source; its file is the one whose lines are reported.
         function, arguments, named: what to call.
     Raises:
         CodeError: the function raised an error; the last line of the user's file that was being run is named.
+        InputError, RunError: those that the function raised, unchanged.
     """
     try:
         return function(*arguments, **named)
@@ -269,9 +277,13 @@ def _wrong(
 ) -> Iterator[str]:
     """Yield each error in a piece of motion, in words; nothing if it is valid.
 
+    Callers stop at the first error. Checks rely on the earlier ones, and may raise an error if one of those reported a
+    problem: the rows are checked even if a column has the wrong type.
+
     Args:
         piece: what ``advance(until_s)`` returned, or the part of a batch that belongs to ``run``.
-        before_s, after_s: ``time_s`` of the state before and after ``advance(until_s)``.
+        before_s, after_s: ``time_s`` of the state before and after ``advance(until_s)``. For a batch ``before_s`` is 0,
+            and ``until_s`` and ``after_s`` are the end of the run.
     """
     if not isinstance(piece, Motion):
         yield f"gives {type(piece).__name__}, not Motion"
@@ -308,7 +320,10 @@ def _wrong(
 def _wrong_rows(
     piece: Motion, scenario: Scenario, run: int, before_s: float, after_s: float
 ) -> Iterator[str]:
-    """Yield each error in the rows of a piece of motion whose columns are right; arguments as for ``_wrong``."""
+    """Yield each error in the rows of a piece of motion whose columns are right; segments are not checked.
+
+    Arguments and callers are as for ``_wrong``.
+    """
     robots, quarter_s = scenario.swarm.robots, scenario.tick_s / 4  # times may be rounded by a quarter tick
     if piece.ends["robot"].to_list() != list(range(robots)) or (piece.ends["run"] != run).any():
         yield f"the table ends must have exactly one row for each of the {robots} robots of run {run}, in their order"

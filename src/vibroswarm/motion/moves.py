@@ -9,6 +9,8 @@ way. Segments (``recorder``) hold each tick of a turn; moves hold a turn as one 
 | turn rate of a turn | rad/s | turned_rad / duration: the mean turn rate, as the controller changes it at each tick |
 | speed of a turn | m/s | m_d turn_track / 2 times the turn rate: the robot's centre moves on a circle of that radius |
 
+m_d is the robot's misalignment (``robot_params``).
+
 Three arrays are passed from function to function and changed in place: ``moves``, a buffer of ``MOVE_ROW``;
 ``under_way``, rows of ``UNDER_WAY``, shape (robots,); and ``filled``, shape (3,), the numbers of rows of samples,
 segments and moves written so far (``recorder.Record``), of which only the last is used here.
@@ -115,7 +117,8 @@ def begin_move(
         # Radius of the circle on which the robot's centre moves. ``fill_move_columns`` makes a speed of it: the turn
         # rate, of which the mean is needed, is known only when the turn has ended.
         move.speed_m_s = 0.5 * row.misalignment * setup.turn_track_m
-    # An avoidance that goes on after a stop is not a new one, and has no ray.
+    # Only the first row of an avoidance has a ray. A stop, a change of ``blocked`` or the end of a fitted arc
+    # (``physics.arcs``) divides an avoidance into several rows, and leaves the robot's number of avoidances as it is.
     onset = row.mode == AVOID and row.avoidances != under_way[i].avoidances
     move.ray_m = row.nearest_mm / 1000.0 if onset else np.nan
 
@@ -150,7 +153,8 @@ def note_moves(
 def drop_ended(moves: NDArray[np.void], under_way: NDArray[np.void], filled: NDArray[np.int64]) -> None:
     """Remove from a buffer all rows before the oldest move under way; these are moves that have ended.
 
-    The arguments are changed in place (see the module's text). Each robot must have a move under way.
+    A caller that needs these rows reads them before. The arguments are changed in place (see the module's text). Each
+    robot must have a move under way.
     """
     first, count = int(under_way["place"].min()), int(filled[2])
     rest = bytes_of(moves[first:count]).copy()  # source and target may overlap

@@ -29,8 +29,9 @@ def place_from_moves(moves: pl.DataFrame, run: int, robot: int, time_s: ArrayLik
     """Return the position of one robot of one run at given times, from its moves.
 
     The position is exact while the robot drives or stands, and where a turn begins and ends. Within a turn, the robot's
-    centre moves on a circle of radius m_d turn_track / 2; the position is calculated as if the turn rate were constant,
-    so its error is at most the diameter of that circle.
+    centre moves on a circle of radius m_d turn_track / 2 (m_d: its misalignment). The position is calculated as if the
+    turn rate were constant, so its error is at most the diameter of that circle. All this does not hold for robots that
+    MuJoCo moves: each of their moves is an arc fitted to the robot's poses (``physics.arcs``).
 
     Args:
         moves: a table of moves (see ``source``).

@@ -352,7 +352,7 @@ def end_rows(swarm: Swarm, run: int, tick: int) -> NDArray[np.void]:
     """Return rows (``END_ROW``) with the robots' poses at ``tick``, shape (robots,).
 
     ``stop_tick`` is the tick from which the robot stands and hears no messages. It is -1 if the robot moves, or has
-    failed and stands for good but still hears.
+    failed and stands for good but still hears (``control_step.fail`` then sets the robot's own ``stop_tick`` to -1).
     """
     ends = zero_rows(swarm.size, END_ROW)
     ends["run"], ends["robot"], ends["tick"] = run, np.arange(swarm.size), tick
@@ -387,12 +387,16 @@ def end_frame(rows: NDArray[np.void], tick_ms: int) -> pl.DataFrame:
 
 
 def tables(pieces: Sequence[Rows], tick_ms: int) -> Motion:
-    """Return the rows of several runs as one Motion, in the order of ``pieces``."""
+    """Return the rows of one or more runs, or of a piece of a run, as one ``Motion``, in the order of ``pieces``.
+
+    Args:
+        pieces: one per run, at least one, in the order of runs.
+    """
     return with_samples(sample_frame([piece.samples for piece in pieces], tick_ms), pieces, tick_ms)
 
 
 def with_samples(samples: pl.DataFrame, pieces: Sequence[Rows], tick_ms: int) -> Motion:
-    """Return one ``Motion`` of several runs, from their table of samples and their rows of all other tables.
+    """Return one ``Motion`` of one or more runs, from their table of samples and their rows of all other tables.
 
     Args:
         samples: the samples of all runs. The samples in ``pieces`` are not used.

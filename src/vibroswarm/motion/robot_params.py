@@ -76,11 +76,12 @@ no cost. Its fields are those of ``WalkProgram`` and:
   ``misalignment_drift_samples``.
 * ``speed_redrawn``: 1 if the speed factor is drawn at each sample, 0 if once per robot. ``speed_each``: 1 if the
   scenario lists each robot's speed factor. ``speed_wander`` (0: none), ``speed_factor_min``, ``speed_factor_max``.
-* ``ray_forward_m``: how far ahead of the robot's centre rays start. ``ray_side_m``, ``ray_cos``, ``ray_sin``: start of
-  each ray, to the left of the robot's axis, and its direction; shape (rays,).
+* ``ray_forward_m``: how far ahead of the robot's centre rays start, unless the scenario lists it for each robot
+  (``give_each``). ``ray_side_m``, ``ray_cos``, ``ray_sin``: start of each ray, to the left of the robot's axis, and its
+  direction; shape (rays,).
 * ``outside_m``: distance from the centre at which rays start, if that may be beyond a wall, else 0.
-* ``look_m``: length up to which rays matter: the shorter of their range and theta_c. ``ray_reach_m``: no ray sees
-  anything further than this from the robot's centre.
+* ``look_m``: length up to which rays matter: the shorter of their range and ``walk.avoidance_threshold_mm``.
+  ``ray_reach_m``: no ray sees anything further than this from the robot's centre.
 * ``disc_radius_m``: radius of other robots as the rays see them. ``sight_m``: no ray sees a robot whose centre is
   further away than this.
 * ``fan_ahead_m``, ``fan_behind_m``, ``fan_beside_m``: no ray sees a robot whose centre is further ahead of the rays'
@@ -105,7 +106,9 @@ def speed_quantiles(robot: Robot) -> NDArray[np.float64]:
     from scipy.special import gammaincinv
 
     probability = np.linspace(0.0, 1.0, SPEED_NODES + 1)
-    probability[-1] = 1.0 - 2.0**-53  # the greatest float below 1, as the quantile of 1 is infinite
+    # The greatest float below 1 replaces 1, whose quantile is infinite: clipped to ``speed_factor_max``, which may be
+    # far above all other quantiles, it would distort the last interval.
+    probability[-1] = 1.0 - 2.0**-53
     factor = robot.speed_factor_scale * gammaincinv(robot.speed_factor_shape, probability)
     table = np.clip(factor + robot.speed_factor_location, robot.speed_factor_min, robot.speed_factor_max)
     return np.ascontiguousarray(table, dtype=np.float64)
@@ -124,8 +127,9 @@ def setup_of(scenario: Scenario) -> Setup:
     ahead_m = [look_m * math.cos(angle) for angle in angles]
     beside_m = [side + look_m * math.sin(angle) for side, angle in zip(rays.side_m, angles, strict=True)]
     zone_m = 2.0 * (robot.body_radius_m + longest_step_m(scenario))  # two bodies, each moving one step
-    # Settings that are None (``or 0.0``) are not used by the scenario. A ray that starts within the body cannot start
-    # beyond a wall (``outside_m``). The fan of the rays includes their start: hence the 0.0 in two of ``fan_...``.
+    # ``or 0.0``: None means that the scenario has no such variation, or no blind time. ``outside_m`` is 0 for rays that
+    # start within the body, as these cannot start beyond a wall. The fan of the rays includes their start, from which
+    # ``fan_ahead_m`` and ``fan_behind_m`` are measured: hence the 0.0 in both.
     values: dict[str, Any] = {
         "tick_s": scenario.tick_s,
         "width_m": scenario.arena.width_m,
@@ -301,16 +305,18 @@ def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sampl
 
 
 def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: int, run: int) -> None:
-    """Set the ticks at which robots stop for good, parameters that the scenario lists per robot, and the veer.
+    """Set the ticks at which robots fail, misalignments and ray starts that the scenario lists per robot, and the veer.
 
-    A list that is shorter than the swarm is repeated; of a longer one, the rest is not used.
+    A list that is shorter than the swarm is repeated; of a longer one, the rest is not used. Listed speed factors are
+    not set here: they replace the quantiles that speed factors are drawn from (``speed_quantiles``).
 
     Args:
         swarm: (robots,), as ``control_step.begin`` left it; changed. setup: ``setup_of(scenario)``.
     """
     if scenario.motion_faults.any_of_motion:
         tick_ms = scenario.run.control_period_ms
-        # Time from which each robot of this run stands for good, or has an empty battery, s; infinite: never.
+        # Time from which each robot of this run stands for good, and from which its battery is empty, s; inf: never.
+        # With an empty battery it stands for good too, and is also silent.
         stopped, empty = (
             onset_s(scenario, seed, [run], kind)[0].tolist() for kind in ("stopped", "battery_empty")
         )
@@ -329,6 +335,7 @@ def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: i
         if values is not None:
             # np.resize repeats a list that is too short.
             swarm[name] = np.resize(np.array(values, dtype=np.float64), swarm.size)
+    # Last, as the veer is added to the misalignment, listed or drawn.
     if veers_vary(scenario.robot):
         begin_veer(swarm, setup, scenario.robot.misalignment_run_spread or 0.0, seed, run)
 
@@ -380,8 +387,10 @@ def is_stable(scenario: Scenario) -> bool:
 
 
 def passes_tolerance(scenario: Scenario) -> bool:
-    """Return whether the fastest robot at full command (100 %) can cross the whole tolerance, +- turn_tolerance_deg, in
-    one step."""
+    """Return whether a robot can cross the whole tolerance of a turn, +- turn_tolerance_deg, in one step.
+
+    The fastest robot at full command (100 %) turns most.
+    """
     return 100.0 * turn_gain_deg(scenario) > 2.0 * scenario.walk.turn_tolerance_deg
 
 

@@ -222,10 +222,13 @@ def register(source: Source) -> Source:
 
 
 def robot_s_of(name: str) -> float:
-    """Return the rough processor time (``Source.robot_s``) that the source with this name needs to simulate one robot.
+    """Return the rough processor time that a source needs to simulate one robot for 1200 s (``Source.robot_s``), s.
 
     If the source's code is not loaded, for instance when the results of a study are only shown, return ``ROBOT_S``, the
     time of the event engine.
+
+    Args:
+        name: the source's name, or a reference to its code: ``FILE.py:NAME``, with or without the file's hash.
     """
     found = _registry.known().get(plugins.name_in(name) if plugins.is_code(name) else name)
     return ROBOT_S if found is None else found.robot_s

@@ -66,11 +66,12 @@ class Network(Plugin):
     check: Callable[[Any, int], None] | None = None
 
     def __post_init__(self) -> None:
-        """Check that names are unambiguous, and that ``lost`` or ``send`` uses only existing names and can be compiled.
+        """Check the names of the network, its lists and its arrays, and the function ``lost`` or ``send``.
 
         Raises:
-            InputError: there are both ``lost`` and ``send``, a name is both a parameter and an array, or the function
-                cannot be used.
+            InputError: the network's name is invalid, there are both ``lost`` and ``send``, a list parameter and an
+                array have the same name, or the function takes a wrong number of arguments, uses a field that does not
+                exist, or makes runs that cannot be repeated (``check_function``).
         """
         super().__post_init__()
         if self.lost is not None and self.send is not None:
@@ -79,7 +80,8 @@ class Network(Plugin):
         both = sorted(set(self.lists) & set(arrays_of(self.arrays)))
         if both:
             raise InputError(f"'{both[0]}' is a parameter and an array; rename one", field=self.name)
-        names_of = {  # for each argument of the functions, the names of its fields or arrays; None if it has none
+        # Names of the fields or arrays of each argument that has any. Parameters that are lists belong to ``a``.
+        names_of = {
             "n": self.state_type.names,
             "a": (*self.lists, *arrays_of(self.arrays)),
             "p": self.params_type.names,
@@ -87,6 +89,7 @@ class Network(Plugin):
         }
         for hook in ("lost", "send"):
             if getattr(self, hook) is not None:
+                # "or ()" is for the type checker: NumPy's ``names`` may be None, but rows always have fields.
                 check_function(
                     hook, getattr(self, hook), {argument: names or () for argument, names in names_of.items()}
                 )
@@ -102,8 +105,9 @@ class Network(Plugin):
         parameters = list(inspect.signature(self.send).parameters)
         # positions: the names that the author of ``send`` has given to ``x_m`` and ``y_m``
         positions = {parameters[PARAMETERS["send"].index(name)] for name in ("x_m", "y_m")}
-        # The instructions that read an argument differ between versions of Python; some name two (from 3.13 on), some
-        # hand it to a comprehension. An instruction that only writes counts too: positions are then made for nothing.
+        # Any instruction that names one of the arguments counts, as those that read an argument differ between versions
+        # of Python: there are some that pass it to an inner function or comprehension and, from 3.13 on, some that read
+        # two arguments (``argval`` is then a tuple). If ``send`` only overwrites it, positions are computed in vain.
         named = (instruction.argval for instruction in dis.get_instructions(self.send))
         return any(positions.intersection(name if isinstance(name, tuple) else (name,)) for name in named)
 
@@ -140,7 +144,7 @@ class Network(Plugin):
                 declared sizes of arrays are formulas of these.
         """
         lists = {name: np.array(getattr(params, name), KINDS[kind]) for name, kind in self.lists.items()}
-        declared = arrays_of(self.arrays)
+        declared = arrays_of(self.arrays)  # the function of ``strategies.base``, not this method
         return lists | {name: np.zeros(item.size(sizes), item.kind) for name, item in declared.items()}
 
 

@@ -48,7 +48,7 @@ class Arrays:
     is_bad = array("uint8", "robots")
     """1 if the receiver is in the bad state, else 0."""
     next_tick = array("int64", "robots")
-    """Tick of the last message + 1, which is the time of the state; 0: no message yet (all arrays begin at 0)."""
+    """Tick of the last message + 1; 0: no message yet (all arrays begin at 0)."""
 
 
 def send(
@@ -59,13 +59,14 @@ def send(
 
     Args:
         a: states of the receivers, changed. tick: when the message is sent. arrival_tick: (robots,): -1 (never) before
-            the call; written for those that receive the message. d: source of uniform numbers, three per receiver.
+            the call; written for those that receive the message. The sender's own entry is treated like the others, but
+            ignored. d: source of uniform numbers, three per receiver.
         p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
     """
     tau_s = p.bad_s * (1.0 - p.bad_share)
     for j in range(arrival_tick.size):
         # The receiver's state is drawn anew at its first message, and later with a probability that grows with the time
-        # since the last message.
+        # since the last message (``next_tick`` is that message's tick + 1).
         since_s = (tick + 1 - a.next_tick[j]) * w.tick_s
         anew = a.next_tick[j] == 0 or tau_s <= 0.0 or u(d, 3 * j) < -math.expm1(-since_s / tau_s)
         if anew:

@@ -45,8 +45,9 @@ def send(
     """Write, for each robot, the first tick at which the message's delay is over.
 
     Args:
-        tick: when the message is sent. arrival_tick: (robots,): overwritten. d: source of uniform numbers, one per
-            receiver. p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
+        tick: when the message is sent. arrival_tick: (robots,): overwritten, with the sender's own entry, which is
+            ignored. d: source of uniform numbers, one per receiver. p: parameters. w: the world. The other arguments of
+            the protocol (``networks.base``) are not used.
     """
     for j in range(arrival_tick.size):
         delay_s = p.fixed_s

@@ -9,7 +9,8 @@
 | scale | m | robots | 1.75 |
 
 The study plots the share of packets lost at six swarm sizes (``experiments.packet_loss_percent`` in
-``paper/published.json``). The share of the messages addressed to a robot is n / (n - 1) times that: 0.9 to 9.0 %. Seven
+``paper/published.json``). It is a share of the messages of all n robots. Those of the receiver itself are never lost,
+so l, the share of the messages that the n - 1 others send it, is n / (n - 1) times as large: 0.9 to 9.0 %. Seven
 formulas were fitted by least squares and compared by leaving out one size at a time. This one was chosen: the root mean
 square error at the size left out is 0.5 percentage points (a straight line: 1.7), and its residuals are at most 0.4
 points. A test repeats the fit. Nothing was measured outside of 5 to 10 robots, so other sizes are refused.
@@ -37,7 +38,7 @@ MOST: Final = 10
 
 
 def share_lost(robots: int) -> float:
-    """Return the share of messages addressed to a robot that are lost in a swarm of 5 to 10 robots."""
+    """Return l: the share of the messages of other robots that a receiver loses, in a swarm of 5 to 10 robots."""
     return LARGE * (1.0 - math.exp(-(robots - NO_LOSS) / SCALE))
 
 

@@ -142,8 +142,8 @@ def pass_on(a: Any, sender: int, goal: int, begin_ms: float, hop_ms: float, retr
             which the message is ready to be sent. hop_ms: time that a hop takes. retry_ms: longest time that a message
             waits for a busy node before a hop.
     Returns: the time at which the message arrives, ms. If the message is lost at a busy node, the result is the time at
-        which it is lost, with a negative sign. The sign tells the cases apart because all times are above 0: nothing
-        is sent in the first control period.
+        which it is lost, with a negative sign. The sign distinguishes the cases because all times are above 0: ``send``
+        begins at a random time within a control period, never at its start.
     """
     time_ms, node = begin_ms, sender
     while node != goal:
@@ -169,7 +169,7 @@ def send(
         n, a: state and arrays, changed. sender: index of the sending robot. tick: when the message is sent.
         bytes_on_air: length of the strategy's messages. arrival_tick: (robots,): -1 (never) before the call; written
             for the robots that receive the message (the sender's entry is ignored). d: source of uniform numbers.
-            p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
+        p: parameters. w: the world. The other arguments of the protocol (``networks.base``) are not used.
     """
     if not n.is_ready:  # the first message of the run: build the tree
         n.is_ready = True

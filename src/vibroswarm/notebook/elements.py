@@ -81,6 +81,7 @@ def image(data: bytes, kind: str, words: str, width_px: int) -> str:
             largest width.
     """
     text = base64.b64encode(data).decode("ascii")
+    # White: pictures are drawn for white paper, and may be transparent.
     style = f"width: {width_px}px; max-width: 100%; background: #fff"
     return f'<img alt="{escaped(words)}" style="{style}" src="data:image/{kind};base64,{text}">'
 

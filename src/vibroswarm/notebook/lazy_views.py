@@ -53,7 +53,11 @@ def lazy_view_of(value: object) -> View | None:
 
 @shows("optimize.loop.Found")
 def _found(value: Found) -> str:
-    """Show a search: the winner's values with their bounds, warnings, and the scores over the candidates."""
+    """Show a search: the winner's values with their bounds, and the scores over the iterations of the method.
+
+    With several objectives, the winner's score is that under the first one. With one objective, a warning says that the
+    winner was not scored on fresh runs.
+    """
     from vibroswarm.optimize.search_page import warnings_of
     from vibroswarm.optimize.search_report import pictures
     from vibroswarm.optimize.search_tables import value_said
@@ -182,7 +186,10 @@ def _interval(row: dict[str, Any], name: str, scale: float, digits: int) -> str:
 
 @shows("calibrate.fit.Fit")
 def _fit(value: Fit) -> str:
-    """Show the fitted fields, the estimates, the predictive check, and what the model is known to lack."""
+    """Show the fitted fields, the estimates, the predictive check, and what the model is known to lack.
+
+    The predictive check compares statistics of the recorded avoidances with those of simulated sessions.
+    """
     from vibroswarm.calibrate.fit import LACKS
 
     estimates = [
@@ -208,7 +215,8 @@ def _comparison(value: Comparison) -> str:
     """Show how similar recordings and simulation are.
 
     For each feature the view has the similarity and the energy distance of the two sources. A sentence says how well a
-    classifier recognises whether samples are recorded or simulated.
+    classifier recognises whether samples are recorded or simulated. Among others, the results for an exact camera and
+    for undisturbed intervals are not shown.
     """
     from vibroswarm.calibrate.features import WORDS
 

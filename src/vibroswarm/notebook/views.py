@@ -54,8 +54,9 @@ LAZY: Final = ("optimize", "league", "calibrate", "paper")
 
 
 def html_of(value: object) -> str:
-    """Return the view of an object of this package as HTML: that of its class, or else a table of its values."""
-    # The class may be a user's own, whose base class has the view.
+    """Return the view of an object as HTML: that of its class or nearest base class, or else a table of its values."""
+    # All base classes are tried, as the class may be defined outside of this package. The final dots keep a longer name
+    # with the same beginning from matching. ``lazy_views`` imports this module, so it is imported only here.
     lazy = tuple(f"vibroswarm.{package}." for package in LAZY)
     if any(f"{kind.__module__}.".startswith(lazy) for kind in type(value).__mro__):
         from vibroswarm.notebook.lazy_views import lazy_view_of
@@ -253,7 +254,8 @@ def record(value: object) -> str:
     """Return the view of an object whose class has no view of its own.
 
     It shows the first paragraph of the class's docstring, and the values of the public fields. A value that is a data
-    frame, or a list of objects of one class, is shown as a table below.
+    frame, or a list of dataclass objects or named tuples of one class, is shown as a table below. An object without
+    public fields is shown as a short text and that paragraph.
     """
     values = public_values(value)
     tables = {name: content for name, content in values.items() if _is_table(content)}
@@ -291,6 +293,7 @@ def _frame_of(content: Any) -> pl.DataFrame:
     """
     if isinstance(content, pl.DataFrame):
         return content
+    # infer_schema_length: None takes the columns from all rows, not only from the first ones.
     return pl.DataFrame(
         [{name: _cell(part) for name, part in public_values(one).items()} for one in content],
         infer_schema_length=None,
@@ -298,7 +301,9 @@ def _frame_of(content: Any) -> pl.DataFrame:
 
 
 def frame(content: pl.DataFrame, names: Mapping[str, str] | None = None) -> str:
-    """Return the first ``MOST_ROWS`` rows of a data frame as an HTML table, and how many rows and columns it omits.
+    """Return the first ``MOST_ROWS`` rows of a data frame as an HTML table.
+
+    A line below says how many rows are omitted and, unless ``names`` chooses the columns, how many columns.
 
     Args:
         names: headings of the columns to show, by column; by default the first ``MOST_COLUMNS`` with their own names.

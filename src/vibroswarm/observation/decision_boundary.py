@@ -347,7 +347,9 @@ def _sensed_areas(
     reach_m: float,
     blur_m: float,
 ) -> tuple[float, float]:
-    """Return two areas of one floor, m2: the vibrating area that is sensed as vibrating, and the other area sensed so.
+    """Return the areas sensed as vibrating with one floor, m2: on vibrating tiles, and on still tiles or no tile.
+
+    Each point counts with its area times the probability that a sample there senses vibration.
 
     Args:
         x_m, x_length_m, column: the three arrays of ``Points`` along x; ``column`` holds the lanes.
@@ -443,7 +445,9 @@ def _distances(
             before = place.left_m + c * place.width_m - x_m
             across = max(before, -place.width_m - before, 0.0)
             d = np.sqrt(across * across + up * up)
-            if d <= within_m and count < out.size:  # insert d so that ``out`` stays sorted
+            # ``count < out.size`` always holds; without the check an error would write beyond ``out`` unnoticed. Then d
+            # is inserted so that ``out`` stays sorted.
+            if d <= within_m and count < out.size:
                 k = count
                 while k > 0 and out[k - 1] > d:
                     out[k] = out[k - 1]
@@ -479,7 +483,8 @@ def _mean_probability(
     for k in range(near):
         # is_other: probability that this tile is of the other kind if the k nearer tiles are not: all ``other_kind``
         # tiles are then among the other ``tiles - k`` tiles. ``other_kind`` need not be whole and may exceed that
-        # number, so the quotient is limited to 1; the limit 0 is for rounding.
+        # number, so the quotient is limited to 1; the limit 0 is for rounding. ``tiles > k`` always holds, as the tiles
+        # near the place are among the ``tiles`` tiles.
         is_other = min(max(other_kind / (tiles - k), 0.0), 1.0) if tiles > k else 0.0
         total += none_before * is_other * share_past(reach_m + sign * distance[k], blur_m)
         none_before *= 1.0 - is_other

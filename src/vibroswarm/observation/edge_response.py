@@ -8,7 +8,8 @@
 
 A sample near an edge senses the tile below or the nearest tile of the other kind, never a mixture of both: in the
 recordings, energies on still tiles within 10 mm of a vibrating tile are those of one kind or the other, not in between.
-Only edges between tiles count, not the floor's outer edge. A place on no tile counts as still; its tile has index -1.
+On a tile, only edges between tiles count, not the floor's outer edge. A place on no tile counts as still (its tile has
+index -1), so near a vibrating tile it may sense that tile.
 In the functions a sample's place is (``x_m``, ``y_m``), ``place`` is the position of the floor and of its grid, and
 ``tiles`` holds the kinds of its tiles (1 vibrating, 0 still), row by row from the top.
 
@@ -121,7 +122,9 @@ def nearest_of_kind(
     first_row = max(int(np.floor((place.top_m - y_m - within_m) / place.height_m)), 0)
     last_row = min(int(np.floor((place.top_m - y_m + within_m) / place.height_m)), place.rows - 1)
     for row in range(first_row, last_row + 1):
-        # up, across: distances to the tile along y and x, 0 where the point lies within the tile's row or column.
+        # How far the point lies above the row's upper side and left of the column's left side (``above``, ``before``;
+        # negative: below or right of it). ``up``, ``across``: distances to the tile along y and x, 0 within its row or
+        # column.
         above = y_m - (place.top_m - row * place.height_m)
         up = max(above, -place.height_m - above, 0.0)
         for column in range(first_column, last_column + 1):
@@ -159,14 +162,15 @@ def past_edge(
 ) -> tuple[float, int]:
     """Return how far a point lies inside the region that is mostly sensed as vibrating, and the tile beyond the edge.
 
-    This region consists of the vibrating tiles, grown by ``reach_m`` on all sides (shrunk if it is negative).
+    This region consists of the vibrating tiles, grown by ``reach_m`` across the edges to still tiles (shrunk if it is
+    negative). The floor's outer edge counts only for points on no tile, where a vibrating tile is near.
 
     Args:
         at: index of the tile below, -1: none. place, tiles: position and tiles of the floor. reach_m, blur_m: reach and
             blur of edges (``Response``).
-    Returns: the distance from the region's border, m, negative outside the region; the index of the nearest tile of the
-        other kind than the tile below. If no such tile is near enough to be sensed, the results are inf on a vibrating
-        tile or -inf elsewhere, and -1.
+    Returns: ``reach_m`` plus (on a vibrating tile) or minus (elsewhere) the distance to the nearest tile of the other
+        kind than the tile below, m: negative outside the region; the index of that nearest tile. If no such tile is
+        near enough to be sensed, the results are inf on a vibrating tile or -inf elsewhere, and -1.
     """
     on_vibrating = at >= 0 and tiles[at] == 1
     within_m = abs(reach_m) + FAR * blur_m
@@ -281,7 +285,8 @@ def _factors(scenario: Scenario, seed: int, run: int, tiles: int) -> NDArray[np.
     sensor = scenario.sensor
     of_tile, of_robot = np.ones(1), np.ones(1)
     if sensor.tile_spread is not None:
-        # If all runs have the same floor, its tiles have the same factors in all runs: those of run 0.
+        # With redraw = "study" all runs use the floor of run 0, with that floor's factors. With redraw = "run" each run
+        # draws its own factors, even if the floor's tiles are fixed.
         number = run if scenario.floor.redraw == "run" else 0
         # 1.0 is the factor of places on no tile.
         of_tile = np.append(1.0, _log_normal(factor_numbers(seed, number, tiles, False), sensor.tile_spread))

@@ -90,7 +90,7 @@ def energies_of(
     u: NDArray[np.float64],
     factors: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float32]:
-    """Return the energy of each sample, (samples,): the quantile of its uniform number on its kind of tile.
+    """Return the energy of each sample, (samples,): the quantile, at its uniform number, of its tile kind's energies.
 
     Args:
         vibrating: (samples,): whether the sensed tile vibrates. u: (samples,): uniform numbers in (0, 1). factors:
@@ -142,7 +142,8 @@ def _nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 MOST: Final = 8.0
 """Limit on the absolute value of L, so that no single energy can decide alone."""
 BINS: Final = 16
-"""Number of bins of measured energies. Each bin holds the same number of energies, counting both kinds together."""
+"""Number of bins of measured energies. Each bin holds the same number of energies, counting both kinds together; if
+tiles or robots differ, the same number of products of an energy and a typical factor, regardless of their weights."""
 
 
 def log_ratios(
@@ -215,13 +216,15 @@ def _of_measured(
     L of a bin is the logarithm of the share of the vibrating tiles' energies in the bin over that of the still tiles'.
 
     Args:
-        factors, weights: each measured energy is counted once with each factor, multiplied by it, with this weight.
+        factors, weights: (factors,): each measured energy is multiplied by each factor, and the product is counted with
+            the factor's weight.
     """
-    # Measured energies of still and of vibrating tiles, (energies, factors) each.
+    # Products of energies and factors, for still and for vibrating tiles, (energies, factors) each.
     kinds = [np.outer(measured_of(sensor, kind), factors) for kind in (False, True)]
     weights_of_kinds = [np.broadcast_to(weights, values.shape) for values in kinds]
     together = np.concatenate([values.ravel() for values in kinds])
-    # If many energies are equal, some edges coincide; each is used once, so there are fewer bins.
+    # The bins' edges are quantiles of the products without their weights; only the counts below are weighted. If many
+    # products are equal, some edges coincide; each is used once, so there are fewer bins.
     edges = np.unique(np.quantile(together, np.arange(1, BINS) / BINS))
     shares = []
     for values, weight in zip(kinds, weights_of_kinds, strict=True):

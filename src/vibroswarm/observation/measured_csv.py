@@ -23,11 +23,13 @@ def read_energies(path: str | Path) -> tuple[tuple[float, ...], tuple[float, ...
 
     Args:
         path: a CSV file whose first line names the columns ``kind`` (vibrating or still, 1 or 0) and ``energy`` (RMS,
-            >= 0); other columns are ignored.
+            >= 0); other columns and, below the first line, empty lines are ignored.
     Raises:
-        InputError: the file cannot be read, or a line is wrong; the message names the line and what would be right.
+        InputError: the file cannot be read, is larger than ``LARGEST_BYTES`` or is not a CSV file; its first line lacks
+            a column; a line is wrong (the message names it); a kind has no energy, or more than ``MAX_ENERGIES``.
     """
     name = str(path)
+    # Spreadsheet programs write a byte order mark, which would become part of the first column's name.
     text = read_text(Path(path), "a CSV file of energies", LARGEST_BYTES).removeprefix("\ufeff")
     energies: dict[bool, list[float]] = {True: [], False: []}
     head: list[str] | None = None
@@ -83,7 +85,7 @@ def _sample(row: list[str], head: list[str], where: str) -> tuple[bool, float]:
     try:
         energy = float(text)
     except ValueError:
-        energy = math.nan
+        energy = math.nan  # refused below
     if not 0 <= energy < math.inf:
         raise InputError(f"{shown(text)} is not an energy; use a number of 0 or more", field=where)
     return KINDS[kind], energy

@@ -73,8 +73,8 @@ def sensed_floors(
     faults = sensor_faults(scenario, seed, runs)
     result = []
     for r, floor in enumerate(floor_of_each):
-        # ``first`` and ``per_robot`` have one entry per run, of which a SensedFloor has its own only. The tables of
-        # factors to which they point are shared by all runs.
+        # ``first`` and ``per_robot`` have one entry per run: keep that of this run. They index the rows of ``factors``
+        # and ``shares_below``, which stay those of all runs.
         own_response = response._replace(
             first=response.first[r : r + 1], per_robot=response.per_robot[r : r + 1]
         )
@@ -117,9 +117,10 @@ USUAL_MS = 500.0
 
 
 def sense_program(scenario: Scenario) -> SenseProgram:
-    """Return the sensing parameters of a scenario.
+    """Return the parameters with which a real robot's readings become an energy; simulated energies are drawn instead.
 
-    A stop has two parts: the robot stands until vibrations settle, then reads the signal until the stop ends.
+    A stop has two parts: the robot stands until vibrations settle, then reads the signal until the stop ends. The
+    sampling rate and the filter have the defaults of ``SenseProgram``, as a scenario has no fields for them.
     """
     stop_ms = scenario.sample.stop_ms
     # If the time of reading is not given, it is the usual one, but at most half of the stop.
@@ -237,7 +238,10 @@ class Places:
     """
 
     def __init__(self, seed: int, samples: pl.DataFrame) -> None:
-        """Find the runs of the motion table, and the range of rows of each run; all caches are empty."""
+        """Find the runs of the motion table, and the range of rows of each run; start with empty caches.
+
+        The rows of each run must be contiguous.
+        """
         self.seed, self.samples = seed, samples
         run = samples["run"].to_numpy()
         # Index of the first row of each run: row 0 (if the table is not empty) and each row with another run than the
@@ -253,6 +257,7 @@ class Places:
         self._tiles_and_numbers: dict[bytes, tuple[NDArray[np.int32], NDArray[np.float64]]] = {}
         # Tiles sensed by all samples, by reach and blur of edges and the bytes of the floors.
         self._sensed: dict[tuple[float, float, bytes], NDArray[np.int32]] = {}
+        # Sensor responses, by all settings on which they depend, see ``_response``.
         self._responses: dict[Any, Response] = {}
 
     def read(self, scenario: Scenario, floors: Mapping[int, Floor], energies: bool = False) -> Readings:
@@ -317,6 +322,7 @@ class Places:
 
     def _response(self, scenario: Scenario, tiles: Sequence[int]) -> Response:
         """Return the cached sensor response of a scenario; ``tiles``: number of tiles of each run's floor."""
+        # ``redraw`` is part of the key because it determines whether each run has its own factors of tiles.
         key = (scenario.sensor, scenario.floor.redraw, scenario.swarm.robots, *tiles)
         if key not in self._responses:
             self._responses[key] = response_of(scenario, self.seed, self.runs, tiles)

@@ -65,8 +65,8 @@ class Archive(NotebookView):
         self.candidates: list[Candidate] = []
         """All candidates; the key of a candidate is its index."""
         self.columns: list[slice] = []
-        """The columns of each objective in the figures. The search sets them after its first runs, because only the
-        figures show how many columns a user's cost has."""
+        """The columns of each objective in the figures; empty until the search sets them after its first runs, before
+        any score is computed."""
         self.runs = 0
         """Runs requested so far."""
         self.failed = 0
@@ -95,7 +95,7 @@ class Archive(NotebookView):
         return key
 
     def count(self, key: int) -> int:
-        """Count the runs of a candidate that did not fail."""
+        """Count the runs of a candidate that did not fail; ``Candidate.count`` includes failed runs."""
         return sum(rows.shape[0] for rows in self[key].rows)
 
     def add_runs(self, key: int, rows: Rows | str, count: int) -> None:
@@ -172,7 +172,8 @@ class Archive(NotebookView):
     def best(self, keys: Sequence[int] | None = None) -> int:
         """Return which of the candidates ``keys`` (by default all) has the lowest estimate, of equals the lowest key.
 
-        There must be at least one candidate.
+        There must be at least one candidate. A race uses this: its estimates come from runs that played no part in
+        choosing the finalists, so it does not need the caution of ``in_order``.
         """
         among = range(len(self)) if keys is None else keys
         return min(among, key=lambda k: (self.estimate(k)[0], k))

@@ -15,7 +15,8 @@ and T_end the end of the run. A false alarm decides "above the boundary" when th
 opposite error.
 
 Every cost takes the ``Outcomes`` of some runs and returns an array with one row per run and one column per figure. An
-undecided robot has no decision time: t is then T_end.
+undecided robot has no decision time: t is then T_end. Every cost except ``decision_time`` raises an InputError for runs
+whose truth is undefined (``check_truth``), and those with f also if the strategy does not estimate f.
 """
 
 from __future__ import annotations

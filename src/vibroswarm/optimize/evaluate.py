@@ -80,6 +80,7 @@ def code_of(cases: Sequence[Scenario], motion: str) -> tuple[tuple[str, str], ..
 
 def derived_seed(seed: int, purpose: str) -> int:
     """Derive a seed for one purpose of a search: evaluations, fresh runs, ..."""
+    # 7 bytes, so that every derived seed is below ``rng.SEED_LIMIT``, 2^63.
     return int.from_bytes(hashlib.sha256(f"optimizer: {purpose} of {seed}".encode()).digest()[:7])
 
 
@@ -90,7 +91,8 @@ def do_piece(piece: Piece, objectives: tuple[Objective, ...]) -> Rows | str:
     candidate's values give a scenario that is invalid or cannot be simulated.
 
     Raises:
-        InputError: a cost gives no number. This is an error in the objective, not a failed run, and ends the search.
+        InputError: a cost gives no finite number, or is not defined on these outcomes (see ``Objective.figures``). This
+            is an error in the objective or the scenario, not a failed run, and ends the search.
     """
     if piece.crashed:
         return CRASHED
@@ -110,11 +112,13 @@ def rows_of(cases: Sequence[Outcomes], objectives: Sequence[Objective]) -> Rows:
 
 @lru_cache(maxsize=64)
 def _base(text: str) -> Scenario:
+    """Return the scenario of a TOML text; cached, since all candidates of a search start from the same few texts."""
     return Scenario.from_toml(text)
 
 
 @lru_cache(maxsize=512)
 def _scenario(text: str, values: tuple[tuple[str, Any], ...]) -> Scenario:
+    """Return the scenario of a TOML text with a candidate's values; cached, since a candidate has several pieces."""
     return _base(text).with_values(dict(values))
 
 
@@ -220,7 +224,7 @@ def do_pieces(
         pieces: the work. objectives: compute the figures. pool: the workers.
         progress: called with the number of finished runs.
     Raises:
-        InputError: a cost gives no number. RunError: the workers are gone.
+        InputError: a cost gives no finite number, or is not defined on the outcomes. RunError: the workers are gone.
     """
     undivided = len(pieces) - len(pieces) % pool.width
     divided = [_parts_of(piece, 1 if k < undivided else pool.width) for k, piece in enumerate(pieces)]
@@ -266,7 +270,9 @@ def _do_each(
         try:
             results[k] = future.result()
         except (InputError, RunError, BrokenExecutor, CancelledError):
-            raise  # a wrong cost, or workers that are gone: another attempt cannot help, so the search ends
+            # An error of the objective (see ``do_piece``), or workers that cannot go on: another attempt cannot help,
+            # so the search ends.
+            raise
         except Exception as error:
             failures[k] += 1
             if failures[k] < TRIES:
@@ -322,7 +328,8 @@ def figures_of(
             them.
         motion: the motion source. progress: called with the number of finished runs.
     Raises:
-        InputError: a cost gives no number. RunError: all runs failed, or the workers are gone.
+        InputError: a cost gives no finite number, or is not defined on the outcomes. RunError: all runs failed, or the
+            workers are gone.
     """
     texts, items = tuple(scenario.to_toml() for scenario in cases), tuple(values.items())
     step = 5 * PIECE  # larger pieces than in a search, since there are many runs: fewer pieces to submit

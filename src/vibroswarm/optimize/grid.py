@@ -59,7 +59,9 @@ class Grid(NotebookView):
 
     @classmethod
     def paper(cls, objective: Objective | None = None, runs: int = RUNS, seed: int = 1) -> Grid:
-        """Make the grid of the paper's second stage: soft feedback on random floors of fill ratio 0.48, with P*.
+        """Make the grid of the paper's second stage: soft feedback on random floors of fill ratio 0.48.
+
+        The fields that it does not vary are those of preset `paper`, which has the paper's optimised parameters, P*.
 
         Args:
             objective: what is minimised, by default mean + sd of the cost of the paper's program.
@@ -141,7 +143,10 @@ class Node(NotebookView):
 
     @property
     def as_good(self) -> bool:
-        """Whether the score of this cell is not significantly higher than that of the best cell; true of the best."""
+        """Whether the score of this cell is not significantly higher than that of the best cell; true of the best.
+
+        It is also true of a cell that has fewer than two runs in common with the best: the interval then has no limits.
+        """
         return not self.above_best.low > 0
 
 
@@ -190,7 +195,10 @@ class Nodes(NotebookView):
 
 
 def scores_of(grid: Grid, result: StudyResult) -> Nodes:
-    """Score the cells of a finished study. Costs use the robots' estimates of the fill ratio at the end of the runs.
+    """Score the cells of a finished study.
+
+    The costs use the robots' estimates of the fill ratio at the end of each run as it was simulated. In a search they
+    use those soon after the last decision, or at T_end if a robot is undecided (``outcomes.end_s``).
 
     Args:
         grid: the grid, with the objective. result: the result of ``grid.study``.
@@ -248,6 +256,7 @@ def truth_of_grid(
         raise InputError(f"{runs} is too few; at least 2", field="fresh")
     study, best = nodes.grid.study, nodes.best
     fresh_seed = derived_seed(study.seed, "fresh runs")  # runs that differ from those of the grid
+    # The motion source is the only setting outside the scenario, apart from the seed, on which the runs depend.
     fresh_study = replace(Study.of(best.cell.scenario, runs, fresh_seed), motion=study.motion)
     result = run_study(fresh_study, executor=executor, workers=workers, progress=progress)
     _, outcomes = _outcomes(result, fresh_study.cells[0])

@@ -197,7 +197,7 @@ def _shared(nodes: Nodes) -> str:
 def _details(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
     """Return the details at the end of the page by name: hash, seed, engine, versions and the command to repeat it.
 
-    The command is left out if the grid has no file, since its cost is a function.
+    The command is left out if the grid has no file: its cost is a function, or its study varies no fields in a grid.
     """
     study = nodes.grid.study
     details = {

@@ -53,8 +53,9 @@ class Step:
     origins: list[str]
     """For each request the origin of its candidate."""
     found: list[list[Any]]
-    """For each request the results of its pieces in order: an array of figures, (runs, cases, columns), or for a failed
-    piece (reason, number of runs)."""
+    """For each request the results of its pieces in order. A piece is a part of the request's runs that one worker
+    simulates (see ``evaluate``). Its result is an array of figures, (runs, cases, columns), from which scores are
+    computed, or for a failed piece (reason, number of runs)."""
 
 
 class Journal:
@@ -71,11 +72,12 @@ class Journal:
             folder: of the search. search: its definition.
             mixed: whether the search may be continued if other versions of the programs began it.
         Raises:
-            InputError: the folder holds something else or another search, or the search was begun by other versions
-                and ``mixed`` is false.
+            InputError: the folder holds something else, or a search that ``_check`` refuses; or the cost of ``search``
+                is a function, which a file cannot hold.
         """
         self.folder, self.search, self.mixed = Path(folder), search, mixed
         self._text = search.to_toml()
+        # name -> text of the users' code files that the search needs; ``_make`` writes copies of them into the folder
         self._code = code_files((cell.scenario for cell in search.cases), search.study.motion)
         if not self._is_there() and self._is_foreign():
             raise InputError(
@@ -128,6 +130,7 @@ class Journal:
             raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
         with folder_lock(self.folder):
             remove_leftovers(self.folder)
+            # ``__init__`` checked this before the folder was locked: another process may have made a search since.
             if not self._is_there():
                 self._make()
             yield
@@ -215,7 +218,7 @@ def steps_in(folder: Path) -> Iterator[Step]:
     """Yield the steps in the journal of a search's folder in order; an incomplete last line is left out.
 
     Raises:
-        InputError: the journal cannot be read, or is damaged before its last line.
+        InputError: the journal is missing, cannot be read, or has a damaged line that ends with a newline.
     """
     path = folder / JOURNAL
     if not path.exists():
@@ -272,8 +275,9 @@ def is_search(folder: Path) -> bool:
 def held(folder: Path) -> dict[str, Any]:
     """Describe what a search's folder holds in plain values, without running anything.
 
-    ``runs_there`` is the number of runs in the journal, ``runs_wanted`` the number of runs of the whole search.
-    ``result`` is None until the search is finished.
+    ``runs_there`` is the number of runs in the journal, ``runs_wanted`` the number planned for the whole search. A
+    finished search may have slightly fewer: methods other than pso request a fixed number of runs of each candidate,
+    which may not divide their budget. ``result`` is that of ``held_result``.
 
     Raises:
         InputError: a file in the folder is damaged.
@@ -300,12 +304,13 @@ def held(folder: Path) -> dict[str, Any]:
 
 
 def held_result(path: Path) -> dict[str, Any] | None:
-    """Read the result of a search from the file ``path``, and check the entries that programs display.
+    """Read the result of a search from the file ``path``, and check the entries that ``vibroswarm show`` displays.
 
-    These are the values of ``best``, the scores and the sentence of ``truth``, and the sentence of ``front``.
+    These are the winner's values (``best``); its believed and true score, and the sentence that compares them
+    (``truth``); and, with several objectives, the sentence about the Pareto front (``front``).
 
     Returns:
-        All entries of the file; None if the file does not exist, since the search is not finished.
+        All entries of the file; None if it does not exist: ``search_report`` writes it after the end of the search.
     Raises:
         InputError: the file is damaged.
     """

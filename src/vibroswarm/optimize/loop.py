@@ -71,7 +71,7 @@ def check_libraries(search: Search) -> None:
 Progress = Callable[[SearchProgress], None]
 
 WIDTHS: Final = {"time_at_error": 5, "expected_time_to_right": 2}
-"""Numbers of columns of the figures of these objectives, see ``Objective.figures``; other built-in costs have one."""
+"""Numbers of columns of the figures of these objectives, see ``Objective.figures``; every other cost has one."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Found(NotebookView):
     archive: Archive
     """All candidates with their runs."""
     best: int
-    """Key of the winner."""
+    """Key of the winner; with several objectives, of the best candidate under the first one."""
     history: list[Iteration]
     """The iterations of the method."""
     race: list[Iteration]
@@ -107,12 +107,11 @@ class Found(NotebookView):
 
     @property
     def believed(self) -> float:
-        """The winner's score as the search estimates it.
+        """The winner's score as the search estimates it; with several objectives, the score under the first one.
 
-        In the paper's swarm, a candidate keeps the score with which it became the best one. Without a race, that score
-        is returned; it is too low on average, since the luckiest candidate wins. In every other search it is the
-        estimate from all runs of the winner, corrected for small-sample bias. With several objectives it is the score
-        under the first one.
+        It is ``Archive.estimate``, from all runs of the winner. Only the paper's swarm (pso with the noise ``fixed`` or
+        ``as-ran``) without a race does not estimate again: there it is the score with which the winner became a
+        personal best. That score is too low on average, since the luckiest candidate wins.
         """
         if self.race or self.search.settings.method != "pso" or not self.search.pso.keeps_scores:
             score, _ = self.archive.estimate(self.best)  # with its standard error
@@ -138,14 +137,17 @@ def run_search(
 
     Args:
         search: its definition.
-        folder: where its journal is saved. By default it is not saved, and the search cannot be continued.
+        folder: where its journal is saved. By default it is not saved, and the search cannot be continued. A search
+            whose cost is a function cannot be saved.
         executor, workers: see ``study.executors``.
         mixed: whether to continue a search that other versions of vibroswarm or its libraries began. By default this is
             refused, since no single version could repeat such a search.
         progress: called as runs finish, with the state of the search.
     Raises:
-        InputError: the folder holds another search or is in use, a library is missing, or a cost returns no number.
-        RunError: every run of the first step failed, or the workers are gone; finished steps are saved.
+        InputError: the folder is refused (see ``Journal``) or in use, its journal is damaged, a library is missing, or
+            a cost returns no number.
+        RunError: every run of the first step failed, the workers are gone, the folder cannot be written, or its journal
+            holds other requests than the method makes; finished steps are saved.
     """
     check_libraries(search)
     journal = None if folder is None else Journal(folder, search, mixed=mixed)
@@ -163,6 +165,7 @@ class _Loop:
     def __init__(self, search: Search, journal: Journal | None, pool: Workers, progress: Progress) -> None:
         """Prepare the search: an archive without candidates, and the recorded steps, which ``run`` replays."""
         self.search, self.journal, self.pool, self.progress = search, journal, pool, progress
+        # Like the paper's program, an as-ran search drops failed runs from scores, and numbers runs in its own way.
         as_ran = search.is_as_ran
         self.archive = Archive(search.space, search.objectives, drops_failed=as_ran)
         self.evaluator = Evaluator(
@@ -195,7 +198,8 @@ class _Loop:
             race = Race(self.archive, self._finalists(method), search.final_runs)
             self._run_method(race, "race", search.search_runs + search.final_runs)
         if self.replaying and self.journal is not None:
-            # Every step was in the journal. A new step would have cut off an incomplete last line; there was none.
+            # Every step was in the journal. So ``_run_step`` has run no new step, before which it would have cut off
+            # an incomplete last line.
             self.journal.cut()
         self.show()
         last = race or method
@@ -270,6 +274,7 @@ class _Loop:
         by_ask: dict[int, list[Any]] = {ask.key: [] for ask in asks}
         for (ask, piece), rows in zip(pieces, results, strict=True):
             by_ask[ask.key].append(rows if not isinstance(rows, str) else (rows, piece.last - piece.first))
+        # This raises if all runs of the first step failed. Such a step is not recorded, so that it can be tried again.
         self._add_runs(asks, [by_ask[ask.key] for ask in asks])
         if self.journal is not None:
             self.journal.add(self.archive, asks, [by_ask[ask.key] for ask in asks])
@@ -331,7 +336,7 @@ class _Loop:
             cause = next((self.archive[a.key].why for a in asks if self.archive[a.key].why), "")
             raise RunError(f"all of the first {sum(a.runs for a in asks)} runs failed: {cause}")
         widths = [WIDTHS.get(objective.name, 1) for objective in self.archive.objectives]
-        # A single objective gets all columns of the figures, since a user's cost may return several.
+        # The columns of the objectives stand side by side (``evaluate.rows_of``). A single objective has all columns.
         bounds = [0, *accumulate(widths if len(widths) > 1 else [rows[0].shape[2]])]
         self.archive.columns = [slice(first, end) for first, end in pairwise(bounds)]
 

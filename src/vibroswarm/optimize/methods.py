@@ -48,12 +48,13 @@ class Iteration:
     runs: int
     """Runs of the search so far."""
     best_key: int
+    """Key of the best candidate so far."""
     best: float
-    """Score of the best candidate so far, ``best_key``, as the method believes it."""
+    """Score of the best candidate so far, as the method estimates it."""
     mean: float
     """Mean of the finite scores of the candidates of this iteration; infinite if there are none."""
     mean_point: tuple[float, ...]
-    """Mean of their points in the unit cube."""
+    """Mean of the points of all candidates of this iteration in the unit cube; in a race, the point of the best one."""
     personal: tuple[float, ...] = ()
     """Scores of the personal bests of a particle swarm."""
 
@@ -75,9 +76,11 @@ def iteration_of(
         best: key and score of the best candidate so far.
         personal: of a particle swarm, the scores of the personal bests.
     Returns:
-        The record. Its mean is over candidates with a finite score, and infinite if there are none.
+        The record. Its mean score is over candidates with a finite score, and infinite if there are none; its mean
+        point is over all candidates.
     """
-    # plain scores; an infinite score, such as that of a candidate with a failed run, would make the mean infinite
+    # An infinite score, such as that of a candidate with a failed run, would make the mean infinite. These are scores
+    # without the correction for small-sample bias that ``Archive.estimate`` makes.
     finite = [score for score in map(archive.score, keys) if math.isfinite(score)]
     best_key, best_score = best
     return Iteration(
@@ -108,10 +111,13 @@ class Method(Protocol):
         """Take the results of the requested runs, which are in the archive by now."""
 
     def best(self) -> int:
-        """Return the key of the candidate that the method takes for the best."""
+        """Return the key of the candidate that the method ranks first, by the first objective if there are several."""
 
     def finalists(self, count: int) -> list[int]:
-        """Return the keys of up to ``count`` candidates that may be the best."""
+        """Return the keys of up to ``count`` good candidates, the best first.
+
+        With several objectives, these are the candidates on the Pareto front, by the score of the first objective.
+        """
 
 
 def chance(seed: int, purpose: str) -> np.random.Generator:
@@ -210,11 +216,11 @@ class BatchSampler(ABC):
         )
 
     def best(self) -> int:
-        """Return the candidate whose score has the lowest upper bound, see ``Archive.cautious``."""
+        """Return the key of the candidate whose score has the lowest upper bound, see ``Archive.cautious``."""
         return self.archive.in_order(self.keys)[0]
 
     def finalists(self, count: int) -> list[int]:
-        """Return up to ``count`` candidates, sorted by the upper bound of the score, the lowest first."""
+        """Return the keys of up to ``count`` candidates, sorted by the upper bound of the score, the lowest first."""
         return self.archive.in_order(self.keys)[:count]
 
     def next_starts(self, count: int) -> list[Point]:
@@ -252,8 +258,8 @@ class Sobol(BatchSampler):
             # A Sobol sequence is evenly spread only if its length is a power of two, and SciPy warns of other lengths.
             # The smallest power of two that is at least ``points`` is drawn; surplus points stay unused.
             size = 1 << max(self.points - 1, 0).bit_length()
-            # SciPy calls ``spawn`` of the generator that it is given, which that of ``chance`` does not support. So
-            # ``chance`` only gives the seed of a new generator.
+            # SciPy spawns a generator of its own from the one that it gets. A generator of ``chance`` cannot spawn, so
+            # it only draws the seed of one that can.
             sobol_seed = int(chance(self.seed, "sobol").integers(2**63))
             sampler = qmc.Sobol(self.archive.space.size, scramble=True, rng=np.random.default_rng(sobol_seed))
             self.sequence = list(sampler.random(size))

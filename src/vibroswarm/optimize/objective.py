@@ -8,7 +8,7 @@
 
 | composite objective | score of the runs |
 |---|---|
-| expected_time_to_right | sum of times / runs with a right consensus, s: a failed inspection is repeated |
+| expected_time_to_right | sum of times / runs with a right consensus, s: the time if runs without one are repeated |
 | time_at_error | mean time + T_end (excess of errors / max_error + excess of undecided / max_undecided), s |
 
 The errors of ``time_at_error`` are the share of wrong robots among those that decided, the undecided a share of all
@@ -69,8 +69,7 @@ class Objective(NotebookView):
     parameters: Mapping[str, float] = field(default_factory=dict)
     """Parameters of the cost by name, see ``PARAMETERS``; those that are left out have their default."""
     function: Callable[[Outcomes], Any] | None = field(default=None, compare=False)
-    """A user's cost, from ``Outcomes`` to one number per run. It is never read from a file. If it returns a row of
-    numbers per run, the score is computed from the first number of each row."""
+    """A user's cost, from ``Outcomes`` to one number per run. It is never read from a file."""
 
     def __post_init__(self) -> None:
         """Check all fields.
@@ -127,8 +126,8 @@ class Objective(NotebookView):
     def limits(self) -> dict[str, float]:
         """The limits of ``time_at_error``, up to which there is no penalty; empty for other costs.
 
-        ``robot_error`` limits the share of wrong robots among those that decided, ``robots_undecided`` the share of
-        undecided robots among all.
+        The names are those of the figures that ``validation`` compares with the limits. ``robot_error`` limits the
+        share of wrong robots among those that decided, ``robots_undecided`` the share of undecided robots among all.
         """
         if self.name != "time_at_error":
             return {}
@@ -249,7 +248,7 @@ class Objective(NotebookView):
         robots; and T_end, s, which is the same in all runs.
         """
         time_s, wrong, decided, robots = rows[:, :4].sum(axis=0)
-        max_error, max_undecided = self.limits.values()
+        max_error, max_undecided = self.limits.values()  # in the order in which ``limits`` lists them
         error = wrong / max(decided, 1.0)  # 0 if no robot decided
         undecided = 1.0 - decided / robots
         excess = max(error - max_error, 0.0) / max_error + max(undecided - max_undecided, 0.0) / max_undecided
@@ -307,7 +306,7 @@ def corrected(score: Callable[[Rows], float], rows: Rows, groups: int = 10) -> t
         keep[bounds[g] : bounds[g + 1]] = False
         without_group[g] = score(rows[keep])
         keep[bounds[g] : bounds[g + 1]] = True
-    if not math.isfinite(estimate):
+    if not math.isfinite(estimate):  # differences of infinite scores would be nan
         return estimate, math.inf
     # Jackknife with g groups, where ``mean`` is that of the g scores without one group: the variance is
     # ``(g - 1) / g * sum((score_without - mean)**2)``, the corrected score ``g * score_of_all - (g - 1) * mean``.

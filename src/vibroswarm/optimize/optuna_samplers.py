@@ -48,7 +48,8 @@ LOCK_S: Final = 5.0
 class Lock:
     """The lock file of Optuna's journal, which is taken over if its process was killed.
 
-    Optuna's own locks check the age of a link's target, so that they wait for ever on a dangling link.
+    Optuna's default lock is a symbolic link to the journal's path as it was given; a link to a relative path usually
+    dangles. Optuna's own locks check the age of the link's target, so that they wait for ever on a dangling link.
     """
 
     def __init__(self, journal: Path) -> None:
@@ -214,7 +215,8 @@ def ignore_warnings() -> Iterator[None]:
 class OptunaSampler(BatchSampler):
     """A search with one of Optuna's samplers.
 
-    Optuna only sees fractions of the unit cube: a number from 0 to 1 for a range, an index for a list of choices.
+    Optuna does not get the values of the fields: for a range it gets the coordinate in the unit cube, from 0 to 1, for
+    a list the index of the choice.
     """
 
     def __init__(
@@ -359,8 +361,8 @@ class Cmaes(BatchSampler):
 
     def propose(self, count: int) -> list[Point]:
         """Return a generation of ``count`` points: the starts that have not been proposed yet, then the optimizer's."""
-        # The optimizer always proposes ``count`` points, so that its random numbers do not depend on the starts. Points
-        # for which no place is left are dropped.
+        # The optimizer always proposes ``count`` points, however many starts there are, so that the number of starts
+        # does not change its random numbers. Points for which no place is left are dropped.
         points = [self.optimizer.ask() for _ in range(count)]
         self.proposed = [*self.next_starts(count), *points][:count]
         return self.proposed
@@ -374,6 +376,7 @@ class Cmaes(BatchSampler):
         if len(keys) < self.optimizer.population_size:
             return
         scores = [self.archive.score(key) for key in keys]
+        # The default can be any number: if no score is finite, all losses are equal.
         worst = max((s for s in scores if math.isfinite(s)), default=1.0)
         # The optimizer needs finite numbers. An infinite score (a run failed) becomes one that is above all others.
         losses = [s if math.isfinite(s) else worst + abs(worst) + 1.0 for s in scores]

@@ -40,7 +40,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import OF_MOTION, floors_of, steers
 
 POLL_S: Final = 20.0
-"""Interval at which the study's search checked whether all robots had decided."""
+"""Interval at which the paper's program checked whether all robots had decided, s; see ``end_s``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +224,7 @@ def _simulated_together(
 _cache = threading.local()
 """``loops`` is this thread's list of closed loops that are not in use, the last used at the end."""
 MANY: Final = 30
-"""Number of recent runs from which the duration of the next one is estimated."""
+"""Number of runs of earlier calls from which, with those of this call, the end of the next run is estimated."""
 KEPT: Final = 4
 """Closed loops that a thread caches, since a search simulates each scenario a few runs at a time."""
 
@@ -233,7 +233,8 @@ def _take_loop(scenario: Scenario, seed: int) -> ClosedLoop:
     """Take the closed loop of this scenario and seed out of the thread's cache, or make one if there is none.
 
     The caller puts the loop back with ``_put_back`` after use. A loop in use must not be in the cache: a list of
-    scenarios may hold the same scenario twice, and each entry needs a loop of its own.
+    scenarios may hold the same scenario twice, and each entry needs a loop of its own. Scenarios are compared by
+    identity, which suffices: ``evaluate`` caches them, so that the pieces of a candidate have the same objects.
     """
     loops: list[ClosedLoop] = vars(_cache).setdefault("loops", [])
     cached = next((loop for loop in loops if loop.scenario is scenario and loop.seed == seed), None)
@@ -272,15 +273,16 @@ class _ScenarioRuns:
         self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
         self.end_s = np.empty(len(runs))
         self.ends_s = self.loop.ends_s[-MANY:]
-        """Ends of recent runs of this scenario, s, from which ``next_check_s`` estimates the end of a run."""
+        """Ends of up to ``MANY`` runs of earlier calls and of the runs so far, s; ``next_check_s`` estimates from them
+        when a run ends."""
 
     def until_s(self, now_s: float) -> float:
         """Return the time up to which the motion must be simulated before the next check, s.
 
         ``now_s`` is the time up to which it has been simulated. The result is at most ``now_s`` once the outcome of the
         run is final: all robots have decided, their decisions cannot change, and the motion has reached the end of the
-        run. At the start (``now_s`` 0) the closed loop may still have the decisions of the run before, so that they are
-        not read then.
+        run. At the start (``now_s`` 0) the decisions of the closed loop are not read: ``ClosedLoop.begin`` leaves those
+        of the run before, until the first replay of the new run.
         """
         t_end_s = self.scenario.run.t_end_s
         if now_s > 0.0 and not self.loop.may_change:
@@ -313,12 +315,13 @@ class _ScenarioRuns:
         """Store the outcome of the run that the closed loop has just simulated, at index ``r`` of the arrays."""
         loop, decided_s = self.loop, self.loop.all_decided_s
         self.end_s[r] = end_s(np.inf if decided_s is None else decided_s, self.scenario.run.t_end_s)
-        # Read before the rewind, which does not change them: current decisions were made by the end of the run.
+        # Read before the rewind. A decision by opinions has the time since which the opinions agree, but is only made
+        # when they have agreed for ``decision.hold_s``, possibly after ``end_s``: the rewind would undo it.
         self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
         loop.rewind_to(float(self.end_s[r]))  # the motion may have been simulated beyond the end of the run
         self.estimate[r] = loop.estimate
         self.ends_s.append(float(self.end_s[r]))
-        self.loop.ends_s.append(float(self.end_s[r]))  # for later pieces that take this loop out of the cache
+        self.loop.ends_s.append(float(self.end_s[r]))  # for later calls that take this loop out of the cache
 
     def outcomes(self) -> Outcomes:
         """Return the outcomes of all runs, once they are finished."""

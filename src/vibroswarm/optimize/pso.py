@@ -47,8 +47,8 @@ NOISE: Final = ("rescore", "ocba", "fixed", "as-ran")
 KEEPS_SCORES: Final = ("fixed", "as-ran")
 """Kinds of ``noise`` in which a personal best keeps the score with which it became one."""
 FIRST_REEVALUATION: Final = 2
-"""The number of a candidate's first evaluation in ``shared_run``. It follows from the 265 distinct run numbers of the
-paper's study: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 distinct products."""
+"""Number from which ``shared_run`` counts the evaluations of a candidate. It follows from the 265 distinct run numbers
+of the paper's study: of ten numbers in a row only 2 to 11, times iterations 1 to 50, give 265 distinct products."""
 
 
 def shared_run(evaluation: int, iteration: int) -> int:
@@ -80,9 +80,9 @@ class PsoSettings(NotebookView):
     evaluations: int = 10
     """Runs of each particle in each iteration."""
     extra: int = 10
-    """Extra runs of each candidate that gets any."""
+    """Extra runs of each candidate that gets any; with ``ocba`` only their sum, ``extra_runs``, is used."""
     extra_share: float = 0.2
-    """Share of the particles, the best ones, that get extra runs."""
+    """Number of candidates that get extra runs, the best ones, as a share of the number of particles."""
     inertia_first: float = 1.0
     """Inertia omega in the first iteration; it falls linearly."""
     inertia_last: float = 0.4
@@ -92,7 +92,7 @@ class PsoSettings(NotebookView):
     weight_global: float = 0.75
     """Weight omega_g of the attraction to the global best."""
     first_velocity: float = 0.1
-    """Initial velocities are uniform between minus and plus this fraction of the bounds (``as-ran``: 0)."""
+    """Initial velocities in the unit cube are uniform between minus and plus this number (``as-ran``: 0)."""
     noise: str = "rescore"
     """``rescore``, ``ocba``, ``fixed`` (the paper) or ``as-ran`` (its program), see docs/optimizing.md."""
     caution: float = 1.0
@@ -115,7 +115,7 @@ class PsoSettings(NotebookView):
             # a share is at most 1; the limit of the others is far above all useful values
             number_of(getattr(self, name), f"pso.{name}", 0, 1 if name == "extra_share" else 1000)
         check_choice(self.noise, "pso.noise", NOISE)
-        number_of(self.crash_share, "pso.crash_share", 0, 0.9)
+        number_of(self.crash_share, "pso.crash_share", 0, 0.9)  # below 1, so that some runs are left to score
         if self.crash_share and self.noise != "as-ran":
             raise InputError('needs noise = "as-ran"; elsewhere no run is dropped', field="pso.crash_share")
 
@@ -126,18 +126,18 @@ class PsoSettings(NotebookView):
 
     @property
     def best_of(self) -> int:
-        """Number of candidates with extra evaluations in one iteration."""
+        """Number of candidates with extra evaluations in one iteration; with ``ocba`` the number may differ."""
         rounding_error = 1e-9  # a product such as 0.2 x 25 may come out a little above 5
         return math.ceil(self.extra_share * self.particles - rounding_error)
 
     @property
     def runs_an_iteration(self) -> int:
-        """Runs in one iteration."""
+        """Runs in one iteration; fewer if ``ocba`` allocates no extra runs."""
         return self.particles * self.evaluations + self.extra_runs
 
     @property
     def extra_runs(self) -> int:
-        """Extra runs in one iteration."""
+        """Extra runs in one iteration, of all candidates together."""
         return self.best_of * self.extra
 
 
@@ -185,8 +185,8 @@ class Pso:
     def ask(self) -> list[Ask]:
         """Request runs; the list is empty after the last iteration.
 
-        The first request of an iteration adds a candidate for each particle, and asks for its evaluations. The second
-        asks for the extra evaluations.
+        The first request of an iteration adds a candidate for each particle, and requests its first evaluations. The
+        second requests the extra evaluations.
         """
         if self.iteration == self.iterations:
             return []

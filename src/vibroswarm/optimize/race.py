@@ -136,14 +136,17 @@ class Race:
         """Request the runs of the next step; the list is empty at the end of the race.
 
         The first step requests equally many runs of each finalist. Then ``ROUNDS`` rounds are allocated by OCBA. The
-        last step requests all remaining runs of the winner. A single finalist gets all runs at once.
+        last step requests all remaining runs of the winner; it follows early if OCBA allocates no runs to a round. A
+        single finalist gets all runs at once.
         """
         if self.iteration == self.iterations:
             return []
         alone = len(self.keys) == 1
         if self.iteration <= ROUNDS and not alone:
             last = int(LAST_SHARE * self.runs)  # reserved for the winner
-            first = max(int(FIRST_SHARE * self.runs) // len(self.keys), 1)  # of each finalist
+            # Runs of each finalist. The minimum of 1 could exceed a small budget, but not in a search: its races have
+            # at least 20 runs per finalist, or a single finalist.
+            first = max(int(FIRST_SHARE * self.runs) // len(self.keys), 1)
             if self.iteration == 0:
                 return [Ask(key, first) for key in self.keys]
             of_rounds = max(self.runs - first * len(self.keys) - last, 0)  # runs of all rounds together
@@ -183,5 +186,8 @@ class Race:
         return self.archive.best(self.keys) if self.winner is None else self.winner
 
     def finalists(self, count: int) -> list[int]:
-        """Return up to ``count`` candidates, sorted by estimate, the lowest first."""
+        """Return the keys of up to ``count`` candidates of the race, the lowest estimate first.
+
+        It completes the protocol ``methods.Method``; no program calls it, since a race is the last stage of a search.
+        """
         return sorted(self.keys, key=lambda k: (self.archive.estimate(k)[0], k))[:count]

@@ -119,5 +119,6 @@ def lowest(surface: Array, points: Array, seed: int) -> Point:
         return float((features(u[None, :]) @ surface)[0])
 
     minimum = minimize(height, best, bounds=list(zip(low, high, strict=True)), method="L-BFGS-B")
-    # If the optimizer fails, the start may be the better point.
+    # If the optimizer fails, the start may be the better point. Candidates lie in the unit cube, and so do the bounds:
+    # ``clip`` only removes rounding errors.
     return np.clip(minimum.x if height(minimum.x) <= height(best) else best, 0.0, 1.0)

@@ -41,9 +41,9 @@ class Checked(NotebookView):
     objective: Objective
     """Computes the scores."""
     first: Scored
-    """The first scenario with its score on the first block of runs."""
+    """Name and score of the first scenario, on the first block of runs; ``values`` is empty."""
     second: Scored
-    """The second scenario with its score on the first block of runs."""
+    """Name and score of the second scenario, on the first block of runs; ``values`` is empty."""
     difference: Interval
     """Score of the first scenario minus score of the second, on the first block of runs."""
     replicate: Interval
@@ -84,7 +84,7 @@ def scenario_named(text: str, field: str) -> Scenario:
     """Return the preset named ``text``, or read the scenario file of that name if there is no such preset.
 
     Raises:
-        InputError: neither exists; the message names ``field``.
+        InputError: neither exists, and the message names ``field``; or the file is no valid scenario.
     """
     if text in preset_names():
         return preset(text)
@@ -123,7 +123,8 @@ def compare_scenarios(
         motion: the motion source.
         executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
     Raises:
-        InputError: fewer than 2 runs. RunError: all runs of a scenario failed in a block.
+        InputError: fewer than 2 runs, a case has a wrong field or value, a cost gives no number for a run, or no run
+            of the first block succeeded in both scenarios. RunError: all runs of a scenario failed in a block.
     """
     objective = objective or Objective()
     if runs < 2:
@@ -195,13 +196,14 @@ def _block(
         runs: number of runs. seed, motion: seed and motion source of the runs. pool: the workers.
         progress: called with the number of finished runs.
     Returns:
-        The score, and a table with one row per run: the number ``run``, and the ``FIGURES`` averaged over the cases.
+        The score, and a table with one row per run that succeeded: its number ``run``, and the ``FIGURES``, averaged
+        over the cases.
     """
     no_values: dict[str, Any] = {}  # the scenarios are complete: no fields are set in them
     simulated = figures_of(
         scenarios, no_values, (objective, *OF_FIGURES), runs, seed, pool, motion=motion, progress=progress
     )
-    # the last columns are those of ``OF_FIGURES``, one each
+    # ``OF_FIGURES`` have the last columns, one each; all columns before them, one or several, are of ``objective``.
     rows, share_rows = simulated.rows[:, :, : -len(FIGURES)], simulated.rows[:, :, -len(FIGURES) :]
     figures = {figure: share_rows[:, :, k].mean(axis=1) for k, figure in enumerate(FIGURES)}
     scored = scored_of(name, no_values, objective, rows, simulated.runs, simulated.failed)

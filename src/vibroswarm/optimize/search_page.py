@@ -105,15 +105,16 @@ def _failures(found: Found, truth: Truth | None, front: Front | None) -> list[st
 
 
 def luck_words(truth: Truth) -> str:
-    """Return a warning that the winner may have been lucky, or an empty text.
+    """Return a warning about the difference between the believed and the true score, or an empty text.
 
-    The believed score is compared with the true score. The warning says that they differ significantly, that they
-    cannot be compared, or that they do not differ but the interval of the true score is too wide to show a difference.
+    If ``truth.luck`` is anything but "not significant", the warning is its sentence ``truth.words``: the scores differ
+    significantly, or cannot be compared. Otherwise there is a warning only if the interval of the true score is too
+    wide, relative to the score, to show a difference.
     """
     if truth.luck != "not significant":
         return truth.words
     score = truth.winner.score
-    if score.estimate == 0:
+    if score.estimate == 0:  # a relative width is not defined
         return ""
     # relative half-width of the interval, on its wider side
     within = max(score.high - score.estimate, score.estimate - score.low) / abs(score.estimate)
@@ -210,6 +211,7 @@ def search_page(
     drawn = {name: _shown(name, picture, found, truth, front) for name, picture in pictures.items()}
     sections = [] if truth is None else _truth_sections(found, truth)
     sections += [] if front is None else [_front_section(found, front, drawn)]
+    # With a front no single candidate wins; the section of the front describes how to run one of its candidates.
     sections += [_winner_section(found, truth)] if front is None else []
     # the pictures over the iterations; that of the front stands in its own section
     sections.append(_search_section(found, [drawn[n] for n in ("scores", "parameters") if n in drawn]))
@@ -244,7 +246,10 @@ def truth_parts(truth: Truth, believed_runs: int, cases: Sequence[str], unit: st
 
 
 def file_text(search: Search | Grid) -> str:
-    """Return a search or a grid as TOML; the text is empty if its cost is a function, which a file cannot hold."""
+    """Return a search or a grid as TOML; the text is empty if a file cannot hold it.
+
+    This is so if its cost is a function, or if the study of a grid has no block "grid".
+    """
     try:
         return search.to_toml()
     except InputError:
@@ -423,9 +428,10 @@ def _shown(
 
 
 def _details(search: Search, has_file: bool, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
-    """Return the details at the end of the page by name: hash, seed, method, versions and the command to repeat it.
+    """Return the details at the end of the page by name.
 
-    The command is left out unless the search ``has_file``: a search whose cost is a function has none.
+    These are hash, seed, method, source of motion (as "engine"), versions, and the command to repeat the search. The
+    command is left out unless the search ``has_file``: a search whose cost is a function has none.
     """
     details = {
         "search": search.hash, "seed": str(search.seed), "method": search.settings.method,

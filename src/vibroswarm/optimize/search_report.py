@@ -46,16 +46,21 @@ IN_PAGE: Final[Styles] = ("column", "page")
 
 
 def best_scenario(found: Found) -> Scenario:
-    """Return the search's first scenario with the values of the winner of ``found``."""
+    """Return the scenario of the search's first case with the values of the winner of ``found``.
+
+    The winner is the same in all cases, and ``best.toml`` holds one scenario only.
+    """
     return found.search.cases[0].scenario.with_values(found.values)
 
 
 def history_table(found: Found) -> pl.DataFrame:
     """Tabulate the iterations of the search, then those of the race, one row each.
 
-    Besides scores and numbers of runs, a row has, for each field, the mean over the candidates of the iteration: as a
-    value, and as a fraction of the field's bounds. In a race it is the value of the best candidate. For a field with a
-    list of choices, the value is the choice at the mean coordinate. Scores that are not finite are null.
+    Besides scores and numbers of runs, a row has, for each field, the mean coordinate in the unit cube of the
+    candidates of the iteration: converted to a value, and itself, as a fraction of the field's bounds. On a log scale
+    the value is therefore a geometric mean, and for a list of choices it is the choice at the mean coordinate. In a
+    race both are those of the best candidate. The scores of the personal bests are given only for a particle swarm.
+    Scores that are not finite are null.
     """
     rows = []
     space = found.search.space
@@ -96,9 +101,10 @@ def candidate_table(found: Found) -> pl.DataFrame:
 def pictures(found: Found, truth: Truth | None, style: str = "column") -> dict[str, Picture]:
     """Draw two pictures over the iterations of a search, and return them by name.
 
-    "scores" shows the scores of each iteration, and the true score as a line if ``truth`` is given. "parameters" shows
-    the mean of each field over the candidates of an iteration, as a fraction of the field's bounds. ``style`` is that
-    of both pictures, see ``plots``.
+    "scores" shows the best score so far and the mean score of each iteration, the scores of the personal bests of a
+    particle swarm, and the true score as a line if ``truth`` is given. "parameters" shows the mean of each field over
+    the candidates of an iteration, as a fraction of the field's bounds. ``style`` is that of both pictures, see
+    ``plots``.
     """
     objective, space = found.search.objectives[0], found.search.space
     history = found.history

@@ -64,7 +64,7 @@ def reasons(archive: Archive) -> list[str]:
 
 
 def value_said(value: Any) -> str:
-    """Write a value of a field as text, numbers with up to six digits."""
+    """Write a value of a field as text: a float with up to six significant digits, any other value in full."""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
@@ -74,9 +74,10 @@ def values_said(values: dict[str, Any]) -> str:
 
 
 def winner_words(values: Mapping[str, Any]) -> str:
-    """Write a winner's values in words, such as ``sample interval τ 4750 ms``, with four digits.
+    """Write a winner's values in words, such as ``sample interval τ 4750 ms``.
 
-    ``values`` are given by the full names of the fields. All digits are in the file ``best.toml``.
+    ``values`` are given by the full names of the fields. A float has up to four significant digits; the file
+    ``best.toml`` has all.
     """
     phrases = []
     for name, value in values.items():
@@ -234,9 +235,10 @@ def against_table(search: Search, truth: Truth) -> ReportTable:
 
 
 def place_of(dimension: Dimension, value: Any) -> float:
-    """Return the position of a number between its bounds as a fraction from 0 to 1; 0 or 1 if it lies beyond them.
+    """Return the position of a number between its bounds, on the scale of the field, as a fraction from 0 to 1.
 
-    The dimension must be a range, not a list of choices.
+    A value that rounding put beyond a bound, which ``Dimension.share`` would refuse, counts as lying at the bound. The
+    dimension must be a range, not a list of choices.
     """
     return dimension.share(min(max(value, dimension.low), dimension.high))
 
@@ -347,8 +349,9 @@ def history_of(found: Found) -> ReportTable:
 def account(found: Found, fresh: Sequence[tuple[str, int, int, int]]) -> ReportTable:
     """Tabulate by stage (search, race, fresh runs) how many runs were requested, were made, and failed.
 
-    A stage without runs is left out. ``fresh`` has an entry for each set of fresh runs: (name, number of candidates,
-    succeeded runs, failed runs).
+    Of search and race, the requested runs are the budget, which may not be used up; a stage with neither budget nor
+    candidates is left out. ``fresh`` has an entry for each set of fresh runs: (name, number of candidates, succeeded
+    runs, failed runs).
     """
     search = found.search
     budgets = {"search": search.search_runs, "race": search.final_runs}

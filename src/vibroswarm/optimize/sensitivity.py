@@ -50,7 +50,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Field(NotebookView):
-    """First-order and total index of one field, with 95 % limits; nan if the noise hides all effects."""
+    """First-order and total index of one field, with 95 % limits.
+
+    All are nan if the noise hides all effects, or if the cost does not vary.
+    """
 
     name: str
     """Full name of the field."""
@@ -82,7 +85,7 @@ class Sensitivity(NotebookView):
     """Always 0: the indices need all runs."""
     noise_share: float
     """Share of the variance of the points' means that is noise of the runs, both as estimated. If it is 1 or more, all
-    indices are nan. 0 with a single run per point, where the noise is unknown."""
+    indices are nan. It is 0 with a single run per point, where the noise is unknown, and if the cost does not vary."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON, which has no nan: None in its place."""
@@ -104,11 +107,13 @@ def sobol_indices(
 
     Args:
         search: defines the space, the scenarios and the cost (the first column of its first objective).
-        budget: runs in all. replicates: runs of each point of the design, at least 1.
-        executor, workers: see ``study.executors``. progress: called as runs finish.
+        budget: largest number of runs; fewer are made, since the number of points is limited to certain values, see
+            ``saltelli``.
+        replicates: runs of each point of the design, at least 1. executor, workers: see ``study.executors``.
+        progress: called as runs finish, with the number done so far.
     Raises:
-        InputError: SALib is not installed, the budget is too small, or ``replicates`` is not a whole number from 1 on.
-        RunError: a run failed.
+        InputError: SALib is not installed, the budget is too small, ``replicates`` is not a whole number from 1 on, or
+            a cost gives no number for a run. RunError: a run failed, or the workers are gone.
     """
     replicates = whole_number_of(replicates, "replicates", 1, RUN_LIMIT - 1)
     design = design_of(search, budget, replicates)
@@ -240,6 +245,8 @@ def _shares(mean: Array, noise: Array) -> Array:
     if variance <= 0:
         return np.full((2, mean.shape[1] - 2), np.nan)
     a_with_b = mean[:, 1:-1]
+    # Var(E(Y given u_i)). To subtract the centre leaves its expectation as it is, since a and a_with_b have the same
+    # mean, but lowers the variance of the estimate.
     first = ((b - centre)[:, None] * (a_with_b - a[:, None])).mean(axis=0)
     # On average, a squared difference of two means is too large by the noise of both.
     total = 0.5 * ((a[:, None] - a_with_b) ** 2 - noise[:, :1] - noise[:, 1:-1]).mean(axis=0)
@@ -262,6 +269,8 @@ MIN_CANDIDATES: Final = 20
 
 def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
     """Compute the importance of each field by PED-ANOVA, the largest first; the sum is 1.
+
+    Only the scores under the first objective are used.
 
     Args:
         found: a finished search. best_share: share of the candidates that count as the best ones.

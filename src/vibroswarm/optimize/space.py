@@ -66,11 +66,13 @@ class Dimension:
     def of(cls, name: str, given: Any) -> Dimension:
         """Make the dimension of the field ``name`` from its entry in a search file.
 
-        ``given`` is a table with the keys from, to, and optionally scale and whole; or it is a list of values.
+        ``given`` is a table with the keys from, to, and optionally scale and whole; or it is a list of values. Without
+        ``whole``, values are whole numbers if both bounds are integers and the field holds integers.
 
         Raises:
-            InputError: the bounds are missing or reversed, a log scale starts at 0 or below, the table has another key,
-                such as ``steps``, which is for a grid, or a list has fewer than two values.
+            InputError: a bound is missing, a bound, the scale or ``whole`` is wrong, the bounds are reversed, those of
+                whole numbers are not whole, a log scale starts at 0 or below, the table has another key, such as ``steps``, which is for a grid, or a list
+                has fewer than two values.
         """
         field = f"space.{name}"
         if isinstance(given, Sequence) and not isinstance(given, str):
@@ -178,7 +180,7 @@ class Space(NotebookView):
         ``values`` must have a value for every field of the space, and no other fields.
 
         Raises:
-            InputError: a field is missing, is not in the space, or has a value that is out of bounds.
+            InputError: a field is missing, is not in the space, or has a value that ``Dimension.share`` refuses.
         """
         for name in values:
             if name not in self.names:
@@ -189,5 +191,5 @@ class Space(NotebookView):
         return np.array([d.share(values[d.name]) for d in self.dimensions])
 
     def values_of(self, scenario: Scenario) -> Values:
-        """Return a scenario's values of these fields."""
+        """Return a scenario's values of the fields of the space."""
         return {name: value_of(scenario, name) for name in self.names}

@@ -98,7 +98,7 @@ class SearchSettings(NotebookView):
                     f"{getattr(self, name)!r} is wrong; give true or false", field=f"search.{name}"
                 )
         for name, low in (("evaluations", 1), ("budget", 1), ("final", 0), ("finalists", 1), ("fresh", 2)):
-            # None stands for the default, which ``Search`` computes.
+            # ``budget`` and ``final`` may be None: ``Search`` computes their defaults from its other parts.
             if (value := getattr(self, name)) is not None:
                 whole_number_of(value, f"search.{name}", low, 10**9)
 
@@ -167,7 +167,8 @@ class Search(NotebookView):
         """Read a search from TOML text.
 
         Args:
-            text: TOML. name: of the text, for messages. folder: where floor files that the text names are looked for.
+            text: TOML. name: of the text, for messages.
+            folder: where the files that the text names are looked for: scenario, floors and code.
             method: replaces the method of the text. If neither the text nor this argument gives a method, it is nsga2
                 for several objectives, else pso.
         Raises:
@@ -209,7 +210,7 @@ class Search(NotebookView):
     def read(cls, path: str | Path, *, method: str | None = None) -> Search:
         """Read a search from the TOML file ``path``; ``method``, if given, replaces the method of the file.
 
-        Floor files that the search names are looked for in the folder of this file.
+        Files that the search names (scenario, floors, code) are looked for in the folder of this file.
 
         Raises:
             InputError: the file cannot be read, or something in it is wrong.
@@ -218,9 +219,10 @@ class Search(NotebookView):
         return cls.from_toml(read_text(path, "a search"), name=str(path), folder=path.parent, method=method)
 
     def to_values(self) -> dict[str, Any]:
-        """Return the search as nested tables for TOML, from which ``from_toml`` reads an equal search.
+        """Return the search as nested tables for TOML, from which ``from_toml`` reads a search with the same hash.
 
-        The tables are self-contained: they name no floor files.
+        The tables are self-contained: they name no floor files, and include the default start. Of a cost that is a
+        function they have only the name, which ``from_toml`` refuses.
         """
         values: dict[str, Any] = tomllib.loads(self.study.to_toml())
         values["start"] = list(self._start)
@@ -234,7 +236,7 @@ class Search(NotebookView):
         return values | {"pso": swarm}
 
     def to_toml(self) -> str:
-        """Write the search as TOML; ``from_toml`` reads an equal one.
+        """Write the search as TOML; ``from_toml`` reads one with the same hash.
 
         Raises:
             InputError: its cost is a function, which a file cannot hold.
@@ -299,8 +301,8 @@ class Search(NotebookView):
     def final_runs(self) -> int:
         """Runs of the race of the finalists.
 
-        By default ``FINAL_SHARE`` of the budget, but 0 with several objectives or with the paper's swarm (``fixed`` or
-        ``as-ran``).
+        By default ``FINAL_SHARE`` of the budget, but 0 with several objectives, or with the paper's swarm, that is with
+        ``pso.noise`` "fixed" or "as-ran".
         """
         if self.settings.final is not None:
             return self.settings.final
@@ -363,9 +365,11 @@ class Search(NotebookView):
 
     @cached_property
     def hash(self) -> str:
-        """16 hexadecimal digits that identify the search, computed from its values and its study.
+        """16 hexadecimal digits that identify the search, computed from its values and the hash of its study.
 
-        Of a cost that is a function only the name counts: two different functions with one name give the same hash.
+        The hash of the study also depends on the version of the format of scenarios, which the values lack. All
+        settings count, also those that change no run of the search, such as ``fresh``. Of a cost that is a function
+        only the name counts: two different functions with one name give the same hash.
         """
         values = self.to_values()
         values.pop("runs", None)  # the study's number of runs, which a search ignores

@@ -97,7 +97,7 @@ class Truth(NotebookView):
     against: tuple[Interval, ...]
     """Score of the winner minus the score of each of ``others``, paired by run."""
     too_short: bool = False
-    """Whether the search was a swarm with fewer than ``LEAST_ITERATIONS``: its winner is the best of random points."""
+    """Whether the search was a swarm whose particles never moved, see ``is_too_short``."""
 
     def __repr__(self) -> str:
         score = self.winner.score
@@ -352,7 +352,8 @@ def _parts(rows: Rows) -> dict[str, Interval]:
             "robots_undecided": cluster_share(robots - decided, robots),
         }
         for name, value in parts.items():
-            # The share of wrong robots is nan in a case in which no robot decided: any other case is worse.
+            # In a case in which no robot decided, the share of wrong robots is nan, and any other case replaces it. The
+            # part ``robots_undecided`` covers such a case.
             if name not in worst or math.isnan(worst[name].estimate) or value.estimate > worst[name].estimate:
                 worst[name] = value
     return worst
@@ -367,6 +368,7 @@ class Member(NotebookView):
     """A candidate of a front; scores are in the order of the objectives."""
 
     key: int
+    """Key of the candidate in the search's archive."""
     values: Values
     believed: tuple[float, ...]
     """Scores in the search."""
@@ -395,7 +397,8 @@ class Front(NotebookView):
     def too_little(self) -> list[float]:
         """Median over the candidates of (true - believed) / abs(true), for each objective; nan if no share is defined.
 
-        It is the share by which the believed scores are too low: above 0 the search underestimated the cost.
+        It is the share by which the believed scores are too low: above 0 the search underestimated the cost. It is not
+        defined for candidates whose true score is 0.
         """
         shares = [  # (candidates, objectives)
             [_too_little(believed, true) for believed, true in zip(m.believed, m.true, strict=True)]
@@ -428,7 +431,7 @@ class Front(NotebookView):
         return pl.DataFrame(rows, infer_schema_length=None)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
+        """Return plain values for JSON; scores are in the order of the objectives, whose names are left out."""
         return {
             "says": self.words,
             "fresh_runs_each": self.runs,

@@ -102,7 +102,9 @@ class Zipped(NotebookView):
         try:
             entry = self._file.getinfo(name)
             with self._file.open(entry) as stream:
-                data = stream.read(entry.file_size + 1)  # one byte more shows that the stated size is wrong
+                # ``zipfile`` cuts an entry at its stated size, and refuses it if its checksum (CRC) does not fit. One
+                # byte more is requested so that the check below does not rely on this.
+                data = stream.read(entry.file_size + 1)
         except KeyError:
             raise InputError(f"has no '{name}'", field=str(self.path)) from None
         except Exception as error:  # zipfile and zlib raise many kinds
@@ -142,6 +144,7 @@ def write_archive(made: Reproduction, path: Path) -> None:
     entries = _entries(made, made.results)
     head = {
         "format": FORMAT,
+        # Left out: ``workers``, which changes no result, and ``recordings``, a folder of this machine.
         "settings": {
             "runs": made.settings.runs,
             "seed": made.settings.seed,
@@ -168,7 +171,7 @@ def _entries(made: Reproduction, results: CellResults) -> dict[str, bytes]:
 
     The tables ``cells``, ``robots`` and ``measured`` are left out if they would have no rows.
     """
-    # Only cells that were run or read: cells of items with saved tables may have no results.
+    # Without ``with_cells``, a reproduction has no results of cells whose items all have saved tables.
     cells = {key: cell for key, cell in made.cells.items() if key in results.cells}
     rows = [cell_row(cell, results) for cell in cells.values()]
     robots = [results.cells[key].first.select(pl.lit(key).alias("key"), pl.all()) for key in cells]

@@ -71,6 +71,8 @@ PROPER_CAPTION: Final = (
 def two_forms(table: str, keys: Sequence[str], walk: bool = False) -> tuple[TableView, ...]:
     """Return two views of a table of cells: in the paper's form, and in the proper form.
 
+    The report skips columns of a view that the table does not have, such as ``printed_s``, which few tables have.
+
     Args:
         table: name of the table. keys: its columns that name the cell, shown first.
         walk: whether the proper form also shows how robots walked.
@@ -102,7 +104,8 @@ def limits(frame: pl.DataFrame, name: str) -> pl.DataFrame:
     """Return a table of cells with three more columns: a figure (``estimate``) with its interval.
 
     ``low`` and ``high`` are the limits of the interval. A limit that is missing, or lies on the wrong side of the
-    estimate, is replaced by the estimate, so that no bar is drawn on this side.
+    estimate (``draw_error_bars`` refuses such limits), is replaced by the estimate, so that no bar is drawn on this
+    side.
 
     Args:
         frame: table of cells, with the columns NAME, NAME_low and NAME_high. name: the figure's NAME.
@@ -143,8 +146,8 @@ def both_forms(
 ) -> Iterator[Picture]:
     """Yield pictures of figures over ``x`` for each column of the reproduction, in the forms that ``figures`` name.
 
-    The first column gets all pictures. The later columns get only the pictures whose titles are in ``ALSO``, and the
-    report shows these folded.
+    The first of ``columns`` gets all pictures. The later ones get only the pictures whose titles are in ``ALSO``, and
+    the report shows these folded. A column without rows in the table gets no picture.
 
     Args:
         name: beginning of the pictures' file names.

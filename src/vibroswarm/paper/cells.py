@@ -45,7 +45,8 @@ Figures = Mapping[str, NDArray[np.float64]]
 """Figures of each run of a cell, by name, (runs,) each."""
 
 WALKED: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
-"""Figures of how robots walked and what they read, see ``analysis.sampling``; nan in runs in which no robot sampled."""
+"""Figures of how robots walked and what they read, see ``analysis.sampling``; nan in runs in which they are undefined,
+such as runs in which no robot sampled."""
 OF_RUN: Final = ("truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALKED)
 """Columns of a study's rows that are the same for all robots of a run."""
 READ: Final = ("cell", *ROBOTS, *OF_RUN)
@@ -71,7 +72,7 @@ class Cell:
 
     @cached_property
     def key(self) -> str:
-        """Identifier that is equal for cells with equal results; the column does not matter."""
+        """Identifier: in a reproduction, cells with equal keys have equal results. The column is not part of it."""
         return f"{self.scenario.hash}-{self.block}-{self.motion}-{self.runs or 'all'}"
 
     def seed(self, seed: int) -> int:
@@ -97,8 +98,8 @@ def options_of(column: str, scenario: Scenario) -> list[str]:
     values = differences(scenario, preset(column))
     words = [f"--preset {column}"]
     source = values.pop("floor.source", None)
-    # ``--floor`` draws a floor or finds it by its name. A floor with tiles of its own is in the scenario's fields
-    # ``floor.source`` and ``floor.tiles`` instead, so these are set with ``--set``.
+    # ``--floor`` takes the name of a pattern or of a random floor. A floor with tiles of its own has its name in the
+    # field ``floor.source`` and its tiles in ``floor.tiles``; both are set with ``--set``.
     if source is not None and values.get("floor.tiles") is None:
         words.append(f"--floor {shlex.quote(str(source))}")
     elif source is not None:
@@ -113,7 +114,8 @@ def options_of(column: str, scenario: Scenario) -> list[str]:
 def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
     """Return the values of the fields in which a scenario differs from a base, by dotted name.
 
-    Fields that are None in the scenario are left out.
+    The values are for TOML (``--set``, a study's file): tuples become lists, and fields that are None in the scenario
+    are left out. If such a field has a value in the base, the base plus the differences is not the scenario.
     """
     changed: dict[str, Any] = {}
     for name in field_names():
@@ -277,7 +279,7 @@ def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
     time_s = capped_time_s(robots["decision_time_s"], t_end_s)
     row["decision_time_s_bar"] = float(time_s.std()) / math.sqrt(runs)
     belief = robots["belief_in_truth"].ravel()
-    belief = belief[~np.isnan(belief)]
+    belief = belief[~np.isnan(belief)]  # nan, for example, on floors where neither decision is right
     row["belief_in_truth_bar"] = float(belief.std()) / math.sqrt(runs) if belief.size else None
     for name in ("robots_right", "robots_wrong", "robots_undecided", "swarm_right", "swarm_wrong"):
         row |= _with_limits(name, interval(name, figures))
@@ -333,7 +335,8 @@ def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
     seed, motion, runs = how
     base = preset(COLUMNS[0])
     points = [{LABEL: key, **differences(cell.scenario, base)} for key, cell in group.items()]
-    # A study holds the tiles of floors by name, apart from its points. Random floors are drawn in each run instead.
+    # The points have the tiles too (``floor.tiles``). But a study looks up each ``floor.source`` of its points, and
+    # refuses an unknown name, unless ``floors`` defines it. Names of random floors must not be defined there.
     floors = {
         cell.scenario.floor.source: cell.scenario.floor.tiles
         for cell in group.values()

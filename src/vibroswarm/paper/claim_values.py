@@ -62,7 +62,8 @@ def row(
 ) -> Row:
     """Return the row of an estimate with its standard error, over ``n`` runs.
 
-    If the standard error is None, not finite or 0, the value has no limits when the claim is decided.
+    A standard error that is not finite becomes None. Without a standard error above 0, the value has no limits when the
+    claim is decided, unless a caller also sets ``exact``, or ``above`` and ``below``.
 
     Args:
         claim, column, cell, cannot: see the head of this module.
@@ -117,14 +118,16 @@ def mean(
 ) -> Row:
     """Return the row of the mean over runs, minus ``less``.
 
+    The row has no standard error if nearly all runs have the same value (``_nearly_all_equal``).
+
     Args:
         values: value of each run, (runs,); runs with NaN do not count.
         less: a constant, or a published mean.
         published_runs: number of runs behind a published mean, whose error is then included; None: ``less`` is exact.
         published_sd: standard deviation between the published runs; None: the one between ``values``.
         bounded: whether values lie between -1 and 1 (beliefs and their differences). If few of them are far from the
-            median, the row also gets ``above`` and ``below`` (see ``share``), which widen its limits: rare values may
-            not have occurred in these runs.
+            median, and ``published_runs`` is None, the row also gets ``above`` and ``below`` (see ``share``), which
+            widen its limits: rare values may not have occurred in these runs.
         cannot: why the column cannot answer the question.
     """
     runs_values = np.asarray(values, dtype=np.float64)
@@ -132,6 +135,7 @@ def mean(
     runs_values = runs_values[~np.isnan(runs_values)]
     if _nearly_all_equal(runs_values):
         estimated["standard_error"] = None  # the few other values say too little about the scatter
+    # Limits from ``above`` and ``below`` would leave out the error of a published mean.
     if bounded and published_runs is None and runs_values.size and _few_far(runs_values):
         estimated |= _parts(runs_values)
     if published_runs is not None and estimated["standard_error"] is not None:
@@ -163,7 +167,10 @@ def share(
 
 
 def _nearly_all_equal(values: NDArray[np.float64]) -> bool:
-    """Return whether two runs or more have the same value, and fewer than ``FEW`` runs, and less than half, another."""
+    """Return whether nearly all runs have the same value.
+
+    At least two runs must have the most common value, and the other runs must be fewer than these and than ``FEW``.
+    """
     equal = int(np.unique(values, return_counts=True)[1].max(initial=0))  # runs with the most common value
     others = values.size - equal
     return equal >= 2 and others < FEW and others < equal

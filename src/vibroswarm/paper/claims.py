@@ -81,10 +81,11 @@ UNBOUNDED: Limits = (-math.inf, math.inf)
 def interval(row: Mapping[str, Any], level: float) -> Limits:
     """Return the lower and upper limit of a row of ``MEASURED`` at a level, see the head of this module.
 
-    An exact value is its own lower and upper limit. A row with a standard error has Student's interval. A row of values
-    between -1 and 1 has the mean of max(value, 0) in its column ``above`` and the mean of max(-value, 0) in ``below``;
-    these two means give an interval by ``mean_limits``. If a row has both intervals, the result has the smaller lower
-    limit and the larger upper limit. If it has none, the limits are infinite.
+    An exact value is its own lower and upper limit. A row with a standard error above 0 has Student's interval. A row
+    of values between -1 and 1 has the mean of max(value, 0) in its column ``above`` and the mean of max(-value, 0) in
+    ``below``; these two means give an interval by ``mean_limits``. If a row has both intervals, the result has the
+    smaller lower limit and the larger upper limit. If it has none, or its estimate is missing or not finite, the limits
+    are infinite.
 
     Args:
         row: one measured value, with the columns ``MEASURED``. level: confidence level, such as 0.95.
@@ -122,7 +123,8 @@ def mean_limits(above: float, below: float, n: int, level: float) -> Limits:
     tail = (1.0 - level) / 2
     (low_above, high_above), (low_below, high_below) = (share_limits(p, n, tail) for p in (above, below))
     rest = (1.0 - above) * (1.0 - below)
-    # r of the module's docstring; if ``above`` or ``below`` is 1, the other is 0, and r is 0 / 0, taken as 0.
+    # r of the module's docstring. It exceeds 1 only by rounding, because above + below <= 1. If ``above`` or ``below``
+    # is 1, the other is 0, and r is 0 / 0, taken as 0.
     correlation = min(math.sqrt(above * below / rest), 1.0) if rest > 0.0 else 0.0
     # The mean may be lower if ``above`` is lower or ``below`` is higher, and higher the other way round.
     down = _combined(above - low_above, high_below - below, correlation)  # w(above, below)
@@ -273,7 +275,8 @@ def claims_from(text: str) -> tuple[Claim, ...]:
     """Parse claims from a TOML text.
 
     Raises:
-        InputError: invalid TOML, an unknown key, an invalid claim, a claim without unit, or a repeated id.
+        InputError: invalid TOML, no claims, an unknown key, an invalid claim, a claim without unit, or a repeated id.
+        TypeError: a claim lacks a required key.
     """
     try:
         tables = tomllib.loads(text)["claim"]
@@ -407,7 +410,8 @@ def settle(
 def decide(measured: pl.DataFrame, claims: Sequence[Claim] | None = None) -> list[Decided]:
     """Decide all claims in all columns in which they were measured; return the verdicts by column and claim.
 
-    The claims of a column are one family for the corrections, and the checks of the column are another family.
+    The claims of a column are one family for the corrections, and the checks of the column are another family. Measured
+    values of other claims, and of columns to which their claim does not apply (``Claim.columns``), are ignored.
 
     Args:
         measured: table with the columns of ``MEASURED``. claims: claims to decide; None: all.

@@ -102,7 +102,8 @@ def scenario_of(
     fitted to larger swarms, which keep the network of the preset.
 
     Args:
-        column: one of ``COLUMNS``. values: fields to set, by dotted name. parameter_set: P* or P0.
+        column: one of ``COLUMNS``. values: fields to set, by dotted name; they override those of P0.
+        parameter_set: ``OPTIMISED`` (P*, which the presets have) or ``EMPIRICAL`` (P0).
         control: negative control, one of ``CONTROLS``; None: no control.
     Raises:
         InputError: no such control.
@@ -114,8 +115,8 @@ def scenario_of(
         changes["network.name"] = "loss_by_size"
     if parameter_set == EMPIRICAL:
         changes |= parameters("P0")
-        # In a fitted preset, robots turn at another distance than the commanded one. The fit was made with P*, and the
-        # same factor between the two distances is used for P0.
+        # In a fitted preset, robots may turn at another distance than the commanded one. Presets have P*, and the same
+        # factor between the two distances is used for P0. It is 1 in all of ``COLUMNS``.
         commanded = parameters("P_star")[_THRESHOLD]
         changes[_THRESHOLD] = float(changes[_THRESHOLD]) * base.walk.avoidance_threshold_mm / commanded
     changes |= values or {}
@@ -152,7 +153,7 @@ def _controlled(scenario: Scenario, control: str) -> dict[str, Any]:
 
 
 def standing(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of robots that hardly move and never avoid.
+    """Return the fields, by dotted name, of robots that hardly move and never avoid.
 
     The distances between the wheels shrink as the speed does, so robots turn as fast as before. Robots never avoid,
     because nothing is nearer than the threshold 0.

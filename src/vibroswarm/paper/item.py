@@ -149,8 +149,8 @@ class Work:
         Args:
             claim: id of the claim. column: preset of the reproduction. label: names the value for people.
             name: name of the figure. first, second: keys of the cells.
-            check: whether to check that the column can answer the question; if not, the row states why. Figures of how
-                robots walk (``WALKED``) are never checked, because they can be compared on any floor.
+            check: whether to check that the column can answer the question; if it cannot, the row states why. Figures
+                of how robots walk (``WALKED``) are never checked, because they can be compared on any floor.
         """
         values = self.difference(name, first, second)
         cannot = self.cannot(first, second) if check and name not in WALKED else None
@@ -256,8 +256,8 @@ def _side(scenario: Scenario) -> str | None:
     """
     verdict = decidability(scenario)
     if is_random(scenario.floor.source) and scenario.sensor.edge_reach_m is not None:
-        # ``decidability`` uses one floor. Random floors of one fill ratio differ in the length of their edges, so the
-        # mean over floors is used here.
+        # Vibration crosses edges, and random floors of one fill ratio differ in the length of their edges, and so in
+        # the share of ones. ``decidability`` uses one of these floors; here the mean over floors is used.
         # ``decidability`` always gives a fill ratio; ``or 0.0`` is for type checkers.
         fill_ratio = verdict.fill_ratio or 0.0
         expected_share = expected_ones(scenario, fill_ratio)
@@ -272,7 +272,7 @@ def _side(scenario: Scenario) -> str | None:
 def _edges(scenario: Scenario) -> str | None:
     """Return a reason if tiles are smaller than those on which the edge response was fitted, and None otherwise.
 
-    Without an edge response, the size of tiles does not matter, and the result is None.
+    If edges have no reach (None or 0), the size of tiles does not matter, and the result is None.
     """
     reach_m = scenario.sensor.edge_reach_m
     if not reach_m:
@@ -321,6 +321,8 @@ def code_hash() -> str:
 def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
     """Return 16 hexadecimal digits that change with everything the item's tables depend on.
 
+    Of the settings, ``workers`` changes no table, and ``Item.also`` covers ``recordings``.
+
     Args:
         item: the item. settings: options of the reproduction. cells: the item's cells.
     """
@@ -332,8 +334,8 @@ def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
         "columns": settings.columns,
         "control": settings.control,
         "also": item.also(settings),
-        "versions": versions(),  # their hash of the code is of what runs depend on
-        "code": code_hash(),  # of this module: that of all code and data
+        "versions": versions(),  # among them ``core.code_version.code_hash``, of the sources of the simulation
+        "code": code_hash(),  # the function above, of other sources and of data files
     }
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 

@@ -79,7 +79,8 @@ def hash_of(folder: Path) -> str:
 def read_recordings(folder: Path, names: tuple[str, ...]) -> Recording:
     """Read the logs with these file names as one recording, in which each log is a session (run).
 
-    The files must exist, see ``missing``.
+    The files must exist, see ``missing``. Fields of the recording's scenario that neither the logs nor the floor
+    determine have the values of preset ``paper``.
     """
     floor = Floor.filling(read_tiles(folder / FLOOR, SIZE), name=FLOOR)
     return recording_of([read_log(folder / name) for name in names], floor, preset("paper"))

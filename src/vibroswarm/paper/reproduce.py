@@ -55,7 +55,8 @@ def background(work: Callable[[Check], None] | None) -> Iterator[Check]:
 
     Each thread gets a check, a function that it calls now and then. The check of the work raises ``Cancelled`` after
     the body has ended by an exception, so that the work ends too. The check of the body raises an exception that the
-    work has raised; so does leaving the ``with`` block, which first waits for the thread.
+    work has raised; so does leaving the ``with`` block, which first waits for the thread. If the body itself raises an
+    exception, that exception leaves the block, and one that the work has raised is dropped.
 
     Args:
         work: called with its check; None: nothing is run.
@@ -91,7 +92,7 @@ def background(work: Callable[[Check], None] | None) -> Iterator[Check]:
     thread.start()
     try:
         yield check_raised
-        thread.join()
+        thread.join()  # before ``stop`` is set, so that the work completes; Ctrl-C ends this wait too
     except KeyboardInterrupt:
         patience_s = INTERRUPTED_S
         raise
@@ -160,7 +161,7 @@ class Reproduction(NotebookView):
 
     settings: Settings
     made: tuple[ItemResult, ...]
-    """All items with their tables, in the paper's order."""
+    """The requested items with their tables, in the order of the request; skipped items are included."""
     cells: dict[str, Cell]
     """Cells of the items that were not skipped, by key."""
     results: CellResults | None
@@ -316,7 +317,7 @@ class _MissingItems:
 
         report_progress(0.0)
         place = self.folder / ITEMS / item.name
-        # Whether a claim can be asked is judged without the negative control.
+        # ``Work.cannot`` judges the cells without the negative control, whose effect must show in the verdicts.
         plain = item.cells(replace(self.settings, control=None)) if self.settings.control else None
         tables = item.compute(
             Work(

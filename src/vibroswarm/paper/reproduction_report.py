@@ -53,7 +53,7 @@ def write_all(
     Args:
         made: results of the reproduction. folder: folder to write into.
         progress: called with the share of the pictures that is drawn, 0 to 1.
-        pictures: whether to draw pictures; without them there is no ``figures/``.
+        pictures: whether to draw pictures; without them ``figures/`` is not written, and an existing one stays.
     """
     decided = made.decided
     _write_tables(made, decided, folder / TABLES)
@@ -146,7 +146,9 @@ def _value_words(one: Decided) -> str:
 
 
 def _range_words(cells: pl.DataFrame, claim: Claim) -> str:
-    """Return the range of several estimates, or one estimate with its interval if the interval has a width.
+    """Return the range of several estimates, or one estimate with its interval, in words.
+
+    The interval is left out if one of its limits is infinite, or if it has no width.
 
     Args:
         cells: rows of ``Decided.cells`` with an estimate, at least one. claim: gives the unit and decimals.
@@ -156,7 +158,7 @@ def _range_words(cells: pl.DataFrame, claim: Claim) -> str:
     if len(values) > 1:
         return f"{min(values):.{decimals}f} to {max(values):.{decimals}f}"
     low, high = cells.select("low", "high").row(0)
-    # Two limits, or fewer if a limit is infinite (None), or if the value is exact, with equal limits.
+    # Infinite limits are None in ``Decided.cells``. The limits of an exact value are equal.
     limits = [f"{claim.scale * end:.{decimals}f}" for end in (low, high) if end is not None and low != high]
     return f"{values[0]:.{decimals}f}" + (f" [{', '.join(limits)}]" if len(limits) == 2 else "")
 
@@ -438,7 +440,8 @@ def _table(one: ItemResult, shown: TableView, name: str, command: str) -> Report
 
     Args:
         one: the item with its tables. shown: the table to show, with its caption and columns.
-        name: name of the table's CSV file. command: sentence with the command that makes the item.
+        name: file name, without suffix, of the CSV that the page's link saves; not a file in ``tables/``.
+        command: sentence with the command that makes the item.
     """
     frame = one.tables.get(shown.table)
     if frame is None or frame.is_empty():
@@ -446,5 +449,6 @@ def _table(one: ItemResult, shown: TableView, name: str, command: str) -> Report
     caption = f"{shown.caption} {command}"
     if "command" in frame.columns:
         caption += f" First row: `{frame['command'][0]}`."
+    # Not every table of cells has every column of a form: "printed_s", for example, exists only in some.
     columns = [column for column in shown.columns if column in frame.columns]
     return ReportTable(frame.select(columns), shown.columns, caption, name)

@@ -44,7 +44,8 @@ LARGEST: Final = {"robots": 100, "t_end_s": 10_000.0, "runs": 100_000}
 _WHOLE: Final = ("decision", "samples", "sent", "messages_received", "alpha", "beta")
 """Columns of whole numbers, which must be equal with any versions."""
 _NEAR: Final = 1e-6
-"""Largest difference of other numbers with other versions: relative for figures above 1, otherwise absolute."""
+"""Largest difference of other numbers with other versions: relative for figures of cells above 1, otherwise absolute.
+Decision times of robots may differ by half a tick."""
 CELLS: Final = Schema(
     {
         **dict.fromkeys(("key", "column", "scenario"), pl.String), "block": pl.Int64, "seed": pl.Int64,
@@ -230,7 +231,8 @@ def _tables(archive: Zipped, cells: pl.DataFrame) -> list[str]:
 def _verdicts(archive: Zipped) -> list[str]:
     """Check that the verdicts in ``claims.csv`` follow from ``measured.csv``; return the errors in words.
 
-    An archive without measured values has no verdicts to check.
+    The other columns of ``claims.csv``, with the words of the claims and the measured values in words, are not
+    compared. An archive without measured values has no verdicts to check.
     """
     if "measured.csv" not in archive.names:
         return []
@@ -292,7 +294,8 @@ def check_work(cells: Iterable[Cell], runs: int, name: str) -> None:
     """Refuse an archive whose cells would take too long to compute.
 
     Args:
-        cells: cells to compute. runs: runs of a cell without a number of its own. name: name of the file, for errors.
+        cells: cells to compute. runs: runs of the reproduction, of which a cell may have fewer (``Cell.runs``).
+        name: name of the file, for errors.
     Raises:
         InputError: a run would have too many samples, or all runs together would take too long.
     """
@@ -408,7 +411,7 @@ def _runs_that_differ(
             tolerance = 0.0
         elif name == "decision_time_s":
             tolerance = time_error_s
-        else:
+        else:  # the beliefs, which are at most 1, so that an absolute tolerance suits all
             tolerance = _NEAR
         differs |= ~np.isclose(a, b, rtol=0.0, atol=tolerance, equal_nan=True)
     return sorted({int(run) for run in here["run"].to_numpy()[differs]})

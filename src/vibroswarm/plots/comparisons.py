@@ -2,7 +2,8 @@
 
 A picture has one row for each comparison or cell (see ``layout.Rows``). The outcomes of runs are right, wrong (all
 robots decided right, or all wrong), split (robots decided differently), incomplete (a robot is undecided) and truth
-undefined (no decision is right). The parts of a bar always add up to all runs.
+undefined (all robots made the same decision, but neither decision is right on this floor). Each run has exactly one of
+them, so that the parts of a bar add up to all runs.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def draw_forest(
 ) -> Picture:
     """Draw one row per comparison: the difference, its interval, and counts of wins, ties and losses.
 
-    Marks are full if the interval excludes 0, else open.
+    Marks are full if the interval is known and excludes 0, else open. The counts are written if any row has ``wins``.
 
     Args:
         frame: one row per comparison with the columns ``comparison`` (text) and ``difference, low, high`` (null: no
@@ -56,7 +57,8 @@ def draw_forest(
         Picture; its numbers are the columns named above.
 
     Raises:
-        InputError: the frame is not as described, or an interval does not contain its difference.
+        InputError: the frame is not as described, a comparison is repeated, or an interval does not contain its
+            difference.
     """
     sizes = style_named(style)
     counted = ("wins", "ties", "losses")
@@ -114,6 +116,7 @@ def _row(rows: Rows, style: Style, row: int, values: dict[str, Any], with_counts
             markerfacecolor="#ffffff" if is_open else SERIES[0], markeredgewidth=rows.line_pt, zorder=3,
         )  # fmt: skip
     if with_counts:
+        # 7 digits, so that counts of a million and more are not rounded either
         counts = (number(values[name], digits=7) for name in ("wins", "ties", "losses"))
         rows.note(row, " / ".join(counts))
 
@@ -147,7 +150,7 @@ def draw_outcomes(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw one bar per cell, divided by the outcomes of its runs.
+    """Draw one bar per cell, divided by the outcomes of its runs; the share of right runs is also written beside it.
 
     Args:
         frame: one row per cell with the columns ``cell`` (text) and the counts of runs ``right``, ``wrong``, ``split``,
@@ -159,7 +162,8 @@ def draw_outcomes(
         style: "column", "page" or "slide".
 
     Returns:
-        Picture; its numbers are ``cell, runs, right, ..., truth_undefined`` (shares) and ``right_low, right_high``.
+        Picture; its numbers are ``cell``, ``runs`` (a count), ``right, wrong, split, incomplete, truth_undefined``
+        (shares; null: the cell has no runs) and ``right_low, right_high``.
 
     Raises:
         InputError: the frame is not as described, a count is negative, or a cell is repeated.
@@ -172,7 +176,7 @@ def draw_outcomes(
     if frame.select((pl.min_horizontal(kinds) < 0).any()).item():
         raise InputError("a count of runs is negative", field="right")
     frame = frame.with_columns(runs=pl.sum_horizontal(kinds))
-    # The legend needs an entry, even if there are no runs.
+    # Without any runs, the legend has one entry, "right".
     seen = [kind for kind in kinds if frame[kind].sum() > 0] or kinds[:1]
     words = [kind.replace("_", " ") for kind in seen]
     names = words if unit == "run" else [f"{kind} ({unit}s)" for kind in words]
@@ -227,7 +231,7 @@ def _bar(
         left += width
     low, high = values["right_low"], values["right_high"]
     if low is not None and high is not None:
-        # a white line below makes the dark one visible on a hatch
+        # a wider white line under the dark one makes it visible on a hatch
         for colour, width in (("#ffffff", 3.0), (INK, 1.2)):
             axes.plot([low, high], [row, row], color=colour, linewidth=rows.line_pt * width, zorder=3)
             for end in (low, high):

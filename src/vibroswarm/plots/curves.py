@@ -72,7 +72,8 @@ def draw_incidence(
         times that are drawn: at most ``STEPS_UP_TO`` for each series.
 
     Raises:
-        InputError: the frame is not as described, or shares fall with time or add up to more than 1.
+        InputError: the frame is not as described, shares fall with time, are below 0 or add up to more than 1, or a
+            share lies outside its limits.
     """
     sizes = style_named(style)
     frame = tidy(
@@ -121,7 +122,8 @@ def _undecided(series: Sequence[str], parts: Sequence[pl.DataFrame]) -> str:
     """Write the share of runs or robots that are undecided at the end of each series: "soft 12 %; none 40 %".
 
     Args:
-        series: names of the series, empty for a single one. parts: rows of each series, sorted by time.
+        series: names of the series; a single series may have an empty name, which is not written.
+        parts: rows of each series, sorted by time.
     """
     undecided = [1 - part["right"][-1] - part["wrong"][-1] for part in parts]
     return "; ".join(
@@ -133,7 +135,7 @@ def _undecided(series: Sequence[str], parts: Sequence[pl.DataFrame]) -> str:
 def _checked(part: pl.DataFrame) -> pl.DataFrame:
     """Check that ``part``, the rows of one series sorted by time, has cumulative shares, and return it unchanged.
 
-    Rounding errors of 1e-9 are allowed.
+    For rounding errors, shares may fall by 1e-9 from one time to the next, and add up to 1 + 1e-9.
 
     Raises:
         InputError: a share falls with time, or right and wrong are below 0 or add up to more than 1.
@@ -239,6 +241,8 @@ def draw_belief(
 ) -> Picture:
     """Draw quantiles over time, one panel per series: bands from pairs of quantiles, a line for the median.
 
+    The axis of values shows 0 to 1. Values outside are not refused, but lie outside the panel.
+
     Args:
         frame: one row per time with the column ``time_s``, columns of quantiles, and for several panels ``series``
             (text). A quantile is named by its percentage in two digits, ``q05, q25, q50, q75, q95``, or with a decimal
@@ -257,7 +261,8 @@ def draw_belief(
         ``STEPS_UP_TO`` for each series.
 
     Raises:
-        InputError: the frame is not as described, quantiles are out of order, or there are more than 8 series.
+        InputError: the frame is not as described, a quantile is on the wrong side of the median, or there are more than
+            ``PANELS_UP_TO`` series.
     """
     sizes = style_named(style)
     pairs = quantile_pairs(frame)
@@ -328,10 +333,12 @@ def _percent(name: str) -> str:
 
 
 def _check_order(frame: pl.DataFrame, pairs: Sequence[tuple[str, str]]) -> None:
-    """Refuse a frame in which a quantile lies on the wrong side of the median in some row.
+    """Check that in each row every quantile lies on its side of the median.
+
+    Quantiles on the same side, such as q05 and q25, are not compared with each other. Missing values are not checked.
 
     Raises:
-        InputError: quantiles are out of order.
+        InputError: a quantile lies on the wrong side.
     """
     for low, high in pairs:
         if frame.select(((pl.col(low) > pl.col("q50")) | (pl.col("q50") > pl.col(high))).any()).item():
@@ -400,13 +407,14 @@ def draw_detection(
         Picture; its numbers are ``fill_ratio, series, missed, low, high, runs``.
 
     Raises:
-        InputError: the frame is not as described, ``missed`` is not in 0 to 1, or an interval does not contain it.
+        InputError: the frame is not as described, ``missed`` is not in 0 to 1 or not in its interval, a curve has two
+            rows of the same fill ratio, or ``log`` is true and a fill ratio is not above 0.
     """
     sizes = style_named(style)
     frame = tidy(frame, numbers=("fill_ratio", "missed", "low", "high"))
     if frame.select(((pl.col("missed") < 0) | (pl.col("missed") > 1)).any()).item():
         raise InputError("contains a number outside 0 to 1, which is not a probability", field="missed")
-    # the columns get the names that ``draw_estimates`` reads
+    # the columns get the names that ``checked_estimates`` and ``draw_estimates`` read
     frame, series = checked_estimates(frame.rename({"fill_ratio": "x", "missed": "estimate"}))
     named = series if len(series) > 1 else []
     figure, axes = plain_axes(sizes, x_label, label, title=title, legend=named)

@@ -5,7 +5,7 @@ runs count as later than the end, and a shaded band right of the end stands for 
 
 | name | symbol | equation |
 |---|---|---|
-| density | g(v) | Gaussian kernels at the decided runs, over all runs: it integrates to the share decided |
+| density | g(v) | sum of Gaussian kernels at the decided runs / all runs; its integral over all v: the share decided |
 | bandwidth | h | 0.9 min(sd, IQR / 1.34) n^(-1/5), Silverman (1986), eq. 3.31 |
 """
 
@@ -45,15 +45,16 @@ def draw_boxes(
             several boxes in a cell ``series`` (text). Cells and series are drawn in order of appearance.
         label: of the axis, with its unit.
         t_end: end of the runs, in the unit of the axis. Undecided runs then count as later than ``t_end``, and
-            quantiles that fall among them are drawn in the shaded band. If it is None, undecided runs are not drawn;
-            only their share is written at the right.
+            quantiles that fall among them are drawn in the shaded band. If it is None, quantiles are those of the
+            decided runs, and undecided runs are not drawn; only their share is written at the right.
         missing: word for runs without a value.
         title: above the picture.
         style: "column", "page" or "slide".
 
     Returns:
-        Picture; its numbers have ``cell, series, mark`` ("box" or "run"), ``runs, undecided``, the quantiles
-        ``q05, q25, median, q75, q95`` of a box (null: later than t_end) and the ``value`` of a run.
+        Picture; its numbers have one row per box and one per run that is drawn by itself: ``cell, series, mark`` ("box"
+        or "run"), ``runs, undecided``, the quantiles ``q05, q25, median, q75, q95`` of a box (null: later than t_end;
+        or, without t_end, no run is decided) and the ``value`` of a run (null: undecided).
 
     Raises:
         InputError: the frame is not as described, or a value is later than ``t_end``.
@@ -169,15 +170,20 @@ def draw_violins(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw one violin per cell and series; its area is proportional to the share of runs that are decided.
+    """Draw one violin per cell and series: its area shows which share of the runs is decided.
+
+    A violin ends at its least and its greatest run. The tails of the density beyond them are cut off, so that with few
+    runs its area is clearly smaller than that of a violin of many runs with the same share. A group whose decided runs
+    all have the same value is drawn as a line, without area.
 
     A bar in the band after ``t_end`` shows the share of undecided runs. The arguments ``frame``, ``label``, ``t_end``,
     ``missing``, ``title`` and ``style`` are those of ``draw_boxes``.
 
     Returns:
         Picture; its numbers have one row per point of an outline: ``cell, series, runs, undecided``, the quantiles
-        ``median, q25, q75`` (null: later than t_end), and the outline's ``value`` and ``density`` (per unit of the
-        value; null if all runs have the same value).
+        ``median, q25, q75`` (null: later than t_end; or, without t_end, no run is decided), and the outline's ``value``
+        and ``density`` (per unit of the value; null if all decided runs have the same value). A group without decided
+        runs has one row, without value and density.
 
     Raises:
         InputError: the frame is not as described, or a value is later than ``t_end``.
@@ -185,8 +191,8 @@ def draw_violins(
     sizes = style_named(style)
     plane = plane_of(sizes, frame, label, t_end, missing, title)
     shapes = [violin(group) for group in plane.groups]
-    # All violins have the same scale of density, so that their areas can be compared. Without densities the peak does
-    # not matter, since nothing is divided by it.
+    # All violins have the same scale of density, so that their areas can be compared. If no violin has a density, the
+    # default has no effect, since only empty arrays are divided by it.
     peak = max((float(density.max()) for _, density in shapes if density.size), default=1.0)
     tables = []
     for group, (values, density) in zip(plane.groups, shapes, strict=True):
@@ -210,9 +216,11 @@ _MARKED = ("median", "q25", "q75")
 def violin(group: Group) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the outline of a violin: ``POINTS`` values from the least to the greatest run, and the density at each.
 
-    The density is per unit of the value, over all runs, so that its integral is the share of decided runs. If all
-    decided runs have the same value, or there is one only, the first array has this value alone, and the second is
-    empty. Without decided runs both are empty.
+    The density is per unit of the value, over all runs: from minus to plus infinity it integrates to the share of
+    decided runs. The outline has a smaller area, since it lacks the tails beyond the least and the greatest run.
+
+    If all decided runs have the same value, or there is one only, the first array has this value alone, and the second
+    is empty. Without decided runs both are empty.
     """
     values = group.values
     if values.size < 2 or values[0] == values[-1]:
@@ -226,8 +234,9 @@ def violin(group: Group) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     width = max(0.9 * min(spread, from_quartiles or spread) * values.size**-0.2, LEAST_WIDTH)
     places = np.linspace(0, 1, POINTS)
     # The kernels are placed at the centres of at most 1000 fine bins, not at the runs, so that the work is bounded.
-    # Each kernel has the area 1 and counts as often as its bin has runs, so that ``kernels @ counts / group.runs`` has
-    # the share decided as its area. Division by the range makes it a density per unit of the value.
+    # Each kernel has the area 1, with its tails, and counts as often as its bin has runs, so that
+    # ``kernels @ counts / group.runs`` has the share decided as its area. Division by the range makes it a density per
+    # unit of the value.
     counts, edges = np.histogram(scaled, bins=min(values.size * 4, 1000), range=(0, 1))
     centres = (edges[1:] + edges[:-1]) / 2
     kernels = np.exp(-0.5 * ((places[:, None] - centres) / width) ** 2) / (width * np.sqrt(2 * np.pi))

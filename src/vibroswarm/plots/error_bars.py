@@ -49,7 +49,8 @@ def draw_error_bars(
 ) -> Picture:
     """Draw estimates with intervals: over a numeric x as points joined by lines, over names as one row each.
 
-    A series that does not depend on a numeric x is drawn as a level line with a band across the picture.
+    A series that does not depend on a numeric x (a constant series) is drawn as a level line with a band across the
+    picture. If all series are constant, they are drawn as curves like any others.
 
     Args:
         frame: one row per mark with the columns ``x`` (number or text) and ``estimate, low, high`` (null: no value),
@@ -61,8 +62,8 @@ def draw_error_bars(
         percent: whether estimates are shares, written in percent.
         spans: whether low and high are a range (such as that of several settings) instead of an interval of the
             estimate. Then bands are drawn instead of bars.
-        constant: names of the series that do not depend on x; each is drawn with its values at its least x. If it is
-            empty, these are found by their values: see ``is_constant``.
+        constant: names of the series that do not depend on a numeric x; each is drawn with its values at the least x at
+            which it has an estimate. If it is empty, they are detected by their values: see ``is_constant``.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -70,7 +71,8 @@ def draw_error_bars(
         Picture; its numbers are ``x, series, estimate, low, high, runs``.
 
     Raises:
-        InputError: the frame is not as described.
+        InputError: the frame is not as described, a series has two rows of the same x, an estimate lies outside its
+            interval, or ``log`` is true and an x is not above 0.
     """
     sizes = style_named(style)
     frame, series = checked_estimates(frame)
@@ -102,10 +104,11 @@ def checked_estimates(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
     """Check the ``frame`` of ``draw_error_bars``, and bring its columns into one form.
 
     Returns:
-        The frame, with a column ``series``, numbers as Float64 and missing numbers as null; and the names of the series
-        in order of appearance.
+        The frame, with the columns ``series`` and ``runs`` in any case, numbers as Float64 and missing numbers as null;
+        and the names of the series in order of appearance.
     Raises:
-        InputError: the frame is not as ``draw_error_bars`` describes it.
+        InputError: the frame is not as ``draw_error_bars`` describes it, a series has two rows of the same x, or an
+            estimate lies outside its interval.
     """
     numeric = "x" in frame.columns and frame.schema["x"].is_numeric()
     frame = tidy(
@@ -282,8 +285,8 @@ def _merged(parts: Sequence[pl.DataFrame], constant: Sequence[int]) -> dict[int,
     """Group the constant series that have equal values: map the first index of each group to all indices of the group.
 
     Args:
-        parts: rows of all series, sorted by x. constant: indices of the constant series. Series are compared by their
-            first rows, which are the ones that are drawn.
+        parts: rows of all series, sorted by x. constant: indices of the constant series. Series are compared by the row
+            with which each is drawn, see ``_level``.
     """
     sets: dict[tuple[float, ...], list[int]] = {}
     for k in constant:

@@ -42,10 +42,11 @@ def draw_front(
     title: str = "",
     style: str = "column",
 ) -> Picture:
-    """Draw time and error of each choice; those on the Pareto front have full marks and names, and are joined by steps.
+    """Draw time and error of each choice; those on the Pareto front have full marks and are joined by steps.
 
-    The names stand beside the points. If there are many names, or long ones, numbers stand beside the points, and the
-    names stand below the picture.
+    Names stand beside the points: of all choices if there are at most ``DIRECT_UP_TO``, else of those on the front. If
+    they do not fit there, only choices on the front have names: numbers stand beside the points, and numbers with names
+    stand below the picture.
 
     A choice is on the front if no other choice is at least as good in both time and error, and better in one of them.
     Only the estimates are compared: where intervals overlap, it is not certain which choice is better.
@@ -62,10 +63,10 @@ def draw_front(
 
     Returns:
         Picture; its numbers are the columns named above with ``front`` and ``number``, the place on the front by time,
-        from 1 (null: not on the front).
+        from 1 (null: not on the front). They include the choices that are not drawn.
 
     Raises:
-        InputError: the frame is not as described.
+        InputError: the frame is not as described, or a time or an error lies outside its interval.
     """
     sizes = style_named(style)
     frame = tidy(
@@ -101,7 +102,10 @@ def draw_front(
 def _write_names(
     figure: Any, axes: Any, sizes: Style, known: pl.DataFrame, chosen: pl.DataFrame, named: pl.DataFrame
 ) -> None:
-    """Write names beside points. If they are many or too long, write numbers there and the names below.
+    """Write names beside points. If they do not fit there, write numbers beside the points and the names below.
+
+    Names do not fit if there are more than ``DIRECT_UP_TO``, or if ``label_points`` writes none: one of them is too
+    wide, or would leave the axes or hide a point or another name.
 
     Args:
         sizes: the style. known: all points that are drawn. chosen: the points on the front.
@@ -130,11 +134,11 @@ def on_front(time: NDArray[np.float64], error: NDArray[np.float64]) -> NDArray[n
         time, error: of the points, (points,) each; all finite.
     """
     by_time = np.lexsort((error, time))  # sorted by time, and points of equal time by error
-    # The least error of the points so far, and the time of the point that has it.
+    # Error and time of the latest point of the front, which has the least error so far.
     least_error, time_of_least = np.inf, -np.inf
     front = np.zeros(time.size, dtype=bool)
     for k in by_time:
-        # better than all points of less or equal time, or equal to the best of them
+        # less error than all points before it, or equal in time and error to the latest point of the front
         if error[k] < least_error or (error[k] == least_error and time[k] == time_of_least):
             front[k] = True
             least_error, time_of_least = error[k], time[k]

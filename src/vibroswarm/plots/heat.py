@@ -50,7 +50,8 @@ def draw_heat(
         frame: one row per cell with the columns ``x`` and ``y`` (numbers, which are sorted, or text, in order of
             appearance), ``value`` (null: no value), and if known ``runs``. Cells without value or row are hatched.
         x_label: of x. y_label: of y. label: of the value; all with their units.
-        best: which cell to outline: the one with the "low"est or the "high"est value; None: no cell.
+        best: which value is best, "low" (the lowest) or "high" (the highest): all cells with this value are outlined.
+            None: no cell is outlined.
         best_within: also outline all cells whose values are at most this far from the best.
         digits: significant digits of the numbers in the cells; the numbers are left out if they do not fit.
         title: above the picture.
@@ -60,7 +61,8 @@ def draw_heat(
         Picture; its numbers are ``x, y, value, runs, best`` (whether outlined).
 
     Raises:
-        InputError: the frame is not as described, or a cell is repeated.
+        InputError: the frame is not as described, a number of x or y is missing, a cell is repeated, or ``best`` is
+            neither "low" nor "high" nor None.
     """
     sizes = style_named(style)
     if best not in (None, "low", "high"):
@@ -134,7 +136,7 @@ def _draw_heat(
         digits: significant digits of the numbers in the cells.
     """
     rows, columns = grid.shape
-    # More than 12 rows are so low that numbers do not fit into their cells: then the rows need less height.
+    # Many rows get little more than the least height, so that the map does not become tall.
     row_in = style.row_in if rows <= 12 else style.least_row_in * 1.15
     height = max(style.height_in, min(style.tallest_in, style.height_in * 0.45 + rows * row_in))
     figure = new_figure(style, height_in=height, title=title)
@@ -224,7 +226,7 @@ def _name_ticks(axis: Any, style: Style, values: list[Any], room_pt: float, *, u
     axis.set_tick_params(length=0)
     if turned:
         for label in axis.get_ticklabels():
-            # Labels at 45 degrees, which are easier to read, need cells wider than a line; otherwise they are upright.
+            # Labels at 45 degrees are easier to read than at 90 degrees, but need cells wider than a line.
             label.set_rotation(45 if pitch > line else 90)
             label.set_ha("right" if pitch > line else "center")
             label.set_rotation_mode("anchor" if pitch > line else "default")
@@ -302,19 +304,19 @@ def draw_density(
 ) -> Picture:
     """Draw the density of samples (samples per area) over the arena, with the tiles on top.
 
-    The density is relative to that of uniform sampling, which is 1 everywhere. Borders between vibrating and still
-    tiles are double lines; vibrating tiles have a dot.
+    The density is relative to that of uniform sampling, which is 1 everywhere. Vibrating tiles have a dot; a double
+    line separates them from still tiles and from what lies outside the floor.
 
     Args:
         frame: one row per sample with the columns ``x_m, y_m``; or one row per place, with the number of samples there
             in ``count`` (null: 0). A column ``count`` of nulls alone counts as absent.
         width_m: of the arena. height_m: of the arena.
         bins: number of bins along the longer side; bins are nearly square.
-        tiles: (rows, columns) of 0 and 1, row 0 at the top; None: no tiles are drawn.
+        tiles: (rows, columns), 1 vibrating and 0 still, row 0 at the top; None: no tiles are drawn.
         tile_size_m: width and height of a tile; None: the tiles fill the arena.
         corner_m: lower left corner of the floor in the arena.
-        highest: density at the upper end of the colours; None: the highest density of a bin. Bins above it have the
-            colour of the end, and the caption counts them.
+        highest: density at the upper end of the colours; None or 0: the highest density of a bin. Bins above it have
+            the colour of the end, and the caption counts them.
         title: above the picture.
         style: "column", "page" or "slide".
 
@@ -322,7 +324,8 @@ def draw_density(
         Picture; its numbers are ``x_low_m, x_high_m, y_low_m, y_high_m, count, density``.
 
     Raises:
-        InputError: the frame is not as described, a sample is outside the arena, or there are none.
+        InputError: the frame is not as described, the arena has no area, ``bins`` is below 1, a sample is outside the
+            arena, or the number of samples is 0.
     """
     sizes = style_named(style)
     frame = tidy(frame, numbers=("x_m", "y_m"), optional_numbers=("count",), complete=("x_m", "y_m"))
@@ -436,10 +439,11 @@ def _tiles(
     corner_m: tuple[float, float],
     arena_m: tuple[float, float],
 ) -> None:
-    """Draw the borders of vibrating tiles and a dot in each of them.
+    """Draw a line around each area of vibrating tiles, and a dot in each vibrating tile.
 
     Args:
-        tiles: (rows, columns), row 0 at the top. size_m: width and height of a tile; None: the tiles fill the arena.
+        tiles: (rows, columns), 1 vibrating and 0 still, row 0 at the top.
+        size_m: width and height of a tile; None: the tiles fill the arena.
         corner_m: lower left corner of the floor in the arena. arena_m: width and height of the arena.
     """
     from matplotlib.collections import LineCollection

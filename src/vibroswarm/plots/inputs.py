@@ -43,6 +43,8 @@ def tidy(
 ) -> pl.DataFrame:
     """Check the columns of a frame, and convert numbers to Float64 (NaN becomes null) and texts to String.
 
+    Columns of booleans, and of nulls alone, count as columns of numbers too. A missing text becomes "(no name)".
+
     Args:
         frame: one row per mark, or per run.
         numbers: required columns of numbers. texts: required columns that are converted to text.
@@ -86,7 +88,7 @@ def tidy(
 def with_series(frame: pl.DataFrame) -> tuple[pl.DataFrame, list[str]]:
     """Return the frame with a text column ``series``, and the names of the series in order of appearance.
 
-    A frame without the column gets one series with an empty name.
+    A frame without the column gets one series with an empty name. A missing name becomes "(no name)".
 
     Raises:
         InputError: there are more series than markers, so that they could not be distinguished.
@@ -111,7 +113,7 @@ def check_once(frame: pl.DataFrame, columns: Sequence[str]) -> None:
     """
     repeated = frame.filter(pl.struct(*columns).is_duplicated())
     if repeated.height:
-        # an empty text is the name of a single series, which the frame did not have
+        # an empty name is not shown: ``with_series`` gives it if the frame has no column of series
         values = ", ".join(f"{name} {repeated[name][0]}" for name in columns if repeated[name][0] != "")
         raise InputError(f"two rows have {values}; each place holds one", field=columns[0])
 
@@ -210,7 +212,7 @@ def quantile(group: Group, q: float, *, censored: bool) -> float | None:
         q: which quantile, 0 to 1.
         censored: whether undecided runs count as later than all others; if not, they are left out.
     Returns:
-        The quantile; None if it falls among the undecided runs, or if there are no runs.
+        The quantile; None if one of the neighbouring runs is undecided, or if there are no runs.
     """
     size = group.runs if censored else group.values.size
     if size == 0:
@@ -228,7 +230,7 @@ def plane_of(
     """Make the figure for boxes or violins, and split the runs into groups.
 
     The rows, the axis, the band for undecided runs and the shares of undecided runs are drawn; the caller draws the
-    boxes or violins. The arguments are those of ``draw_boxes``.
+    boxes or violins. ``style`` has the sizes of the picture; the other arguments are those of ``draw_boxes``.
 
     Raises:
         InputError: the frame is not as ``draw_boxes`` describes it, or a value is later than ``t_end``.
@@ -353,7 +355,7 @@ def series_legend(plane: Plane, style: Style, *, marks: bool = False) -> None:
 
 
 def group_caption(plane: Plane, missing: str) -> str:
-    """Write the part of a caption that tells the number of runs, and how many have no value and how they are drawn.
+    """Write the part of a caption with the number of runs, how many of them have no value, and how those are drawn.
 
     ``missing`` is the word for a run without a value, such as "undecided".
     """

@@ -55,7 +55,9 @@ SYMBOLS: Final = {
     "floor.fill_ratio": Label("fill ratio"),
     "swarm.robots": Label("robots"),
 }
-"""Labels of fields to which the paper gives a symbol (see ``scenario.fields``), and of some others."""
+"""Labels of fields to which the paper gives a symbol (see ``scenario.fields``), and of some others. The label of
+``floor.source`` is "fill ratio", since pictures of studies draw ``random:0.46, random:0.48, ...`` along an axis by
+their fill ratios."""
 UNITS: Final = {
     "_ms": "ms",
     "_mm": "mm",
@@ -106,7 +108,8 @@ def label_ends(
 ) -> bool:
     """Write each name, after the marker of its curve, right of the axes at the height at which the curve ends.
 
-    Call it when the axes have their final limits. If not all names fit, or if there is only one, nothing is written.
+    Call it when the axes have their final limits, from which the heights are computed. Nothing is written if there are
+    fewer than two names or more than ``MOST_NAMES``, if one is too wide, or if they cannot all stand near their ends.
 
     Args:
         names, looks: of the curves. ends: y of the ends of the curves, in the unit of the axis.
@@ -188,22 +191,24 @@ def label_points(
     *,
     always: bool,
 ) -> bool:
-    """Write each label beside its point, where it hides the fewest points and other labels.
+    """Write each label beside its point, inside the axes and where it hides the fewest points and earlier labels.
 
     Args:
         labels: (x, y, text) of each label, x and y being those of its point.
         known: all points that are drawn, with the columns ``time`` (x) and ``error`` (y).
-        always: whether all labels are written even if a label is too wide, or hides a point or another label. If not,
-            no label is written in such a case.
+        always: whether all labels are written even if a label is too wide, leaves the axes, or hides a point or another
+            label. If not, no label is written in such a case.
     Returns:
         Whether the labels were written.
     """
     figure.draw_without_rendering()
     to_pt = 72 / figure.dpi  # pixels to points
-    # positions of all points, of the axes, and below of the labels: in points, from the lower left corner
+    # ``marks``: positions of the points that are drawn. All positions below are in units of 1/72 inch, from the lower
+    # left corner of the figure.
     marks = axes.transData.transform(known.select("time", "error").to_numpy()) * to_pt
     box = axes.get_window_extent()
     inside = (box.x0 * to_pt, box.y0 * to_pt, box.x1 * to_pt, box.y1 * to_pt)
+    # the gap between a point and its label is larger than half a marker, so that the marker stays visible
     size, gap = style.small_pt, style.marker_pt * 0.9 + 1
     if not always and any(
         width_pt(plain(text), size) > WIDEST_LABEL * box.width * to_pt for _, _, text in labels
@@ -256,7 +261,9 @@ def _cost(
     inside: Box,
     gap: float,
 ) -> float:
-    """Return the cost of a place for a label: leaving the axes costs most, then hiding other labels, then points.
+    """Return the cost of a place for a label: 100 for leaving the axes, ``HIDES`` per hidden label, 1 per hidden point.
+
+    A label may extend above the axes by ``gap``, where there are no tick labels.
 
     All lengths are in points (1/72 inch); boxes are (left, bottom, right, top).
 
@@ -275,4 +282,4 @@ def _cost(
         (marks[:, 0] > left - reach) & (marks[:, 0] < right + reach)
         & (marks[:, 1] > bottom - reach) & (marks[:, 1] < top + reach)
     )  # fmt: skip
-    return 100 * out + HIDES * covered + float(hidden.sum())  # leaving the axes is worst
+    return 100 * out + HIDES * covered + float(hidden.sum())

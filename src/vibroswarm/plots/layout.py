@@ -29,7 +29,8 @@ NARROWEST_EM = 0.27
 def plain(text: object) -> str:
     """Return text without characters that a picture format cannot hold.
 
-    Control characters become spaces, and characters that are invalid in UTF-8 or XML become question marks.
+    Control characters become spaces, and so do Unicode's separators of lines and paragraphs, which would break a line.
+    Characters that are invalid in UTF-8 or XML become question marks.
     """
     cleaned = "".join(
         " " if unicodedata.category(letter) in ("Cc", "Zl", "Zp") else letter for letter in str(text)
@@ -126,8 +127,9 @@ def _broken(text: str, size_pt: float, room_pt: float) -> list[str]:
 def number(value: float | None, digits: int = 3) -> str:
     """Write a number with ``digits`` significant digits and no trailing zeros; a dash if it is missing or not finite.
 
-    A number below a million that has, or is rounded to, more digits before the point becomes a whole number instead, so
-    that it has no exponent.
+    If a number has, or is rounded to, more than ``digits`` digits before the point, all of them are written as long as
+    the number is below a million: 1234.5 becomes "1234". From a million on it has an exponent, such as "1.23e+06".
+    Numbers below about 0.0001, except 0, have an exponent too. The sign does not matter for these limits.
     """
     if value is None or not math.isfinite(value):
         return "–"
@@ -201,6 +203,7 @@ def plain_axes(
     seven on a slide, the figure is made higher.
     """
     free_lines = 7 if style.fixed_height else 2  # lines of a legend for which the figure has room
+    # a line of a legend is 1.4 times as high as its letters
     more_in = max(0, legend_lines(style, legend) - free_lines) * style.small_pt * 1.4 / 72
     figure = new_figure(style, title=title, height_in=style.height_in + more_in)
     axes = figure.add_subplot()
@@ -250,7 +253,7 @@ def colour_bar(
 
 
 def few_ticks(axis: Any, style: Style) -> None:
-    """Limit the number of ticks so that their labels do not overlap: at most 5 in a column, else at most 8."""
+    """Limit the number of ticks to 5 in the style "column", to 8 in the wider ones, so that labels rarely overlap."""
     from matplotlib.ticker import MaxNLocator
 
     # n intervals have at most n + 1 ticks
@@ -258,7 +261,7 @@ def few_ticks(axis: Any, style: Style) -> None:
 
 
 def whole_ticks(axis: Any) -> None:
-    """Use ticks at whole numbers only."""
+    """Use ticks at whole numbers only, on an axis with matplotlib's automatic ticks or those of ``few_ticks``."""
     axis.get_major_locator().set_params(integer=True)
 
 
@@ -271,6 +274,7 @@ def ticks_at(axis: Any, style: Style, values: Sequence[float]) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     places = sorted({float(value) for value in values})
+    # The labels of ticks are written in the smaller ``small_pt``, so there is more space between them than required.
     wide_pt = max(width_pt(f"{place:g}", style.font_pt) for place in places) + TICK_GAP_EM * style.font_pt
     span = places[-1] - places[0]
     # distances between neighbouring ticks; the axis takes about 0.7 of the picture's width
@@ -285,8 +289,9 @@ def ticks_at(axis: Any, style: Style, values: Sequence[float]) -> None:
 def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
     """Use fewer ticks along x if their labels would overlap in the finished layout.
 
-    If matplotlib divides the tick labels by a power of ten, it writes this power at the end of the axis. It is written
-    into the label of the axis instead.
+    If matplotlib divides the tick labels by a power of ten (or subtracts an offset from them), it writes this power (or
+    the offset) at the end of the axis; here it is moved into the label of the axis. An axis whose ticks are set one by
+    one, or that is logarithmic, is not changed.
     """
     from matplotlib.ticker import MaxNLocator
 
@@ -300,6 +305,7 @@ def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
         locator.set_params(nbins=bins)
         ticks = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
         words = axes.xaxis.get_major_formatter().format_ticks(ticks)
+        # The labels are written in the smaller ``small_pt``, so there is more space between them than required.
         wide = (
             max((width_pt(word, style.font_pt) for word in words), default=0.0) + TICK_GAP_EM * style.font_pt
         )
@@ -313,14 +319,18 @@ def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
 
 
 def hatched(style: Style, hatch: str) -> str:
-    """Return a hatch, less dense for styles with thick lines."""
+    """Return a hatch for a style; on a slide, whose lines are thick, it is about half as dense.
+
+    The density of a hatch is the number of times that its character is repeated: "////" is denser than "//".
+    """
     return hatch if style.font_pt < 12 else hatch[: (len(hatch) + 1) // 2]
 
 
 def log_x(axes: Axes, values: Sequence[float]) -> None:
-    """Make x logarithmic, with ticks at 1, 2, 5, 10, ..., labelled without exponents.
+    """Make x logarithmic, with ticks at 1, 2, 5, 10, ...
 
-    Over more than about 2.5 decades, the ticks are at 1, 10, 100, ... ``values`` are all x that are drawn.
+    From 0.0001 to below a million, their labels have no exponent. If ``values``, which are all x that are drawn, extend
+    over 2.5 decades or more, the ticks are at 1, 10, 100, ...
 
     Raises:
         InputError: a value is not above 0.
@@ -339,7 +349,7 @@ def log_x(axes: Axes, values: Sequence[float]) -> None:
 def percent_axis(axis: Any) -> None:
     """Label an axis of shares in percent.
 
-    Labels have no sign: shares that are drawn downwards have negative y, but are not negative.
+    Labels have no minus sign: shares that are drawn downwards have negative y, but are not negative.
     """
     from matplotlib.ticker import FuncFormatter
 
@@ -358,13 +368,14 @@ class Rows(NamedTuple):
     band: float
     """Height of one series within a row; a row has the height 1."""
     high_in: float
-    """Height that the axes shall have; see ``settle``."""
+    """Height that ``settle`` gives to the axes; on a slide, their least height."""
 
     def settle(self, style: Style) -> None:
         """Set the figure's height so that the axes get the height ``high_in``; call it when all else is drawn.
 
         For this the height of everything around the axes (labels, title, legend) is measured: the layout is computed in
-        a figure that is high enough in any case.
+        a figure that is high enough in any case. A slide is made no lower than its style, so its axes may be higher. At
+        the end the ticks of x are thinned, which requires the final layout (``thin_ticks``).
         """
         self.figure.set_figheight(self.high_in + 4 * style.height_in)
         around = self.figure.get_figheight() - axes_size_pt(self.figure, self.axes)[1] / 72
@@ -419,12 +430,14 @@ def rows_of(
     around = style.font_pt * LINE_SPACING * (3.4 + text_lines + (2 if title else 0)) / 72
     room_pt = style.width_in * 72 * LABEL_SHARE
     preferred = _preferred_row_in(style, names, series, room_pt)
+    # A series that shares its row may have 0.75 of the least height of a row.
     least = style.least_row_in * max(1.0, 0.75 * series)
     available = (style.tallest_in - around) / len(names)
     # Height of a row: on a slide the rows fill the picture. Otherwise they are lower than preferred only if the picture
     # would be too tall.
     pitch = max(least, available if style.fixed_height else min(preferred, available))
-    # A line of letters fits into a row, or with several series into 1 / 1.6 of the row.
+    # A line of letters fits into a row, or with several series into 1 / 1.6 of the row. By ``_preferred_row_in`` a row
+    # with two series is 1.6 times as high as a row with one.
     font = min(style.small_pt, pitch / min(series, 1.6) * 72 / LINE_SPACING)
     lines = max(1, min(3, int(pitch * 72 / (font * LINE_SPACING))))  # lines of a name that fit into a row
     figure = new_figure(style, height_in=around + pitch * len(names), title=title)
@@ -439,11 +452,14 @@ def rows_of(
     axes.spines["left"].set_visible(False)
     axes.grid(True, axis="x")
     axes.set_xlabel(fitted(x_label, style.font_pt, style.width_in * 72 * X_LABEL_SHARE, 2))
+    # If rows have several series, lines between the rows show which series belong together.
     for row in range(1, len(names) if series > 1 else 0):
         axes.axhline(row - 0.5, color=LINE, linewidth=style.line_pt * 0.6)
     band = 0.8 / series  # a fifth of a row is space between the rows
     note_pt = min(font, band * pitch * 72 / 1.05)  # not higher than a band
     line_pt = min(style.line_pt, band * pitch * 72 / 8)  # at most an eighth of a band
+    # On a slide the axes fill what the texts leave of its height, which ``Rows.settle`` measures, so only the least
+    # height of the rows is required here.
     high_in = (least if style.fixed_height else pitch) * len(names)
     return Rows(figure=figure, axes=axes, font_pt=note_pt, line_pt=line_pt, band=band, high_in=high_in)
 

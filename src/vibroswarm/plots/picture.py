@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 FORMATS: Final = ("svg", "pdf", "png")
 """Formats of picture files, which are also their suffixes."""
 SVG_UP_TO: Final = 1_500_000
-"""Most characters of a themed SVG. In a longer one, marks inside the axes become an image; text and axes do not."""
+"""Most characters of an SVG before ``themed_svg`` replaces its colours. If it has more, marks inside the axes become an
+image; text and axes do not."""
 
 _NO_DATE: Final[
     dict[str, dict[str, None]]
@@ -48,9 +49,10 @@ class Picture(NotebookView):
 
     figure: Figure
     numbers: pl.DataFrame
-    """What is drawn, no more and no less: a row for each mark."""
+    """Values of the marks, which ``write`` saves as CSV; each ``draw_*`` function documents which columns they have."""
     caption: str
-    """What the marks are, of how many runs, and what was left undecided."""
+    """Sentences that say what the marks are and, if the function knows it, how many runs they are from and how many of
+    these are undecided."""
     style: str = "column"
 
     def __repr__(self) -> str:
@@ -59,7 +61,7 @@ class Picture(NotebookView):
     def write(self, path: Path | str, formats: Sequence[str] = FORMATS) -> list[Path]:
         """Write the picture as ``path.svg``, ``path.pdf`` and ``path.png``, and its numbers as ``path.csv``.
 
-        ``formats`` selects which of the three pictures are written.
+        ``formats`` selects which of the three pictures are written. Existing files are replaced.
 
         Returns:
             The paths of the files, the CSV last.
@@ -107,8 +109,8 @@ def write_picture(
 ) -> list[Path]:
     """Write a figure as SVG, PDF and PNG, and its numbers as CSV; each file completely or not at all.
 
-    The same figure gives the same bytes: no dates, no names of programs, no random ids. Text stays text in SVG
-    and TrueType in PDF.
+    Existing files are replaced. The same figure gives the same bytes: no dates, no names of programs, no random ids.
+    Text stays text in SVG and TrueType in PDF.
 
     Args:
         figure: of matplotlib. numbers: what it shows.
@@ -175,8 +177,9 @@ def _fonts_without_layout_tables() -> Iterator[None]:
 def themed_svg(figure: Figure) -> str:
     """Return the figure as SVG whose named colours are CSS variables, such as ``var(--fig-ink, #1b1e23)``.
 
-    A page may set the variables ``--fig-*`` to show the figure in dark colours. An SVG with more than ``SVG_UP_TO``
-    characters is made again with all marks drawn as an image. This limits the size of a page with many marks.
+    A page may set the variables ``--fig-*`` to show the figure in dark colours. If the SVG has more than ``SVG_UP_TO``
+    characters before colours are replaced, it is made again with all marks drawn as an image. This limits the size of a
+    page with many marks.
     """
     text = _svg(figure)
     if len(text) > SVG_UP_TO:
@@ -199,7 +202,7 @@ def _themed(tag: str) -> str:
     """Replace the named colours in the style of an SVG ``tag`` by CSS variables.
 
     Variables are allowed only in a style. The background of a hatch has its colour in the attribute ``fill``, which is
-    therefore converted to a style first.
+    therefore converted to a style first; matplotlib writes its tag without a style.
     """
     tag = _HATCHED.sub(r' style="fill: \1"', tag)
     return _STYLE.sub(lambda style: _COLOUR.sub(_variable, style[0]), tag)

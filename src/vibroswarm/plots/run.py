@@ -120,7 +120,10 @@ def run_figure(result: Result, run: int = 0) -> Figure:
 
     Vibrating tiles are hatched. A sample is a mark at its place: a filled diamond if it was read as vibrating, an open
     circle if it was read as still; a misread sample is struck through. A robot is drawn where it is at the end, in the
-    shape and colour of its decision, or open if it is undecided. All colours have names (see ``style``), so that a page
+    shape and colour of its decision, or open if it is undecided.
+
+    The caller holds ``MATPLOTLIB_LOCK``, since settings of matplotlib are changed meanwhile. If it draws within
+    ``style.settings``, which also colour the text and the axes, all colours have names (see ``style``), so that a page
     may replace them by dark ones.
 
     Args:
@@ -189,9 +192,10 @@ def _draw_floor(axes: Axes, result: Result, run: int) -> None:
 
 
 def _draw_paths(axes: Axes, result: Result, run: int) -> None:
-    """Draw the robots' paths from the start to the end of the run.
+    """Draw the robots' paths from the start of the run.
 
-    If the result has no segments of motion, from which paths are computed, nothing is drawn.
+    They have ``POINTS_PER_S`` points per second; what follows the last point before the end of the run is not drawn. If
+    the result has no segments of motion, from which paths are computed, nothing is drawn.
     """
     if result.segments is None:
         return
@@ -239,7 +243,7 @@ def _draw_samples(axes: Axes, result: Result, run: int) -> None:
 def _draw_robots(axes: Axes, result: Result, run: int) -> None:
     """Draw the robots with their numbers where they are at the end of the run.
 
-    The shape and colour of a robot show its decision.
+    The shape and colour of a robot show its decision. A robot whose decision is not logged is drawn as undecided.
     """
     ends = result.ends.filter(pl.col("run") == run)
     decisions = dict(result.robots.filter(pl.col("run") == run).select("robot", "decision").iter_rows())
@@ -264,7 +268,7 @@ def _draw_robots(axes: Axes, result: Result, run: int) -> None:
 def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
     """Write the picture of one run (see ``run_figure``) to the file ``path``, in the format of its suffix.
 
-    The suffix is .png, .svg or .pdf. ``run`` is the number of the run in ``result``.
+    The suffix is .png, .svg or .pdf. ``run`` is the number of the run in ``result``. An existing file is replaced.
 
     Raises:
         InputError: the path has another suffix, its folder cannot be written, or there is no such run.
@@ -279,18 +283,18 @@ def write_run_picture(result: Result, path: Path, run: int = 0) -> None:
 ACROSS: Final = 4
 """Most maps side by side."""
 MOST_MAPS: Final = 11
-"""Robots whose maps are drawn; the table has all."""
+"""Most robots whose maps are drawn; with the map of all robots together they fill three lines of ``ACROSS`` maps."""
 
 
 def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
-    """Draw the map of all robots together, then the maps of the first ``MOST_MAPS`` robots, one by one.
+    """Draw the map of all robots together, then the maps of the ``MOST_MAPS`` robots with the lowest numbers.
 
     The colour of a tile is the belief that it vibrates. A cross marks a tile that is believed to be what it is not: the
     belief that it vibrates is above 0.5 although it is still, or not above 0.5 although it vibrates.
 
     Args:
         maps: the table of ``analysis.floor_maps.floor_maps``, in which the pooled map has null as its robot, and the
-            tiles of each map are sorted by row, then column. run: number of a run in it.
+            tiles of each map are sorted by row, then column. run: number of a run that the table has.
     """
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.figure import Figure
@@ -323,7 +327,7 @@ def maps_figure(maps: pl.DataFrame, run: int = 0) -> Figure:
 
 
 def write_maps_picture(maps: pl.DataFrame, path: Path, run: int = 0) -> None:
-    """Write the picture of ``maps_figure`` for ``maps`` and ``run`` to the PNG file ``path``.
+    """Write the picture of ``maps_figure`` for ``maps`` and ``run`` to the PNG file ``path``; replace an existing file.
 
     Raises:
         InputError: the folder cannot be written.

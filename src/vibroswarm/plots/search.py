@@ -24,18 +24,22 @@ def draw_search(
 ) -> Picture:
     """Draw scores over the iterations: the best so far, the mean of the candidates, and the best of each particle.
 
+    Scores are costs: lower is better.
+
     Args:
         frame: one row per iteration with the columns ``iteration``, ``best`` (so far, as the search believes) and
-            ``mean`` (of the iteration's candidates); null: no score. The axis begins at 0 unless a score lies below.
+            ``mean`` (of the iteration's candidates); null: no score. The axis begins at 0 unless a score, of any of the
+            arguments, lies below.
         personal: of a particle swarm, one row per iteration and particle with the columns ``iteration``, ``particle``
             and ``score`` (the best of the particle so far); None: not drawn.
         label: of the score, with its unit.
-        true: the winner's score on fresh runs, drawn as a level line; None: no line.
+        true: score of the winner (the candidate that the search chose) on runs that the search did not use, drawn as a
+            level line; None: no line.
         title: above the picture.
         style: "column", "page" or "slide".
 
     Returns:
-        Picture; its numbers are ``iteration, best, mean``.
+        Picture; its numbers are ``iteration, best, mean``, without those of ``personal`` and ``true``.
 
     Raises:
         InputError: a frame is not as described.
@@ -71,7 +75,7 @@ def draw_search(
     handles = [of_best, of_mean, *handles]
     if true is not None:  # in a colour and a line that no other curve has
         handles.append(axes.axhline(true, color=SERIES[4], linestyle=look(2).line, linewidth=sizes.line_pt))
-    if not axes.dataLim.y0 < 0:  # below 0 only if a score is; without any score it is infinite
+    if not axes.dataLim.y0 < 0:  # y0: the lowest score that is drawn; +inf if there is none
         axes.set_ylim(bottom=0)
     whole_ticks(axes.xaxis)
     legend_below(figure, sizes, handles, names)  # handles and names have the same order
@@ -91,22 +95,23 @@ def draw_parameters(
     """Draw the mean of each field over the candidates of an iteration, as a fraction of the field's range.
 
     Args:
-        frame: one row per iteration and field with the columns ``iteration``, ``share`` (0 at the lower bound, 1 at the
-            upper) and, for several fields, ``series`` (the name of the field).
+        frame: one row per iteration and field with the columns ``iteration``, ``share`` (the mean: 0 at the field's
+            lower bound, 1 at the upper) and, for several fields, ``series`` (the name of the field).
         title: above the picture.
         style: "column", "page" or "slide".
 
     Returns:
-        Picture; its numbers are ``iteration, series, share``.
+        Picture; its numbers are ``iteration, series, share``; ``series`` is empty if the frame does not have it.
 
     Raises:
-        InputError: the frame is not as described, or a share lies outside [0, 1].
+        InputError: the frame is not as described, a share lies outside [0, 1], or there are more than ``SERIES_UP_TO``
+            fields.
     """
     sizes = style_named(style)
     frame = tidy(frame, numbers=("iteration", "share"), complete=("iteration", "share"))
     frame, series = with_series(frame)
     check_once(frame, ["iteration", "series"])
-    if not frame["share"].is_between(-1e-9, 1 + 1e-9).all():
+    if not frame["share"].is_between(-1e-9, 1 + 1e-9).all():  # 1e-9: for rounding
         raise InputError("lies outside 0 to 1; give shares of the bounds", field="share")
     figure, axes = plain_axes(sizes, "iteration", "mean, share of its bounds", title=title, legend=series)
     for index, name in enumerate(series):

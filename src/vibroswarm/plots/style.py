@@ -169,7 +169,7 @@ class Style:
 
     @property
     def fixed_height(self) -> bool:
-        """Whether pictures do not grow with their rows until these have their least height; true of a slide."""
+        """Whether pictures keep ``height_in`` as long as their rows, at their least height, fit; true of a slide."""
         return self.tallest_in == self.height_in
 
 
@@ -331,10 +331,11 @@ def strategy_in(name: str) -> str | None:
 def looks_of(names: Sequence[str]) -> list[Look]:
     """Return the look of each series; no two have the same pair of marker and colour.
 
-    Three cases: (1) Some names contain strategies. The series of a strategy has the look of this strategy. The other
-    series have colours that none of these strategies has, if such colours exist. (2) No name contains a strategy, and
-    all are names of different ``SOURCES``: they have the looks of the sources. (3) Otherwise the k-th series has the
-    look k.
+    Three cases: (1) Some names contain strategies. The series of a strategy has the look of this strategy; but if an
+    earlier series has its marker and colour already, such as one of the same strategy, it has another marker and maybe
+    another colour. The other series have colours that none of these strategies has, if such colours exist. (2) No name
+    contains a strategy, and all are names of ``SOURCES`` with different indices: they have the looks of the sources.
+    (3) Otherwise the k-th series has the look k.
 
     Args:
         names: of the series, each once, in the order in which they are drawn; at most ``SERIES_UP_TO``, as

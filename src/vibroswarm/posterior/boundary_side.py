@@ -1,12 +1,13 @@
 """The side of the boundary on which a floor's fill ratio lies, estimated by Markov chains at several times of a run.
 
-A "sweep" of a chain proposes to change each tile and factor once. A "look" is an estimate, at one time, of the
-posterior given the samples so far: P(above the boundary) and P(under it). A side is known when its posterior is at
-least ``1 - alpha``, alpha being the accepted error. At each look all chains run some sweeps, starting from their states
-at the last look. If a side's posterior may then have reached ``1 - alpha``, more sweeps follow, until the posterior is
-clearly above or below ``1 - alpha``, or its Monte Carlo error is small. That error is the larger of two estimates: one
-from the differences between chains, one from the differences between batches of sweeps. Chains start from independent
-draws of the prior, so that a chain that is stuck differs from the others and increases the error.
+A "sweep" of a chain draws the kind of each tile anew and, if tiles or robots differ, proposes a new value of each
+factor by which they multiply the energy, besides other changes (``markov_chain``). A "look" is an estimate, at one
+time, of the posterior given the samples so far: P(above the boundary) and P(under it). A side is known when its
+posterior is at least ``1 - alpha``, alpha being the accepted error. At each look all chains run some sweeps, starting
+from their states at the last look. If a side's posterior may then have reached ``1 - alpha``, more sweeps follow, until
+the posterior is clearly above or below ``1 - alpha``, or its Monte Carlo error is small. That error is the larger of
+two estimates: one from the differences between chains, one from the differences between batches of sweeps. Chains start
+from independent draws of the prior, so that a chain that is stuck differs from the others and increases the error.
 """
 
 from __future__ import annotations
@@ -72,11 +73,11 @@ def needs_chains(sensor: Sensor) -> bool:
 
 
 def chain_target(log_prior: Values, boundary: float) -> Target:
-    """Return the prior distribution of floors from which the chains start, and which sides of the boundary count.
+    """Return the prior as a weight of each floor, and the numbers of vibrating tiles on each side of the boundary.
 
     Chains change the number of vibrating tiles by one at a time. So they must be able to pass through numbers that the
     prior rules out, if these lie between numbers that it allows. All these "bridges" together get as much weight as all
-    allowed numbers together; states on bridges are not counted in the posterior.
+    allowed numbers together; states on bridges are not counted in the posterior, although chains may start there.
 
     Args:
         log_prior: (tiles + 1,): ln of the prior of each number of vibrating tiles, -inf where it is ruled out; at least
@@ -152,7 +153,7 @@ class Chains:
             batches.append(self.sweep(count, BATCH))
             estimate = _estimate(np.array(batches))
             clear = abs(estimate.larger - (1.0 - alpha)) > CLEAR * estimate.error
-            # A single batch tells nothing about the error between batches.
+            # The error between batches requires at least two.
             if len(batches) > 1 and (clear or estimate.error <= SMALL):
                 return estimate
             if len(batches) == BATCHES:
@@ -165,7 +166,7 @@ def _estimate(sums: Values) -> Look:
     Args:
         sums: (batches, chains, 3): stacked results of ``Chains.sweep``: weights above the boundary, under it, and in
             all.
-    Returns: a look, settled except if all weights are 0, because no chain came to a number of vibrating tiles that the
+    Returns: a look, settled except if all weights are 0, because no chain visited a number of vibrating tiles that the
         prior allows.
     """
     totals = sums.sum(axis=(0, 1))
@@ -218,6 +219,8 @@ def sides_until_known(
     run: int,
 ) -> UntilKnown:
     """Find the first of ``times`` at which the posterior of one side of the boundary is 1 - alpha or more.
+
+    Times whose look is not settled, so that its estimate is not reliable, are passed over.
 
     Args:
         floor: only its geometry is used, as its tiles are what is to be estimated. samples: the motion table of one

@@ -119,7 +119,7 @@ def evidence_of(
     neighbour = np.empty(first[-1], dtype=np.int64)
     if_still, if_vibrating = np.empty(first[-1]), np.empty(first[-1])
     _fill_near(x, y, within_m, reach_m, blur_m, place, at, first, neighbour, if_still, if_vibrating)
-    # Each sample may be affected by the tile below and by its neighbours: one entry (tile, sample) for each.
+    # The tile below a sample and the other tiles within reach may affect its bit: one entry (tile, sample) for each.
     tile_of_entry = np.concatenate([at[at >= 0], neighbour])
     sample = np.concatenate([np.flatnonzero(at >= 0), np.repeat(np.arange(count), numbers)])
     of_first, of_tile = _gathered(tile_of_entry, sample, tiles)

@@ -327,8 +327,8 @@ def _advance(
 ) -> None:
     """Run ``sweeps`` sweeps of one chain, given the first ``count`` samples.
 
-    A sweep proposes new factors (if tiles or robots differ), then swaps, then flips; only the last flips add to
-    ``sums``.
+    The steps of a sweep are: if tiles differ, new factors of tiles, and flips of tiles with a new factor (Metropolis);
+    if robots differ, new factors of robots; swaps; flips (Gibbs). Only the Gibbs flips add to ``sums``.
 
     Args:
         known: number of samples whose likelihoods the state already holds. state: changed.
@@ -380,6 +380,7 @@ def _begin(
     u, vibrating = _draw(address, state) * total, 0
     for k in range(number + 1):
         share = math.exp(target.log_weight[k] + _log_choose(number, k) - most)
+        # Numbers of weight 0 are skipped: one must not be drawn even if rounding leaves u at 0 or above to the end.
         if share > 0.0:
             vibrating = k
             u -= share

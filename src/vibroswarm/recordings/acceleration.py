@@ -26,7 +26,8 @@ COLUMNS: Final = ("robot", "time_s", "ax", "ay", "az")
 RATE_TOLERANCE: Final = 0.02
 """Relative difference allowed between the readings' rate and the chain's: the accuracy of a microcontroller's clock."""
 WIDEST_GAP: Final = 1.6
-"""Longest time between two readings of a sample, in periods of the chain's rate; a longer one lacks a reading."""
+"""Longest time between consecutive readings, in periods of the chain's rate or in median periods of the readings. In a
+longer time a reading is missing."""
 CLOCK_S: Final = 0.001
 """A reading may be this much later than its sample, since times are written to a millisecond."""
 
@@ -114,13 +115,13 @@ def _check_window(
     program: SenseProgram,
     path: Path,
 ) -> None:
-    """Check the readings of a sample: their number, rate and gaps, and that they are not of an earlier time.
+    """Check the readings of a sample: their number, rate and gaps, and that they are not those of an earlier stop.
 
     Args:
         window: the readings, (readings, 5); column 0 is their time, s. count: number of readings that are needed.
         robot, time_s: of the sample. program: settings of the sensing chain. path: of the file, for errors.
     Raises:
-        InputError: too few readings, another rate than the chain's, or a gap.
+        InputError: too few readings, another rate than the chain's, a gap, or readings of an earlier stop.
     """
     what = f"robot {robot}, sample at {time_s:g} s"
     if window.shape[0] > 1:
@@ -128,7 +129,8 @@ def _check_window(
         rate_hz = 1.0 / float(np.median(spacing_s))
         mean_hz = (window.shape[0] - 1) / float(window[-1, 0] - window[0, 0])
         is_even = float(spacing_s.max()) <= WIDEST_GAP * float(np.median(spacing_s))
-        # The mean is the more precise rate, but a gap would lower it; a gap is reported below as such.
+        # The mean is the more precise rate, but a gap would lower it. With a gap it is the median, so that the error
+        # is the one below, about missing readings, and not this one about the rate.
         rate_hz = mean_hz if is_even else rate_hz
         if abs(rate_hz / program.rate_hz - 1.0) > RATE_TOLERANCE:
             raise InputError(
@@ -138,8 +140,8 @@ def _check_window(
             )
     signal_s = program.signal_ms / 1000.0
     gap_s = float(np.diff(window[:, 0]).max()) if window.shape[0] > 1 else 0.0
-    # If the first reading is much older than the signal lasts (twice as long and 0.5 s more), the readings are those of
-    # an earlier stop.
+    # Readings without a gap span about signal_s. If they also end more than about signal_s + 0.5 s before the sample,
+    # they are those of an earlier stop. The limit leaves room for a sample's row that is written late.
     age_s = float(time_s - window[0, 0]) if window.shape[0] else 0.0
     if window.shape[0] < count or gap_s > WIDEST_GAP / program.rate_hz or age_s > 2.0 * signal_s + 0.5:
         raise InputError(

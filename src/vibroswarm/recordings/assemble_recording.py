@@ -46,13 +46,14 @@ def recording_of(
 
     Args:
         logs: as their readers returned them. floor: the floor of all sessions.
-        scenario: a preset, in which all fields of the sessions that the user knows are set.
+        scenario: a preset, in which the fields that the user knows of these sessions are set.
         stated: names of the fields of ``scenario`` that the user set; their values override inferred values.
         robots: numbers of the robots in the logs; None: every robot that a log has, and all logs must have the same.
         any_floor: whether to accept a floor that does not fit the energies.
     Raises:
-        InputError: no log, a log without samples or with invalid rows (``log.in_order``), logs of different robots, or
-            a floor that does not fit.
+        InputError: no log, a log without samples, without rows of one of ``robots``, or with invalid rows
+            (``log.in_order``), logs of different robots, a setting of a log that the scenario refuses, or a floor that
+            does not fit.
     """
     if not logs:
         raise InputError("give at least one log", field="LOG")
@@ -71,6 +72,7 @@ def recording_of(
     tables = [_tables(run, log, names, described, floor) for run, log in enumerate(ordered)]
     # The tables of all sessions, one below the other. "told" is left out: it is not a table but the counts of problems.
     together = {name: pl.concat([parts[name] for parts in tables]) for name in tables[0] if name != "told"}
+    # Both tables have a row per sample, in the same order.
     samples = together["motion"].with_columns(energy=together["rows"]["energy"])
     floor_words = (
         check_floor(floor, samples) if not any_floor else "The fit of the floor was not tested (--any-floor)."
@@ -132,12 +134,15 @@ def _described(
 ) -> tuple[Scenario, list[str]]:
     """Return the scenario that describes the sessions, and the names of its stated fields.
 
-    Values that the user stated come first, then values that a log states (of several logs the last), then inferred
-    values.
+    A value that the user stated overrides one that a log states (of several logs, the last). Both override an inferred
+    value.
+    The floor, the number of robots and the end of the run are always those of the sessions.
 
     Args:
         scenario: with the values that the user stated. stated: names of these fields. logs: after ``in_order``.
         inferred: settings inferred from the logs. floor: the floor of all sessions. robots: number of robots.
+    Raises:
+        InputError: the scenario refuses a value.
     """
     values: dict[str, Any] = {
         setting.name: setting.value
@@ -202,11 +207,13 @@ def _tables(run: int, log: Log, names: tuple[int, ...], scenario: Scenario, floo
         stop_s=logged_stop_s.cast(pl.Float32),
         # A stop does not begin before the robot's previous sample, or before the session.
         stop_start_s=pl.max_horizontal(pl.col("time_s") - length_s, before(pl.col("time_s")).fill_null(0.0)),
+        # Unlike stop_s this is not a mean: it is all avoidance since the previous row, also that before lost samples.
         avoid_s=pl.coalesce(
             avoid_total_s - before(avoid_total_s), pl.when(pl.col("sample") == 0).then("avoid_total_s")
         ).cast(pl.Float32),
         # Before a robot's first row the number is -1, so that samples lost from number 0 on are counted.
         lost_before=(number_sent - before(number_sent).fill_null(-1) - 1).cast(pl.UInt32),
+        # A ``Log`` has no times of driving and turning.
         drive_s=pl.lit(None, dtype=pl.Float32),
         turn_s=pl.lit(None, dtype=pl.Float32),
     )
@@ -276,7 +283,7 @@ def _path(
         "x_m": [knots["x_m"][-1]],
         "y_m": [knots["y_m"][-1]],
         "heading_rad": [segments["heading_rad"][-1]],
-        "stop_start_s": [None],
+        "stop_start_s": [None],  # whether the robot stands at the end is not known
     }
     return {
         "segments": segments,
@@ -345,14 +352,15 @@ def _problem_counts(
 
 
 def _finals(run: int, frame: pl.DataFrame, robots: int) -> pl.DataFrame:
-    """Return the final state of each robot of a session, with the columns of ``inference.agents.final_frame``.
+    """Return the final state of each robot of a session, with the columns ``inference.agents.FINALS``.
 
     The decision time of a robot that ends with a decision is that of the first sample after which its decision does
-    not change any more, and its belief is the belief at this sample. A robot without samples is undecided, and its
-    posterior is null.
+    not change any more. Its ``belief_below`` is the belief at this sample, as in the result of a simulation; that of
+    any other robot is the belief at its last sample. A robot without samples is undecided, and its posterior is null.
+    The number of samples includes those whose rows were lost.
 
     Args:
-        frame: samples of the session. robots: number of robots.
+        run: number of the session. frame: samples of the session, by time. robots: number of robots.
     """
     rows: list[dict[str, Any]] = []
     for robot in range(robots):

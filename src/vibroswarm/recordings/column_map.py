@@ -1,7 +1,7 @@
 """Read the log of a session from any CSV file, by a column map in TOML.
 
 The format of the study's robots is one such map (``formats/rugbot.toml``). A map names for each column of
-``log.SAMPLES`` (its "use") the column of the file from which it is read:
+``log.SAMPLES`` (called a "use") the column of the file from which it is read:
 
     missing = ["None", ""]              # texts of empty cells
     [columns]
@@ -18,7 +18,8 @@ a tracking row, the position of a robot seen by a camera. ``tag`` names a column
 each robot has only one. Errors name the row.
 
 A number in the file is multiplied by ``times``, then ``plus`` is added; a text is looked up in ``values``. ``wraps_at``
-is the number at which a counter starts again from 0.
+is the number at which a counter starts again from 0. A map may also have the keys ``name``, the name of the format, and
+``about``, its description, which is for people only.
 """
 
 from __future__ import annotations
@@ -64,10 +65,12 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
 
 
 def text_of(path: Path) -> str:
-    """Read the text of a log file.
+    """Read the text of a log, or of another file that comes with it (column map, acceleration).
+
+    A byte order mark is removed, and bytes that are not UTF-8 are replaced by U+FFFD.
 
     Raises:
-        InputError: it is not a plain file, larger than ``LARGEST_BYTES``, not text, or empty.
+        InputError: it is not a plain file, larger than ``LARGEST_BYTES``, binary, or empty.
     """
     name = str(path)
     text = read_bytes(path, LARGEST_BYTES, "a log of one session").decode("utf-8-sig", errors="replace")
@@ -226,7 +229,7 @@ class Column(NotebookView):
     wraps_at: float | None = None
     """Value at which a counter returns to 0, in the file's unit; None: it does not."""
     values: Mapping[str, float] | None = None
-    """The number for each text; None: cells are numbers."""
+    """The number for each text; None: cells are numbers. If it is given, ``times`` and ``plus`` have no effect."""
 
 
 @dataclass(frozen=True)
@@ -381,7 +384,7 @@ def _converted(
 
     Args:
         cells: texts of the file. lines: number of each cell's line, for errors. name: of the file, for errors.
-        use: column of ``log.SAMPLES``, whose range is checked. column: its entry in the column map.
+        use: one of ``USES``, for the check of the range. column: its entry in the column map.
         missing: texts of empty cells.
     Raises:
         InputError: a cell is not a number, not one of ``values``, or out of range; the error names the row.

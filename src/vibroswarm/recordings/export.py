@@ -1,10 +1,12 @@
-"""Write results as logs in the formats that ``log_readers`` reads; everything that a format contains is read back equal.
+"""Write results as logs in formats that ``log_readers`` reads (rugbot, webots), or as plain CSV tables.
+
+All that a log contains of a simulated result is read back equal.
 
 | format | contains | does not contain |
 |---|---|---|
 | rugbot | positions every 0.22 s and at samples to 0.1 micrometre (arena 1 m x 1 m), energy to 0.001, posterior, decision, counters to the ms; None where the result has no value | bits read and sent, headings, times of samples more exact than 0.22 s, times of driving and turning |
 | webots | samples after 5 s: time, position, energy to 1e-6, bit sent, posterior, counters; settings that are whole numbers | paths, headings, sessions without bits sent, strategies other than none, positive and soft |
-| csv | every table of the result, one file per table | - |
+| csv | every table of the result, one file per table | the additional tables of a recording (rows, tracks) |
 """  # noqa: E501
 
 from __future__ import annotations
@@ -58,8 +60,8 @@ def write_rugbot(result: Result, path: Path, run: int = 0, *, replace: bool = Fa
         raise InputError("needs energies, which this result lacks", field="rugbot")
     ends = result.ends.filter(pl.col("run") == run)
     loops_s = np.arange(0.0, float(ends["end_s"].max() or 0.0), CAMERA_S)  # type: ignore[arg-type]
-    # Positions of each robot at each loop, (loops, 2), cut off at 1 m, the arena's width and height. The lower bound of
-    # -10 m lies below all positions.
+    # Positions of each robot at each loop, (loops, 2). Those beyond the right or upper wall (1 m) are moved onto it;
+    # those beyond the other two walls stay, since -10 m is no wall but a bound below all positions.
     places = {
         robot: np.clip(pose(result.segments, run, robot, loops_s), -10.0, 1.0)[:, :2]
         for robot in ends["robot"].to_list()
@@ -116,13 +118,14 @@ def _sample_cells(row: dict[str, Any]) -> str:
 def write_webots(result: Result, path: Path, run: int = 0, *, replace: bool = False) -> None:
     """Write one run as a console log of the study's simulator: a line per sample after 5 s.
 
-    At the end each robot's last line is repeated, as that simulator does.
+    As in that simulator's logs, samples of the first 5 s have no line, and at the end each robot's last line is
+    repeated.
 
     Args:
         run: number of the run. replace: whether an existing file may be replaced.
     Raises:
-        InputError: no such run, no energies, bits sent or other columns that the format needs, a strategy that it has
-            no number for, or ``path`` cannot be written.
+        InputError: no such run, a value that the format needs is missing (such as an energy or a bit sent), a strategy
+            that the format has no number for, or ``path`` cannot be written.
         RunError: the disk is full or failed.
     """
     samples = _samples(result, run)
@@ -209,11 +212,14 @@ def _console(row: dict[str, Any], decided_s: float | None) -> str:
 def write_csv(result: Result, folder: Path, run: int = 0, *, replace: bool = False) -> None:
     """Write every table of a result, with all runs, as a CSV file in a folder.
 
+    The tables are those of ``result.TABLES``, so the additional tables of a recording are not written.
+
     Args:
         run: has no effect; all writers have this argument. replace: whether existing files may be replaced.
     Raises:
-        InputError: ``folder`` is a file, or cannot be written, or one of the files exists and ``replace`` is false.
-            Then no file is written.
+        InputError: ``folder`` is a file, or no file can be created in it; or one of the files exists and ``replace`` is
+            false (in this case no file is written).
+        OSError: ``folder`` cannot be created.
         RunError: the disk is full or failed.
     """
     if folder.exists() and not folder.is_dir():
@@ -232,7 +238,8 @@ def _samples(result: Result, run: int) -> pl.DataFrame:
     """Return the samples of a run: the columns of motion, observations and inference, and three total times.
 
     The total times are those that the robot has spent so far, s: avoid_total_s, stop_total_s, and walk_total_s
-    (driving, turning and avoiding).
+    (driving, turning and avoiding). They are sums of the times in the table of motion, also for a recording, although
+    it has the logged totals in ``rows``.
 
     Raises:
         InputError: there is no such run.

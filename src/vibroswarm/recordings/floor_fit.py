@@ -4,9 +4,10 @@
 |---|---|---|
 | energy of a tile | m_t | mean of ln E over the samples on tile t |
 | contrast | C | mean of m_t over vibrating tiles minus mean over still tiles, of the tiles that were sampled |
-| p-value | p | share of random floors with the same number of vibrating tiles whose contrast is at least C |
+| p-value | p | share of random floors whose contrast is at least C |
 
-Each tile counts once, however often it was sampled, because neighbouring samples are not independent.
+A random floor has the same number of vibrating tiles among those that were sampled. Each tile counts once, however
+often it was sampled, because neighbouring samples are not independent.
 """
 
 from __future__ import annotations
@@ -163,5 +164,5 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
 
 
 def _percent(share: float) -> str:
-    """Write a share in percent with two significant digits."""
+    """Write a share in percent with two significant digits, or as "less than 0.01 %"."""
     return "less than 0.01 %" if share < 1e-4 else f"{100 * share:.2g} %"

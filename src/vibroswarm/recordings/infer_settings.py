@@ -36,7 +36,7 @@ TICKS_S: Final = 0.04
 
 
 UNDISTURBED_S: Final = 0.3
-"""Undisturbed intervals between samples differ by no more than this from their middle."""
+"""Intervals between samples that differ by more than this from the most frequent duration are not used for tau, s."""
 
 
 def infer_settings(
@@ -63,7 +63,8 @@ def infer_settings(
 def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
     """Compute the changes between consecutive samples of all logs.
 
-    The changes at a robot's first sample (number 0) are those from the prior, and from counters of 0.
+    At a robot's sample 0, alpha and beta grow from the prior, the messages received from 0, and the messages sent from
+    -1. Changes of times (spacing_s, avoid_s, stop_s) always need a previous row, and are nan there.
 
     Args:
         prior: alpha and beta before the first observation.
@@ -105,9 +106,11 @@ def _intervals(logs: Sequence[Log], prior: tuple[int, int]) -> Intervals:
 def infer_threshold(logs: Sequence[Log], between: Intervals) -> Inferred:
     """Infer theta_E, which lies between the largest energy that was read as 0 and the smallest that was read as 1.
 
-    Only samples whose bit is certain count. If no threshold agrees with all of these samples, the result is the
-    threshold that the fewest samples contradict. The setting is undetermined if more than 2 % of the samples contradict
-    that threshold, or if all samples have the same bit.
+    It may equal the former, but not the latter, as a bit is 1 if E > theta_E. Only samples whose bit is certain count:
+    those with a logged bit, or if no bit is logged, those at which alpha or beta did not grow. If no threshold agrees
+    with all of these samples, the result is the threshold that the fewest of them contradict. The setting is
+    undetermined if more than 2 % of them contradict that threshold, if all of them have the same bit, or if neither
+    bits nor posteriors are logged.
     """
     name = "sensor.rms_threshold"
     bits = _logged_bits(logs)
@@ -151,13 +154,13 @@ def _logged_bits(logs: Sequence[Log]) -> NDArray[np.float64]:
 
 
 def _beside(low: float, high: float, at_low: bool) -> float:
-    """Return the number with two decimals in [low, high) that is nearest to one of the two bounds.
+    """Choose a threshold in [low, high): the number with two decimals that is nearest to one of the two bounds.
 
     If no number with two decimals lies in [low, high), return the middle of the bounds.
 
     Args:
         at_low: whether that bound is ``low``; if not, it is ``high``. Callers choose the bound that more samples
-            determine.
+            determine, because the true threshold is likely to be nearer to it.
     """
     # The 1e-9 keeps rounding errors from moving a number with two decimals to the next one.
     rounded = math.ceil(low * 100 - 1e-9) / 100 if at_low else (math.ceil(high * 100 - 1e-9) - 1) / 100
@@ -231,8 +234,9 @@ def _deciding_robots(
 ) -> Iterator[tuple[pl.DataFrame, NDArray[np.float64], NDArray[np.float64]]]:
     """Yield (samples, decisions, beliefs) of each robot of each log, in the order of time.
 
-    Decisions are -1, 0 or 1; beliefs are that the fill ratio is below the boundary; (samples,) each. A robot is left
-    out if its number of messages sent, its decision or its belief is missing in a sample.
+    Decisions are -1, 0 or 1. A belief is the probability that the fill ratio is below the boundary. Both are arrays
+    (samples,). A robot that never decides is yielded too. A robot is left out if the number of messages sent, the
+    decision or the belief is missing in one of its samples.
     """
     for log in logs:
         for own in log.samples.sort("time_s").partition_by("robot", maintain_order=True):
@@ -258,7 +262,8 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
 
     Here a belief is that of the likelier answer, max(p, 1 - p). p_c lies between the largest belief of a robot that was
     past the gate but did not decide, and the smallest belief at a first decision. The setting has bounds but no value
-    in three cases: the gate is not known, no undecided robot was past it, or the bounds contradict each other.
+    in three cases: the gate is not known, no undecided robot was past it, or the bounds contradict each other. Without
+    any decision it is undetermined.
 
     Args:
         gate: the two settings from ``infer_gate``.
@@ -272,11 +277,13 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
         if decided.size:
             high, decisions = min(high, float(confidence[decided[0]])), decisions + 1
         if gate_kind.value is not None and min_observations.high is not None:
+            # O_c is at most ``high``: with a larger count a robot is past the gate for certain.
             past_gate = (decision == -1) & (_counts(own, gate_kind.value) > min_observations.high)
             low = max(low, float(confidence[past_gate].max(initial=0.5)))
     if decisions == 0:
         return undetermined(name, "no robot decided, or beliefs are not logged")
-    # low is 0.5 if no undecided robot was past the gate. The 1e-9 makes ``high`` itself a possible value.
+    # low is 0.5 if no undecided robot was past the gate. The 1e-9 makes ``high`` itself a possible value: a robot
+    # decides only if its belief is larger than p_c, but a logged belief may be cut to three digits and so equal p_c.
     value = _roundest(low, high + 1e-9) if low > 0.5 and low <= high else None
     return Inferred(
         name, value, low, high,
@@ -286,7 +293,7 @@ def infer_credible(logs: Sequence[Log], gate: list[Inferred]) -> Inferred:
 
 
 def infer_tau(between: Intervals) -> Inferred:
-    """Infer tau from the time between samples without avoidance.
+    """Infer tau from the time between samples without avoidance, or between all samples if avoidance is not logged.
 
     It is undetermined with fewer than 20 such intervals, or if only one of them is near the most frequent duration.
     The usual interval is tau, a stop and up to two ticks. An interval is longer if the robot first had to finish a
@@ -305,6 +312,8 @@ def infer_tau(between: Intervals) -> Inferred:
     edges = np.arange(0.0, spacing.max() + UNDISTURBED_S, UNDISTURBED_S / 2)
     in_windows = np.convolve(np.histogram(spacing, edges)[0], [1, 1], "valid")
     middle_s = edges[int(np.argmax(in_windows))] + UNDISTURBED_S / 2
+    # Intervals up to half a window beyond its edges count too, since these edges are those of bins, which may cut the
+    # usual intervals anywhere.
     usual = spacing[np.abs(spacing - middle_s) <= UNDISTURBED_S]
     if usual.size < 2:  # one interval has no standard deviation
         return undetermined(name, f"{spacing.size} undisturbed intervals: too different from each other")
@@ -323,4 +332,5 @@ def infer_tau(between: Intervals) -> Inferred:
 
 
 def _held(most: float) -> str:
+    """Write the largest count of a robot that was sure but undecided, in words; -inf: there was no such robot."""
     return "never" if math.isinf(most) else f"at most {most:g}"

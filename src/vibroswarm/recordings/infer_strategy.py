@@ -130,12 +130,12 @@ def _from_received(
     """Compute the log likelihood of each strategy from the bits received.
 
     Between two samples of a robot the number of ones among the bits received is known. It is taken as binomial, with
-    the mean probability of a 1 of the messages that others sent in that time. A log without the columns for this is
-    left out.
+    the mean probability of a 1 of the messages that others sent in that time. A log is left out if its posterior,
+    decision, belief or count of messages received is missing in any sample.
 
     Args:
         between: changes between consecutive samples of ``logs``. threshold: theta_E; the own bit of a sample is taken
-            as 1 if its energy is above it. eta, kappa: parameters of soft feedback.
+            as 1 if its energy is above it, also where the bit is logged. eta, kappa: parameters of soft feedback.
     Returns: log likelihood by strategy, number of bits used (which may be 0), and the words "bits received".
     """
     total, used = dict.fromkeys(STRATEGIES, 0.0), 0
@@ -159,8 +159,10 @@ def _from_received(
         # For each interval: ones received, bits received, and the mean probability of a 1 by strategy.
         intervals: list[tuple[float, ...]] = []
         for k in rows:
-            # Robots do not hear while they stand. So the messages of the interval were sent from the start of the
-            # previous stop to the start of this one; the rows of both may be written up to LAG_S later.
+            # Robots read messages only while they walk; a message that is sent while a robot stands is read after the
+            # stop. So the messages of the interval were sent from the start of the robot's previous stop to the start
+            # of this one. Times of rows may be up to LAG_S late: the robot's own, so that the previous stop may have
+            # begun earlier, and those of the senders, so that their rows may follow the start of this stop.
             stop_began_s = between.time_s[k] - STOP_S
             sent_from_s = stop_began_s - between.spacing_s[k] - LAG_S
             first, last = np.searchsorted(times, [sent_from_s, stop_began_s + LAG_S])

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 STOP_S: Final = 1.0
-"""Duration of a stop of the study's robots, used where it is not logged."""
+"""Duration of a stop of the study's robots, s. ``infer_tau`` uses it only if times spent standing are not logged,
+``infer_strategy`` always."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +38,8 @@ def undetermined(name: str, evidence: str) -> Inferred:
 class Intervals:
     """All samples, with the changes since the previous sample of the same robot; (samples,) each.
 
-    They are ordered by session, robot and time. A change is nan if it is not logged.
+    They are ordered by session, robot and time. A change is nan if its column is not logged. At a robot's first row it
+    is nan too, except that alpha and beta at sample 0 grow from the prior, and the messages received from 0.
     """
 
     session: NDArray[np.int64]
@@ -55,7 +57,8 @@ class Intervals:
     new_received: NDArray[np.float64]
     """Messages received since the previous sample."""
     whole: NDArray[np.bool_]
-    """Whether no row is missing between this sample and the previous one."""
+    """Whether no row is missing between this sample and the previous one (before sample 0: none). It is true for all
+    samples of a log without the count of messages sent, since lost rows cannot be detected there."""
     spacing_s: NDArray[np.float64]
     """Time since the previous sample, s."""
     avoid_s: NDArray[np.float64]

@@ -17,11 +17,12 @@ A reader is a function that takes a path and returns a ``Log`` (see ``log_reader
 | messages_received | - | messages received so far |
 | avoid_total_s, stop_total_s | s | time spent avoiding and standing so far |
 
-All columns may be null except the first six of a sample, and the first five of a track (a tracked position).
+All columns may be null except line, robot, time_s, x_m, y_m and, of a sample, energy. A track (a tracked position) has
+only those five and heading_rad.
 
 Between positions of a camera a robot's path is taken as a straight line; such lines make a table of segments. The
-heading is the direction of the line, since cameras and logs do not record it and turning in place is not seen. A step
-of less than 2 mm counts as standing. It is not known whether a robot turned or avoided between two positions, so
+heading of a segment is the direction of its line, since most logs have no headings; those of tracks are not used. A
+step of less than 2 mm counts as standing. It is not known whether a robot turned or avoided between two positions, so
 every segment is ``drive``, except for stops.
 """
 
@@ -296,8 +297,9 @@ def unwrapped(
     Args:
         values: of the counter in the order of time, (rows,); nan where missing, but not everywhere.
         wraps_at: value at which it starts again from 0; None: never.
-        time_s: times of the rows for a counter of time, else None. If the counter grows by more than the time passed,
-            which is impossible, the row becomes nan, and the counter continues from its last value.
+        time_s: times of the rows for a counter of time, else None. If such a counter falls although it does not wrap,
+            or grows by more than the time passed (and ``SLACK_S``), which is impossible, the row becomes nan, and the
+            counter continues from its last value. Other counters are not checked.
     Returns: the unwrapped values, (rows,); number of wraps; whether each row was set to nan, (rows,).
     """
     out, odd = values.copy(), np.zeros(values.size, dtype=np.bool_)
@@ -335,6 +337,7 @@ def knots_of(track: pl.DataFrame, samples: pl.DataFrame) -> pl.DataFrame:
     names = ["time_s", "x_m", "y_m"]
     if track.height:
         return track.select(names)
+    # A stop may start at the time of the previous sample. One of the two positions is dropped, so that times increase.
     stops = samples.select(pl.col("stop_start_s").alias("time_s"), "x_m", "y_m")
     return (
         pl.concat([stops, samples.select(names)])

@@ -63,8 +63,8 @@ def read_webots(path: Path) -> Log:
     Bits that were read are set only where the bits that were sent determine them.
 
     Raises:
-        InputError: no line of data, a line of data of another length, or text in place of a number; the error names
-            the line.
+        InputError: no line of data, a line of data of another length, text in place of a number, or an impossible
+            value; the error names the line, unless there is none.
     """
     name, text = str(path), text_of(path)
     rows: list[list[str]] = []
@@ -126,7 +126,10 @@ def _bits_read(strategy: str | None, sent: pl.Series, decision: pl.Series) -> pl
 
 
 def _settings(text: str) -> dict[str, Any]:
-    """Return the fields of the scenario that the log's line of settings states; empty if there is no such line."""
+    """Return the fields of the scenario that the log's line of settings states; empty if there is no such line.
+
+    The seed, the number of robots and the second tau in this line are left out.
+    """
     match = _SETTINGS.search(text)
     if match is None:
         return {}
@@ -160,8 +163,8 @@ def camera_map() -> ColumnMap:
 def camera_log_bytes(log: Log) -> bytes:
     """Return the log of a tracked session as CSV, in the order of time.
 
-    Rows with an energy are samples, all others are tracked positions. Times are rounded to a microsecond, places to a
-    micrometre.
+    Rows with an energy are samples, all others are tracked positions. Times, places and headings are rounded to six
+    decimals (s, m, rad).
     """
     tracks = log.tracks.with_columns(
         pl.lit(None, dtype=kind).alias(name)
@@ -208,8 +211,8 @@ def read_camera_log(path: Path) -> Log:
     """Read the log of a tracked session.
 
     Raises:
-        InputError: a column is missing, a required cell is empty, text stands in place of a number, a value is
-            impossible, or a robot has two tags; the error names the row.
+        InputError: a column is missing, a required cell is empty, text stands in place of a number, or a value is
+            impossible; the error names the column or the row.
     """
     return read_mapped(path, camera_map())
 

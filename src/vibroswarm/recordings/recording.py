@@ -85,7 +85,7 @@ class Recording(Result):
     """Result of the test whether the floor fits the energies."""
 
     def __eq__(self, other: object) -> bool:
-        """Return whether all that a result has is the same, and all that a recording adds."""
+        """Return whether all fields are the same; a plain ``Result`` is compared by the fields of a result alone."""
         if not isinstance(other, Recording):
             return super().__eq__(other)
         head = ("names", "sessions", "stated", "inferred", "floor_words")
@@ -124,12 +124,13 @@ class Recording(Result):
         """Read a recording from the folder that ``write`` has written.
 
         Raises:
-            InputError: the folder is not a recording, or a file in it is damaged.
+            InputError: the folder is not a recording, or a file in it is damaged or missing.
         """
         folder = Path(path)
         if not (folder / "recording.json").is_file():
             raise InputError("is not a recording; make one with 'vibroswarm lab import'", field=str(folder))
         result = Result.read(folder)
+        # An import always writes segments, which other results may lack, and never a seed.
         if result.seed is not None or result.segments is None:
             raise InputError("is not a recording: result.json has a seed, or no segments", field=str(folder))
         path = folder / "recording.json"

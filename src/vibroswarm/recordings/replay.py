@@ -86,11 +86,11 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     """Replay a scenario on the observations of a recording, ``draws`` times.
 
     Args:
-        scenario: that of the recording, in which the sections sensor (its threshold), strategy and decision may be
-            changed. seed: of the first draw; each further draw has the next seed.
+        scenario: that of the recording, in which the sections ``REPLAYABLE`` may be changed; of the sensor, the bits
+            depend on the threshold alone. seed: of the first draw; each further draw has the next seed.
     Raises:
-        InputError: another section differs, no draws, a strategy that does not count bits, the logs do not count the
-            messages received, or a row was lost on a kind of tile of which its session has no energy.
+        InputError: ``draws`` is below 1, another section differs, the strategy is not one of ``counts_only``, the logs
+            do not count the messages received, or a row was lost on a kind of tile of which its session has no energy.
         CodeError: the strategy is a user's, and did something that strategies may not do.
     """
     if draws < 1:
@@ -228,8 +228,9 @@ def _rows_of(recording: Recording, run: int) -> _Rows:
         robot=table["robot"].cast(pl.Int64).to_numpy(),
         sample=table["sample"].cast(pl.Int64).to_numpy(),
         time_s=table["time_s"].to_numpy(),
-        # A robot reads messages at its last walking tick at the latest, so they were sent at least two ticks before the
-        # stop; half a tick is left for rounding.
+        # A robot reads only while it walks, so for the last time one tick before its stop, and it reads a message one
+        # tick after it was sent at the earliest. So the latest message that it reads was sent two ticks before the
+        # stop. 1.5 in place of 2 leaves half a tick for rounding.
         hears_until_s=table["stop_start_s"].to_numpy() - 1.5 * recording.scenario.tick_s,
         received=newly_received.to_numpy(),
         observation=np.zeros(table.height, dtype=np.uint8),
@@ -292,16 +293,18 @@ def _outcome(
     fills, truth = fills_and_truth(scenario, floors, runs)
     end_s = recording.runs["end_s"].to_numpy()
     robots = robot_table(finals.select(list(FINALS)), truth)
+    # A session may end before t_end_s, but because people ended it, not by a decision: it did not stop early.
     of_runs = run_table(finals, fills, truth, end_s, scenario.run.t_end_s).with_columns(stopped_early=False)
     number = pl.lit(draw, dtype=pl.UInt32).alias("draw")
     return robots.select(number, *ROBOTS), of_runs.select(number, *RUNS)
 
 
 def with_beliefs(recording: Recording, seed: int = 0) -> Result:
-    """Return a copy of a recording without beliefs, with the beliefs and decisions that its bits imply.
+    """Return a copy of a recording, also a ``Recording``, with beliefs and decisions computed from its bits.
 
-    They are computed by the strategy of the recording's scenario from the bits of the samples. Messages are delivered
-    by the scenario's network, since it is not known which messages the real radio delivered.
+    The strategy of the recording's scenario computes them. They replace logged ones, so this is for recordings that
+    lack beliefs. The scenario's network delivers the messages, since logs do not say which ones the real radio
+    delivered.
 
     Args:
         seed: of the random numbers of strategy and network.
@@ -353,7 +356,9 @@ def _session_outcomes(
 ) -> list[SessionOutcome]:
     """Summarise the decisions of each session over all draws, in the order of sessions.
 
-    If the decision of any robot is not logged, the session has no consensus, decision times and undecided robots.
+    If the decision of any robot of a session is not logged, the outcome has neither decision times nor a share of
+    undecided robots, and no consensus either, since that of the run is null then. In decision times, robots without
+    samples and without a decision do not count.
 
     Args:
         robots, runs: tables of the robots and of the runs of all draws, with the column ``draw``.

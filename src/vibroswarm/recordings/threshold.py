@@ -64,7 +64,7 @@ def robot_clusters(samples: pl.DataFrame) -> NDArray[np.int64]:
         samples: with the columns run and robot.
     """
     pairs = samples.select(pl.col("run", "robot").cast(pl.Int64)).to_numpy()
-    # The index of each row's pair among the distinct pairs.
+    # The index of each row's pair among the distinct pairs. NumPy 2.0 returns it as (samples, 1), hence ``ravel``.
     return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
 
 
@@ -116,7 +116,11 @@ class Threshold(NotebookView):
     """From the samples of all sessions, with their effective number."""
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON, with nested values as dictionaries."""
+        """Return the fields as a dictionary, with nested values as dictionaries.
+
+        Of the share by session it has only the estimate and its limits. Here and in ``decidable``, numbers that are not
+        finite become None. Elsewhere nan stays nan, and the caller replaces it before it writes JSON.
+        """
         share = self.share_by_session.as_dict()
         return {name: getattr(self, name) for name in ("rule", "value", "low", "high")} | {
             "all_samples": asdict(self.all_samples),
@@ -200,13 +204,17 @@ def edge_distance(
 def error_curves(
     energy: Floats, vibrating: NDArray[np.bool_], weight: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Compute both error rates at all thresholds that differ in their errors.
+    """Compute both error rates at one threshold above each distinct energy.
+
+    All thresholds between the same two energies have the same error rates, so one is enough. Thresholds below all
+    energies (a = 1, b = 0) are left out.
 
     Args:
         energy, vibrating, weight: energies of samples, whether their tiles vibrate, and their weights, (samples,) each;
             both kinds of tile must have weight.
-    Returns: increasing thresholds, which lie half-way between neighbouring energies, and one above all energies; the
-        rate of false positives a at each threshold, falling; and of false negatives b, rising; (thresholds,) each.
+    Returns: increasing thresholds, which lie half-way between neighbouring energies, the last one above all energies;
+        the rate of false positives a at each threshold, which never rises; and that of false negatives b, which never
+        falls; (thresholds,) each.
     """
     order = np.argsort(energy, kind="stable")
     sorted_energy, kind, w = energy[order], vibrating[order], weight[order]
@@ -221,18 +229,22 @@ def error_curves(
 
 
 def equal_error(energy: Floats, vibrating: NDArray[np.bool_], weight: Floats) -> float:
-    """Compute the threshold at which both error rates are equal, by linear interpolation between energies.
+    """Compute the threshold at which both error rates are equal, by linear interpolation between thresholds.
+
+    If b is at least a at the lowest threshold of ``error_curves`` already, the result is this threshold.
 
     Args:
         energy, vibrating, weight: energies of samples, whether their tiles vibrate, and their weights, (samples,) each;
             both kinds of tile must have weight.
     """
     thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
-    # The first threshold at which b, which rises, is not below a, which falls.
+    # The first threshold at which b, which never falls, is not below a, which never rises. There is one, since at the
+    # last threshold b is 1 and a is 0, but for rounding.
     k = int(np.argmax(false_negative >= false_positive))
     if k == 0:
         return float(thresholds[0])
-    # How far a lies above b at threshold k - 1, and b above a at threshold k.
+    # How far a lies above b at threshold k - 1, which is more than 0 (so 0.5 is never used), and b above a at threshold
+    # k.
     before = false_positive[k - 1] - false_negative[k - 1]
     after = false_negative[k] - false_positive[k]
     share = before / (before + after) if before + after > 0 else 0.5
@@ -253,7 +265,8 @@ def least_cost(cost_false_positive: float, cost_false_negative: float, fill_rati
             cost_false_positive * (1 - fill_ratio) * false_positive
             + cost_false_negative * fill_ratio * false_negative
         )
-        # If several thresholds have the lowest cost, the result is their mean.
+        # Several thresholds may have the lowest cost, up to rounding. Their mean prefers none of them, but if they are
+        # not neighbours, its own cost may be higher.
         lowest = np.flatnonzero(cost <= cost.min() + 1e-12)
         return float(thresholds[lowest].mean())
 
@@ -379,14 +392,16 @@ def _decidable(
 ) -> Decidability:
     """Compute whether the floor can be decided from the bits of all sessions.
 
-    The share of ones weights all tiles equally, and counts as measured with the effective number of samples.
+    The share of ones is the mean over visited tiles of each tile's share. Its interval is that of a share measured with
+    n_eff independent samples, where n_eff is the effective number of samples (``effective_with_sensor``): it allows for
+    tiles visited unequally often and for the error rates at this threshold.
 
     Args:
         bits: of the samples ``data`` at this threshold, (samples,).
     """
     observed = observed_share(data.tile, bits)
     count = np.bincount(data.tile)
-    visits = count[count > 0] / data.tile.size  # share of the samples on each visited tile
+    visits = count[count > 0] / data.tile.size  # w_t: share of the samples on each visited tile
     errors = rates(data, threshold, chosen=np.ones(bits.size, dtype=np.bool_))  # of all samples
     effective = float(
         effective_with_sensor(
@@ -397,7 +412,7 @@ def _decidable(
             false_negative=errors.false_negative,
         )
     )
-    truth = recording.runs["truth"][0]
+    truth = recording.runs["truth"][0]  # all sessions have the same floor
     boundary = recording.scenario.decision.decision_boundary
     return decidability_of_share(observed.share, boundary, truth, effective_samples=effective)
 

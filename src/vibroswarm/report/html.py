@@ -105,6 +105,7 @@ def _classes(column: Column, numeric: bool, words: str = "") -> str:
     Args:
         numeric: whether the column has numbers. words: text of the cell; empty for a heading, which has no tone.
             ``column.tones`` maps beginnings of texts to tones; the longest beginning that matches gives the tone.
+            Only ``TONES`` have a style, so any other tone gives no class.
     """
     fitting = [start for start in column.tones if words.startswith(start)] if words else []
     tone = column.tones[max(fitting, key=len)] if fitting else ""
@@ -118,6 +119,8 @@ def _classes(column: Column, numeric: bool, words: str = "") -> str:
 
 def _cell(name: str, row: Mapping[str, Any], column: Column, numeric: bool, decimals: int | None) -> str:
     """Write the cell of column ``name`` in a row; a number is followed by its limits, if these are finite.
+
+    The page's script sorts numbers by ``data-value`` and other cells by their text, and puts ``data-missing`` last.
 
     Args:
         row: values by column name, limits included. column: format of the column. numeric: whether it has numbers.
@@ -140,7 +143,10 @@ def _cell(name: str, row: Mapping[str, Any], column: Column, numeric: bool, deci
 
 
 def _breakable(text: object) -> str:
-    """Escape text, and allow line breaks after the underscores of words of 13 or more characters."""
+    """Escape text, and allow line breaks after underscores in long words, so that names do not widen a column.
+
+    A word is long from 13 characters on; shorter ones are never broken.
+    """
     return re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(text))
 
 
@@ -180,7 +186,8 @@ def csv_link(frame: pl.DataFrame, name: str) -> str:
     Args:
         name: name of the file without suffix; characters that do not suit a file name are replaced by hyphens.
     """
-    # A table that takes more than 20 times the limit in memory is not even converted.
+    # CSV is rarely 20 times smaller than its table in memory, so a table of more than 20 times the limit is not even
+    # converted.
     if frame.estimated_size() <= 20 * CSV_UP_TO:
         data = csv_bytes(_flat(frame))
         if len(data) <= CSV_UP_TO:
@@ -203,7 +210,7 @@ def _flat(frame: pl.DataFrame) -> pl.DataFrame:
 
 
 CONTENTS_FROM = 4
-"""Sections, including subsections, from which there is a table of contents."""
+"""Entries from which there is a table of contents."""
 LONG_FROM = 30
 """Entries of a table of contents from which only the current part is unfolded."""
 
@@ -384,7 +391,11 @@ def _section(section: Section, key: str, level: int) -> str:
 
 
 def _contents(sections: tuple[Section, ...]) -> str:
-    """Write the table of contents; empty for a report of fewer than ``CONTENTS_FROM`` sections."""
+    """Write the table of contents; empty if it would have fewer than ``CONTENTS_FROM`` entries.
+
+    Entries are sections and their subsections, but nothing below these. In contents of the class "long", the style
+    sheet hides the subsections; in a wide window those of the current section are shown.
+    """
     count = sum(1 + len(section.sections) for section in sections)
     if count < CONTENTS_FROM:
         return ""

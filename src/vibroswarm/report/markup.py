@@ -11,7 +11,11 @@ from vibroswarm.errors import InputError
 
 
 def escape(text: object) -> str:
-    """Escape text for HTML elements and attributes; replace lone surrogates and drop control characters."""
+    """Escape text for HTML elements and attributes.
+
+    Lone surrogates, which UTF-8 cannot encode, become "?". Control characters are dropped, except for tabs, line feeds
+    and carriage returns.
+    """
     valid = str(text).encode("utf-8", "replace").decode("utf-8")
     return html.escape(re.sub(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f]", "", valid))
 
@@ -23,7 +27,11 @@ def code_html(text: str) -> str:
 
 
 def minus_signs(text: str) -> str:
-    """Replace the hyphen of a negative number by a minus sign, as in ``[-1.0, +2.0]``, but not that of ``2-3``."""
+    """Replace the hyphen of a negative number by a minus sign, as in ``[-1.0, +2.0]``, but not that of ``2-3``.
+
+    A hyphen before a digit belongs to a number unless it follows a letter, a digit, an underscore, a closing bracket
+    or another hyphen.
+    """
     return re.sub(r"(?<![\w\])-])-(?=\d)", "\u2212", text)
 
 
@@ -31,7 +39,8 @@ MOST_CHARACTERS: Final = 3_000_000
 """Largest picture; the parts of a larger one should be rasterised when it is drawn."""
 
 DROPPED: Final = frozenset({"metadata", "style", "title", "desc", "script"})
-"""SVG elements that are left out."""
+"""SVG elements that are left out. A style would apply to the whole page; the page's style sheet has the same rules for
+pictures alone. A label takes the place of title and desc."""
 
 
 def inline_svg(text: str, prefix: str, label: str) -> tuple[str, float]:
@@ -44,7 +53,7 @@ def inline_svg(text: str, prefix: str, label: str) -> tuple[str, float]:
         prefix: put before each id, so that no two pictures on a page have the same ids.
         label: text that screen readers read in place of the picture.
     Raises:
-        InputError: it is not SVG or too large.
+        InputError: it is not SVG, has no viewBox, or is too large.
     """
     if len(text) > MOST_CHARACTERS:
         raise InputError(f"has {len(text):,} characters; a page takes {MOST_CHARACTERS:,}", field="svg")
@@ -73,7 +82,7 @@ def _prefixed(element: ElementTree.Element, prefix: str) -> ElementTree.Element:
     """Copy an element and its children for a page: without namespaces and ``DROPPED`` elements, and with new ids.
 
     ``prefix`` is put before each id, and before the id in each reference (``href="#id"``, ``url(#id)``). The attributes
-    ``version``, ``type`` and ``xml:space`` are left out.
+    ``version``, ``type`` and ``xml:space``, which matplotlib's drawings do not need in HTML, are left out.
     """
     copy = ElementTree.Element(_local(element.tag))
     copy.text, copy.tail = element.text, element.tail

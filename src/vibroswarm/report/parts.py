@@ -49,13 +49,13 @@ class Column(NotebookView):
 def decimals_of(values: Iterable[float | None], column: Column) -> int | None:
     """Return the number of decimals with which all numbers of a column are written.
 
-    Whole numbers have no decimals. Otherwise the largest number gets ``column.digits`` significant digits. Zeros at the
-    end that all numbers have in common are dropped.
+    It is ``column.decimals`` if given, else 1 in percent, else 0 if all numbers are whole. Otherwise the largest number
+    gets ``column.digits`` significant digits, and zeros at the end that all numbers have in common are dropped.
 
     Args:
         values: numbers of the column and their limits; None and numbers that are not finite do not count.
-    Returns: the number of decimals; None if it would not suit all numbers: the largest is below 1e-4 or above 1e12, or
-        the smallest would be written as 0. Then each number is written with decimals of its own.
+    Returns: the number of decimals; None if the last rule does not suit all numbers: the largest is below 1e-4 or at
+        least 1e12, or the smallest above 0 would be written as 0. Then each number is written with decimals of its own.
     """
     if column.decimals is not None:
         return column.decimals
@@ -80,8 +80,8 @@ def number_text(value: float, column: Column, decimals: int | None = None) -> st
     """Write a number in the format of its column, with minus signs in place of hyphens.
 
     Args:
-        value: the number, not nan. decimals: number of decimals, from ``decimals_of``; None: as many as this number
-            needs to have ``column.digits`` significant digits.
+        value: the number, not nan. decimals: number of decimals, from ``decimals_of``; None: 1 in percent, else as many
+            as this number needs to have ``column.digits`` significant digits. P-values have three in any case.
     """
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
@@ -89,8 +89,9 @@ def number_text(value: float, column: Column, decimals: int | None = None) -> st
         return "< 0.001" if value < 0.001 else f"{value:.3f}"
     if column.percent:
         value, decimals = 100 * value, 1 if decimals is None else decimals
-    # Numbers of 10^12 and more are written with an exponent, by the last format. Smaller ones with more than
-    # ``column.digits`` digits before the point are written whole, since that format would give them an exponent too.
+    # Floats of 10^12 and more are written with an exponent, by the last format; integers of any size are written whole.
+    # Smaller floats with more than ``column.digits`` digits before the point are written whole too, since the last
+    # format would give them an exponent.
     if decimals is not None and abs(value) < 10**12:
         text = f"{value:.{decimals}f}"
         text = text if float(text) else text.removeprefix("-")  # 0, not -0
@@ -104,6 +105,7 @@ def number_text(value: float, column: Column, decimals: int | None = None) -> st
 
 
 PICTURE_ADDRESS: Final = re.compile(r"data:image/(?:jpeg|png);base64,[A-Za-z0-9+/=]+")
+"""Allowed addresses of photographs. They hold the photograph itself, and no character that has to be escaped."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,8 @@ class ReportFrames(NotebookView):
 
 def frames_html(group: ReportFrames, key: str) -> str:
     """Write a row of photographs that wraps where the page is narrow.
+
+    Width and height in the HTML only reserve a square before a photograph is loaded; the style sheet sets the size.
 
     Args:
         key: id of the HTML element.

@@ -234,7 +234,7 @@ def obstacle(f: Mixture, program: LocalisationProgram, ray_m: float, after_drive
 
     Args:
         ray_m: length of the ray, m; 0 if the ray begins inside an obstacle. after_drive: whether the robot drove before
-            the avoidance. If it turned in place instead, another robot in the way is twice as likely.
+            the avoidance. If it turned in place instead, another robot in the way is assumed to be twice as likely.
     """
     if not program.corrects:
         return
@@ -242,7 +242,7 @@ def obstacle(f: Mixture, program: LocalisationProgram, ray_m: float, after_drive
     # ``lost_share`` grows with the excess up to LOST_MOST, but never falls below the program's own value.
     lost_share = min(program.lost_share + LOST_SLOPE * excess(f, program), max(LOST_MOST, program.lost_share))
     # density: probability density of this ray length, averaged over the components by weight, 1/m. of_robots: the part
-    # of this density that is due to other robots.
+    # of this density that is due to other robots. If ``ray_m`` is 0, both are sums of probabilities instead (``meet``).
     density, of_robots = 0.0, 0.0
     for i in range(f.weights.size):
         of_component, of_robot = meet(f, i, program, ray_m, robots, lost_share)
@@ -312,8 +312,8 @@ def change_speed(f: Mixture, i: int, program: LocalisationProgram) -> None:
     """Update a component's speed factor after a sample, if the robot's true factor changes at samples.
 
     If a new factor is drawn at each sample, the component's factor is reset to its prior, independent of all else that
-    it knows. If the factor varies about the robot's own from sample to sample (``speed_wander`` above 0), its
-    variance grows.
+    it knows. If the factor varies from sample to sample (``speed_wander`` above 0), the component takes this for a
+    random walk: the variance grows by that of one step. (In simulations it varies about a fixed factor instead.)
     """
     if program.speed_redrawn:
         f.means[i, SPEED] = program.speed_factor

@@ -145,6 +145,7 @@ def follow_components(f: Mixture, paths: Paths) -> None:
     for i in range(count):
         grown += max(paths.lines[i] - paths.weights[i], 0.0)
     for k in range(paths.component.size):
+        # The draw's component at the last sample is also the number of the draw's line.
         line = paths.component[k]
         # With probability 1 - min(1, M_c / w_c) the draw leaves its line for one whose weight has grown, which is drawn
         # with probability proportional to its gain ``more`` (the last such line if rounding leaves ``at`` above 0).
@@ -165,9 +166,11 @@ def chosen_in(f: Mixture, paths: Paths, line: int, weight: float) -> int:
     """Return the index of a component of a line, drawn by weight.
 
     Args:
-        line: number of the line, or -1 for components of any line. weight: sum of the weights of these components.
+        line: number of the line, or -1 for components of any line. weight: sum of the weights of these components,
+            above 0.
     """
     at, chosen = path_uniform(paths) * weight, 0
+    # If rounding leaves ``at`` above 0, the last of these components is chosen, but never one of weight 0.
     for i in range(f.weights.size):
         if f.weights[i] > 0.0 and (line < 0 or f.copies[f.weights.size + i] == line):
             chosen = i

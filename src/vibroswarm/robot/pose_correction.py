@@ -137,7 +137,7 @@ def correct(
 def learn_beyond(
     f: Mixture, i: int, axis: int, by_place: float, by_heading: float, mean: float, least: float, noise: float
 ) -> float:
-    """Correct a component by the fact that a distance is above ``least``; return how probable the component found that.
+    """Correct a component by the fact that a distance is above ``least``; return the fact's probability before that.
 
     The component becomes the Gaussian that has the moments of the one truncated at ``least``.
 
@@ -163,9 +163,10 @@ def learn_beyond(
 
 @inlined
 def inside(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Correct a component by the fact that the robot is inside the arena; return how probable the component found that.
+    """Correct a component by the fact that the robot is inside the arena; return the fact's probability before that.
 
-    For walls that are not near, the component needs no correction and their probability counts as 1.
+    Of two opposite walls only the nearer one matters. If it is not near either, the component is not corrected, and the
+    probability that the robot is on the inner side of both counts as 1.
     """
     near_m, left = program.radius_m + NEAR_WALL_M, 1.0
     for axis in range(2):
@@ -181,7 +182,7 @@ def inside(f: Mixture, i: int, program: LocalisationProgram) -> float:
 
 @inlined
 def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Correct a component by the fact that no ray saw a wall; return how probable the component found that.
+    """Correct a component by the fact that no ray saw a wall; return the fact's probability before that.
 
     If all walls are out of the rays' reach by this component, it needs no correction and the result is 1.
     """
@@ -196,7 +197,7 @@ def saw_nothing(f: Mixture, i: int, program: LocalisationProgram) -> float:
 
 @inlined
 def saw_no_wall(f: Mixture, i: int, program: LocalisationProgram) -> float:
-    """Correct a component near walls by the fact that no ray saw a wall; return how probable it found that."""
+    """Correct a component near walls by the fact that no ray saw a wall; return the fact's probability before that."""
     of_x, x_by_x, x_by_heading, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
     left = 1.0
     for axis in range(2):
@@ -225,8 +226,8 @@ def meet(
         ray_m: length of the ray, m; 0 if the ray begins inside an obstacle. robots: density of meeting a robot, 1/m.
         lost_share: probability that a component that draws a robot is widened.
     Returns: the probability density of this ray length by the component, and the part of it that is due to robots, 1/m.
-        If ``ray_m`` is 0, the sum and its part are formed without densities: from the probabilities that each wall is
-        behind the ray's beginning, and from ROBOT_AT_0 for a robot.
+        If ``ray_m`` is 0, the first is the sum of the probabilities that each wall is behind the ray's beginning and of
+        ROBOT_AT_0 for a robot, and the second is ROBOT_AT_0. The first always includes LEAST.
     """
     of_x, x_by_x, x_by_heading, of_y, y_by_y, y_by_heading = wall_rays(f, i, program)
     noise = program.ray_noise_m * program.ray_noise_m
@@ -253,7 +254,8 @@ def meet(
     total = x_density + y_density + robot_density + LEAST  # never 0
     chosen = next_uniform(f) * total
     # ``chosen`` falls into the part of [0, total] of the wall in x, the wall in y or the robot, in this order. A single
-    # component does not draw, but takes what is most probable: ``chosen`` is set to the beginning or end of that part.
+    # component takes what is most probable, as no other component could make up for an improbable draw: ``chosen`` is
+    # set to the beginning or end of that part.
     if f.weights.size == 1:
         chosen = 0.0 if x_density >= max(y_density, robot_density) else x_density
         if robot_density > max(x_density, y_density):

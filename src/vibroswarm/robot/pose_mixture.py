@@ -34,11 +34,11 @@ SAMPLES: Final = 1
 """Index of the number of samples so far in ``Mixture.numbers``."""
 
 UNEXPECTED: Final = 0
-"""Index in ``Mixture.monitor`` of the sum of what was unexpected at past obstacles, of which older ones count less."""
+"""Index in ``Mixture.monitor`` of the sum of what was unexpected in drives and at obstacles; older ones count less."""
 OBSTACLES: Final = 1
 """Index in ``Mixture.monitor`` of the number of past obstacles, of which older ones count less."""
 KEPT: Final = 0.95
-"""Factor of the monitor's sums at each obstacle: it remembers the last 1 / (1 - KEPT) = 20 obstacles."""
+"""Factor of the monitor's sums at each obstacle, so that they remember about the last 1 / (1 - KEPT) = 20 obstacles."""
 USUAL: Final = 0.5
 """Upper limit of what is normally unexpected per obstacle: 0.25 to 0.45 in simulations whose robots know their
 noise."""
@@ -119,7 +119,7 @@ class LocalisationProgram(NamedTuple):
     corrects: bool = True
     """Whether rays correct the pose; if not, this is dead reckoning."""
     monitors: bool = True
-    """Whether stated spreads and ``lost_share`` grow while more than usual is unexpected."""
+    """Whether the monitor acts: stated spreads and ``lost_share`` grow with its ``excess``."""
 
 
 class Mixture(NamedTuple):
@@ -145,7 +145,7 @@ class Mixture(NamedTuple):
     numbers: NDArray[np.int64]
     """(2,): the random state (index RANDOM) and the number of samples so far (index SAMPLES)."""
     monitor: NDArray[np.float64]
-    """(2,): faded sums over past obstacles: of what was unexpected (UNEXPECTED), and of their number (OBSTACLES)."""
+    """(2,): sums that fade by KEPT at each obstacle: what was unexpected (UNEXPECTED), obstacles (OBSTACLES)."""
 
 
 def empty_mixture(components: int, lag: int, with_paths: bool = False) -> Mixture:
@@ -233,10 +233,11 @@ def begin(
 
 @inlined
 def excess(f: Mixture, program: LocalisationProgram) -> float:
-    """Return by how much more often than usual (``USUAL``) recent obstacles were unexpected; 0 if not more often.
+    """Return by how much the unexpected per recent obstacle exceeds what is usual (``USUAL``); 0 if it does not.
 
-    An obstacle counts as unexpected by the probability that it was a robot, not a wall where one is expected. A wall
-    that is expected, but not seen, counts too (``localisation``). Without the monitor the result is 0.
+    An obstacle adds to the unexpected the probability that it was a robot and not a wall. A drive adds -ln of the
+    probability of what is known at its end (``localisation.drive``): it is large if a wall was expected, but not seen.
+    If ``program.monitors`` is false, the result is 0.
     """
     if not program.monitors:
         return 0.0

@@ -163,9 +163,8 @@ def steered(state: WalkState, turn_deg: float, drive_ms: float) -> WalkState:
       after an interrupted turn, the new one) then takes ``drive_ms`` from its present point on.
     * Both are nan: nothing changes.
 
-    After that leg the robot turns and walks as drawn. The random numbers of a leg are addressed by ``legs`` and those
-    of an avoidance by ``avoidances``. So steering changes no other robot's random numbers. It shifts the numbers of the
-    robot's own avoidances only if their number changes.
+    After that leg the robot turns and walks as drawn. The random numbers of its n-th leg and of its n-th avoidance are
+    addressed by n (``legs``, ``avoidances``), so steering changes neither these nor those of other robots.
     """
     # After the stop the robot turns, with ``turn_deg`` still to turn and an integral of 0.
     if not math.isnan(turn_deg):
@@ -186,10 +185,11 @@ def steered(state: WalkState, turn_deg: float, drive_ms: float) -> WalkState:
 def looks(state: WalkState, program: WalkProgram, gyro_deg: float) -> bool:
     """Return whether ``walk_step`` at this tick may use the rays: only if the robot drives, or is about to drive.
 
-    If a sample is due or the leg is over, it does not use them, although the result is true.
+    If a sample is due or the leg is over, ``walk_step`` does not use them, although the result is true.
 
     Args:
-        gyro_deg: angle turned since the last tick.
+        gyro_deg: angle turned since the last tick. ``walk_step`` ignores it after a stop; here it is subtracted then
+            too, as it is about 0 for a robot that stood.
     """
     mode = state.mode
     if mode == STOP:

@@ -275,11 +275,12 @@ floats with nan, whatever its type here."""
 
 
 def payload(record: RunRecord) -> dict[str, Any]:
-    """Convert a run to dicts, lists, text and finite numbers, which the page's scripts read.
+    """Convert a run to dicts, lists, text, booleans, finite numbers and None, which the page's scripts read.
 
-    Samples are packed columns (``packed_column``), sorted by robot and sample; a missing message is ``UNKNOWN``, any
-    other missing value nan. Trajectories are rounded and thinned (``trajectory_thinning``). Everything else is copied
-    from the record.
+    Samples and places are packed columns (``packed_column``), sorted by robot and sample; a missing message is
+    ``UNKNOWN``, any other missing value nan. The radio's messages are packed too, and the maps, with beliefs rounded to
+    1/255. Trajectories are rounded, thinned and packed (``packed_track``). The prior's belief is computed (``_rule``).
+    Everything else has the record's values.
     """
     return {
         "format": FORMAT,
@@ -375,8 +376,8 @@ def _rule(record: RunRecord) -> dict[str, Any]:
 def _samples(record: RunRecord) -> dict[str, np.ndarray[Any, Any]]:
     """Return the columns ``SAMPLE_TYPES`` of the samples that have a row in motion, observations and inference.
 
-    The samples are sorted by robot and sample number. A missing message is ``UNKNOWN``, any other missing value nan: a
-    column with nulls, such as alpha of a strategy without a posterior, becomes one of floats.
+    The samples are sorted by robot and sample number. A missing message is ``UNKNOWN``, any other missing value nan:
+    ``to_numpy`` converts a column with nulls, such as alpha of a strategy without a posterior, to floats with nan.
     """
     table = record.motion
     for other in (record.observations, record.inference):

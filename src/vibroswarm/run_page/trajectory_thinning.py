@@ -153,7 +153,7 @@ def _on_arc(x: Floats, y: Floats, heading: Floats, speed: Floats, rate: Floats, 
 def _jumps(starts: Floats, ends: Floats) -> NDArray[np.bool_]:
     """Return whether the next segment begins more than 0.1 mm or half a degree from where this one ends, (segments,).
 
-    The last value has no meaning: it compares the last segment with the first.
+    The value for each robot's last segment has no meaning: the next segment is another robot's, or the first of all.
 
     Args:
         starts, ends: x, y, heading of each segment's start and end, (3, segments).

@@ -105,8 +105,8 @@ def _script_hash(document: str, script: str) -> str:
     """Return the hash of the page's script element; the page's content security policy allows no other script.
 
     Args:
-        document: the template, with one script element that contains "{{script}}". script: text that replaces
-            "{{script}}".
+        document: the template, with a single ``<script>`` without attributes, which contains "{{script}}". The element
+            with the data has a type that is not run, and needs no hash. script: text that replaces "{{script}}".
     """
     (code,) = re.findall(r"<script>(.*?)</script>", document, flags=re.DOTALL)
     digest = hashlib.sha256(code.replace("{{script}}", script).encode()).digest()
@@ -117,7 +117,7 @@ def write_page(record: RunRecord, path: Path) -> None:
     """Write the page of a run to ``path``, completely or not at all; an existing file is replaced.
 
     Raises:
-        InputError: the folder cannot be written.
+        InputError: ``path`` is a folder, or its folder cannot be written to.
         RunError: the disk is full or failed.
     """
     text = page_html(record)
@@ -147,7 +147,8 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         result: simulated, or of a recording (without a seed). run: number of the run. title: heading of the page; by
             default the number of robots and the name of the floor.
     Raises:
-        InputError: the result has no such run, or was simulated without segments.
+        InputError: ``result`` is no ``Result``, has no such run, was simulated without segments, or is of a recording
+            without decisions; or its strategy or network is not loaded.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
     if result.segments is None:
@@ -252,7 +253,7 @@ def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
     """Write the page of one run: a single file that a browser opens from disk; an existing file is replaced.
 
     Raises:
-        InputError: the result has no such run, was simulated without segments, or ``path`` cannot be written.
+        InputError: as of ``record_of``, or ``path`` is no path or cannot be written.
         RunError: the disk is full or failed.
     """
     path = path_of(path)

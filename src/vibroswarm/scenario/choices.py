@@ -2,8 +2,8 @@
 
 An entry is a strategy, network or task that can be selected. Its table holds its parameters, such as
 ``[strategy.soft]``. Its code is the reference to the user's file that defines it, with a hash (``plugins``); entries of
-this package have none. A scenario can be read, and shown, without loading the code of its entry; the table of such an
-entry is a plain dictionary that is not validated.
+this package and of installed packages have none. A scenario can be read, and shown, without loading the code of its
+entry; the table of such an entry is a plain dictionary that is not validated.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class Choice(FrozenModel):
     name: str
     """The selected entry."""
     code: str | None = None
-    """File of the entry and its SHA-256, if it is not part of vibroswarm."""
+    """Reference to the user's file that defines the entry, with its SHA-256; None for an entry of a package."""
 
     @model_validator(mode="before")
     @classmethod
@@ -69,10 +69,10 @@ class Choice(FrozenModel):
         Args:
             values: the section as given: a name, perhaps a code, and tables by the names of entries.
         Returns:
-            The section in one form: ``name`` without file, ``code`` with its hash (None for an entry of this package),
-            the table of the selected entry, and those tables of other entries that differ from the defaults.
+            The section in one form: ``name`` without file, ``code`` with its hash (None for an entry of a package), the
+            table of the selected entry, and those tables of other entries that may differ from the defaults.
         Raises:
-            InputError: unknown entry, changed code, or a wrong table.
+            InputError: unknown entry, code that has changed or cannot be loaded, or a wrong table.
         """
         if not isinstance(values, Mapping):
             return values  # which Pydantic refuses
@@ -80,8 +80,8 @@ class Choice(FrozenModel):
         name, entries = cls._resolve_entry(given), cls.known()
         for key in sorted(set(given) - {"name", "code"}):  # all other keys are names of entries
             table = cls._table(key, given[key], is_chosen=key == name)
-            # A table is left out if it has no fields, or if its entry belongs to this package and is not selected, and
-            # the table holds only defaults.
+            # A table is left out if it has no fields, or if its entry is not selected and the table holds only
+            # defaults. Only defaults of entries without code count: others are known only while their code is loaded.
             is_empty = not (type(table).model_fields if isinstance(table, BaseModel) else table)
             is_default = (
                 key != name and key in entries and not entries[key].code and table == entries[key].params()
@@ -90,7 +90,7 @@ class Choice(FrozenModel):
                 del given[key]  # so that scenarios of the same meaning have the same text
             else:
                 given[key] = table
-        # The table of the selected entry is always there, with its defaults if it was not given.
+        # The table of a selected entry with parameters is always there, with its defaults if it was not given.
         if (
             isinstance(name, str)
             and name in entries
@@ -109,7 +109,7 @@ class Choice(FrozenModel):
         Returns:
             The entry's name. A name that is not a string is returned as it is, and Pydantic refuses it later.
         Raises:
-            InputError: unknown entry, or its code has changed.
+            InputError: unknown entry, or its code has changed, may not be loaded or cannot be loaded.
         """
         # ``spec`` is the reference to code, or None. The name itself may be one, such as "voter.py:voter"; otherwise it
         # is the section's ``code``.
@@ -125,7 +125,7 @@ class Choice(FrozenModel):
         entries = plugins.known_for(cls.kind, name if spec is None else None)
         is_known = isinstance(name, str) and name in entries
         if is_known:
-            registered = entries[name].code or None  # None: the entry belongs to this package
+            registered = entries[name].code or None  # None: the entry belongs to a package
             if isinstance(spec, str) and plugins.HASH in spec and spec != registered:
                 reference, _, wanted_hash = spec.partition(plugins.HASH)
                 loaded_hash = (registered or "").partition(plugins.HASH)[2]
@@ -223,7 +223,10 @@ class Choice(FrozenModel):
 
     @classmethod
     def field_names(cls) -> list[str]:
-        """Return the dotted names, without the section, of all fields: "name" and, for example, "soft.eta"."""
+        """Return the dotted names, without the section, of "name" and all parameters, such as "soft.eta".
+
+        ``code`` is left out, since a new reference to code is given as the name.
+        """
         tables = [
             f"{name}.{field}" for name, entry in cls.known().items() for field in entry.params.model_fields
         ]

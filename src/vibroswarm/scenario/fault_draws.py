@@ -69,7 +69,7 @@ def onset_s(scenario: Scenario, seed: int, runs: Sequence[int], kind: str) -> ND
 
 
 def _who(scenario: Scenario, seed: int, run: int, kind: str) -> Sequence[int]:
-    """Return the robots of a run that have a fault of one kind: those that the scenario lists, or a share of them."""
+    """Return the robots of a run that have a fault of one kind: those listed, or some drawn to make up a share."""
     affected, robots = getattr(scenario.faults, kind), scenario.swarm.robots
     if isinstance(affected, tuple):
         return affected
@@ -88,7 +88,7 @@ def _who(scenario: Scenario, seed: int, run: int, kind: str) -> Sequence[int]:
 
 
 def _time_s(since: tuple[float, ...], seed: int, run: int, robot: int, kind: str) -> float:
-    """Return the time at which a robot's fault begins, s."""
+    """Return the time at which a robot's fault begins, s; ``since`` is the range that it is drawn from."""
     low_s, high_s = since
     return low_s + (high_s - low_s) * float(uniform(seed, run, robot, FAULT, NUMBER_OF[kind], OF_TIME))
 
@@ -200,8 +200,8 @@ def observation_of(
         return 1
     if time_s >= faults.at_0_from_s[r, i]:
         return 0
-    # A biased sensor reads 0 more often on vibrating tiles, and less often on still ones. A share beyond 0 or 1 acts as
-    # 0 or 1, because u is from 0 to 1.
+    # Higher error rates: the sensor reads 0 more often on vibrating tiles, and less often on still ones. A share beyond
+    # 0 or 1 acts as 0 or 1, because u is strictly between them.
     for_s = time_s - faults.biased_from_s[r, i]  # how long it has been biased
     if for_s >= 0.0:
         if vibrates:

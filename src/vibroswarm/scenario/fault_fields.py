@@ -131,7 +131,7 @@ class MotionFaults(FrozenModel):
 
     @property
     def any_of_motion(self) -> bool:
-        """Whether any robot has a fault of motion."""
+        """Whether any robot may have a fault of motion; also true for a share that rounds to no robot."""
         return any(getattr(self, kind) for kind in MOTION_FAULTS)
 
 
@@ -164,6 +164,7 @@ class Faults(MotionFaults):
     radio_dead_from_s: Since = 0.0
     """When it dies, s, or a range."""
 
+    # These two validators have names of their own, because a validator replaces the inherited one of the same name.
     @field_validator(*OTHER_FAULTS, mode="before")
     @classmethod
     def _check_affected_too(cls, value: object, info: ValidationInfo) -> Affected:
@@ -208,6 +209,7 @@ def check_faults(faults: Faults, robots: int) -> None:
         affected = getattr(faults, kind)
         if not isinstance(affected, tuple):
             continue
+        # The check of the last number refuses such a list too, but does not say that it is too long.
         if len(affected) > robots:
             raise InputError(f"lists {len(affected)} robots, and there are {robots}", field=f"faults.{kind}")
         if affected and affected[-1] >= robots:  # the last is the greatest

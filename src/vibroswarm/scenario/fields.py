@@ -90,7 +90,10 @@ class FloorField(FrozenModel):
     @model_validator(mode="before")
     @classmethod
     def _named(cls, values: Any) -> Any:
-        """Give tiles without ``source`` the name "tiles" in place of the default, which names a random floor."""
+        """Give tiles without ``source`` the name "tiles" in place of the default, which names a random floor.
+
+        Values that are no table (a ``FloorField``, or a wrong type) are left to Pydantic.
+        """
         if isinstance(values, dict) and values.get("tiles") is not None and "source" not in values:
             return values | {"source": UNNAMED}
         return values
@@ -115,7 +118,9 @@ class FloorField(FrozenModel):
         return Floor(tiles, width_m, height_m, self.left_m, self.bottom_m, name)
 
     def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
-        """Return the tiles of ``run`` (uint8, (rows, columns), 1 vibrates, top row first), and the floor's name.
+        """Return the tiles of (seed, run) (uint8, (rows, columns), 1 vibrates, top row first), and the floor's name.
+
+        ``redraw`` has no effect here: if it is "study", ``placed_in`` requests run 0 for every run.
 
         Raises:
             InputError: ``tiles`` is not a grid of 0 and 1, or ``source`` names no floor.

@@ -56,7 +56,7 @@ KINDS: Final[dict[str, Kind]] = {
 _texts: dict[str, str] = {}
 """Texts of the loaded files, by the reference to code with hash."""
 _code_names: set[str] = set()
-"""Names of objects that data files refer to as code, loaded or not."""
+"""Names of objects that were loaded from users' files, or that data files refer to as code, loaded or not."""
 _trusted: list[Path | None] = []
 """Stack of ``trust_code``: the last is the folder in which trusted files are looked for (None: the working directory);
 empty while no file is trusted."""
@@ -103,14 +103,15 @@ def name_in(code: str) -> str:
 
 
 def is_code_name(name: str) -> bool:
-    """Return whether some data file refers to code by this name, whether it is loaded or not."""
+    """Return whether an object of users' code has this name: it was loaded, or a data file refers to it."""
     return name in _code_names
 
 
 def remember_code_names(values: object) -> None:
     """Remember the names of all objects that values of a data file refer to with a hash, however deeply nested.
 
-    Tables of parameters of such an object are then accepted although its code is not loaded.
+    Tables of parameters of such an object are then accepted although its code is not loaded. A reference without a hash
+    is refused unless its code can be loaded, by ``resolve_code``, which remembers the name itself.
     """
     if isinstance(values, str):
         if HASH in values and is_code(values):
@@ -124,14 +125,16 @@ def remember_code_names(values: object) -> None:
 
 
 def resolve_code(kind: str, spec: str) -> str:
-    """Return a reference to code with its hash, and load the code if that is allowed.
+    """Return a reference to code with its hash, and load the code if that is allowed, that is, inside ``trust_code``.
 
-    If it is not allowed, a reference that has a hash already is returned unchanged.
+    A reference without hash means the object of this kind and name that is loaded already, if its file has the same
+    name and cannot be read, or must not be. If loading is not allowed, a reference that has a hash is returned
+    unchanged.
 
     Args:
         kind: one of ``KINDS``. spec: the reference, with or without hash.
     Raises:
-        InputError: the file may not be loaded, cannot be loaded, or has another hash.
+        InputError: the file may not be loaded and ``spec`` has no hash; or as of ``load_file``.
     """
     name = name_in(spec)
     _code_names.add(name)
@@ -157,13 +160,14 @@ def resolve_codes(values: Any, path: str = "") -> Any:
     """Return the values of a data file with hashes added to references to code, and load the code if that is allowed.
 
     Args:
-        values: nested tables, lists and values. path: dotted name of ``values`` in the data file. Only fields such as
-            ``strategy.name`` are references; their section is the kind.
+        values: nested tables, lists and values. path: the keys that lead to ``values``, each after a dot. Only fields
+            such as ``strategy.name`` are references; their section is the kind.
     Raises:
         InputError: as of ``resolve_code``.
     """
     if isinstance(values, str):
-        # A list with the last part but one, such as "strategy"; empty if there is none.
+        # A list with the last part but one, such as "strategy"; empty if there is none. In a study the section is not
+        # the first part: it may be below ``grid``, where a key may also be the dotted name "strategy.name".
         section = path.split(".")[-2:-1]
         is_name = path.endswith(".name") and section and section[0] in KINDS
         return resolve_code(section[0], values) if is_name and is_code(values) else values
@@ -181,8 +185,8 @@ def load_file(kind: str | None, spec: str, folder: Path | None = None) -> Any:
         kind: required kind, one of ``KINDS``, or None: any. spec: the reference, with or without hash. folder: folder
             that a relative path starts from; None: the working directory.
     Raises:
-        InputError: there is no such file or object, the file has another hash than ``spec``, or the file cannot be
-            loaded (the message names the file and the line).
+        InputError: there is no such file, the file has another hash than ``spec``, or as of ``install`` (an error in
+            the file's code is reported with file and line).
     """
     path_text, _, name = spec.partition(HASH)[0].rpartition(":")
     path = Path(path_text) if folder is None else folder / path_text
@@ -303,7 +307,8 @@ def load_installed() -> None:
                 ) from None
             if not isinstance(loaded, declared):
                 raise InputError(f"is not a {kind}", field=point.value)
-            if vars(loaded)["name"] not in known():  # objects of every kind have a name
+            # Objects of every kind have a name; ``vars``, because a type checker takes ``loaded`` for a plain object.
+            if vars(loaded)["name"] not in known():
                 register(loaded)
 
 
@@ -321,6 +326,7 @@ def _module(name: str, text: str, file: str) -> ModuleType:
     # place of the time of the file's last change keeps linecache from looking for the file.
     linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
     sys.modules[name] = module
+    # dont_inherit: without it, this module's ``from __future__ import annotations`` would apply to the text too.
     try:
         exec(compile(text, file, "exec", dont_inherit=True), vars(module))  # noqa: S102  (the user asked for it by name)
     except KeyboardInterrupt:
@@ -338,7 +344,7 @@ def _module(name: str, text: str, file: str) -> ModuleType:
 
 
 def _line_of(error: BaseException, file: str) -> str:
-    """Return the line of ``file`` at which an error was raised, as `` (line 12)``; "" if it was raised elsewhere."""
+    """Return the line of ``file`` that raised an error, or whose call did, as `` (line 12)``; "" if none did."""
     if isinstance(error, SyntaxError) and error.filename == file:
         return f" (line {error.lineno})"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]

@@ -39,13 +39,17 @@ SCHEMA_VERSION = 2
 class Scenario(Sections, NotebookView):
     """One inspection: arena, floor, swarm, robot, sensing, strategy, decision, network, task, duration.
 
-    Raises (through ``read``, ``from_toml`` and ``with_values``):
-        InputError: naming the field, its value and what would be right.
+    Raises (through ``read``, ``from_toml``, ``from_values``, ``from_base`` and ``with_values``):
+        InputError: naming the field, its value and what would be right. The class itself, called with sections, raises
+            Pydantic's ``ValidationError`` instead.
     """
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Run all checks across fields; each raises an ``InputError``."""
+        """Run all checks across fields.
+
+        If one fails, Pydantic wraps its ``InputError`` in a ``ValidationError``, from which ``from_values`` gets it.
+        """
         for check in validation.ALL:
             check(self)
         return self
@@ -80,7 +84,7 @@ class Scenario(Sections, NotebookView):
         check_kind(text, str, name, "TOML text")
         try:
             values = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:  # not TOML, or a number with thousands of digits
+        except (ValueError, RecursionError) as error:  # not TOML or a number too long, or nested too deeply
             raise InputError(f"is not TOML: {error}", field=name) from None
         if folder is not None:
             _read_floor_file(values, Path(folder))
@@ -106,8 +110,10 @@ class Scenario(Sections, NotebookView):
         merged = preset(base).model_dump(exclude_none=True)
         for section, fields in values.items():
             if isinstance(fields, dict) and isinstance(merged.get(section), dict):
+                # Tiles replace the preset's floor, so its name goes too. If the preset has tiles as well, the name is
+                # that of tiles, and stays.
                 if section == "floor" and fields.get("tiles") is not None and "tiles" not in merged[section]:
-                    merged[section].pop("source")  # it names the floor that the tiles replace
+                    merged[section].pop("source")
                 merged[section] = _merged(merged[section], fields)
             else:
                 merged[section] = fields
@@ -153,7 +159,8 @@ class Scenario(Sections, NotebookView):
             *tables, last = field.split(".")
             parent = data[section]
             for table in tables:
-                # The scenario may have no table of parameters of this strategy yet.
+                # The scenario may have no table of parameters of this strategy yet. If there is no such strategy,
+                # ``from_values`` refuses the table.
                 parent = parent.setdefault(table, {})
                 if not isinstance(parent, dict):
                     raise InputError(f"there is no such field{_nearest_field(name)}", field=name)
@@ -174,7 +181,8 @@ class Scenario(Sections, NotebookView):
             and "floor.source" not in values
             and self.floor.tiles is None
         ):
-            data["floor"].pop("source")  # it names the floor that the tiles replace
+            # Tiles replace this scenario's floor, so its name goes too; a name of earlier tiles stays.
+            data["floor"].pop("source")
         return Scenario.from_values(data)
 
     def __repr__(self) -> str:
@@ -258,6 +266,7 @@ def preset(name: str) -> Scenario:
 
 @cache
 def _preset(name: str) -> Scenario:
+    """Return a preset, read once; ``preset`` checks the type first, as the cache takes hashable names only."""
     return Scenario.from_toml(preset_text(name), name=name)
 
 
@@ -285,6 +294,8 @@ def value_of(scenario: Scenario, name: str) -> Any:
     table, separator, last = field.partition(".")
     if isinstance(node, Choice) and separator:  # a parameter of a strategy, network or task
         node, field = node.table(table), last
+        # A mapping, and no model: the code that declares the parameters is not loaded. The mapping is empty if no
+        # parameter is given, but also if there is no strategy, network or task of that name.
         if isinstance(node, Mapping) and (node or plugins.is_code_name(table)):
             return node.get(field)  # the code that declares the parameters is not loaded
     if not isinstance(node, BaseModel) or field not in type(node).model_fields:
@@ -333,7 +344,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
         raise InputError(f"'{text}' is not of the form section.field=value", field="--set")
     try:
         parsed = tomllib.loads(f"value = {value.strip()}")
-    except (ValueError, RecursionError):  # not TOML, or a number with thousands of digits
+    except (ValueError, RecursionError):  # not TOML or a number too long, or nested too deeply
         return name.strip(), value.strip()
     if set(parsed) != {"value"}:  # the text has further lines, with settings of their own
         raise InputError(f"'{text}' sets more than one value", field="--set")
@@ -369,7 +380,7 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
 def _nearest_field(name: str) -> str:
     """Return a suggestion such as ", did you mean 'x'?" for an unknown dotted name, or an empty string.
 
-    A field with the same last part comes first, then a table of that name, then a similar spelling.
+    A field with the same last part comes first, then a field of a table of that name, then a similar spelling.
     """
     known = field_names()
     last = name.rpartition(".")[2]

@@ -13,9 +13,8 @@ from vibroswarm.floors.source import shadows
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 
-# Fields of ``robot`` that add random numbers to a robot's misalignment.
 VARIATIONS = ("misalignment_wander", "misalignment_drift", "misalignment_run_spread")
-"""Fields of ``robot`` by which a misalignment varies."""
+"""Fields of ``robot`` that add random numbers to a robot's misalignment."""
 
 
 def _check_ranges(s: Sections) -> None:
@@ -63,6 +62,7 @@ def lattice_sites(s: Sections) -> tuple[int, int]:
     left, right, low, high = start_region(s)
     # A little more than touching, so that rounding makes no overlap.
     pitch = 2 * s.robot.body_radius_m * (1 + 1e-9)
+    # Plus 1, because the region is that of centres: one pitch lies between two of them.
     return int((right - left) / pitch) + 1, int((high - low) / pitch) + 1
 
 
@@ -182,13 +182,16 @@ def _check_sensor(s: Sections) -> None:
 
 
 def is_neutral_at_half_only(s: Sections) -> bool:
-    """Return whether a scenario's strategy works only for a boundary of 1/2; False if its code is not loaded."""
+    """Return whether a scenario's strategy works only if the boundary of readings is 1/2; False if it is not loaded."""
     known = strategies.known().get(s.strategy.name)
     return known is not None and known.boundary_half
 
 
 def _check_boundary(s: Sections) -> None:
-    """Refuse a boundary that the strategy cannot test, and error rates at which readings carry no information."""
+    """Refuse a boundary that the strategy cannot test, and error rates at which readings carry no information.
+
+    With ``boundary_of = "tiles"``, ``readings_boundary`` makes these checks for the boundary and the rates that result.
+    """
     decision = s.decision
     positive, negative = decision.assumed_false_positive, decision.assumed_false_negative
     # At face value the share of ones itself is compared with decision_boundary, without allowing for error rates.
@@ -266,7 +269,8 @@ def _check_strategy(s: Sections) -> None:
     """Refuse parameters of the strategy that do not go together."""
     known = strategies.known().get(s.strategy.name)
     if known is not None and known.variant is not None:
-        # Sizes of 0 leave out the check of the message's size, which ``agents.strategy_used`` makes with true sizes.
+        # ``variant`` raises an ``InputError`` if they do not; the strategy that it returns is not needed here. Sizes of
+        # 0 leave out the check of the message's size, which ``agents.strategy_used`` makes with true sizes.
         known.variant(s.strategy.params, {"tiles": 0, "longest_mm": 0})
 
 

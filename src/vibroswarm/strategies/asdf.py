@@ -101,7 +101,7 @@ class Message:
 
 
 def opposite(m: Row) -> None:
-    """Turn the estimate into that of the opposite floor."""
+    """Turn the estimate x into 1 - x, for a robot with the fault ``opposite``; its confidence stays the same."""
     m.estimate = 1.0 - m.estimate
 
 
@@ -150,7 +150,8 @@ def differs(estimate: float, estimates: Row, confidences: Row, type_2_error: flo
 
     Args:
         estimate: the own estimate. estimates, confidences: (robots,), latest message of each robot. The confidence is 0
-            for the robot itself and for robots not heard yet; these are left out. type_2_error: beta of the limit.
+            for the robot itself and for robots not heard yet; these are left out. type_2_error: beta of the table, the
+            probability between -t_n and t_n; the name is that of the authors' code.
     Returns:
         False if fewer than two robots were heard, because the spread of one estimate is unknown. If all robots heard
         have the same estimate, the limit is 0 up to rounding, so that almost any own estimate differs.
@@ -191,7 +192,7 @@ def student_central(t: float, n: int) -> float:
     """
     angle = math.atan(t / math.sqrt(n))
     sine, cosine = math.sin(angle), math.cos(angle)
-    # The terms are powers of the cosine: the 0th, 2nd, ... for even n, the 1st, 3rd, ... for odd n.
+    # k is the power of the cosine in a term: 0, 2, ... up to n - 2 for even n, 1, 3, ... up to n - 2 for odd n.
     first = n % 2
     term, total = 1.0 if first == 0 else cosine, 0.0
     for k in range(first, n - 1, 2):

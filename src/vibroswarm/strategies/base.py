@@ -108,7 +108,13 @@ class Plugin(NotebookView):
         return row_type(self.params, "params")
 
     def params_row(self, values: object) -> tuple[Any, ...]:
-        """Return the parameters as a tuple in the order of ``params_type``; 0 for its unused field."""
+        """Return the parameters as a tuple in the order of ``params_type``.
+
+        Without parameters, ``params_type`` has the one field ``unused`` (``row_type``), which gets 0.
+
+        Args:
+            values: instance of ``params``, such as ``scenario.strategy.params``.
+        """
         names: tuple[str, ...] = self.params_type.names or ()
         return tuple(getattr(values, name, 0) for name in names)
 
@@ -156,10 +162,14 @@ class Strategy(Plugin):
     variant: Callable[[Any, Mapping[str, int]], Strategy] | None = None
 
     def __post_init__(self) -> None:
-        """Check the message size, and the arguments and fields that the hooks use.
+        """Check name, message size and hooks, and replace the class of parameters (``Plugin``).
 
         A strategy without a hook for messages gets an ``on_message`` that does nothing, because the simulator calls
         one.
+
+        Raises:
+            InputError: the name is invalid, ``bytes_on_air`` is out of range, a class is no valid row (``row_type``), a
+                hook has errors (``check_function``), or State lacks ``next_s``, at which ``on_timer`` is called.
         """
         super().__post_init__()
         if not 0 <= self.bytes_on_air <= MAX_BYTES:
@@ -209,7 +219,7 @@ class Strategy(Plugin):
 
 @dataclass(frozen=True)
 class Array:
-    """An array in a robot's state, declared as ``array("float32", "robots*tiles")``; see ``array``."""
+    """An array of a robot, a message or a network, declared as ``array("float32", "robots*tiles")``; see ``array``."""
 
     kind: str
     of: str
@@ -219,7 +229,7 @@ class Array:
 
         Args:
             sizes: value of each word that ``of`` may contain: robots, rows, columns, tiles; empty where only numbers
-                are allowed.
+                are allowed, as in messages.
         Raises:
             InputError: ``of`` has a factor that is neither a number nor one of ``sizes``.
         """
@@ -238,13 +248,13 @@ ARRAY_KINDS: Final = ("float64", "float32", "int64", "int32", "int16", "uint8")
 
 
 def array(kind: str, of: str) -> Array:
-    """Declare an array in a robot's state.
+    """Declare an array of a robot (in its class ``Arrays``), a message or a network.
 
     Args:
         kind: type of its elements, one of ``ARRAY_KINDS``. of: number of its elements, a product such as
-            "robots*tiles"; arrays have one dimension.
+            "robots*tiles", in a message a number; arrays have one dimension.
     Raises:
-        InputError: another type.
+        InputError: ``kind`` is another type. ``of`` is checked later, by ``Array.size``.
     """
     if kind not in ARRAY_KINDS:
         raise InputError(
@@ -261,7 +271,6 @@ def arrays_of(declared: type) -> dict[str, Array]:
     return found
 
 
-# Class in a strategy's module: argument of ``Strategy``.
 CLASSES: Final = {"Params": "params", "State": "state", "Message": "message", "Arrays": "arrays"}
 """Names of classes in a module, and the arguments of ``Strategy`` that they become."""
 
@@ -273,7 +282,8 @@ def strategy_in(module: str, name: str, **more: Any) -> Strategy:
         module: ``__name__`` of the module. name: of the strategy. more: further arguments of ``Strategy``; they
             override what is found in the module.
     Raises:
-        InputError: State, begin, on_sample or decision is missing, or ``Strategy`` refuses an argument.
+        InputError: State, begin, on_sample or decision is missing in the module, whatever ``more`` holds, or
+            ``Strategy`` refuses an argument.
     """
     space = vars(sys.modules[module])
     # Only functions count as hooks: a module may use the name of a hook for something else.
@@ -313,10 +323,13 @@ def fields_of(declared: type) -> dict[str, type]:
 def row_type(declared: type, what: str) -> np.dtype[np.void]:
     """Return the structured dtype of a class's fields, followed by its arrays of fixed size.
 
+    A class with neither gives a dtype with one field, ``unused``.
+
     Args:
         declared: the class. what: its role, such as "state", for error messages.
     Raises:
-        InputError: a field is not int, float or bool, or has the name of an attribute of NumPy's records.
+        InputError: a field is not int, float or bool, or has the name of an attribute of NumPy's records; an array
+            has a size that is not a number; or ``declared`` is not a class, or has an undefined annotation.
     """
     try:
         fields = fields_of(declared)

@@ -90,10 +90,11 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Count the sender's value if its number is new and its last counted value is at least ``sender_timeout_s`` old.
+    """Count the sender's value, unless it is a repetition or comes too soon after the last one that counted.
 
-    With ``test_received`` the robot then decides if its belief is past p_c or 1 - p_c. Numbers of values start at 1, so
-    0 in ``a.number`` means that no value of the sender has counted yet.
+    It counts if its number differs from that of the sender's last counted value, and if that was counted at least
+    ``sender_timeout_s`` ago. With ``test_received`` the robot then decides if its belief is past p_c or 1 - p_c.
+    Numbers of values start at 1, so 0 in ``a.number`` means that no value of the sender has counted yet.
     """
     before = a.number[sender]
     if m.number == before or (before > 0 and t_s < a.counted_s[sender] + p.sender_timeout_s):
@@ -119,7 +120,8 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
     """Send a message again under the number of the latest reading, and set the next timer; ``t_s`` is the time.
 
-    Receivers that have counted this number ignore it. The value is the decision if the robot has decided since then.
+    Receivers whose last counted value has this number ignore it. With positive feedback the value is the decision if
+    the robot has decided, even if that was after the reading.
     """
     s.next_s = t_s + p.repeat_s
     fill(s, out, p)

@@ -107,7 +107,7 @@ class Message:
 
 
 def opposite(m: Row) -> None:
-    """Turn the estimate into that of the opposite floor."""
+    """Turn the estimate x into 1 - x, for a robot with the fault ``opposite``; its confidence stays the same."""
     m.estimate = 1.0 - m.estimate
 
 
@@ -120,8 +120,9 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
     """Put the reading into the window, update the belief, decide, send the own estimate, and filter the accuracy.
 
-    ``a.reading`` and ``a.informed`` are rings of ``window`` entries; entry ``here`` is the oldest, and is replaced.
-    ``s.ones`` is h, ``s.expected_accuracy`` and ``s.variance`` are m and P, ``s.accuracy`` is b.
+    ``a.reading`` and ``a.informed`` are rings of ``window`` entries. The latest is written to entry ``here``, which is
+    unused until the window is full, and from then on holds the oldest. ``s.ones`` is h, ``s.expected_accuracy`` and
+    ``s.variance`` are m and P, ``s.accuracy`` is b.
     """
     here = s.samples % p.window
     # Once the window is full, the oldest reading leaves it.
@@ -146,7 +147,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 @inlined
 def reference(estimates: Row, here: int, count: int) -> float:
-    """Return f, the weighted mean of the last informed estimates.
+    """Return f, the weighted mean of the last informed estimates; as in the authors' code, older ones weigh more.
 
     Args:
         estimates: ring of informed estimates. here: index of the latest estimate. count: number of estimates in the
@@ -167,6 +168,8 @@ def correct(s: Row, count: int, fill: float) -> None:
     Args:
         count: t, number of readings in the window. fill: f.
     """
+    # A reading is 1 with probability o = f (2 m - 1) - m + 1. The number of ones has the mean t o, whose derivative by
+    # m is ``slope`` (C), and the binomial variance t o (1 - o), which is ``noise`` (Q).
     mean, variance = s.expected_accuracy, s.variance
     slope = count * (2.0 * fill - 1.0)
     noise = count * ((2.0 * mean - 1.0) ** 2 * (fill - fill * fill - 0.25) + 0.25)

@@ -105,7 +105,7 @@ class Message:
 
 
 def opposite(m: Row) -> None:
-    """Swap the exponents."""
+    """Swap ones and zeros in both beliefs, for a robot with the fault ``opposite``."""
     m.ones, m.zeros = m.zeros, m.ones
     m.social_ones, m.social_zeros = m.social_zeros, m.social_ones
 

@@ -119,7 +119,8 @@ def weigh(s: Row, ones: Row, bits: Row, is_out: Row, threshold: float, w: World)
         s.beta += bits[j] - ones[j]
     while True:
         # Find the source ``worst`` with the least tail, if that is below the threshold. Source j is compared with the
-        # posterior of all other sources that are not left out: s.alpha and s.beta without the bits of j.
+        # posterior of all other sources that are not left out: s.alpha and s.beta without the bits of j. If no other is
+        # left, that is the prior. Sources without bits are skipped: their tail is 1.
         least, worst = threshold, -1
         for j in range(bits.size):
             if is_out[j] == 0 and bits[j] > 0:

@@ -151,7 +151,8 @@ def steer(s: Row, a: Row, x: Reading, d: Draws, p: Row, w: World) -> tuple[float
     """Return the turn to the best point in degrees, and how long to drive in ms.
 
     The turn is nan if that point is straight ahead, or if there is none. The robot then resumes what its stop
-    interrupted, which may be a turn or an avoidance (``robot.walk.steered``).
+    interrupted (``robot.walk.steered``): it drives straight on or, if it was turning or avoiding an obstacle, finishes
+    that turn before it drives, and so may miss the point.
     """
     return math.nan if s.turn_rad == 0.0 else math.degrees(s.turn_rad), UNTIL_SAMPLE_MS
 

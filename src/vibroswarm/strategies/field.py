@@ -153,6 +153,7 @@ def block_covariance(across: int, down: int, p: Row, w: World) -> float:
             y_m = (down + j / POINTS) * w.height_m / SIDE
             pairs = (POINTS - abs(i)) * (POINTS - abs(j))
             total += pairs * math.exp(-math.sqrt(x_m * x_m + y_m * y_m) / p.length_m)
+    # 0.25 is the variance of 0 (still) or 1 (vibrates) at a place that vibrates with probability 1/2.
     return MEAN_VARIANCE + 0.25 * total / POINTS**4
 
 
@@ -189,7 +190,7 @@ def add_sample(
     for r in range(SIDE):
         for c in range(SIDE):
             share = a.of_row[r] * a.of_column[c] / (all_x * all_y)
-            if share > 1e-4:  # blocks with less are left out to save time
+            if share > 1e-4:  # blocks with less are left out of K and q'm to save time
                 # at: index of the block in row r and column c.
                 at = r * SIDE + c
                 expected += share * a.mean[at]

@@ -72,7 +72,7 @@ class Message:
 
 
 def opposite(m: Row) -> None:
-    """Turn the estimate into that of the opposite floor."""
+    """Turn the estimate x into 1 - x, for a robot with the fault ``opposite``; its confidence stays the same."""
     m.estimate = 1.0 - m.estimate
 
 
@@ -82,7 +82,7 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
-    """Replace the sender's estimate."""
+    """Replace the sender's estimate and confidence by those of the message, and count the message."""
     a.estimate[sender], a.confidence[sender] = m.estimate, m.confidence
     s.received += 1
 

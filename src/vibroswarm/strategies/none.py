@@ -12,7 +12,10 @@ from vibroswarm.strategies.world import Draws, Reading, World
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Add the reading to the posterior, decide, and send the reading: m = O. Return True: a message is always sent."""
+    """Add the reading to the posterior, decide, and send the reading, whatever the decision is.
+
+    Return True: a message is always sent.
+    """
     observe(s, x.reading)
     decide_once(s, w)
     out.bit = x.reading

@@ -79,7 +79,7 @@ def odds_in(a: Row, k: int, tile: int, w: World) -> float:
 def add_evidence(
     a: Row, k: int, j: int, log_ratio: float, left: int, right: int, upper: int, lower: int, w: World
 ) -> float:
-    """Add the evidence of a reading of sender ``j`` to map ``k``: to ``a.odds`` of each tile where it may be taken.
+    """Add the evidence of a reading of sender ``j`` to map ``k``: to ``a.odds`` of each tile with a share of its place.
 
     Call ``place_map.share_place`` first: it writes the shares of the sample's place to ``a``.
 
@@ -87,7 +87,8 @@ def add_evidence(
         log_ratio: L of the reading. left, right: first and last column that have a share of the place, as
             ``share_place`` returns them. upper, lower: first and last row.
     Returns:
-        Probability that vibration is felt at the place, by map ``k`` without the evidence of sender ``j``.
+        Probability that vibration is felt at the place, by map ``k`` without the evidence of sender ``j``: the trust in
+        the sender is computed from it (``places.judge``).
     """
     # Likelihoods are divided by that of the reading on a still tile: they are 1 there, and 1 + more on a vibrating
     # tile.
@@ -100,8 +101,9 @@ def add_evidence(
             a.p[t] = logistic(odds)
             a.p_without[t] = logistic(odds - a.weight[j] * a.odds[of_sender + t])
     # Likelihood of the reading by map k, and probability of feeling vibration by map k without sender j. Both are sums
-    # over the entries of of_row and of_column: even r and c are rows and columns, odd ones the strips around edges. The
-    # -1 of ``felt`` means that no tile is assumed to be still.
+    # over the entries of of_row and of_column: even r and c are rows and columns, odd ones the strips around the edges
+    # between them, where vibration of the tiles on both sides is felt (``place_map``). The -1 of ``felt`` means that no
+    # tile is assumed to be still.
     expected, without = 0.0, 0.0
     for r in range(2 * upper, 2 * lower + 1):
         for c in range(2 * left, 2 * right + 1):
@@ -144,8 +146,8 @@ def chance_of_bit(bit: int, vibration: float, w: World) -> float:
 def score_of_maps(a: Row, maps: int, variance_factor: float, w: World) -> float:
     """Return the score z of ``maps`` maps; it is positive if fewer tiles than the boundary's share vibrate.
 
-    ``mean`` is n, ``inside`` is W, ``between`` is (1 + 1 / K) B of the table, and K is ``maps``. W is kept above 0,
-    because the score is divided by its root.
+    ``mean`` is n, ``inside`` is W, ``between`` is (1 + 1 / K) B of the table, and K is ``maps``; B is 0 for one map. W
+    is kept above 0, because the score is divided by the root of v W + (1 + 1 / K) B.
     """
     tiles = w.rows * w.columns
     mean, squares, inside = 0.0, 0.0, 0.0

@@ -133,7 +133,10 @@ def score(a: Row, p: Row, w: World) -> float:
 
 @inlined_uncached
 def score_at(probability: float) -> float:
-    """Return the standard normal quantile of a probability from 1/2 to 1, at most 10, by bisection (50 halvings)."""
+    """Return the score at which the belief is a given probability, from 1/2 to 1; at most 10.
+
+    It is the standard normal quantile of the probability, computed by bisection.
+    """
     low, high = 0.0, 10.0
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -169,8 +172,8 @@ def share_place(
     of_x_m = max(spread_x_m * p.spread_factor, LEAST_SPREAD_M)
     of_y_m = max(spread_y_m * p.spread_factor, LEAST_SPREAD_M)
     top_m = w.bottom_m + w.rows * w.tile_height_m
-    # Tiles farther than this from the mean have no share. Columns and rows are kept on the grid; a place off the floor
-    # is detected at the end, by its shares.
+    # Tiles farther than this from the mean have no share: vibration of a tile is felt up to edge_reach_m beyond its
+    # edges. Columns and rows are kept on the grid; a place off the floor is detected at the end, by its shares.
     far_x_m, far_y_m = FAR * of_x_m + p.edge_reach_m, FAR * of_y_m + p.edge_reach_m
     left = min(max(int((x_m - far_x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
     right = min(max(int((x_m + far_x_m - w.left_m) / w.tile_width_m), 0), w.columns - 1)
@@ -181,9 +184,10 @@ def share_place(
         min(p.edge_reach_m, 0.5 * w.tile_height_m),
     )
     all_x, all_y = 0.0, 0.0
-    # Entry 2 c + 1 is the strip between columns c and c + 1. The share of a column ends where a strip begins; the first
-    # and last column have no strip on their outer side. Rows are treated in the same way. edge_m is the left edge of
-    # the column, and further below the upper edge of the row.
+    # Entry 2 c + 1 is the strip between columns c and c + 1. The share of a column ends where a strip begins. The outer
+    # sides of ``left`` and ``right`` have no strip: it would be beyond FAR standard deviations, or the grid ends there.
+    # Rows are treated in the same way. edge_m is the left edge of the column, and further below the upper edge of the
+    # row.
     for c in range(left, right + 1):
         edge_m = w.left_m + c * w.tile_width_m
         low_m = edge_m + (reach_x_m if c > left else 0.0)

@@ -28,7 +28,7 @@ def with_options(places: Strategy, p: Any, sizes: Mapping[str, int]) -> Strategy
         p: ``places.Params``. sizes: "tiles", number of tiles, and "longest_mm", longer side of the arena; both 0 to
             check only which options go together.
     Raises:
-        InputError: options do not go together, or a message would be too large.
+        InputError: options do not go together, ``draws`` is 1, or a message would be too large.
     """
     field = f"strategy.{places.name}"
     if p.rate_pairs:  # with the options there are no maps by pair of rates

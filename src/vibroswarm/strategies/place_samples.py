@@ -9,7 +9,7 @@ are those of ``place_evidence``. A message is as that of ``places``, with these 
 - With ``draws`` it holds the place on each draw (4 bytes each) instead of one mean place, and the standard deviations
   of the sample about its place on the draw: 4 + 4 ``draws`` bytes, and one more with ``energies``.
 
-A robot whose sensor is stuck sends the log ratio of its stuck bit.
+With ``energies``, a robot whose sensor is stuck sends the log ratio of the bit where it contradicts the energy.
 
 Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
 changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
@@ -91,8 +91,9 @@ def on_sample(s: Row, a: Row, x: DetailedReading, out: Row, d: Draws, p: Row, w:
     A sample waits that long because its place is known well only by then. While there is no sample so old
     (``x.lagged_number`` is -1), nothing is added or sent. ``s.bits`` holds the last 28 readings, the newest in the
     lowest bit. ``a.waiting`` is a ring of the log ratios of the last ``KEPT`` readings: without ``energies`` the log
-    ratio follows from the reading, 0 or 1, and the error rates. The robot decides once it has at least ``min_samples``
-    samples (``s.heard``), own and received; ``falls_from`` is the share of the run after which the score needed falls.
+    ratio follows from the reading, 0 or 1, and the error rates. An undecided robot that has at least ``min_samples``
+    samples (``s.heard``), own and received, decides if its score is past the score needed, which falls after the share
+    ``falls_from`` of the run.
     """
     s.bits = ((s.bits << 1) | x.reading) & 0xFFFFFFF  # 28 bits are enough: ``localisation.lag`` is at most 24
     a.waiting[x.number % KEPT] = rounded_ratio(x.log_ratio) if p.energies else ratio_of_bit(x.reading, w)

@@ -112,7 +112,8 @@ def on_sample(s: Row, a: Row, x: DetailedReading, out: Row, d: Draws, p: Row, w:
         if sends:
             fill_map(a, out, x.lagged_number, w)
     if s.decision == -1 and s.heard >= p.min_samples:
-        # Senders have one map each, so the score is that of 1 map, the weighted sum of all of them.
+        # 1: the number of maps K of ``place_evidence``. Only ``draws`` needs more; the maps of all senders, weighted
+        # and summed, are one.
         decide(s, score_of_maps(a, 1, p.variance_factor, w), x.t_s, p.falls_from, w)
     return sends
 
@@ -130,6 +131,8 @@ def opposite(m: Row) -> None:
 
 def add_own(s: Row, a: Row, x: DetailedReading, bit: int, p: Row, w: World) -> None:
     """Add the own sample of ``localisation.lag`` samples ago to the own map, and update the robot's own weight.
+
+    A sample whose place is off the floor is counted, but is no evidence.
 
     Args:
         x: the present reading; its ``lagged_`` fields describe the sample to add. bit: the reading, 0 or 1, of that

@@ -216,7 +216,9 @@ class Arrays:
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Begin with an empty map, undecided, with equal weights of senders and equal probabilities of pairs of rates."""
+    # -1: undecided. ``s.needed`` is the absolute score at which the belief in either side reaches the threshold.
     s.decision, s.needed = -1, score_at(w.credible_threshold)
+    # Before any reading the weight is the prior probability that a sender is not broken.
     for j in range(w.robots):
         a.weight[j] = 1.0 - p.broken_prior
     weigh_pairs(a, pairs_of(p))
@@ -267,6 +269,8 @@ def add_sample(
 ) -> None:
     """Add a sample of sender ``j`` to the map, and update the trust in the sender.
 
+    A sample whose place is off the floor is counted in ``s.heard``, but is no evidence.
+
     Args:
         j: number of the sender, which is the robot itself for an own sample. bit: the reading. x_m, y_m, spread_x_m,
             spread_y_m: mean and standard deviations of the place.
@@ -287,9 +291,9 @@ def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:
     """
     kept = 1.0 - 1.0 / p.trust_memory  # weight that older readings keep
     chance = min(max(probability, RATE), 1.0 - RATE)
-    # A reading that has this value with probability ``chance``, and else the other value, has a log probability whose
-    # mean is ``by_chance``, and whose variance is added to a.variance. a.surprise is the sum of L - mean over the
-    # readings.
+    # If the map is right, the reading is ``bit`` with probability ``chance``, and its log probability has the mean
+    # ``by_chance`` and the variance chance (1 - chance) ratio^2. a.surprise is the weighted sum of log probability -
+    # mean over the readings, a.variance the variance of this sum.
     by_chance = chance * math.log(chance) + (1.0 - chance) * math.log(1.0 - chance)
     ratio = math.log(chance / (1.0 - chance))
     a.surprise[j] = kept * a.surprise[j] + math.log(chance) - by_chance
@@ -314,7 +318,7 @@ def variant(p: Any, sizes: Mapping[str, int]) -> Strategy:
     Args:
         p: ``Params``. sizes: "tiles", number of tiles, and "longest_mm", longer side of the arena.
     Raises:
-        InputError: options do not go together, or the message would be too large.
+        InputError: options do not go together, ``draws`` is 1, or the message would be too large.
     """
     if not (p.energies or p.draws or p.share_map):
         return places

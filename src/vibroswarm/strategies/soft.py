@@ -35,7 +35,7 @@ from vibroswarm.strategies.bayes import (
 from vibroswarm.strategies.world import Draws, Reading, World, belief_below, u
 
 ROUNDING: Final = 1e-12
-"""Far above the rounding error of a probability."""
+"""Margin of the shortcut in ``message``, far above the rounding error of a probability."""
 
 
 class Params:
@@ -85,11 +85,11 @@ def message(
     Args:
         observation: O. alpha, beta: those of the posterior. belief: p. u: uniform number in (0, 1).
     """
-    # Most messages equal O, and are drawn here without an exponential or a power, which take long. The message differs
-    # from O with probability delta * doubt (Eq. 16), where ``doubt`` is the belief against O. As |1/2 - p| is below 1,
-    # delta is at most ``most``: |1/2 - p|^2 for kappa >= 2, |1/2 - p| for kappa >= 1, and 1 for smaller kappa.
-    # u decides as in the last line: for O = 1 the message differs if 1 - u <= delta * doubt, for O = 0 if u < delta *
-    # doubt.
+    # A shortcut: most messages equal O, and are drawn here without an exponential or a power, which take long. The
+    # message differs from O with probability delta * doubt (Eq. 16), where ``doubt`` is the belief against O: by the
+    # last line, if u < delta * doubt for O = 0, and if 1 - u <= delta * doubt for O = 1. As |1/2 - p| is below 1, delta
+    # is at most ``most``: |1/2 - p|^2 for kappa >= 2, |1/2 - p| for kappa >= 1, and 1 for smaller kappa. So beyond most
+    # * doubt, with the margin ``ROUNDING``, the last line would return O too.
     distance = abs(0.5 - belief)
     most = distance * distance if kappa >= 2.0 else (distance if kappa >= 1.0 else 1.0)
     doubt = belief if observation == 1 else 1.0 - belief

@@ -72,8 +72,9 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
         name: of the hook, such as "on_sample". fields: names of the fields of each argument that is a row, by the
             argument's name in ``PARAMETERS``, such as ``s``.
     Raises:
-        InputError: the number of arguments is wrong, the hook uses a field that a row does not have, or a function
-            changes a variable outside of itself or draws random numbers that the seed does not determine.
+        InputError: the number of arguments is wrong, the hook uses a field that a row does not have, or the hook or a
+            function that it calls changes a variable outside of itself or draws random numbers that the seed does not
+            determine.
     """
     wanted, given = PARAMETERS[name], list(inspect.signature(function).parameters)
     if len(given) != len(wanted):
@@ -97,7 +98,8 @@ def check_function(name: str, function: Callable[..., Any], fields: Mapping[str,
 def _refuse_side_effects(function: Callable[..., Any]) -> None:
     """Refuse a function that declares ``global`` or ``nonlocal`` names, or names a random number generator.
 
-    Runs could not be repeated if a hook had a memory of its own or random numbers of its own.
+    Runs could not be repeated if a hook had a memory of its own or random numbers of its own. A function whose source
+    cannot be read is not checked.
     """
     tree = tree_of(function)
     if tree is None:
@@ -134,7 +136,8 @@ def _is_chance(node: ast.Attribute | ast.Name, function: Callable[..., Any]) -> 
     if type(getattr(value, "__self__", None)).__module__ in CHANCE:
         return True
     # ``module`` is the module that the first name of the expression means or, if that is another object, the module
-    # that defines this object.
+    # that defines this object. ``__name__`` serves for ``random.random``, which has no ``__module__`` but is named like
+    # its module.
     defined_in = getattr(value, "__module__", None) or getattr(value, "__name__", "")
     module = str(getattr(value, "__name__", "")) if inspect.ismodule(value) else str(defined_in)
     if module.partition(".")[0] in CHANCE:
@@ -173,7 +176,7 @@ def _attributes(function: Callable[..., Any]) -> list[tuple[tuple[str, str], int
 
 
 def tree_of(function: Callable[..., Any]) -> ast.AST | None:
-    """Return the syntax tree of a function; None if its source cannot be read, because it was typed at a prompt."""
+    """Return the syntax tree of a function; None if its source cannot be read, as of one typed at a prompt."""
     try:
         return ast.parse(textwrap.dedent(inspect.getsource(function)))
     except (OSError, SyntaxError, TypeError):
@@ -201,7 +204,8 @@ def told(strategy: Strategy, boundary_of: str) -> tuple[str, ...]:
 
     Args:
         boundary_of: ``decision.boundary_of``. With "tiles" the error rates are told if the strategy reads them, or the
-            boundary that is computed from them; otherwise readings are taken at face value.
+            boundary that is computed from them. With "readings" robots take readings at face value. A strategy that
+            ``knows_error_rates`` is told them in both cases.
     """
     read = fields_read(strategy)
     # A fact is told if the strategy reads at least one of the fields that hold it.

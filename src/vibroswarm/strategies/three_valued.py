@@ -138,7 +138,7 @@ def on_timer(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -
 
 @inlined
 def signal_time(s: Row, number: float, p: Row) -> float:
-    """Return how long to signal, s, but at least ``interval_s``, so that one message is sent.
+    """Return how long to signal, s; at least ``interval_s``, which is enough for one message.
 
     Args:
         number: uniform number, by which an uncertain robot draws the option that it signals.

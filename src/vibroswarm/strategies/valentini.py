@@ -149,18 +149,17 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 
 def on_timer_dc(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Direct comparison: apply the rule of DC at the end of a dissemination, change phase if it is over, and send."""
+    """Apply the rule of DC (comparison) at the end of a dissemination, change phases, send while disseminating."""
     if s.is_disseminating and is_over(s, t_s):
         j = heard_one(a.order, s.heard, p.max_opinions, u(d, 1))
         settle(s, a.order, a.opinion[j] if j >= 0 and a.quality[j] > s.quality else s.opinion, p)
     sends = go_on(s, t_s, u(d, 0), 1.0, p)  # in DC the mean is g whatever the quality
-    # Filled in after ``go_on``, which may begin a dissemination and with it set the quality to send.
     out.bit, out.quality = s.opinion, quality(s)
     return sends
 
 
 def on_timer_dmvd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Voter model: apply the rule of DMVD at the end of a dissemination, change phase if it is over, and send."""
+    """Apply the rule of DMVD (voter model) at the end of a dissemination, change phases, send while disseminating."""
     if s.is_disseminating and is_over(s, t_s):
         j = heard_one(a.order, s.heard, p.max_opinions, u(d, 1))
         settle(s, a.order, a.opinion[j] if j >= 0 else s.opinion, p)
@@ -169,7 +168,7 @@ def on_timer_dmvd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: Wor
 
 
 def on_timer_dmmd(s: Row, a: Row, t_s: float, out: Row, d: Draws, p: Row, w: World) -> bool:
-    """Majority rule: apply the rule of DMMD at the end of a dissemination, change phase if it is over, and send."""
+    """Apply the rule of DMMD (majority) at the end of a dissemination, change phases, send while disseminating."""
     if s.is_disseminating and is_over(s, t_s):
         settle(s, a.order, majority(a.order, a.opinion, s.heard - p.max_opinions, s.opinion), p)
     out.bit = s.opinion
@@ -211,8 +210,8 @@ def heard_one(order: Row, heard: int, most: int, number: float) -> int:
     """
     count = min(heard, most)
     # Position of the robot to return; the robot heard last has position ``heard``. The inner min() is there because
-    # number * count may be rounded up to ``count``. If nobody was heard, no robot has the position wanted. Position 0
-    # marks robots not heard, and must not match.
+    # number * count may be rounded up to ``count``. If nobody was heard, ``wanted`` is 1, a position that no robot has.
+    # ``wanted > 0`` is a safeguard: position 0 marks robots not heard, and must not match.
     wanted = heard - min(int(number * count), count - 1)
     for j in range(order.size):
         if order[j] == wanted and wanted > 0:
@@ -268,6 +267,7 @@ def go_on(s: Row, t_s: float, number: float, share: float, p: Row) -> bool:
     Returns:
         Whether the opinion is sent now: True while disseminating.
     """
+    # While exploring, the phase is over whenever this is called: the timer is due only at its end.
     if is_over(s, t_s):
         if s.is_disseminating:
             s.is_disseminating, s.readings, s.alike = False, 0, 0

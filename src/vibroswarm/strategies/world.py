@@ -6,8 +6,8 @@ A belief is P(share of ones < boundary) by a Beta(alpha, beta) posterior. Belief
 and threads share. A belief depends only on alpha, beta and the boundary, so it does not matter which thread computes it
 first, or whether two threads write the same number at once. Columns are counts n = alpha + beta, rows are distances
 alpha - boundary n. A robot's n grows by one at a time while the distance hardly changes, so entries read one after the
-other are close in memory. Farther than sqrt(``SURE`` n) from the boundary the belief is 0 or 1, and is not stored.
-Beyond ``MAX_COUNTS`` counts beliefs are computed each time.
+other are close in memory. Farther than sqrt(``SURE`` n) from the boundary the belief is 0 or 1, so rows reach only
+about as far as that for the largest n. Beyond ``MAX_COUNTS`` counts beliefs are computed each time.
 """
 
 from __future__ import annotations
@@ -145,7 +145,8 @@ class DetailedReading(NamedTuple):
     lagged_spread_y_m: float
     """Standard deviation of ``lagged_y_m``, m."""
     log_ratio: float
-    """ln of the density of the sample's energy on vibrating over that on still tiles; nan if it is not computed."""
+    """ln of the density of the sample's energy on vibrating over that on still tiles, or the log ratio of the bit if a
+    fault changed it; nan if it is not computed."""
     draws_m: NDArray[np.float64]
     """(2 draws + 2,): x and y of the lagged sample on each of several paths that the robot may have gone, then the
     spreads in x and y that are left (``robot.place_draws``); empty if robots know their true positions, or if the
@@ -219,6 +220,7 @@ def beliefs(boundary: float, counts: int) -> Beliefs:
 @lru_cache(maxsize=8)
 def _beliefs(boundary: float, room: int) -> Beliefs:
     """Return an empty table of ``room`` counts, shared by all calls with the same arguments."""
+    # 2 more: distances are rounded to whole numbers, and the columns of ``ASIDE`` serve slightly higher counts.
     furthest = math.ceil(math.sqrt(SURE * room)) + 2
     return Beliefs(np.zeros((2 * furthest + 1, room + ASIDE)), boundary)
 
@@ -227,8 +229,8 @@ def _beliefs(boundary: float, room: int) -> Beliefs:
 def belief_of(beliefs: Beliefs, alpha: int, beta: int) -> float:
     """Return P(share of ones < boundary) for a Beta(alpha, beta) share, from the table if possible.
 
-    An entry of 0 has not been computed yet; it is computed and stored. Posteriors outside of the table are computed
-    each time.
+    An entry of 0 has not been computed yet, or is a belief of 0, which is fast to compute again; it is computed and
+    stored. Posteriors outside of the table are computed each time.
     """
     values, boundary = beliefs
     counts = alpha + beta

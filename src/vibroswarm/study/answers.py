@@ -95,14 +95,14 @@ class Effect:
         return f"[{low}, {high}]" if finite else ""
 
     def _text(self, value: float) -> str:
-        """Write a value without ``+``, with as many decimals as the estimate and the limits of this effect need.
+        """Write a value without ``+``; the estimate and the limits of an effect have the same number of decimals.
 
-        Times are written in whole seconds if the estimate or a limit rounds to 10 s or more. All other values have
+        Times are written in whole seconds if the estimate or a limit rounds to 10.0 s or more. All other values have
         one decimal.
         """
         # Estimate and limits; limits may be infinite, and all three may be nan.
         largest = max((abs(v) for v in self.interval[:3] if math.isfinite(v)), default=0.0)
-        decimals = 0 if self.unit == "s" and largest >= 9.95 else 1  # 9.95 is written 10.0
+        decimals = 0 if self.unit == "s" and largest >= 9.95 else 1  # above 9.95, one decimal gives 10.0
         text = f"{value:.{decimals}f}"
         return text if float(text) else text.removeprefix("-")  # 0.0 instead of -0.0
 
@@ -180,11 +180,12 @@ class Answer:
         found = self.matched
         if found is None:
             return ""
-        # The strategies are compared at the error of the one that errs more as run: with other settings, the other
-        # strategy can reach this error too.
+        # The strategies are compared at the error of the one that errs more as run: settings can always make a strategy
+        # err more often, but not always less often.
         erring_more = self.first_name if found.of_first else self.reference_name
         where = f"At equal error ({100 * found.error:.1f} %, that of {erring_more}), each with its best settings: "
         difference = found.time_difference_s
+        # A safeguard: as run, neither errs more than this, so ``matched_error`` always gives an estimate.
         if math.isnan(difference.estimate):
             return f"{where}not known, since one of the two never errs so seldom."
         if math.isnan(difference.low) or math.isnan(difference.high):
@@ -401,7 +402,10 @@ class Figures(Protocol):
 
 
 def cell_sentences(cells: Sequence[Figures]) -> list[str]:
-    """Return one sentence for each cell: its shares of right, wrong and undecided robots, and its decision time."""
+    """Return one sentence for each cell: its shares of right, wrong and undecided robots, and its decision time.
+
+    The shares right and wrong are left out if they are undefined, and limits are left out if they are not finite.
+    """
     sentences = []
     for one in cells:
         figures = one.summary

@@ -64,9 +64,9 @@ class References:
     """Share of messages addressed to a robot that it did not receive; mean over runs. nan if there were none."""
 
     def as_row(self) -> dict[str, Any]:
-        """Return a flat row for a table; figures of a missing reference (None) are left out.
+        """Return a flat row for a table; figures of a missing reference (None) and the notes ``says`` are left out.
 
-        A figure with an interval has three columns: its name, and its limits in ``..._low`` and ``..._high``.
+        An interval has three columns: its estimate in the figure's name, its limits in ``..._low`` and ``..._high``.
         """
         row: dict[str, Any] = {"cell": self.cell.number, "name": self.cell.name, "runs": self.runs}
         figures = {"lag_one": self.lag_one, "packet_loss": self.packet_loss}
@@ -97,11 +97,12 @@ def references_of(
 ) -> list[References]:
     """Compute the references of the selected cells, in the order of their numbers.
 
-    Cells with fewer than ``MIN_RUNS`` stored runs and cells whose task is not about the fill ratio are left out. The
-    list is empty if more than ``MOST_CELLS`` cells are selected.
+    A cell is left out if its task is not about the fill ratio, or if fewer than ``MIN_RUNS`` of its runs can be
+    simulated again, because few are stored or the source of motion is slow (``StudyResult.runs_again``). The list is
+    empty if more than ``MOST_CELLS`` cells are selected.
 
     Args:
-        runs: largest number of runs that are simulated again for each cell.
+        runs: largest number of runs that are simulated again for each cell; below ``MIN_RUNS`` all cells are left out.
         progress: called after each cell, with the share of the selected cells that are done.
     """
     if len(result.selected) > MOST_CELLS:
@@ -119,8 +120,7 @@ def _simulated_again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Res
     """Yield each selected cell with at most ``runs`` of its runs, simulated again.
 
     Cells of a group share their motion. It is simulated for the first of them, and the others are replayed on it where
-    that is possible. A cell is yielded with None instead of its runs if fewer than ``MIN_RUNS`` can be used, or if its
-    task is not about the fill ratio.
+    that is possible. A cell that ``references_of`` leaves out is yielded with None instead of its runs.
     """
     for group in result.plan.groups:
         cells = [cell for cell in group.cells if cell.number in result.selected]
@@ -195,7 +195,9 @@ def _could_be_known(result: Result) -> tuple[Known | None, tuple[str, ...]]:
         # Under the prior "mirror" the fill ratio lies on either side with equal probability. Half of the runs get a
         # floor of the mirrored fill ratio, so that the floors agree with the prior; only drawn floors can be mirrored.
         result = on_both_sides(result) if floor.drawn_by_run else result
-        if needs_chains(sensor):  # these are slow, so fewer runs are used
+        # Chains are slow, so they are run for fewer runs: those that remain in the table of runs. The other tables may
+        # keep all runs, since ``could_be_known`` computes only the runs in this table.
+        if needs_chains(sensor):
             is_large = result.floor(int(result.runs["run"][0])).tiles.size >= LARGE_FLOOR
             most_runs = RUNS_BY_CHAINS // 2 if is_large else RUNS_BY_CHAINS
             result = replace(result, runs=result.runs.sort("run").head(most_runs))

@@ -143,6 +143,7 @@ def _closed_loop(scenario: Scenario, cells: Sequence[int], request: BatchRequest
     Args:
         scenario: of one cell, or of several cells with equal scenarios. cells: the numbers of these cells.
     """
+    # Only the table of samples needs energies here: for a strategy that reads them, ``simulate`` computes them anyway.
     result = simulate(scenario, request.seed, request.runs, motion=request.motion, energies=request.samples)
     tile, observation = (result.observations[name].to_numpy() for name in ("tile", "observation"))
     tiles = result.floor(request.runs[0]).tiles.size  # the same in all runs
@@ -217,6 +218,8 @@ class _SharedMotion:
     ) -> list[pl.DataFrame]:
         """Return the table ``SAMPLES`` of each cell, scenario by scenario.
 
+        Each scenario is replayed once more for it, since ``replay_to_end`` records nothing of the single samples.
+
         Args:
             cells: for each scenario, the numbers of its cells. readings: shared by all the scenarios.
         """
@@ -265,16 +268,16 @@ def samples_of(
 def beginning(motion: Motion, scenario: Scenario) -> Motion:
     """Cut a motion to the shorter runs of a scenario that moves in the same way.
 
-    A sample or a stop that begins exactly at the end of the shorter runs is not part of them. The table of ends gets
-    new values. Its ``stop_start_s`` says since when a robot stands at the end: a robot stands if it sampled in the last
-    control period, or if the stop for its next sample has begun; otherwise the value is null. Positions at the end are
-    null, since they cannot be known from the samples. Moves and failures are not cut off, since nothing uses those
-    after the end.
+    A sample taken, or a stop begun, exactly at the end of the shorter runs is not part of them. The table of ends gets
+    new values. Its ``stop_start_s`` is the start of the stop in which a robot is at the end, or null if it is in none.
+    It is in a stop if it sampled in the last control period, since it walks on only in the next one, or if the stop for
+    its next sample has begun. Positions at the end are null, since they cannot be known from the samples. Moves and
+    failures are not cut off, since nothing uses those after the end.
 
     Args:
         motion: of the longer runs. scenario: with the shorter runs.
     """
-    # A tick is one control period, the step in which time goes on.
+    # A tick is the moment at which a control period begins. Runs end at the first tick at or after ``run.t_end_s``.
     tick_s, end_s = scenario.tick_s, scenario.ticks * scenario.run.control_period_ms / 1000.0
     # Times are whole ticks up to rounding errors. So that these errors do not matter, the limits are not ticks: one is
     # a quarter of a tick before the end, the other a quarter of a tick before the last tick that precedes the end.
@@ -449,7 +452,8 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
         files: path of each table by its name. group, runs: those of the batch.
         rows: number of rows of the table ``robots`` that the shard's description gives.
     Raises:
-        InputError: a table is missing, unexpected or wrong; it names file and column.
+        InputError: a table is missing or unexpected, ``rows`` is wrong, or a table is wrong; only in the last case the
+            error names the file.
     """
     required = {"robots", *study.keep}  # ``keep`` names the further tables that the study saves
     if set(files) - {FAILED_TABLE} != required:  # the table of failures exists only if a run failed

@@ -126,8 +126,8 @@ def arrays_of(
     Args:
         rows: the columns cell, run and robot, and any others of ``ROWS``; each cell, run and robot has one row.
         cells: their numbers, ascending. runs: number of runs, which are numbered from 0. robots: number of robots.
-    Returns: the columns of robots, (cells, runs, robots) each, and the columns of runs, (cells, runs) each. Null is
-        nan; the consensus is its index in ``outcomes.CONSENSUS``.
+    Returns: the columns of robots, run and robot included, (cells, runs, robots) each, and the columns of runs, (cells,
+        runs) each. Null is nan; the consensus is its index in ``outcomes.CONSENSUS``.
     Raises:
         ValueError: the number of rows is not that of all cells, runs and robots.
     """

@@ -1,8 +1,9 @@
 """Compare cells in pairs, run by run, and again in a second block of runs from another seed; also at equal error.
 
-A pair is a cell and its reference, which differ in a single field. Every two strategies are compared. In another
-field, each value is compared with the field's first value. The user may name a reference: a value with which the other
-values of its field are compared instead.
+A pair is a cell and its reference, which differ in a single field, or in the label and the fields that the label stands
+for. Every two strategies are compared, also every two labels that set the strategy. In another field, each value is
+compared with the field's first value. The user may name a reference: a value with which the other values of its field
+are compared instead.
 
 The compared fields are those whose values are words: strategies, presets, labels and the like. A numeric field is
 compared only if no other field is varied and it has few values, since many values make a curve. The floor is never
@@ -60,7 +61,7 @@ class Compared:
     cell: Cell
     reference: Cell
     field: str
-    """The field in which they differ."""
+    """The compared field. They are equal in all others, except in fields that the label sets if this is ``label``."""
     first: Paired
     """The comparison in the study's own runs: cell - reference."""
     replicate: Confirmation | None
@@ -116,15 +117,19 @@ class Compared:
 
 
 def pairs_of(study: Study, reference: str | None = None) -> list[tuple[Cell, Cell, str]]:
-    """List the pairs of a study: cell, its reference, and the field in which they differ.
+    """List the pairs of a study: cell, its reference, and the compared field.
+
+    The two cells of a pair are equal in all other fields, except for fields that labels set if the compared field is
+    ``label``. Of several cells with equal points, only the first is compared.
 
     Args:
         reference: a value of a compared field, or a label, as text. In the field that has this value, cells are
-            compared with the cells of this value; in any other field, with the cells of the field's first value. If
-            ``reference`` is None, every two strategies are compared, and in other fields cells are compared with the
-            cells of the first value, or with those that do not set the field if there are any.
-    Returns: the pairs; a cell without a reference that is equal in all other fields is in none. An empty list if there
-        are more than ``MOST_PAIRS`` pairs.
+            compared with the cell of this value; in any other field, with the cell of the field's first value. If
+            ``reference`` is None, every two strategies (or labels, if they set the strategy) are compared. In other
+            fields, cells are then compared with the cell that does not set the field; if all cells of the study set it,
+            with the cell of its first value.
+    Returns: the pairs; a field gives none for a cell if no cell is equal in all other fields and has the value to
+        compare with. An empty list if there are more than ``MOST_PAIRS`` pairs.
     Raises:
         InputError: no compared field has this value.
     """
@@ -147,7 +152,8 @@ def pairs_of(study: Study, reference: str | None = None) -> list[tuple[Cell, Cel
             if is_reference_here:
                 references = [cell for cell in group if cell.words.get(name) == reference]
             elif name == LABEL:
-                references = group  # so the first cell of the group is the reference
+                # The first cell of a group is of the list's first table; it becomes the reference.
+                references = group
             else:
                 first_value = study.cells[0].point.get(name)
                 references = [cell for cell in group if cell.point.get(name) == first_value]
@@ -189,8 +195,8 @@ def _compared_fields(study: Study) -> list[str]:
 def _word_fields(study: Study) -> list[str]:
     """List the varied fields with 2 to ``MOST_VALUES`` values that are words, or true and false.
 
-    The floor and labels are left out. The value in the first cell stands for the kind of a field's values; a field that
-    the first cell does not set is left out.
+    If some cells do not set a field, that counts as one more value. The floor and labels are left out. The value in the
+    first cell stands for the kind of a field's values; a field that the first cell does not set is left out.
     """
     fields = []
     for name in study.varied:
@@ -250,6 +256,8 @@ def comparisons(
     result: StudyResult, replicate: StudyResult | None = None, reference: str | None = None
 ) -> list[Compared]:
     """Compare all pairs of the selected cells in all figures, with p-values corrected over all comparisons (Holm).
+
+    A pair whose cells have no run in common is left out.
 
     Args:
         replicate: the second block, None if there is none. reference: as of ``pairs_of``.
@@ -354,7 +362,7 @@ MATCHED_ANYWAY: Final = 100
 LEAST_RUNS: Final = 20
 """With fewer runs in common nothing is compared at equal error."""
 ENGINES: Final = ("event", "fixed-step")
-"""Sources of motion for which strategies are compared at equal error: both give the same motion."""
+"""Sources of motion whose studies are compared at equal error: both give the motion of ``event``, which is replayed."""
 
 
 def at_equal_error(
@@ -365,10 +373,12 @@ def at_equal_error(
     Strategies that steer are left out, since their motion changes with the settings. A cell is also left out if neither
     decision is right in one of its runs, or if its scenario cannot be run. The result is empty if more than
     ``MATCHED_CELLS`` cells have to be compared, or if they have fewer than ``LEAST_RUNS`` runs in common. It is also
-    empty if the study's source of motion is not one of ``ENGINES``, since an engine simulates the motion again.
+    empty if the study's source of motion is not one of ``ENGINES``, since ``reached`` simulates the motion again with
+    the source ``event``, whatever the study's source is.
 
     Args:
-        compared: result of ``comparisons``. progress: called with the share of cells done.
+        compared: result of ``comparisons``. progress: called after each cell that was replayed, with the share of cells
+            done.
     Returns: the comparison of each pair, by the numbers of cell and reference.
     """
     if result.study.motion not in ENGINES:

@@ -1,8 +1,9 @@
 """The page of the command ``detect``: which fill ratios are recognised, by how many robots, and how soon.
 
-A floor with a fill ratio above the boundary is *missed* in a run without a right consensus. A *false alarm* is a wrong
-consensus on "more" on a floor below the boundary. A floor above is *distinguished* from a floor below at a time when
-misses on the one and false alarms on the other are both rare enough (``analysis.detection``).
+A floor is *missed* in a run without a right consensus. A *false alarm* is a wrong consensus on "more" on a floor with a
+fill ratio below the boundary. A floor above the boundary is *distinguished* from a floor below it at a time when misses
+of the one and false alarms on the other are both rare enough; it is *recognised* if it is distinguished from some floor
+below (``analysis.detection``).
 """
 
 from __future__ import annotations
@@ -92,10 +93,11 @@ def answer(distinguished: pl.DataFrame, scenario: Scenario, error: float, false_
 def pictures_of(
     curve: pl.DataFrame, boundary: float, tolerated: float, style: str = "column"
 ) -> Iterator[tuple[str, Picture]]:
-    """Yield names and pictures of misses against the fill ratio: one per number of robots, and one of all at the end.
+    """Yield names and pictures of misses against the fill ratio: one per number of robots, and one of all numbers.
 
-    A picture of one number of robots has a line for each time; the picture of all has a line for each number of robots.
-    Nothing is yielded if no share of misses is known.
+    A picture of one number of robots has a line for each time; only the ``MOST_CURVES`` smallest numbers have one. If
+    there are several numbers, the last picture has a line for each of them, with the misses at the latest time. Nothing
+    is yielded if no share of misses is known.
 
     Args:
         curve: table of ``analysis.detection.detection_curve``. boundary: of the fill ratio.
@@ -126,7 +128,8 @@ def _draw(
     would not in the order of the text. Within a line, points are in the order of the fill ratio.
 
     Args:
-        part: rows of ``analysis.detection.detection_curve``. tolerated: tolerated probability of a miss.
+        part: rows of ``analysis.detection.detection_curve``, sorted by robots, fill ratio and time as there.
+        boundary: of the fill ratio. tolerated: tolerated probability of a miss. style, title: of the picture.
     """
     frame = part.select(
         "fill_ratio", "missed", "runs", low="missed_low", high="missed_high", series=series
@@ -153,7 +156,7 @@ def report_of(
     """Lay out the page.
 
     Args:
-        tables: ``detection``, ``needed`` and ``pairs``, of ``analysis.detection``.
+        tables: by name, results of ``analysis.detection``: ``detection`` (``detection_curve``), ``needed``, ``pairs``.
         scenario, seed: those of the runs behind the tables, in which floor and number of robots vary.
         error, false_alarms: tolerated probabilities. warnings: shown first.
     """
@@ -167,6 +170,7 @@ def report_of(
             tables["detection"], scenario.decision.decision_boundary, error, "page"
         )
     )
+    # There are no pairs, and no table of them, if all floors are on one side of the boundary.
     pairs = best(tables["pairs"]) if tables["pairs"].height else tables["pairs"]
     table = ReportTable(pairs, _PAIRS, caption="A dash: not by the end.", name="pairs")
     parts = (table,) if pairs.height else ()

@@ -102,7 +102,8 @@ def workers_for(
             there are processors, or as the executor has workers. Dask does not use it.
         mixed: whether Dask workers may have other versions of vibroswarm and its libraries.
     Raises:
-        InputError: no such executor or file, or no scheduler answers, or a Dask worker has other versions.
+        InputError: ``count`` is not a whole number from 1 to ``MOST_WORKERS``, there is no such executor or file, Dask
+            is not installed, no scheduler answers, or a Dask worker has no vibroswarm or other versions.
         RunError: the Dask scheduler has no workers.
     """
     if count is not None:
@@ -187,7 +188,7 @@ def processors() -> int:
 
 
 def _width(executor: Executor) -> int:
-    """Return an executor's number of workers, as ``concurrent.futures`` stores it; 16 if it is not stored there."""
+    """Return an executor's number of workers, as ``concurrent.futures`` stores it; assume 16 if it is not there."""
     return int(getattr(executor, "_max_workers", None) or 16)
 
 
@@ -198,7 +199,8 @@ def _threads(count: int) -> Iterator[Workers]:
     try:
         yield Workers(pool, count, name=f"{count} thread{'s' * (count > 1)}", cancel=cancel)
     except KeyboardInterrupt:
-        wait_for_threads = False  # a thread that compiles cannot be stopped, and may take a minute
+        # A thread that compiles a kernel cannot be stopped, and may take a minute.
+        wait_for_threads = False
         raise
     finally:
         cancel.set()
@@ -206,7 +208,7 @@ def _threads(count: int) -> Iterator[Workers]:
 
 
 class _ProcessFlag:
-    """A flag that processes share: once set, it stays set. It can be sent to a process only when that starts.
+    """A flag that processes share: once set, it stays set. It can be passed to a process only at the process's start.
 
     It has no lock, unlike ``multiprocessing.Event``: a process that was killed while it held the lock would block all
     others for ever.
@@ -235,7 +237,8 @@ class SingleProcessPools(Executor):
         self._context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
         self.cancel = _ProcessFlag()
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm-process")
-        self._own = threading.local()  # in each thread, ``pool``: its process
+        # In each thread, ``pool``: the pool of its process. Not set before the first call; None after a death.
+        self._own = threading.local()
         self._pools: list[ProcessPoolExecutor] = []
         self._lock = threading.Lock()
 
@@ -254,6 +257,7 @@ class SingleProcessPools(Executor):
         self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
         with self._lock:
             for pool in self._pools:
+                # A pool has one call at most. Without ``wait`` this call may not have begun; then it is dropped.
                 pool.shutdown(wait=wait, cancel_futures=True)
 
     def _in_process(self, function: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
@@ -315,7 +319,7 @@ class _ProcessWorkers(Workers):
     """Workers that are processes."""
 
     def submit(self, work: Batch) -> Future[BatchResult]:
-        """Submit a batch."""
+        """Submit a batch, which is given up when the flag ``cancel`` is set: each process has it from its start."""
         return self.executor.submit(_do_in_process, work)
 
 
@@ -326,14 +330,15 @@ def _processes(count: int) -> Iterator[Workers]:
     try:
         yield _ProcessWorkers(pool, count, name=f"{count} process{'es' * (count > 1)}", cancel=pool.cancel)
     except KeyboardInterrupt:
-        wait_for_processes = False  # a process that compiles cannot be stopped, and may take a minute
+        # A process that compiles a kernel cannot be stopped, and may take a minute.
+        wait_for_processes = False
         raise
     finally:
         pool.shutdown(wait=wait_for_processes, cancel_futures=True)
 
 
 class _ClusterState:
-    """What the last check of a Dask cluster found.
+    """Result of the last check of a Dask cluster, and times of the last checks.
 
     It is an object of its own, so that it can change although ``_DaskWorkers`` is frozen.
 
@@ -343,7 +348,7 @@ class _ClusterState:
 
     def __init__(self, threads: int) -> None:
         self.threads = threads
-        # Times of the last check, and of the last check that found a worker.
+        # Times of the last check, and of the last check at which there was a worker.
         self.checked_s = self.with_workers_s = time.monotonic()
 
 
@@ -354,11 +359,14 @@ class _DaskWorkers(Workers):
     client: Any = None
     """``distributed.Client``."""
     seen: _ClusterState = field(default_factory=lambda: _ClusterState(1))
-    """Number of threads and time of the last check of the cluster."""
+    """The cluster's number of threads at the last check, and times of the last checks."""
 
     @property
     def width(self) -> int:
-        """Number of batches that run at a time: the cluster's threads, counted again every ``ASK_EVERY_S``."""
+        """Number of batches that run at a time: the cluster's threads, but at least 1.
+
+        If the last count is older than ``ASK_EVERY_S``, ``check`` counts them again, and may raise ``RunError``.
+        """
         if time.monotonic() - self.seen.checked_s > ASK_EVERY_S:
             self.check()
         return max(self.seen.threads, 1)
@@ -383,9 +391,11 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
     """Connect to a running Dask cluster, yield its workers once, and close the connection afterwards.
 
     Args:
-        address: ``dask://HOST:PORT``, or a scheduler file. mixed: whether workers may have other versions.
+        address: ``dask://HOST:PORT``, also ``tcp://`` or ``tls://``, or the path of a scheduler file. mixed: whether
+            workers may have other versions.
     Raises:
-        InputError: Dask is not installed, no scheduler answers, or a worker has other versions.
+        InputError: Dask is not installed, there is no such file, no scheduler answers, or a worker has no vibroswarm or
+            other versions.
         RunError: the scheduler has no workers.
     """
     try:
@@ -402,8 +412,8 @@ def _dask(address: str, mixed: bool) -> Iterator[Workers]:
                 f"the Dask scheduler at '{address}' has no workers; start some, and run the same command again"
             )
         _check_dask_versions(client, mixed)
-        # ``pure=False``: equal calls are run again, instead of sharing one result.
-        # At least 1, so that batches are submitted even if the workers report no threads.
+        # ``pure=False``: equal calls are run again, instead of sharing one result. ``count`` is at least 1, so that
+        # batches are submitted even if the workers report no threads.
         pool, count = client.get_executor(pure=False), max(sum(threads.values()), 1)
         yield _DaskWorkers(
             pool, count, name=f"{len(threads)} Dask workers", client=client, seen=_ClusterState(count)
@@ -431,7 +441,8 @@ def _connected(connect: Any, address: str) -> Any:
         return connect(**address_or_file, timeout=CONNECT_S, set_as_default=False)
     except Exception as error:  # an address or a file may be wrong in many ways
         cause = str(error).splitlines()[0] if str(error) else type(error).__name__
-    # The failed client is freed now. If Python freed it later, while another client starts, Dask would deadlock.
+    # The failed client is freed here. If Python freed it later, while another client starts, Dask would deadlock. The
+    # error is raised below and not in ``except``, where the caught error still refers to the client.
     gc.collect()
     raise InputError(f"no Dask scheduler answers at '{address}' ({cause})", field="executor")
 
@@ -482,7 +493,10 @@ def check_begun_by(theirs: Mapping[str, str], folder: Path) -> None:
 
 
 def _different_versions(theirs: Mapping[str, str]) -> str:
-    """List what differs between ``theirs`` and the ``simulation.versions`` of this process; empty if nothing does."""
+    """Write how ``theirs`` differs from the ``simulation.versions`` of this process, as text; empty if in nothing.
+
+    What only ``theirs`` names does not count.
+    """
     own = versions()
     return "; ".join(f"{k} {theirs.get(k)} there, {own[k]} here" for k in own if theirs.get(k) != own[k])
 

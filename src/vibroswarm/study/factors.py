@@ -47,7 +47,7 @@ PRESET: Final = "preset"
 LARGEST: Final = 100_000
 """Most cells of a study."""
 LARGEST_NUMBER: Final = 1e150
-"""Largest end of a range, so that the quotient of two ends is finite."""
+"""Largest absolute value of an end of a range. The quotient of two ends is finite if both are at least its inverse."""
 
 
 def points_of(blocks: Mapping[str, Any]) -> list[Point]:
@@ -130,7 +130,8 @@ def _sobol(block: Any, name: str) -> list[Point]:
         from scipy.stats import qmc
 
         # SciPy warns unless the number of drawn points is a power of two, since the points are balanced only then. To
-        # avoid the warning, the next power of two is drawn, and the first ``count`` points are the same as without it.
+        # avoid the warning, the next power of two is drawn. Its first ``count`` points are those that SciPy would draw
+        # for ``count`` itself.
         power_of_two = 1 << (count - 1).bit_length()  # smallest power of two that is at least ``count``
         sampler = qmc.Sobol(dimensions, scramble=True, rng=np.random.Generator(np.random.Philox(seed)))
         points: np.ndarray[Any, Any] = sampler.random(power_of_two)[:count]
@@ -209,22 +210,24 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
 
 
 def _is_of_code(name: str) -> bool:
-    """Return whether a field belongs to user code of a known name, as ``strategy.voter.phase_s`` belongs to ``voter``.
+    """Return whether a field is a parameter of user code, as ``strategy.voter.phase_s`` is of ``voter``.
 
-    The code need not be loaded: without it, the names of its parameters cannot be checked.
+    The name of the code must be one that data files refer to (``plugins.is_code_name``). The code need not be loaded,
+    so any name of a parameter is accepted.
     """
     parts = name.split(".")
     return len(parts) == 3 and parts[0] in plugins.KINDS and plugins.is_code_name(parts[1])
 
 
 def with_whole(block: Any, name: str = "") -> Any:
-    """Return a copy of blocks in which ranges of whole-number parameters of user code have ``whole = true``.
+    """Return a copy of a block in which ranges of whole-number parameters of user code have ``whole = true``.
 
     The type of such a parameter is known only while the code is loaded. A range with ``whole = true`` gives the same
     points where the code is not loaded, for instance when a stored study is shown.
 
     Args:
-        block: blocks as TOML gives them, or a part of them. name: dotted name of that part; empty for all blocks.
+        block: one block as TOML gives it, or a part of it. name: dotted name of that part inside the block, such as
+            ``strategy.voter.phase_s``; empty for the block itself and for each table of a ``list``.
     """
     if not isinstance(block, Mapping):  # a list of values or of tables, or a single value
         return [with_whole(value, name) for value in block] if isinstance(block, list | tuple) else block
@@ -263,17 +266,18 @@ def _at(given: Any, u: float, name: str) -> Any:
     """Return the value at the fraction ``u``, 0 to 1, of a range or of a list of choices.
 
     Args:
-        given: range or list, as TOML gives it. In a range with ``steps``, u is a step between the ends; in a range
-            without ``steps``, u is a random number.
-        name: of the field, for messages.
+        given: range or list, as TOML gives it. A range has ``steps`` in a grid or zip, where u is the position of a
+            step, both ends included. Without ``steps``, and for a list, u is drawn from [0, 1).
+        name: of the field; it gives the field's type, and is shown in messages.
     """
     if isinstance(given, Sequence) and not isinstance(given, str):
         if not given:
             raise InputError("is empty; give at least one value", field=name)
-        return given[min(int(u * len(given)), len(given) - 1)]  # for u = 1, the last choice
+        # ``min`` would give the last choice for u = 1, which is never drawn.
+        return given[min(int(u * len(given)), len(given) - 1)]
     low, high, scale, is_whole = bounds_of(given, name)
-    # Without steps, u is a random number: each whole number from low to high has the same probability. For u = 1 the
-    # formula would give high + 1.
+    # Without steps, u is drawn: each whole number from low to high has the same probability, whatever the scale. If the
+    # ends are large, rounding may give high + 1, so ``min`` limits the number.
     if is_whole and "steps" not in given:
         return int(min(math.floor(low + u * (high - low + 1)), high))
     # The ends exactly as they are written, without the rounding error of the formula below.
@@ -329,7 +333,7 @@ def _is_whole_field(name: str) -> bool:
     """Return whether the field at the end of ``name`` (``grid.swarm.robots``) holds whole numbers."""
     from vibroswarm.scenario.scenario import kind_of
 
-    # The name may begin with the block's name, which may contain dots itself: every ending of the name is tried.
+    # What precedes the field's dotted name (the block's name, or nothing) is not known, so every ending is tried.
     parts = name.split(".")
     return any(kind_of(".".join(parts[first:])) is int for first in range(len(parts)))
 
@@ -350,7 +354,9 @@ def fields_in_words(words: Mapping[str, str]) -> str:
 
 
 def value_in_words(value: Any, digits: int = DIGITS) -> str:
-    """Write one value; a text of more than ``LONGEST`` characters is replaced by its number of elements and a hash.
+    """Write one value; if its text has more than ``LONGEST`` characters, write its length and a hash instead.
+
+    The length is the number of elements, or of characters of a string; a value without a length has only the hash.
 
     Args:
         digits: number of significant digits of a float.

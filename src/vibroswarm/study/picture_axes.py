@@ -34,8 +34,8 @@ class Layout:
 def layout_of(cells: Sequence[Cell]) -> Layout:
     """Put the numeric field with most values along x; cells that are equal in all other fields are one series.
 
-    Of several fields with most values, the first is taken. If no varied field is numeric, there is no x, and each cell
-    is a series under its own name.
+    Of several fields with most values, the first is taken. Cells of a series that have the same x become a series each.
+    If no varied field is numeric, there is no x, and each cell is a series under its own name.
     """
     numeric = {name: values for name in _varied(cells) if (values := _numbers(cells, name)) is not None}
     # A number that is the same in all cells makes no axis.
@@ -45,6 +45,7 @@ def layout_of(cells: Sequence[Cell]) -> Layout:
         return Layout(field=None, label="", x=None, series=series)
     field = max(with_several_values, key=lambda name: len(set(with_several_values[name].values())))
     x = with_several_values[field]
+    # "all" is the series of the cells that set no other field.
     series = {cell.number: _words(cell, [k for k in cell.point if k != field]) or "all" for cell in cells}
     # Two cells of a series with the same x would be two points of a line at one place: each gets a line of its own.
     cells_at = Counter((x[number], words) for number, words in series.items())
@@ -55,6 +56,8 @@ def layout_of(cells: Sequence[Cell]) -> Layout:
 
 def plane_of(cells: Sequence[Cell]) -> tuple[str, str] | None:
     """Return the names of the two numeric fields with at least three values each, for the axes of a map.
+
+    A field with fewer values is no axis: each of its values has a map of its own (``pictures``).
 
     Returns: None unless there are exactly two such fields.
     """
@@ -78,8 +81,9 @@ def label_of(field: str) -> str:
 
 
 def name_of(cell: Cell) -> str:
-    """Name a cell in a picture: by its varied values with symbols and units, unless it is named otherwise (a label)."""
-    # A cell without a label has its varied values, in words, as its name.
+    """Name a cell in a picture: by its varied values with symbols and units, or else by ``Cell.name``."""
+    # ``Cell.name`` is not just the varied values if the cell has a label, if nothing is varied (then it is the
+    # strategy), or if the cell's number distinguishes it from an equal name (``factors.names_of``).
     is_named_by_values = cell.point and cell.name == cell.words_of(cell.point)
     return _words(cell, list(cell.point)) if is_named_by_values else cell.name
 
@@ -87,7 +91,7 @@ def name_of(cell: Cell) -> str:
 def _words(cell: Cell, fields: Sequence[str]) -> str:
     """Write a cell's values of these fields, with symbols and units: ``random:0.44, soft, η 1250``.
 
-    Values of the fields ``PLAIN``, such as the floor and the strategy, speak for themselves: they have no symbol.
+    Values of the fields ``PLAIN``, such as the floor and the strategy, are written without symbol and unit.
     Fields that the cell does not set are left out.
     """
     return ", ".join(
@@ -102,6 +106,7 @@ def _words(cell: Cell, fields: Sequence[str]) -> str:
 def _varied(cells: Sequence[Cell]) -> list[str]:
     """List the fields whose values differ between these cells."""
     names = dict.fromkeys(name for cell in cells for name in cell.point)
+    # ``repr``: values may be lists, which cannot be elements of a set. A cell that does not set a field counts as None.
     return [name for name in names if len({repr(cell.point.get(name)) for cell in cells}) > 1]
 
 

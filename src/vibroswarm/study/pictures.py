@@ -57,8 +57,9 @@ class NamedPicture:
 def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
     """Yield all pictures that fit the study, the most informative first.
 
-    A picture with a row for each cell is left out if there are more than ``MOST_ROWS`` cells. The name of a picture is
-    its file name without a suffix; ``StudyResult.plot`` takes it too.
+    A picture with a row for each cell is left out if there are more than ``MOST_ROWS`` cells, boxes and violins at more
+    than half as many. Figures along a numeric field are always yielded: ``_bars`` limits their lines and rows. The name
+    of a picture is its file name without a suffix; ``StudyResult.plot`` takes it too.
     """
     cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
     if len(cells) <= MOST_ROWS:
@@ -73,6 +74,7 @@ def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
         yield NamedPicture("consensus-violin", "The same, as violins", _spread(outcome, draw_violins))
     yield from _fronts(cells)
     yield from _forests(outcome.comparisons)
+    # ``swarm_right.n`` counts the runs with a truth: those in which one of the two decisions is right.
     if layout.field == SOURCE and any(row.summary.swarm_right.n for row in cells):
         yield NamedPicture("detection", "Which fill ratios are judged correctly", _detection(cells, layout))
     yield from _samples(outcome)
@@ -137,9 +139,10 @@ def _bars(
 
 
 def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
-    """Yield maps (heat maps) over two numeric fields, for each combination of the values of the other varied fields.
+    """Yield heat maps of decision time and of swarms right over two numeric fields.
 
-    Nothing is yielded unless exactly two fields fit (``plane_of``).
+    There are two maps for each combination of the values of the other varied fields, up to ``MOST_PANELS``
+    combinations. Nothing is yielded unless exactly two fields fit (``plane_of``).
     """
     plane = plane_of([cell_outcome.cell for cell_outcome in cells])
     if plane is None:
@@ -190,9 +193,9 @@ def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
     ``MOST_SERIES // 2`` cells, one picture shows all of them, with at most ``MOST_SERIES`` lines. Otherwise there is a
     picture for each value of x, the numeric field along the axis; without such a field there is none. A picture for one
     value may show up to ``MOST_SERIES`` cells, and is left out if the value has more. Of the pictures that remain, the
-    first ``MOST_PANELS`` are yielded. Cells in which no decision can be right are left out.
+    first ``MOST_PANELS`` are yielded. A cell is left out if none of its runs has a truth, that is, a right decision.
     """
-    # ``swarm_right.n`` counts the runs in which a decision is right; 0: the cell has no such run.
+    # ``swarm_right.n`` counts the runs with a truth, whether or not their swarms decided rightly.
     cells = [cell_outcome for cell_outcome in outcome.cells if cell_outcome.summary.swarm_right.n]
     if 0 < len(cells) <= MOST_SERIES // 2:
         panels = {"": cells}  # the cells of each picture, by the words that its title adds
@@ -264,10 +267,10 @@ def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Pic
 
 
 def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
-    """Yield a picture of decision time against error for each floor.
+    """Yield a picture of decision time against error for each floor, for at most the first ``MOST_PANELS`` floors.
 
-    A front shows alternatives from which a user can choose. The floor is not such a choice, so cells on different
-    floors are in different pictures. A floor with only one cell has no picture.
+    A front shows settings among which one may choose. The floor cannot be chosen, so cells on different floors are in
+    different pictures. A floor with only one cell has no picture.
     """
     floors: dict[str, list[CellOutcome]] = {}
     for cell_outcome in cells:
@@ -280,7 +283,10 @@ def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
 
 
 def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
-    """Draw decision time against forced error, one point for each cell."""
+    """Draw decision time against forced error, one point for each cell.
+
+    The forced error is the share of robots that are wrong, or undecided and leaning to the wrong side.
+    """
     rows = []
     for cell_outcome in cells:
         time, error = cell_outcome.summary.decision_time_s, cell_outcome.forced_error
@@ -412,10 +418,12 @@ def _belief(outcome: Outcome, style: str) -> Picture:
     frames, runs = [], SIMULATED_RUNS
     for cell_outcome in outcome.cells:
         number = cell_outcome.cell.number
+        # ``min`` states the limit only: ``runs_again`` returns no more runs than the cell has.
         chosen = outcome.result.runs_again(number, min(cell_outcome.summary.runs, SIMULATED_RUNS))
         result = outcome.result.result(number, chosen)
         runs = len(chosen)  # the caption gives one number for all cells: that of the last one
         robots = len(chosen) * cell_outcome.cell.scenario.swarm.robots
+        # The tables ``inference`` and ``motion`` have the same samples in the same order.
         frames.append(
             _belief_bands(result.inference.with_columns(time_s=result.motion["time_s"]), robots, cell_outcome)
         )
@@ -452,7 +460,8 @@ def _belief_bands(samples: pl.DataFrame, robots: int, one: CellOutcome) -> pl.Da
         # ``np.maximum`` only keeps the index valid where there is no sample yet; there the value is nan.
         belief[row] = np.where(latest >= 0, robot_beliefs[np.maximum(latest, 0)], np.nan)
     # Rows of robots that never sampled stay nan too. The belief before any sample is the probability that the Beta
-    # prior gives to fill ratios below the boundary: the regularised incomplete Beta function.
+    # prior gives to shares of ones below the boundary that readings are tested against, which may differ from that of
+    # the fill ratio (``readings_boundary``): the regularised incomplete Beta function.
     prior = betainc(decision.prior_alpha, decision.prior_beta, readings_boundary(one.cell.scenario))
     belief[np.isnan(belief)] = float(prior)
     columns = {f"q{q:02d}": np.quantile(belief, q / 100, axis=0) for q in (5, 25, 50, 75, 95)}

@@ -76,7 +76,8 @@ FIRST_BLOCK_S: Final = 0.1
 MANY_CELLS: Final = 20
 """A group with more cells has first blocks whose duration grows with the number of cells."""
 CELL_S: Final = 0.02
-"""The same duration for a group with more cells, s per cell: a block costs about 0.1 ms per cell besides its runs."""
+"""Longest duration to which the first blocks of a group with more cells are doubled, s per cell. A block costs about
+0.1 ms per cell besides its runs."""
 LARGEST_BLOCK_S: Final = 10.0
 """Longest estimated duration of a block, s."""
 MOST_ROWS: Final = 100_000
@@ -102,7 +103,7 @@ class Group:
 
     @property
     def first(self) -> Scenario:
-        """A scenario with the longest runs of the group."""
+        """A scenario with the longest runs of the group; all cells share what determines motion, such as the robots."""
         entry_of_longest_runs, *_ = self.observed
         equal_cells, *_ = entry_of_longest_runs
         return equal_cells[0].scenario
@@ -136,7 +137,7 @@ class Group:
         It is doubled from ``FIRST_RUNS`` as long as a block stays short, and then halved until a block keeps the limits
         of time and rows. Short first blocks keep all workers busy in a short study.
         """
-        # With many cells a block itself takes time, so its runs should take longer than with few cells.
+        # With many cells a block takes time besides its runs (``CELL_S``), so its runs should take much longer.
         short_s = CELL_S * len(self.cells) if len(self.cells) > MANY_CELLS else FIRST_BLOCK_S
         runs = FIRST_RUNS
         while 2 * runs * self.run_s <= short_s:

@@ -44,10 +44,11 @@ FIGURES: Final = (*TIMES, *SHARES)
 
 @dataclass(frozen=True)
 class Precision(NotebookView):
-    """The wanted half-width of a figure's interval.
+    """The wanted half-width of a figure's interval, and the most runs that may be made for it.
 
     Args:
-        half_width: relative to the figure for a time, absolute for a share (0.02 is two percentage points).
+        half_width: between 0 and 1, as a float; relative to the figure for a time, absolute for a share (0.02 is two
+            percentage points).
         figure: one of ``FIGURES``. max_runs: most runs of a cell. level: of all intervals together, between 0 and 1.
     Raises:
         InputError: one of them is wrong; the message says what would be right.
@@ -71,7 +72,8 @@ class Precision(NotebookView):
                 f"{shown(self.level)} is not a level of confidence; give a share such as {LEVEL}",
                 field="level",
             )
-        for name in ("half_width", "level"):  # a float of NumPy would be written differently
+        # A float of NumPy becomes one of Python, since ``as_values`` cannot parse the ``repr`` of the former.
+        for name in ("half_width", "level"):
             object.__setattr__(self, name, float(getattr(self, name)))
 
     @classmethod
@@ -193,9 +195,10 @@ def _is_precise(store: Store, group: Group, precision: Precision, look: int, run
 def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> Interval:
     """Compute a figure of one cell with its interval over runs.
 
-    A share of runs has a Wilson interval. For any other figure, the values of a run's robots are averaged, and the
-    interval is that of the mean over runs. Right and wrong are defined only in runs with a truth; the others are left
-    out, as in ``analysis.cell_summary``.
+    A share of runs (``consensus_right``, ``consensus_wrong``) has a Wilson interval. For any other figure, the values
+    of a run's robots are averaged, and the interval is that of the mean over runs. The value of ``consensus_time_s`` is
+    the same for all robots of a run. Figures about right and wrong leave out the runs without a truth, in which they
+    are undefined, as in ``analysis.cell_summary``.
 
     Args:
         rows: the cell's rows of the store, one for each run and robot. figure: one of ``FIGURES``.
@@ -217,14 +220,15 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
         "consensus_time_s": pl.col("consensus_time_s").fill_null(t_end_s),
         "belief_in_truth": pl.col("belief_in_truth"),
         "right": pl.col("decision") == pl.col("truth"),
-        # Without the condition, an undecided robot would count as not wrong in a run without a truth.
+        # Without the condition, an undecided robot would count as not wrong in a run without a truth: null & False is
+        # False in polars.
         "wrong": pl.when(pl.col("truth").is_not_null()).then(decided_wrong),
         "undecided": pl.col("decision") == -1,
     }[figure]
     values = rows.select("run", "robot", value=of_robot.cast(pl.Float64)).sort("run", "robot").collect()
     robots = values["robot"].n_unique()
-    # Summed in the order of robots, so that the last bit does not depend on how runs are divided into shards.
-    # (runs, robots); nan where null. ``max``: without any run, the empty table still needs a width.
+    # (runs, robots); nan where null. The rows are sorted, so that the last bit of a sum over robots does not depend on
+    # how runs are divided into shards. ``max``: without any run, the empty table still needs a width.
     table = values["value"].to_numpy().reshape(-1, max(robots, 1))
     known = np.isfinite(table)
     count, total = known.sum(axis=1), np.where(known, table, 0.0).sum(axis=1)
@@ -235,8 +239,8 @@ def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> 
 def runs_that_count(store: Store, group: Group, precision: Precision) -> int:
     """Return from how many runs the figures of a group are computed: the first ones, up to a look.
 
-    If the group is settled, it is the look at which it was settled. Otherwise it is the last look whose runs are all
-    stored. If the first look has missing runs, all runs before the first missing one count.
+    If the group is settled, the number is that of the look at which it was settled. Otherwise it is that of the last
+    look whose runs are all stored. If the first look has missing runs, all runs before the first missing one count.
     """
     done_with, stored = settled(store, group, precision), store.runs(group.number)
     if done_with is not None:

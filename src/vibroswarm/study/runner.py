@@ -49,6 +49,8 @@ class Job(NamedTuple):
 
     def has(self, group: Group, block: int) -> bool:
         """Return whether a block of a group's runs belongs to this job; each block belongs to exactly one job."""
+        # Block 0 of successive groups belongs to successive jobs. So the work is spread over the jobs even if each
+        # group has few blocks.
         return (group.number + block) % self.of == self.number - 1
 
 
@@ -84,8 +86,8 @@ def run_study(
         progress: called as batches finish.
         allow_failures: return the store even if runs failed (the store lists them), instead of raising RunError.
     Raises:
-        InputError: the folder holds another study, a job of a study with a precision is given, no scheduler answers,
-            or the versions of the study's start or of a worker differ.
+        InputError: the folder holds something else or another study, a job of a study with a precision is given, no
+            scheduler answers, or, unless ``mixed``, stored runs or a worker have other versions than this process.
         RunError: the disk is full, the cluster is gone, or runs failed for good; finished batches are saved.
     """
     check_threads()
@@ -283,7 +285,8 @@ def failures_in_words(store: Store, kept: bool = True, *, is_repetition: bool = 
     """Write how many runs of a store failed, with the first cause and what to do.
 
     Args:
-        store: with at least one failure. kept: whether the folder stays, so that the user can run a batch alone.
+        store: with at least one failure. kept: whether the store's folder stays; if not, the text does not say how to
+            run a failed batch alone.
         is_repetition: whether these are the runs on other seeds, of which no batch can be run alone.
     """
     failures = store.failures

@@ -153,8 +153,9 @@ class Study(NotebookView):
     def __post_init__(self) -> None:
         """Check all fields and bring each into one form.
 
-        The base becomes sections by name, and the folder a ``Path``. References to user code in ``vary`` and ``motion``
-        get the hash of the code (``plugins.resolve_codes``).
+        The base becomes sections by name, the folder a ``Path``, ``runs`` and ``seed`` Python integers, ``keep`` and
+        the rows of ``floors`` tuples. References to user code in ``vary`` and ``motion`` get the hash of the code
+        (``plugins.resolve_codes``). Those in the base get it when the scenarios of the cells are made.
 
         The dataclass is frozen, so a field can be set only by ``object.__setattr__``.
         """
@@ -200,6 +201,7 @@ class Study(NotebookView):
 
     def __repr__(self) -> str:
         cells, varied = len(self.cells), ", ".join(self.varied)
+        # Exactly one of ``runs`` and ``until`` is None; ``and self.until`` is for type checkers.
         runs = (
             f"until {self.until.figure} is known"
             if self.runs is None and self.until
@@ -312,7 +314,8 @@ class Study(NotebookView):
     def to_toml(self) -> str:
         """Write the study as TOML; ``from_toml`` reads one with the same cells, runs and seed.
 
-        The text is self-contained: it includes floors from files and all fields of the scenario.
+        The text includes floors from files and, but for two cases (``_whole_base``), all fields of the scenario, so
+        that it depends neither on floor files nor on defaults. Of user code it has only the file's name and hash.
         """
         return self._toml
 
@@ -402,7 +405,8 @@ class Study(NotebookView):
     def hash(self) -> str:
         """16 hexadecimal digits that identify a study: studies with the same hash give the same tables of their runs.
 
-        They depend on cells, seed, source of motion and saved tables, but not on the number of runs.
+        They depend on the cells (scenarios, varied values and labels), seed, source of motion and saved tables, but not
+        on the number of runs, the precision and the study's name.
         """
         data = [FORMAT, self.seed, self.motion, sorted(self.keep), [c.scenario.hash for c in self.cells]]
         points = [sorted((k, repr(v)) for k, v in c.point.items()) for c in self.cells]
@@ -417,7 +421,11 @@ class Study(NotebookView):
     def _named_floors(self) -> dict[str, tuple[str, ...]]:
         """Rows of 0 and 1 of the floors that the study defines or reads from files, by name.
 
-        Random floors and patterns are not among them: their name alone describes them.
+        Random floors and patterns are not among them: their name alone describes them. Any other floor that the base or
+        a point names, and the study does not define, is a file in the study's folder or else in the working folder.
+
+        Raises:
+            InputError: there is no such file, or it is no floor.
         """
         floors = {name: tuple(rows) for name, rows in self.floors.items()}
         floor_section = self._sections.get("floor", {})

@@ -163,7 +163,8 @@ class Store:
         text = read_text(folder / MARKER, "a study")
         study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
         # If another version of this program made the folder, it may have computed another hash for the same study,
-        # since it has other fields. Then the hash of the text (``_fingerprint``) shows whether the text is the same.
+        # since its scenarios have other fields. Then the hash of the text (``_fingerprint``) shows whether the text is
+        # the same.
         same_code = made_by.get("code") == versions()["code"]
         if study.hash != saved_hash and (same_code or _fingerprint(text) != head_values.get("text")):
             raise InputError(
@@ -318,7 +319,9 @@ class Store:
             first, last = max(low, shard.first), min(shard.last, runs)  # the part of the shard that is taken
             if last <= low:
                 continue
-            if table in shard.files:  # the table of failures exists only if a run failed
+            # A shard has ``failures`` only if the source of motion gave up a run, and ``samples`` only if the study
+            # saves them.
+            if table in shard.files:
                 frame = pl.scan_parquet(shard.files[table], glob=False)
                 if (first, last) != (shard.first, shard.last):
                     frame = frame.filter(pl.col("run").is_between(first, last, closed="left"))
@@ -393,9 +396,10 @@ class Store:
     def write_head(self) -> None:
         """Write ``study.toml`` if its text has changed, ``study.json`` if it is missing, and copies of user code.
 
-        The text of ``study.toml`` changes with the number of runs and the name.
+        The text of ``study.toml`` changes with the number of runs or the precision, and the name.
 
         Raises:
+            InputError: a file cannot be created, or the present ``study.toml`` cannot be read.
             RunError: the folder cannot be written, or the study's text would be read as another study.
         """
         text = self.study.to_toml()

@@ -92,7 +92,7 @@ def plotted(result: StudyResult, name: str, style: str) -> Picture:
     """Draw one of the study's pictures (``pictures.pictures_of``) by its name.
 
     Raises:
-        InputError: the study has no such picture; the message lists those that it has.
+        InputError: there is no such style, or the study has no such picture; the message lists those that it has.
     """
     named = {picture.name: picture for picture in pictures_of(outcome_of(result, compare=False))}
     if name not in named:  # only the pictures of comparisons need the comparisons, which take longer
@@ -106,9 +106,11 @@ def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportF
 
     Args:
         folder: new, or one with a report only; the study's own folder counts as None.
-        replace: whether a folder with a report is replaced.
+        replace: whether a folder with a report is replaced, with everything in it. In the study's own folder, an
+            earlier report is always overwritten, and other files stay.
     Raises:
-        InputError: the folder exists and may not be replaced, or cannot be written.
+        InputError: ``folder`` exists and may not be replaced, or cannot be written.
+        RunError: the disk is full or failed.
     """
     if folder is None or folder.resolve() == result.store.folder.resolve():
         return _write(result, result.store.folder)
@@ -125,7 +127,7 @@ def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportF
 
 
 def _write(result: StudyResult, folder: Path) -> ReportFile:
-    """Write tables, pictures and report into an existing folder."""
+    """Write tables, pictures and report into an existing folder; pictures are as wide as a journal's column."""
     outcome = outcome_of(result)
     write_outcome(outcome, folder)
     write_pictures_and_report(outcome, references_of(result), folder, "column")
@@ -138,6 +140,7 @@ def pandas_of(frame: pl.DataFrame) -> pd.DataFrame:
     Raises:
         InputError: pandas or pyarrow is not installed.
     """
+    # Both are imported only to check that they are installed: the ``to_pandas`` of polars needs them.
     try:
         import pandas  # noqa: F401
         import pyarrow  # noqa: F401
@@ -150,14 +153,15 @@ def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
     """Convert a table of a study to an xarray Dataset, see ``StudyResult.to_xarray``.
 
     Its dimensions are the varied fields; then ``run`` for the tables ``runs``, ``robots`` and ``samples``; then
-    ``robot`` for the last two of them; then ``sample`` for the table ``samples``. Values are missing where the study
-    has no cell with a combination of varied values.
+    ``robot`` for the last two of them; then ``sample`` for the table ``samples``. Without varied fields, the table
+    ``cells`` has the dimension ``index``. Values are missing where the table has no row, for instance if no cell has a
+    combination of varied values.
 
     Args:
         table: name of the table, see ``StudyResult.to_pandas``.
     Raises:
-        InputError: several rows have the same place in the dimensions, as cells with the same varied values have, or
-            the samples of a cell; or xarray or what ``to_pandas`` needs is not installed.
+        InputError: several cells have the same varied values, so that their rows have the same place in the dimensions;
+            xarray is not installed; or ``StudyResult.to_pandas`` raises it.
     """
     try:
         import xarray

@@ -54,7 +54,7 @@ _SHARES: Final = {
     "swarm_right": "swarms right",
     "swarm_wrong": "swarms wrong",
 }
-"""Shares of the first table."""
+"""Shares in the table of outcomes, with their headings."""
 
 
 def write_pictures_and_report(
@@ -243,7 +243,9 @@ _OUTCOME_TEXT: Final = (
 
 
 def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
-    """Return one table per compared figure, since differences in time and in shares have no common unit.
+    """Return one table per figure of ``_COMPARED``, since differences in time and in shares have no common unit.
+
+    The belief in the truth is compared too, but has no table in the report.
 
     A study may have a second block of runs, from another seed. If there is one, a row also has the difference in the
     second block, and whether it confirms the difference in the study's own runs.
@@ -279,7 +281,11 @@ def _comparison_tables(outcome: Outcome) -> list[ReportTable]:
 
 
 def _equal_error_table(answers: Sequence[Answer]) -> ReportTable:
-    """Tabulate the comparisons at equal error, and at equal time, of the answers that have them: at least one."""
+    """Tabulate the comparisons at equal error and at equal time.
+
+    Args:
+        answers: those without such a comparison (``Answer.matched``) are left out; at least one must have it.
+    """
     frame = pl.DataFrame([a.as_row() for a in answers if a.matched is not None], infer_schema_length=None)
     columns = {
         "name": Column("compared"),
@@ -341,7 +347,11 @@ _REFERENCE_COLUMNS: Final = {
 
 
 def _reference_table(references: Sequence[References]) -> ReportTable:
-    """Tabulate the references, at least one, by cell; the caption gives the number of runs behind them."""
+    """Tabulate the references, at least one, by cell.
+
+    The caption gives the number of runs from which they are computed. Cells with few stored runs have fewer; the
+    caption then gives the largest number.
+    """
     table = reference_table(list(references))
     # A reference that is missing in all cells has no column in the table.
     names = [name for name in _REFERENCE_COLUMNS if name in table.columns]

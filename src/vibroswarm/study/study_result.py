@@ -1,7 +1,7 @@
 """Read the results of a study as tables of cells, robots, runs and samples, and simulate some of its runs again.
 
-A source of motion is slow if it takes longer than the engines of this package, as physics simulators do. Fewer runs of
-it are simulated again for pictures and references, and they are cached.
+A source of motion is slow if it takes longer than the event engine by its own estimate (``Source.robot_s``), as the
+physics simulators do. Fewer of its runs are simulated again for pictures and references, and they are cached.
 """
 
 from __future__ import annotations
@@ -62,14 +62,18 @@ AGAIN_S: Final = 30.0
 
 @dataclass(frozen=True)
 class StudyResult(NotebookView):
-    """A study and its store. Tables begin with the columns ``cell`` and the varied fields, by their dotted names."""
+    """A study and its store.
+
+    Tables begin with the columns ``cell`` and the varied fields, by their dotted names. Those of ``rows``,
+    ``unsorted_rows`` and ``tables`` have no varied fields, and those of ``tables`` have no ``cell`` either.
+    """
 
     study: Study
     store: Store
     selected: tuple[int, ...]
     """Numbers of the cells that this result is about: all, or those that ``where`` selected."""
     _kept: _TemporaryFolder | None = field(default=None, repr=False)
-    """The temporary folder of a study that is not saved; it is removed when no result refers to it. Else None."""
+    """The temporary folder of a study that is not saved, removed when no result refers to it; None if it is saved."""
 
     def __repr__(self) -> str:
         cells, chosen, table = len(self.study.cells), len(self.selected), self.cells
@@ -129,11 +133,12 @@ class StudyResult(NotebookView):
         """Return the result for the selected cells in which varied fields have these values.
 
         Args:
-            values: the value of each field, or a list of values of which a cell has one. The dot of a field's name is
-                written as two underscores: ``where(strategy__name="soft")``. The last part of the name is enough if
-                no other varied field ends with it: ``where(name="soft")``.
+            values: the value of each field, or a list of values of which a cell has one; so a value that is itself a
+                list is given in a list. None: the cell does not set the field. The dot of a field's name is written as
+                two underscores: ``where(strategy__name="soft")``. The last part of the name is enough if no other
+                varied field ends with it: ``where(name="soft")``.
         Raises:
-            InputError: a field is not varied, or no cell has these values.
+            InputError: a field is not varied, several varied fields end with the name, or no cell has these values.
         """
         chosen = self.selected
         for key, choices in values.items():
@@ -145,11 +150,12 @@ class StudyResult(NotebookView):
         return StudyResult(self.study, self.store, chosen, self._kept)
 
     def runs_of(self, cell: int) -> int:
-        """Return how many runs of a cell enter its figures: the study's number of runs, whether they are stored or not.
+        """Return how many runs of a cell, counted from run 0, enter its figures.
 
-        A study with a precision is checked ("a look") after 100, 200, 400, ... runs. Its number is that of the look at
-        which the cell's group became precise enough. While the group needs more runs, the number is that of the last
-        look whose runs are all stored (``precision.runs_that_count``).
+        It is the study's number of runs, whether they are stored or not. A study with a precision has no such number:
+        it is checked ("a look") after 100, 200, 400, ... runs. Once the cell's group needs no more runs (``settled``),
+        the number is that of the look at which this is so. Until then, it is that of the last look whose runs are all
+        stored; before the first look, it is the number of runs stored without a gap (``precision.runs_that_count``).
         """
         if self.study.runs is not None:
             return self.study.runs
@@ -251,6 +257,7 @@ class StudyResult(NotebookView):
         The table of runs also has the figures of how the robots of a run sampled.
         """
         rows = self.rows(cell).collect()  # a row for each run and robot, with the columns of both tables
+        # ``run`` is the only column that both tables have.
         of_run = [name for name in rows.columns if name != "cell" and (name not in ROBOTS or name == "run")]
         return rows.select(list(ROBOTS)), rows.filter(pl.col("robot") == 0).select(of_run)
 
@@ -314,7 +321,7 @@ class StudyResult(NotebookView):
 
     @cached_property
     def _is_slow(self) -> bool:
-        """Whether the source of motion takes longer than the engines of this package."""
+        """Whether the source of motion takes longer than the event engine; False if its code is not loaded."""
         return robot_s_of(self.study.motion) > ROBOT_S
 
     @cached_property
@@ -326,7 +333,8 @@ class StudyResult(NotebookView):
         """Convert the table ``robots``, ``runs``, ``cells`` or ``samples`` to pandas.
 
         Raises:
-            InputError: pandas is not installed, or there is no such table.
+            InputError: pandas or pyarrow is not installed, there is no such table, the study does not save samples, or
+                no run of the selected cells is stored (only the table ``cells`` needs none).
         """
         from vibroswarm.study.study_outputs import pandas_of
 
@@ -337,18 +345,24 @@ class StudyResult(NotebookView):
 
         Its dimensions are the varied fields; also ``run`` for the tables ``runs``, ``robots`` and ``samples``,
         ``robot`` for the last two of them, and ``sample`` for the table ``samples``. Values are missing where the
-        study has no cell with a combination of varied values.
+        table has no row, for instance if no cell has a combination of varied values.
 
+        Args:
+            table: name of the table, as ``to_pandas`` takes it.
         Raises:
-            InputError: several rows have the same place in the dimensions, as cells with the same varied values have,
-                or the samples of a cell; or xarray or what ``to_pandas`` needs is not installed.
+            InputError: several cells have the same varied values, so that their rows have the same place in the
+                dimensions; xarray is not installed; or ``to_pandas`` raises it.
         """
         from vibroswarm.study.study_outputs import dataset_of
 
         return dataset_of(self, table)
 
     def summary(self) -> pl.DataFrame:
-        """Return one row per selected cell: its varied values, then all figures with ``_low`` and ``_high``."""
+        """Return one row per selected cell that has runs (``Outcome.table``): varied values, figures and their limits.
+
+        Raises:
+            InputError: no selected cell has runs.
+        """
         from vibroswarm.study.summary import outcome_of
 
         return outcome_of(self, compare=False).table
@@ -357,11 +371,12 @@ class StudyResult(NotebookView):
         """Compare the cells run by run, in sentences with intervals and in a table.
 
         Args:
-            reference: a value of a compared field, such as a strategy, with which the other values are compared; by
-                default, all pairs of strategies are compared, and other fields with their first value.
+            reference: a value of a compared field, such as a strategy, with which the field's other values are
+                compared; by default, every two strategies are compared, and each value of another field is compared
+                with the field's first value.
             confirm: run the study on another seed too, to confirm differences.
         Raises:
-            InputError: no compared field has the value ``reference``.
+            InputError: no compared field has the value ``reference``, or no selected cell has runs.
         """
         from vibroswarm.study.study_outputs import compared
 
@@ -383,9 +398,11 @@ class StudyResult(NotebookView):
         """Write the report, its pictures and tables.
 
         Args:
-            folder: where; by default into the study's folder. replace: whether an earlier report there is replaced.
+            folder: where; by default into the study's folder, in which an earlier report is always overwritten.
+            replace: whether ``folder`` may exist; it is then replaced as a whole, with everything in it.
         Raises:
-            InputError: the folder exists, or cannot be written. RunError: the disk is full or failed.
+            InputError: ``folder`` exists and may not be replaced, or cannot be written.
+            RunError: the disk is full or failed.
         """
         from vibroswarm.study.study_outputs import reported
 

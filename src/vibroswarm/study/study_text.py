@@ -26,6 +26,7 @@ def as_toml(values: Mapping[str, Any]) -> str:
         # The block ``list`` is an array of tables, each with the head [[list]]; every other block is one table.
         head, tables = (f"[[{name}]]", values[name]) if name == "list" else (f"[{name}]", [values[name]])
         for table in tables:
+            # A name in quotes is written alike in JSON and in TOML.
             lines = (f"{json.dumps(field)} = {_inline(value)}" for field, value in flat(table).items())
             parts.append("\n".join([head, *lines]))
     return "\n".join(parts) + "\n"
@@ -54,18 +55,23 @@ def plain_value(value: Any) -> Any:
 
 
 def copy_of(base: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a copy of a base, that is sections of a scenario by name, and of each section.
+    """Copy the base of a study: sections of a scenario by name, and possibly the name of a ``preset``.
 
-    Fields of the copied sections can be set without changing the base; tables within a section are shared with it.
+    Each section is copied too, so that its fields can be set without changing the base. Tables within a section are
+    not copied.
     """
     return {k: dict(v) if isinstance(v, Mapping) else v for k, v in base.items()}
 
 
 def _checked_floors(values: Any) -> dict[str, tuple[str, ...]]:
-    """Return the table of named floors with rows as tuples.
+    """Return the floors that a study defines, by name, with their rows as tuples.
 
+    A row may be any text: that it consists of 0 and 1 is checked only when a cell uses the floor.
+
+    Args:
+        values: ``floors`` of a study, as TOML or the caller gives it.
     Raises:
-        InputError: it is no table, a name means another floor already, or a floor is not a list of rows.
+        InputError: it is not a table, a name is that of a pattern or a random floor, or a floor is not a list of texts.
     """
     if not isinstance(values, Mapping):
         raise InputError("must be a table of floors by name", field="floors")

@@ -1,7 +1,7 @@
 """Summarise a study: the figures of its cells with intervals, comparisons, and warnings.
 
 A run failed if its source of motion gave it up; its robots count as undecided (``batch_table``). A batch failed if its
-simulation raised an error; its runs are not stored and are in no figure (``store``). Warnings tell of both.
+simulation raised an error; its runs are not stored and are in no figure (``store``). Both give warnings.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ class CellOutcome(NotebookView):
     failed: pl.DataFrame
     """Runs that the source of motion gave up, ``batch_table.FAILED_RUNS``; their robots count as undecided."""
     settled: Settled | None = None
-    """After how many runs the cell reached the precision, and at which level its figure is reported."""
+    """After how many runs the cell's group needed no more, and at which level the figure with the wanted precision is
+    reported; None if the study has no precision, or the group needs more runs."""
 
     def as_row(self) -> dict[str, Any]:
         """Return a flat row of all figures with ``_low`` and ``_high``, for a table; None for what is not finite."""
@@ -66,7 +67,7 @@ class Outcome(NotebookView):
     result: StudyResult
     """The study, for the selected cells that have runs."""
     replicate: StudyResult | None
-    """Its second block of runs, from another seed; None if there is none."""
+    """Its second block of runs, from another seed; None if there is none, or if none of its runs is stored."""
     cells: tuple[CellOutcome, ...]
     """The figures of each cell."""
     comparisons: tuple[Compared, ...]
@@ -182,7 +183,7 @@ def outcome_of(
     *,
     compare: bool = True,
 ) -> Outcome:
-    """Summarise the selected cells of a study, with one cell at a time in memory.
+    """Summarise the selected cells of a study, with the rows of one cell at a time in memory.
 
     Args:
         replicate: the second block of runs, from another seed, see ``cell_comparison``; None if there is none.
@@ -197,7 +198,8 @@ def outcome_of(
     if replicate is not None:
         # A second block of which no run is stored, since all its batches failed, is left out.
         has_runs = replicate.cells["there"].sum() > 0
-        # Of the second block, only the cells with runs are compared; the others have no warning of their own.
+        # Only cells with runs are compared. Cells without runs in the second block get no warning: they are not listed
+        # in ``Outcome.without_runs``.
         replicate_with_runs, _ = _with_runs(replicate)
         replicate = replicate_with_runs if has_runs else None
     for number in result.selected:
@@ -315,7 +317,13 @@ def _floor_words(one: CellOutcome) -> str:
 
 
 def write_outcome(outcome: Outcome, folder: Path) -> None:
-    """Write ``summary``, ``comparisons`` and ``equal_error`` as CSV and Parquet into a study's folder."""
+    """Write ``summary``, ``comparisons`` and ``equal_error`` as CSV and Parquet into a study's folder.
+
+    The last two are written only if cells are compared, and compared at equal error; earlier files of these names stay.
+
+    Raises:
+        InputError: a file cannot be created. RunError: the disk is full or failed.
+    """
     tables = {"summary": outcome.table}
     if outcome.comparisons:
         tables["comparisons"] = comparison_table(outcome.comparisons)
@@ -329,7 +337,7 @@ def write_table(table: pl.DataFrame, path: Path) -> None:
     """Write a table as CSV and Parquet; ``path`` is without a suffix.
 
     Raises:
-        RunError: the disk is full or failed.
+        InputError: a file cannot be created. RunError: the disk is full or failed.
     """
     buffer = io.BytesIO()
     table.write_parquet(buffer)

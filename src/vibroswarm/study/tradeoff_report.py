@@ -1,7 +1,8 @@
 """The page of a trade-off: how much time fewer wrong decisions cost.
 
 The settings are combinations of the credible threshold p_c and the minimum of observations O_c. A setting is on the
-front if no other setting is faster without being wrong more often (``analysis.tradeoff``).
+front if no other setting is at least as good in decision time and in the share of robots wrong, and better in one of
+them (``analysis.tradeoff``).
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ def front_picture(curve: pl.DataFrame, style: str) -> Picture:
     """Draw decision time against the share of robots wrong, a point for each setting.
 
     Args:
-        curve: table of ``analysis.tradeoff.time_error_curve``, with undecided robots not counted as wrong.
+        curve: table of ``analysis.tradeoff.time_error_curve`` with ``undecided_counts=0``, so that its column ``error``
+            is the share of robots wrong. style: one of ``plots.style``.
     """
     frame = curve.select(
         "error",
@@ -51,7 +53,7 @@ def answer(curve: pl.DataFrame, scenario: Scenario) -> list[str]:
     """Return the question, and sentences on the two ends of the front: the fastest setting, and the least often wrong.
 
     Args:
-        curve: table of ``analysis.tradeoff.time_error_curve``. scenario: the scenario whose settings are varied.
+        curve: as in ``front_picture``. scenario: the scenario whose settings are varied.
     """
     front = curve.filter("pareto").sort("decision_time_s").to_dicts()
     question = (
@@ -98,7 +100,7 @@ def report_of(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Report:
     """Lay out the page.
 
     Args:
-        curve: table of ``analysis.tradeoff.time_error_curve``. scenario, seed: of the replayed runs.
+        curve: as in ``front_picture``. scenario, seed: of the replayed runs.
     """
     question, *sentences = answer(curve, scenario)
     picture = picture_of(front_picture(curve, "page"), "front")

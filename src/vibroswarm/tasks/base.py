@@ -30,16 +30,16 @@ from vibroswarm.strategies.static_analysis import where
 
 
 class Asked(NamedTuple):
-    """What a task may need beside the floor: size of the arena, m; fill ratio inside it; decision boundary."""
+    """What a task may need beside the floor; lengths in m."""
 
     width_m: float
     """Width of the arena."""
     height_m: float
     """Height of the arena."""
     fill_ratio: float
-    """Fill ratio inside the arena."""
+    """Share of the tiled area inside the arena that vibrates (``Floor.fill_ratio_within``)."""
     decision_boundary: float
-    """Fill ratio with which robots compare."""
+    """``decision.decision_boundary`` of the scenario: strategies decide whether the fill ratio is above it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +58,7 @@ class Task(Plugin):
         """Check the fields.
 
         Raises:
-            InputError: ``truth`` is not a function, or a field of every ``Plugin`` is wrong.
+            InputError: ``truth`` is not a function, or the name is not valid (``Plugin``).
         """
         super().__post_init__()
         if not callable(self.truth):
@@ -70,13 +70,14 @@ class Task(Plugin):
         Args:
             asked: what the task may need beside the floor. params: the task's parameters.
         Raises:
-            CodeError: ``truth`` returned something other than 0, 1 or None, or raised an error and is a user's
-                function. The message names the line.
+            CodeError: ``truth`` returned something other than 0, 1 or None; or it raised an error, and the task was
+                loaded from a user's file (``Plugin.code``). The message names the line.
+            Exception: an error of any other task's ``truth``, unchanged.
         """
         try:
             answer = self.truth(floor, asked, params)
         except Exception as error:  # a user's function may raise anything
-            if not self.code:  # the task is part of this package, so the error is a bug: show the traceback
+            if not self.code:  # not from a user's file: the whole traceback is more useful than one line
                 raise
             raise CodeError(f"{self._place(error)}: {type(error).__name__}: {error}") from None
         if answer is not None and not (

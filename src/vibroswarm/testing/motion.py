@@ -114,7 +114,7 @@ def at_all_ticks(motion: Motion, scenario: Scenario, run: int) -> tuple[Floats, 
     """Return poses (robots, ticks, 3) and kinds of segments (robots, ticks) at each tick of a run.
 
     Raises:
-        AssertionError: a robot has no segments.
+        AssertionError: a robot has no segments, or none at time 0.
     """
     times: Floats = np.arange(scenario.ticks, dtype=np.float64) * scenario.tick_s
     by_robot = tracks(motion, run)
@@ -148,7 +148,7 @@ def check_time_accounts(source: Source) -> None:
                     f"{label}: the times do not add up to that since the last sample",
                 )
                 times: Floats = np.arange(s.ticks, dtype=np.float64) * s.tick_s
-                kinds = track.at(times)[1]
+                kinds = track.at(times)[1]  # in the control period that begins at each tick
                 for kind, ticks in spent.items():
                     # Ticks that the robot has spent in this kind of segment from the start up to each sample.
                     total = np.concatenate([[0], np.cumsum(kinds == kind)])[ends]
@@ -178,7 +178,8 @@ def check_segments_join(source: Source) -> None:
 def check_poses_at_samples(source: Source) -> None:
     """The segments put a robot where its sample is, and it stands there since the stop began.
 
-    One tick before the stop it does not stand. Headings of samples are from -pi to pi.
+    One tick before the stop it does not stand: the sample timer must exceed the interval between samples, and does not
+    run in stops, so that a robot moves before each of them. Headings of samples are from -pi to pi.
     """
     for case in CASES:
         motion = motion_of(source, case)
@@ -201,6 +202,7 @@ def check_poses_at_samples(source: Source) -> None:
                         (gap < allowed_m + extra).all(),
                         f"{label}: a sample is {gap.max(initial=0.0):.2g} m or rad from its segment, at {column}",
                     )
+                    # Also at ``time_s``: a robot walks on only one control period after it has sampled.
                     require((kind == "stop").all(), f"{label} does not stand at {column}")
                 before = track.at(rows["stop_start_s"].to_numpy() - case.scenario.tick_s)[1]
                 require((before != "stop").all(), f"{label} stood before its stop")
@@ -381,7 +383,7 @@ WARNINGS_ONLY: Final = (check_runs_differ,)
 def check_motion(name: str) -> list[Finding]:
     """Run all checks of a registered motion source, and return their findings in order.
 
-    Checks of segments and of moves are run only if the source gives them.
+    Checks of segments are run only if the source gives segments, and checks of moves only if it gives both.
 
     Args:
         name: of the source.

@@ -1,7 +1,7 @@
 """Cases (scenarios with some runs) in which motion sources are checked, and functions that the checks share.
 
-A source generates motion, in four tables (``Motion``): samples, ends, segments and moves. The last two are given only
-if they are requested; they are None otherwise.
+A source generates motion (``Motion``). Four of its tables are checked: samples, ends, segments and moves. The last two
+are given only if they are requested; they are None otherwise. The table ``failures`` is not checked.
 """
 
 from __future__ import annotations
@@ -141,12 +141,12 @@ def motion_of(source: Source, case: Case) -> Motion:
 
 
 def same(one: Motion, other: Motion, words: str = "") -> None:
-    """Require that all tables of two motions are equal, bit by bit; a table may be None in both.
+    """Require that the four tables of two motions are equal, bit by bit; a table may be None in both.
 
     Args:
         words: what is compared; it is put before the error message.
     Raises:
-        AssertionError: the motions differ; the first difference found is named.
+        AssertionError: the motions differ; the first difference is named.
     """
     prefix = f"{words}: " if words else ""
     for name in ("samples", "ends", "segments", "moves"):
@@ -170,14 +170,17 @@ def same(one: Motion, other: Motion, words: str = "") -> None:
 
 
 def part_of(motion: Motion, run: int) -> Motion:
-    """Return the rows of one run in each table of a motion; tables that are None stay None."""
+    """Return the rows of one run in each of the four tables of a motion, for ``same``; None stays None.
+
+    ``failures`` is left out, since ``same`` does not compare it.
+    """
     of_run = pl.col("run") == run
     tables = (motion.samples, motion.ends, motion.segments, motion.moves)
     return Motion(*(table.filter(of_run) if table is not None else None for table in tables))  # type: ignore[arg-type]
 
 
 def ticks_of(values: pl.Series, scenario: Scenario) -> NDArray[np.int64]:
-    """Return times in s as whole numbers of ticks (control periods), of the same shape.
+    """Return times in s as whole numbers of ticks (control periods), in the same order.
 
     Raises:
         AssertionError: a time is not a whole number of ticks, within a thousandth of a tick.

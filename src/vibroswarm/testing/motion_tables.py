@@ -24,7 +24,7 @@ def check_schema(source: Source) -> None:
     """Tables have the right columns and types, and nulls only where a null has a meaning.
 
     ``stop_start_s`` of an end is null if the robot walks, ``ray_m`` of a move if no avoidance begins with the move.
-    Floating-point columns are finite. Segments and moves are given only if they are requested.
+    Floating-point columns are finite. No table is empty. Segments and moves are given only if they are requested.
     """
     for case in CASES[:3]:  # three cases are enough: columns and types are the same in all
         motion = motion_of(source, case)
@@ -136,7 +136,8 @@ def check_whole_runs(source: Source) -> None:
 
 
 def pieces(end_s: float) -> list[float]:
-    """Return times in s, up to ``end_s``, to advance a run to: most are between two ticks, and one is repeated."""
+    """Return times in s, up to ``end_s``, to advance a run to, in unequal pieces; most are between two ticks."""
+    # Pieces of no length (the first time is 0, and one is repeated), of a tick or less, and of nearly half a run.
     shares = (0.0, 1e-4, 0.013, 0.013, 0.3001, 0.31, 0.77777, 1.0)
     return [share * end_s for share in shares]
 
@@ -194,7 +195,8 @@ def _short() -> Scenario:
 def check_runs_are_their_own(source: Source) -> None:
     """A run is the same again, alone, in a batch, and in whatever order.
 
-    Run 7 of seed 4 (an arbitrary choice) is simulated alone twice, and in batches of different order.
+    Run 7 of seed 4 (an arbitrary choice) is simulated alone twice, and in batches of different order. Moves are not
+    compared.
     """
     s = _short()
     alone = source.batch(s, 4, [7], segments=True)
@@ -237,13 +239,15 @@ FOREIGN: Final[dict[str, Any]] = {
     "network.loss.share": 0.4,
     "run.stop": "all_decided",
 }
-"""Values of fields of floor, sensor, messages and decisions; motion must not depend on them."""
+"""Fields of floor, sensor, strategy, decision and network, and ``run.stop``, a rule about decisions; each with a value
+that is not its default. Motion must not depend on them."""
 
 
 def check_nothing_foreign_matters(source: Source) -> None:
     """Motion depends on no field of floor, sensor, strategy, decision or network.
 
-    Each field of ``FOREIGN`` is changed by itself, and the motion must stay the same.
+    Nor does it depend on ``run.stop``, which only says by the decisions when a run ends. Each field of ``FOREIGN`` is
+    changed by itself, and the motion must stay the same.
     """
     s = _short()
     base = source.batch(s, 4, [1], segments=True)

@@ -47,15 +47,17 @@ def check_network(name: str) -> list[Finding]:
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
     """Yield the scenarios in which the network ``name`` is checked, each with its description."""
     base = preset("paper").with_values({**SHORT, "network.name": name, **OF_OURS.get(name, {})})
-    own_check = known()[name].check  # by which a network may refuse scenarios
+    # By its own check, a network that is fitted to certain swarm sizes refuses others, which are left out. If it has no
+    # check of its own, a refused scenario is an error.
+    own_check = known()[name].check
     for words, values in SETTINGS.items():
         if own_check is not None and _is_refused(base, values):
-            continue  # a network that is fitted to certain swarm sizes may refuse others
+            continue
         yield words, base.with_values(values)
 
 
 def _is_refused(base: Scenario, values: dict[str, Any]) -> bool:
-    """Return whether a scenario with these values by dotted name is invalid."""
+    """Return whether ``base`` with these values, by dotted name, is invalid."""
     try:
         base.with_values(values)
     except InputError:
@@ -102,7 +104,7 @@ def _none_vanishes(name: str) -> Iterator[str]:
 
 
 def _sent_by_others(result: Result, robot: int) -> int:
-    """Return the number of messages that the other robots sent."""
+    """Return the number of messages that the other robots sent; ``result`` is of a single run."""
     return int(result.robots.filter(pl.col("robot") != robot)["sent"].sum())
 
 
@@ -124,10 +126,13 @@ def _none_too_early(name: str) -> Iterator[str]:
 
 
 def _heard_before(result: Result) -> Iterator[str]:
-    """Yield samples before which a robot had received more messages than the other robots had sent by then.
+    """Yield, in words, each sample before which a robot had received more messages than the others had sent by then.
 
-    The strategies of ``SETTINGS`` send one message at each sample, and a robot that stands for a sample hears nothing,
-    so the messages that it can have received were sent at samples before its stop began.
+    The strategies of ``SETTINGS`` send one message at each sample, so the others' samples are the messages sent. A
+    robot that stands for a sample hears nothing, so it can have received only messages sent before its stop began.
+
+    Args:
+        result: of one run; its tables ``motion`` and ``inference`` have their rows in the same order.
     """
     rows = result.motion.select("robot", "time_s", "stop_start_s")
     received = result.inference["messages_received"].to_list()

@@ -120,6 +120,8 @@ def plain_run(
 ) -> PlainRun:
     """Replay one run of a motion with a scenario's strategy and network.
 
+    Robots know their true places: ``localisation`` is not replayed.
+
     Args:
         seed: of the simulation. samples, ends, observations: tables of this run alone; observations has a row for each
             row of samples. moves: table of this run alone; it is needed if the network reads positions.
@@ -170,15 +172,17 @@ class _Plain:
             bits, energy = (observations[name].to_numpy() for name in ("observation", "energy"))
             self.log_ratios = log_ratios(scenario.sensor, bits, energy).tolist()
         self.rows: list[dict[str, Any]] = []
-        # The number of samples gives the size of the table of beliefs; beliefs beyond the table are computed each time.
+        # The number of samples of all robots gives the size of ``world.beliefs``, a cache of beliefs by their counts.
         world = world_of(scenario, samples.height)
         self.robots = [self._robot(i, world._replace(robot=i)) for i in range(scenario.swarm.robots)]
+        # Time, s, from which each robot sends opposite messages, and from which its radio is dead; inf: never.
         opposite, silent = (
             onset_s(scenario, seed, [self.number], kind)[0] for kind in ("opposite", "radio_dead")
         )
         self.opposite_s: list[float] = opposite.tolist()
         self.silent_s: list[float] = silent.tolist()
-        # Robots with a fault do not count for the agreement of the swarm, unless all robots have one.
+        # Robots with a fault, whenever it begins in the run, do not count for the agreement of the swarm, unless all
+        # robots have one.
         faultless: list[bool] = working(scenario, seed, [self.number])[0].tolist()
         self.is_working = faultless if any(faultless) else [True] * len(faultless)
         self.agreed_since: int | None = None  # tick since which all working robots agree; None: they do not
@@ -189,11 +193,11 @@ class _Plain:
         return round(time_s * 1000.0 / self.tick_ms)
 
     def draws(self, robot: int, purpose: Purpose, event: int, peer: int = 0, shift: int = 0) -> Draws:
-        """Return the address of the random numbers of one call of a hook.
+        """Return the address of the random numbers of one call of a hook, from which ``u(d, k)`` computes the k-th one.
 
         Args:
             robot: whose numbers they are. event: index of the sample, timer or message. peer, shift: number of the
-                other robot, and ``PEER_BITS``, where the event concerns two robots.
+                other robot, and ``PEER_BITS``, where the event concerns two robots; else 0.
         """
         return Draws(
             seed=self.seed,
@@ -203,7 +207,7 @@ class _Plain:
             address=event,
             peer=peer,
             shift=shift,
-            first=-1.0,  # the number for k = 0 is not known in advance
+            first=-1.0,  # below 0: ``u`` computes the number for k = 0 like all others; kernels may know it already
         )
 
     def _robot(self, i: int, world: World) -> PlainRobot:
@@ -324,7 +328,7 @@ class _Plain:
             robot.messages_received += 1
 
     def timer(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
-        """Call the strategy's ``on_timer`` if it is due at ``s.next_s``; return the message that it sends, or []."""
+        """Call ``on_timer`` if the time ``next_s`` in the robot's state is reached; return the message sent, or []."""
         # 1e-9 is for rounding. With next_s = nan or inf the comparison is false, so the timer is never due.
         if self.strategy.on_timer is None or not robot.state.next_s * 1000.0 / self.tick_ms - 1e-9 <= tick:
             return []
@@ -339,14 +343,19 @@ class _Plain:
         return self.post(robot, tick, out) if self.is_sent(sends, robot, tick, out) else []
 
     def is_silent(self, robot: PlainRobot, tick: int) -> bool:
-        """Return whether the robot's radio is dead at a tick."""
+        """Return whether the robot's radio is dead at a tick: from the first tick at or after the time of the fault.
+
+        1e-9 s is for rounding, as kernels convert the time of the fault to a tick with such a margin.
+        """
         return tick * self.tick_ms / 1000.0 >= self.silent_s[robot.number] - 1e-9
 
     def is_sent(self, sends: bool, robot: PlainRobot, tick: int, content: Any) -> bool:
         """Return whether a message is sent: ``sends``, unless the robot's radio is dead.
 
-        ``content`` is changed in place into the opposite message if the robot has the fault "opposite" by then.
+        ``content`` is changed in place into the opposite message if the robot has the fault "opposite" by then, even if
+        it is not sent.
         """
+        # Without a margin for rounding, as kernels compare these times themselves, not ticks.
         if tick * self.tick_ms / 1000.0 >= self.opposite_s[robot.number]:
             if self.strategy.opposite is not None:
                 self.strategy.opposite(content)
@@ -357,7 +366,8 @@ class _Plain:
     def sample(self, robot: PlainRobot, tick: int) -> list[PlainMessage]:
         """Call the strategy's ``on_sample`` and ``steer``, and record a row; return the message that is sent, or [].
 
-        Robots know their true places here, so the sample itself is the lagged sample, and all spreads are 0.
+        Robots know their true places here, so the fields of ``Reading`` about a lagged sample, whose place a robot
+        estimates better later on, are those of the sample itself, and all spreads are 0.
         """
         k = self.sample_at[robot.number, tick]
         row, number = self.samples.row(k, named=True), robot.samples
@@ -401,8 +411,9 @@ class _Plain:
     def ask(self, robot: PlainRobot, tick: int, time_s: float) -> None:
         """Update the robot's belief and opinion from its strategy, and with them its decision.
 
-        If the strategy decides once, a new opinion is the robot's decision. Otherwise ``agreed_since`` is set to the
-        tick since which all working robots agree, and ``decide_if_agreed`` makes the decision later.
+        If the strategy decides once, a new opinion is the robot's decision. Otherwise ``agreed_since`` is set to this
+        tick if all working robots have the new opinion, else to None, and ``decide_if_agreed`` makes the decision
+        later. The opinion of a robot that does not work leaves ``agreed_since`` as it is.
         """
         arguments = (robot.state, robot.arrays, self.params, robot.world)
         robot.belief = math.nan if self.strategy.belief is None else float(self.strategy.belief(*arguments))
@@ -422,7 +433,8 @@ class _Plain:
     def decide_if_agreed(self, tick: int) -> None:
         """Make each robot's opinion its decision if, by ``tick``, working robots have agreed for ``decision.hold_s``.
 
-        The decision time is when the robots began to agree. Decisions are made once, and are final.
+        Robots that do not work get their own opinions too, which may differ. One that failed before it had an opinion
+        stays undecided. The decision time is when the robots began to agree. Decisions are made once, and are final.
         """
         if self.has_decided or self.agreed_since is None:
             return

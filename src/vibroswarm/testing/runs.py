@@ -138,7 +138,7 @@ def differences(result: Result, plain: PlainRun) -> Iterator[str]:
     ):
         yield "column belief"
     for name in ("alpha", "beta"):
-        # Null: the strategy has no such counts.
+        # Null: the strategy has no such counts. Without rows there is nothing to compare.
         is_given = inference[name].null_count() == 0 and bool(plain.rows)
         if is_given and inference[name].to_list() != [int(row["state"][name]) for row in plain.rows]:
             yield f"column {name}"
@@ -223,7 +223,7 @@ def feed(loop: ClosedLoop, rows: Any, result: Result, piece_s: float) -> None:
                 start = later["stop_tick"][0]
             elif last[i] >= 0:  # its next stop is under way at the end
                 start = round(last[i] * 1000.0 / tick_ms)
-            else:  # it does not stop again; ``end`` is never below ``until``, so it counts as walking
+            else:  # it does not stop again; with ``end``, which is never below ``until``, the next line gives -1
                 start = end
             standing[i] = start if start < until else -1
         loop.catch_up(until, standing)

@@ -60,11 +60,14 @@ def _scenario(name: str) -> Scenario:
 
 
 def _answers(name: str) -> Iterator[str]:
-    """Check that the task answers 0, 1 or None on all floors."""
+    """Check that the task answers 0, 1 or None on all floors.
+
+    ``truth_on`` itself raises an error at any other answer (``Task.answer``), and ``run_check`` reports it.
+    """
     scenario = _scenario(name)
     for words, floor in floors(scenario).items():
         answer = truth_on(scenario, floor)
-        if answer not in (0, 1, None):  # ``Task.answer`` refuses it too
+        if answer not in (0, 1, None):  # only if ``Task.answer`` failed to refuse it
             yield f"on the floor {words} it gives {shown(answer)}; give 0, 1 or None"
 
 

@@ -16,7 +16,8 @@ from vibroswarm.errors import InputError
 def opencv() -> Any:
     """Import OpenCV and return its module ``cv2``, with its own messages switched off.
 
-    Problems of videos are reported by this package instead.
+    Problems of videos are reported by this package instead. An environment variable that sets the level of these
+    messages takes precedence.
 
     Raises:
         InputError: OpenCV is not installed, or older than version 5.

@@ -149,7 +149,8 @@ def lens_from_chessboard(path: Path, squares: tuple[int, int]) -> tuple[Lens, tu
             field=str(path),
         )
     step = max(len(views) // BOARD_VIEWS, 1)
-    chosen = views[::step][:BOARD_VIEWS]  # evenly over the video
+    # As ``step`` is rounded down, more than ``BOARD_VIEWS`` may be left; then the last ones are cut off.
+    chosen = views[::step][:BOARD_VIEWS]
     # The corners on the board, (corners, 3), in squares: their size does not change the lens.
     board = np.zeros((squares[0] * squares[1], 3), dtype=np.float32)
     board[:, :2] = np.mgrid[0 : squares[0], 0 : squares[1]].T.reshape(-1, 2)
@@ -173,7 +174,11 @@ class _Seen:
     camera_height_m: float | None
 
     def camera(self, at: Floats) -> Camera:
-        """Return the camera with the parameters ``at``; its errors are not known yet (NaN)."""
+        """Return the camera with the parameters ``at``.
+
+        NaN stands for the errors that ``fit_camera`` sets after the fit: that of the floor's corners, and that of the
+        lens unless the lens is given.
+        """
         cv2 = opencv()
         lens = self.lens
         if lens is None:
@@ -311,7 +316,7 @@ def fit_camera(
             "y grows upwards",
             field="--markers",
         )
-    if lens is None:
+    if lens is None:  # the lens was fitted to the floor's corners too, so their error is also its own
         lens_error = replace(camera.lens, error_px=error_px)
         return replace(camera, lens=lens_error, floor_error_px=error_px)
     return replace(camera, floor_error_px=error_px)

@@ -124,7 +124,7 @@ def _cut(tracking: Tracking, doubt: Doubt, at_s: float, picture: Gray) -> bytes 
     The place is given by the doubt, or else it is where the doubt's robot was seen nearest in time.
 
     Args:
-        at_s: time of the frame, s. picture: the frame.
+        at_s: time of the shot, s, on the camera's clock. picture: the frame nearest to it in time.
     Returns: the square as JPEG; None if the doubt has no place in the frame, or the JPEG cannot be written.
     """
     cv2: Any = opencv()

@@ -152,6 +152,8 @@ def _gaps(session: Stitched) -> list[Doubt]:
     all_run_from_s, all_run_to_s = max(first for first, _ in spans), min(last for _, last in spans)
     found = []
     for robot, start_s, end_s in session.gaps().iter_rows():
+        # The part of such a gap in which all cameras ran lasts ``GAP_S`` at most, which alone would be no gap. A single
+        # camera runs throughout the session.
         if len(session.cameras) > 1 and (end_s <= all_run_from_s + GAP_S or start_s >= all_run_to_s - GAP_S):
             words = (
                 f"Robot {robot} was not seen from {start_s:.1f} to {end_s:.1f} s, while not every camera ran."
@@ -311,7 +313,7 @@ def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFram
     """Return doubts about samples and stops that do not match: the kinds sample, late and stop.
 
     There is no doubt about a sample at a time at which the robot was not seen, about a stop whose end was not seen, and
-    about a stop that ends before the first or after the last sample of the log.
+    about a stop that ends before the first or after the last sample of the log, which may not cover these times.
 
     Args:
         samples: the log's samples with the stops that they match, ``stops.SAMPLES_MATCHED``.
@@ -354,6 +356,8 @@ def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFram
 
 def _on_camera(session: Stitched, doubt: Doubt) -> Doubt:
     """Return a doubt with the camera that saw its robot nearest in time, and its shots on that camera's clock.
+
+    A doubt without a robot or a time is returned as it is.
 
     Args:
         doubt: with the times of its shots on the session's clock.
@@ -408,12 +412,12 @@ def square_residuals(tracking: Tracking, most: int = 400) -> tuple[Floats, Float
     There is at least one detection: ``marker_detection.detect`` refuses a video without any.
 
     Args:
-        most: how many detections are taken, evenly spread over all.
+        most: how many detections are taken at most.
     Returns: centres, (detections, 2), px, and root mean square errors of their corners, (detections,), mm.
     """
     seen = tracking.detections.corners_px
     corners_px = seen[np.isfinite(seen).all(axis=(2, 3))]
-    # Every n-th detection. As n is rounded down, there may be a few more than ``most``, which are cut off.
+    # Every n-th detection. As n is rounded down, up to twice ``most`` are left; the last ones are then cut off.
     corners_px = corners_px[:: max(len(corners_px) // most, 1)][:most]
     corners = tracking.camera.at_height(corners_px, tracking.markers.height_m)
     sizes = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=-1)

@@ -6,9 +6,9 @@
 | angle of the ray from the camera's axis | theta | rad | |
 | focal length | f | px | |
 
-It is the radial part of Kannala and Brandt, "A generic camera model and calibration method for conventional,
+The equation is the radial part of Kannala and Brandt, "A generic camera model and calibration method for conventional,
 wide-angle, and fish-eye lenses", PAMI 2006. Tracking fits Brown-Conrady polynomials in tan(theta) instead
-(``camera``), so that a rehearsal does not assume the lens that it finds.
+(``tracking.camera``). So a rendered video is a fair test of tracking: the fitted model does not match its lens exactly.
 """
 
 from __future__ import annotations
@@ -89,13 +89,14 @@ def overhead(
 ) -> Fisheye:
     """Return a camera above some points of the floor, zoomed so that all of them are in the image.
 
-    It looks at the middle of the points, from the side to which it is tilted. Like a real camera it is imperfect: it is
-    also turned a little about its other axes, and its axis does not meet the image exactly at its centre.
+    It looks at the middle of the points: a tilted camera hangs to the side of it, and its axis still passes through it.
+    Like a real camera it is imperfect: a tilt also tilts and turns it a little about its other two axes (see
+    ``tilt_deg``), and its axis does not meet the image exactly at the image's centre.
 
     Args:
         size_px: width and height of the image. around_m: x and y of the points. height_m: of the camera.
-        tilt_deg: tilt about the image's horizontal axis; the camera is also tilted by a third of it about the vertical
-            axis, and turned by a fifth of it about its own axis.
+        tilt_deg: tilt about the image's horizontal axis. The camera is also tilted by a third of this angle about the
+            image's vertical axis, and turned by a fifth of it about its own axis (in addition to ``turned_deg``).
         k: k1 and k2 of the lens. margin_px: least distance of the points from the border of the image.
         turned_deg: angle by which the camera is turned about its axis: 90 if it is hung crosswise.
     """

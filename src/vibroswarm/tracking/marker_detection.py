@@ -26,7 +26,8 @@ WHOLE_EVERY: Final = 75
 LOST_EVERY: Final = 5
 """The same interval while a robot is lost, that is, was not seen in the last frame."""
 MARGIN: Final = 0.9
-"""Margin of a window around a marker, as a share of its edge; its movement since the last frame is added."""
+"""Margin of a window around a marker, as a share of the marker's edge; the marker's movement between the last two
+frames is added."""
 THRESHOLD_SHARE: Final = 0.4
 """Width over which the adaptive threshold of a window averages, as a share of a marker's edge. By default OpenCV tries
 three widths. This one width finds 99.7 % of the markers that the three find, in a quarter of the time. Where it finds
@@ -44,7 +45,7 @@ class Detections:
 
     size_px: tuple[int, int]
     time_s: Floats
-    """(frames,), from the first."""
+    """(frames,), from the first frame."""
     corners_px: Floats
     """(frames, robots, 4, 2): top left, top right, bottom right, bottom left of each marker; NaN: not seen."""
     floor_px: dict[int, Floats]
@@ -76,7 +77,8 @@ def detect(
         progress: called after each frame with the number of frames done and the number of all frames.
     Returns: detections with robots in the order of ``markers.robots``.
     Raises:
-        InputError: it is no video, or none of the robots is seen in it.
+        InputError: the file is no video or has no frames; it ends early, or does not state its number of frames, and
+            ``partial`` is false; or no robot's marker is seen in it.
     """
     cv2 = opencv()
     info = video_info(path)
@@ -136,12 +138,12 @@ def detect(
 
 
 class _Finder:
-    """OpenCV's detector: it tries one threshold width in a window where a marker should be, and three in whole frames.
+    """OpenCV's detector, with one threshold width in windows (three if that finds nothing), and three in whole frames.
 
     OpenCV can find corners in two ways: as the point where lines fitted to two edges of a marker meet, or by refining
-    each corner by itself. Lines are used. With edges of 24 px, their corners are five times as exact, since the squares
-    inside a marker attract corners that are refined by themselves. If an edge of a very small marker has too few pixels
-    for a line, OpenCV raises an error; then each corner is refined by itself.
+    each corner by itself. Lines are used: with edges of 24 px, they give corners that are five times as exact, since
+    the squares inside a marker attract corners that are refined by themselves. If an edge of a very small marker has
+    too few pixels for a line, OpenCV raises an error; then each corner is refined by itself.
     """
 
     def __init__(self, cv2: Any, markers: Markers) -> None:
@@ -179,16 +181,19 @@ class _Finder:
     def in_window(self, picture: Picture, window: Window, marker: int) -> Floats | None:
         """Look for a marker in a window of a picture.
 
-        Returns: its corners, (4, 2), px of the whole picture; None if it is not seen there, or seen twice.
+        Returns: its corners, (4, 2), px of the whole picture; None if it is not seen exactly once there, neither with
+            one threshold width nor with three.
         """
         (left, top), (right, bottom) = window
         cut = grey(np.ascontiguousarray(picture[top:bottom, left:right]))
-        # The window's width is about the marker's edge plus two margins.
+        # An estimate: a window is as wide as the marker's edge and two margins. It is wider if the marker is turned or
+        # moves, and narrower if the picture's border cuts it.
         edge_px = min(right - left, bottom - top) / (1.0 + 2.0 * MARGIN)
-        threshold_px = max(int(THRESHOLD_SHARE * edge_px) | 1, 5)  # ``| 1``: OpenCV needs an odd width
+        # ``| 1``: OpenCV needs an odd width. The minimum is for edges below 10 px, whose share is only 1 or 3 px.
+        threshold_px = max(int(THRESHOLD_SHARE * edge_px) | 1, 5)
         if threshold_px not in self._one:
             self._one[threshold_px] = self._detector(threshold_px)
-        # One width is tried first, since it is fast; all three widths are tried if nothing is found with it.
+        # One width is tried first, since it is fast; all three are tried if it does not show the marker exactly once.
         for detector in (self._one[threshold_px], self._all):
             if (four := self._markers_in(detector, cut, (left, top)).get(marker)) is not None:
                 return four

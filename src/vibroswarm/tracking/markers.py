@@ -38,7 +38,8 @@ Floats = NDArray[np.float64]
 DICTIONARIES: Final = {
     f"{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)
 }
-"""Number of markers of each ArUco dictionary, by its name; "4X4" is the number of small squares of a marker."""
+"""Number of markers of each ArUco dictionary, by its name; "4X4": a marker has 4 by 4 small squares inside its black
+border."""
 SIZE_MM: Final = 22.0
 """Default edge of a robot's marker."""
 HEIGHT_MM: Final = 30.0
@@ -46,9 +47,10 @@ HEIGHT_MM: Final = 30.0
 FLOOR_SIZE_MM: Final = 50.0
 """Default edge of a floor marker."""
 ASIDE_M: Final = 0.055
-"""Default distance of the centres of floor markers from the left or right side of the arena."""
+"""Default distance of the centres of floor markers from the arena, outwards: from its left or right side for the four
+near its corners, from its lower or upper end for those between two cameras."""
 INWARD_M: Final = 0.04
-"""Default distance, in y, of the centres of these markers from the lower or upper end of the arena, inwards."""
+"""Default distance, in y, of the centres of the four from the lower or upper end of the arena, inwards."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class Markers:
     def floor_corners(self, marker: int) -> Floats:
         """Return the corners of a floor marker in the order of the detector, (4, 3), m."""
         x, y, angle = self.floor[marker]
+        # At angle 0 the top edge points to +y: a quarter turn is added.
         return corners_at(x, y, angle + math.pi / 2, self.floor_size_m, self.floor_height_m)
 
     def to_toml(self) -> str:
@@ -107,8 +110,8 @@ def usual_floor(
 ) -> dict[int, tuple[float, float, float]]:
     """Return the default floor markers, which ``lab video`` draws: four beside the arena's corners.
 
-    With several cameras in a row along x, two more markers stand where the views of neighbours meet, one below and one
-    above the arena.
+    Several cameras in a row along x divide the arena into equal parts. At each seam, where the parts of two neighbours
+    meet, there are two more markers, one below and one above the arena.
 
     Args:
         width_m, height_m: of the arena. last: number of the last marker; the others have the numbers just below it.
@@ -120,7 +123,6 @@ def usual_floor(
     left, right, low, high = -ASIDE_M, width_m + ASIDE_M, INWARD_M, height_m - INWARD_M
     places = ((left, low), (right, low), (right, high), (left, high))
     found = {last - 3 + k: (x, y, 0.0) for k, (x, y) in enumerate(places)}
-    # Two markers for each seam, which is where the views of two neighbouring cameras meet.
     for seam in range(1, cameras):
         for k, y in enumerate((-ASIDE_M, height_m + ASIDE_M)):
             found[last - 3 - 2 * seam + k] = (width_m * seam / cameras, y, 0.0)
@@ -136,7 +138,7 @@ def usual_markers(
     height_mm: float | None = None,
     cameras: int = 1,
 ) -> Markers:
-    """Return the default markers for an arena, from the smallest dictionary that has enough markers.
+    """Return the default markers for an arena, from the smallest dictionary of 4 by 4 squares that has enough.
 
     The floor's markers have the largest numbers of the dictionary.
 
@@ -145,7 +147,8 @@ def usual_markers(
         size_mm, height_mm: edge and height of robots' markers; None: the default ones.
         cameras: how many cameras film side by side.
     Raises:
-        InputError: robots' markers repeat, are negative, or are too large for a dictionary.
+        InputError: there are no robots; or robots' markers repeat, are negative, or are so large that no dictionary has
+            room for the floor's markers above them.
     """
     ids = list(range(robots)) if isinstance(robots, int) else list(robots)
     if len(set(ids)) != len(ids) or not ids or min(ids) < 0:
@@ -249,13 +252,20 @@ def _quantity(
 
 
 def _marker(text: Any, count: int, field: str) -> int:
-    """Return the number of a marker of a dictionary with ``count`` markers; raise InputError if it is none."""
+    """Return the number of a marker as an integer.
+
+    Args:
+        text: the number as text (a key of a TOML table) or as a value (an entry of a list).
+        count: number of markers of the dictionary. field: name of the table or list, for messages.
+    Raises:
+        InputError: it is not a whole number from 0 to ``count`` - 1.
+    """
     try:
         marker = (
             int(text) if isinstance(text, str) or _is_whole(text) else -1
-        )  # keys of a TOML table are text
+        )  # -1, as below, is refused by the check of the range
     except ValueError:
-        marker = -1  # refused below
+        marker = -1
     if not 0 <= marker < count:
         raise InputError(
             f"{shown(text)} is not a marker; give a whole number from 0 to {count - 1}", field=field
@@ -269,7 +279,12 @@ def _is_whole(value: Any) -> bool:
 
 
 def _robot_name(value: Any, field: str) -> int:
-    """Return the name of a robot; raise InputError unless it is a whole number from 0 to 2^31."""
+    """Return the name of a robot as an integer.
+
+    Raises:
+        InputError: it is not a whole number from 0 to 2^31, the range of robots' numbers in logs
+            (``recordings.column_map``).
+    """
     if not _is_whole(value) or not 0 <= value <= 2**31:
         raise InputError(
             f"{shown(value)} is not the number of a robot; give a whole number from 0 to {2**31}", field=field
@@ -284,7 +299,8 @@ def _robot_ids(value: Any, count: int, field: str) -> dict[int, int]:
         value: a list of the markers of robots 0, 1, ..., or a table of markers and robots' names.
         count: number of markers of the dictionary. field: name of ``value``, for messages.
     Raises:
-        InputError: it is empty, names a marker that the dictionary does not have, or repeats a marker or a robot.
+        InputError: it is missing, empty, or neither list nor table; it has a marker that the dictionary does not have,
+            or a robot's name that ``_robot_name`` refuses; or it repeats a marker or a robot.
     """
     if isinstance(value, list):
         pairs = [(marker, robot) for robot, marker in enumerate(value)]
@@ -305,8 +321,8 @@ def _floor_places(value: Any, count: int, field: str) -> dict[int, tuple[float, 
         value: a table of markers and places: [x, y] or [x, y, degrees], in mm.
         count: number of markers of the dictionary. field: name of ``value``, for messages.
     Raises:
-        InputError: it is empty, names a marker twice or one that the dictionary does not have, or has a place that is
-            not two or three numbers.
+        InputError: it is missing, empty or no table, names a marker twice or one that the dictionary does not have, or
+            has a place that is not two or three numbers.
     """
     places: dict[int, tuple[float, float, float]] = {}
     for marker, place in (value if isinstance(value, dict) else {}).items():

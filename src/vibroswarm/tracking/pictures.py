@@ -48,7 +48,8 @@ def draw_tracks(
     sizes = style_named(style)
     robots = positions["robot"].unique(maintain_order=True).to_list()
     looks = looks_for(robots)
-    # Centres of the floor's markers; if there are none, the arena's corner, so that the limits below are defined.
+    # Centres of the floor's markers (``corners``, as they are near the arena's corners); if there are none, the arena's
+    # lower left corner, so that the limits below are defined.
     corners = np.array([[x, y] for x, y, _ in floor_markers.values()] or [[0.0, 0.0]])
     seen = positions.select("x_m", "y_m").to_numpy()
     margin_m = 0.03  # around positions and floor markers
@@ -234,23 +235,24 @@ def draw_lens(
     *,
     style: str = "page",
 ) -> Picture:
-    """Draw over the image how far markers are from where the fitted camera has them.
+    """Draw the errors of the fitted camera at the places in the image where markers were seen.
 
-    Corners of the floor's markers have arrows, magnified. Robots' markers have circles that grow with their error.
+    Each corner of a floor marker has an arrow, magnified, in the direction from where the fitted camera has the corner
+    to where it was seen. Each detection of a robot's marker has a circle that grows with its error.
 
     Args:
         size_px: width and height of the image.
         floor_px: corners of each floor marker as seen, (4, 2), by its number.
         residuals_px: errors of these corners (``doubts.floor_residuals``), (4, 2), by the marker's number.
-        robots_px: centres of robots' markers, (markers, 2).
-        robot_errors_mm: root mean square distance of each marker's corners from a square, (markers,).
-    Returns: the picture; its numbers are ``what, marker, x_px, y_px, error``. ``what`` is floor or robot; the error is
-        in px for the floor and in mm for robots.
+        robots_px: centres of robots' markers in several frames (``doubts.square_residuals``), (detections, 2).
+        robot_errors_mm: root mean square distance of the corners of each from those of a square, (detections,).
+    Returns: the picture; its numbers are ``what, marker, x_px, y_px, error``. ``what`` is floor (a row per corner; the
+        error is in px) or robot (a row per detection; the marker is null, and the error is in mm).
     """
     sizes = style_named(style)
     width, height = size_px
-    # Height of the figure, in: the image takes about 82 % of the width and is drawn to scale. 0.9 inch is added for
-    # labels and legend.
+    # Height of the axes, in: the image takes about 82 % of the figure's width and is drawn to scale, but is at most 1.2
+    # times as tall as the figure is wide. 0.9 inch is added for labels and legend.
     tall = 0.82 * sizes.width_in * height / width
     figure = new_figure(sizes, height_in=min(tall, 1.2 * sizes.width_in) + 0.9)
     axes: Any = figure.add_subplot()
@@ -260,7 +262,7 @@ def draw_lens(
         robots_px[:, 0], robots_px[:, 1], s=8.0 + 60.0 * np.minimum(robot_errors_mm, 2.0), marker="o",
         facecolors="none", edgecolors=FAINT, linewidths=0.6,
     )  # fmt: skip
-    rows: list[tuple[str, int | None, float, float, float]] = [  # the columns of the numbers
+    rows: list[tuple[str, int | None, float, float, float]] = [  # rows of the picture's numbers
         ("robot", None, float(x), float(y), float(error_mm))
         for (x, y), error_mm in zip(robots_px, robot_errors_mm, strict=True)
     ]

@@ -94,12 +94,14 @@ def write_rehearsal(
         look: how the video is recorded. run, seed: number of the run, and seed of what is random in the video.
         start_s, duration_s: beginning and length of the part of the run that is filmed; None: to the run's end.
         clock_offset_s: time on the robots' clock when the time of the run is 0.
-        chessboard: whether a video of a chessboard, seen by the same camera, is written too.
+        chessboard: whether a video of a chessboard, seen by the same camera, is written too, for each camera.
         cameras: how many cameras hang side by side, turned by 90 degrees, each with its own tilt, lens and clock.
             Two neighbours both see ``OVERLAP`` of the arena's width.
-        replace: whether files that exist are replaced. progress: called with the frames done and the number of frames.
+        replace: whether files that exist are replaced.
+        progress: called with the frames done and the number of frames, see ``_report``.
     Raises:
-        InputError: the result has no paths or no such run, the run has nothing in that time, or a file exists.
+        InputError: ``out`` does not end in .avi or .mp4; the result has no paths or no such run; a camera has fewer
+            than two frames in that time; or a file exists. RunError: a file cannot be written.
     """
     check_suffix(out)
     names = {
@@ -123,7 +125,8 @@ def write_rehearsal(
         middle, hidden = _render(scene, result, run, own_times, video, replace, report)
         board = _write_board(scene, video, replace) if chessboard else None
         views.append(View(video=video, chessboard=board, start_s=float(own_times[0] - times[0])))
-        if number == 0:  # the file of true poses and the size of a marker are for the first camera only
+        # The true poses are at the times of the first camera's frames, and the size of a marker is that in its image.
+        if number == 0:
             _write_truth(names["truth.parquet"], times - times[0], middle, hidden, markers, replace)
             marker_px = _px_per_m(scene) * markers.size_m
     with whole_file(names["markers.toml"], replace=replace) as part:
@@ -185,8 +188,10 @@ def _times_of(number: int, times: Floats, until_s: float, frames_per_s: float) -
 def _report(progress: Callable[[int, int], None], before: int, total: int, frames: int) -> None:
     """Report progress over all cameras.
 
+    Each camera is counted with as many frames as the first one has, which is a little too many: the others begin later.
+
     Args:
-        before: number of frames of the cameras before. total: number of frames of all cameras.
+        before, total: number of frames of the cameras before, and of all cameras.
         frames: number of frames of the current camera that are done.
     """
     progress(before + frames, total)
@@ -295,13 +300,14 @@ def _write_truth(
 
 
 def robot_log(result: Result, run: int, markers: Markers, clock_offset_s: float) -> pl.DataFrame:
-    """Return what the robots would have logged of a run: samples with times of their own clock, without positions.
+    """Return what the robots would have logged of a run: samples with times on the robots' clock, without positions.
 
     Args:
         clock_offset_s: time on the robots' clock when the time of the run is 0.
     Returns: a row per sample, sorted by time: robot (its name), time_s (rounded to ms), energy, observation, message,
-        alpha, beta, belief_below, decision, messages_received, the total times spent avoiding and standing so far
-        (s, rounded to ms), and sent. Columns that are null in all rows are left out.
+        alpha, beta, belief_below (belief that the fill ratio is below the boundary), decision, messages_received,
+        avoid_total_s and stop_total_s (time spent avoiding and standing so far, rounded to ms), and sent (messages sent
+        before the sample). Columns that are null in all rows are left out.
     """
     key = ["run", "robot", "sample"]
     table = result.motion.filter(pl.col("run") == run).sort(*key)
@@ -323,7 +329,7 @@ def robot_log(result: Result, run: int, markers: Markers, clock_offset_s: float)
         table.with_columns(
             robot=pl.col("robot").cast(pl.Int64).replace_strict(names),
             time_s=(pl.col("time_s") + clock_offset_s).round(3),
-            # Messages sent before this sample: one for each earlier sample.
+            # Robots send one message per sample, and samples are numbered from 0.
             sent=pl.col("sample"),
         )
         .sort("time_s", "robot")
@@ -352,21 +358,22 @@ def _board_frame(scene: Scene, k: int) -> NDArray[np.uint8]:
     """Draw frame ``k`` of the video: a chessboard with a white rim, at a random place above the floor and tilted."""
     cv2 = opencv()
     draws = uniforms(scene.seed, 0, OF_BOARD, Purpose.VIDEO, 6, first=6 * k)
-    # The middle and size of what the camera sees of the floor, and by how much the image is turned in the arena, rad.
+    # The middle of the filmed part of the arena and its size, m, and by how much the image is turned in the arena, rad.
     width, height = scene.arena_m
     middle, turned_by = np.array([width, height]) / 2, 0.0
-    if scene.part_m is not None:  # a camera that is turned by 90 degrees, over a part of the arena
+    if scene.part_m is not None:  # a camera that is turned by 90 degrees: its image's height runs along x
         low, high = scene.part_m
         middle, turned_by = np.array([(low + high) / 2, height / 2]), np.radians(scene.look.turned_deg)
-        width = height = high - low
+        width = height = high - low  # only the side along the image's height: its width is allowed for below
     camera_m = float(scene.camera.position_m[2])
     square = SQUARE_MM / 1000  # m
     half = np.array([BOARD[0] + 1, BOARD[1] + 1]) * square / 2  # half the board's width and height
-    # The board is at most 1.35 m below the camera, so that it fills about a third of the image's height.
-    # ``above`` is the height of the board's middle above the floor, m.
+    # The board is at most 1.35 m below the camera, so that it fills about a third of the image's height, and at least a
+    # quarter of the camera's height above the floor. ``above`` is the height of the board's middle above the floor, m.
     above = max(camera_m - 1.35, 0.25 * camera_m) + 0.15 * draws[0] * camera_m
-    room = np.array([width, height]) * (camera_m - above) / camera_m  # what the camera sees at this height
-    # Places are spread over most of this, and more in the direction of the image's width, as it is wider than high.
+    # The view narrows towards the camera: this is the size, at the board's height, of the view of the filmed part.
+    room = np.array([width, height]) * (camera_m - above) / camera_m
+    # Places are spread over 62 % of this, and 1.75 times as far along the image's width, as it is wider than high.
     aside = (draws[1:3] - 0.5) * np.array([1.75, 1.0]) * room * 0.62
     cos, sin = np.cos(turned_by), np.sin(turned_by)
     at = middle + np.array([[cos, -sin], [sin, cos]]) @ aside

@@ -152,8 +152,8 @@ def _doubtful(doubts: Sequence[Doubt], shots: Sequence[Shot]) -> Section:
             parts.append(ReportTable(rows, columns, caption=caption, name=name, rows_up_to=LISTED))
         sections.append(Section(f"{TITLES[kind]} ({len(of_kind)})", text=tuple(text), parts=tuple(parts)))
     lead = "Most important first. A ring marks the place: where the robot or marker is, or was seen last."
-    # A doubt has up to three pictures, of which all or none are shown. So pictures may have been left out even if the
-    # number of pictures shown is a little below the limit.
+    # A doubt has up to three pictures, of which all or none are shown. So doubts may have been left out although the
+    # number of pictures is a little below the limit. The sentence is true even if none was left out.
     bounded = f" At most {FRAMES_UP_TO} frames are shown." if len(shots) > FRAMES_UP_TO - 4 else ""
     return Section("What is doubtful", text=(lead + bounded,), sections=tuple(sections))
 
@@ -217,6 +217,7 @@ def _seen(session: Stitched, doubts: Sequence[Doubt]) -> list[Section]:
     }
     moments = []  # of doubts other than gaps, on the session's clock
     for doubt in doubts:
+        # Doubts about the log have times on the session's clock, all others on their camera's (``Doubt.time_s``).
         if doubt.kind != "gap" and doubt.robot is not None and doubt.time_s is not None:
             is_on_session_clock = doubt.kind in ("sample", "stop", "late")
             offset_s = 0.0 if is_on_session_clock else session.offset_s(doubt.camera)
@@ -269,11 +270,12 @@ def overlap_section(session: Stitched) -> Section:
     """Lay out the section on how well the clocks and positions of several cameras agree.
 
     Each camera but the first has a row in the table: the offset of its clock, and the differences between its positions
-    and those by the cameras before it. The picture shows these differences as arrows over the floor.
+    and those by the cameras that were joined before it (``stitch.Overlap``), which need not be those before it in the
+    table. The picture shows these differences as arrows over the floor.
     """
     rows, places, apart = [], [], []
     for number, (camera, overlap) in enumerate(zip(session.cameras, session.overlaps, strict=True), start=1):
-        if overlap is None:  # the first camera has no camera before it
+        if overlap is None:  # the first camera, whose clock is the session's
             continue
         x_mm, y_mm = (1000 * np.median(overlap.apart_m, axis=0)).tolist()  # the shift of its positions
         rows.append(

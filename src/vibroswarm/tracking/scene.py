@@ -34,7 +34,8 @@ TABLE, PLAIN, STILL, VIBRATING, PAPER, BODY, HAND = 116.0, 196.0, 204.0, 172.0, 
 BLACK: Final = 18.0
 """Grey level of the black of markers."""
 PLATE: Final = 0.75
-"""Radius of the white plate that carries a marker, as a share of the marker's edge: its corners need a white rim."""
+"""Least radius of the white plate that carries a robot's marker, as a share of the marker's edge: the marker's corners,
+at 0.71 of the edge, need a white rim."""
 SAMPLES: Final = 4
 """Finer samples (rays) per pixel, along each axis."""
 MODULE_PX: Final = 8
@@ -57,6 +58,7 @@ class Look:
     lens_k: tuple[float, float] = (-0.09, 0.02)
     """Distortion of the rendering camera (``fisheye``)."""
     blur_px: float = 0.6
+    """Standard deviation of the lens's blur; 0: none."""
     noise: float = 2.0
     """Standard deviation of a pixel's noise, grey levels of 255."""
     exposure_s: float = 0.01
@@ -166,9 +168,9 @@ class Scene:
                 averaged.
         """
         radius, top = self.body_radius_m, self.markers.height_m
-        plate = max(radius, PLATE * self.markers.size_m)
-        # Only the box of the image around the robot is drawn. It contains squares around the plate, a little larger
-        # than the plate, at the height of the floor and at that of the marker.
+        plate = max(radius, PLATE * self.markers.size_m)  # its radius, never less than the body's
+        # Only the box of the image around the robot is drawn. To compute it, the robot is enclosed in squares a little
+        # larger than the plate, at the height of the floor and at that of the marker.
         around = np.concatenate(
             [corners_at(x, y, 0.0, 2.2 * plate, z) for x, y, _ in instants for z in (0.0, top)]
         )
@@ -306,7 +308,8 @@ class Scene:
         cos, sin = math.cos(angle), math.sin(angle)
         across = np.abs(local[..., 0] * cos + local[..., 1] * sin)
         along = np.abs(local[..., 1] * cos - local[..., 0] * sin)
-        # The paper is 1.3 times as wide as the marker, so that the marker has a white rim.
+        # The paper is 1.3 times as wide as the marker, so that the marker has a white rim. At angle 0 the marker's top
+        # edge points to +y: a quarter turn is added for ``_paint``.
         own[np.maximum(across, along) < 0.65 * size_m] = PAPER
         self._paint(own, local, angle + math.pi / 2, size_m, self._textures[marker])
 
@@ -363,8 +366,8 @@ def scene_of(
     right = np.inf if high >= arena.width_m else high
     seen = [marker for marker, (x, _, _) in markers.floor.items() if left <= x <= right]
     corners = [markers.floor_corners(marker) for marker in seen]
-    # The image must contain the floor markers, with some room beside them (their x is 1.2 % larger), and the part of
-    # the arena, with 5 mm around it.
+    # The image must contain the floor markers, and the part of the arena with 5 mm around it. The x of the markers is
+    # made 1.2 % larger, which leaves some room to the right of them; those on the left, near x = 0, hardly move.
     points = [(float(x), float(y)) for corner in corners for x, y, _ in corner * np.array([1.012, 1.0, 1.0])]
     points += [(x, y) for x in (low - 0.005, high + 0.005) for y in (-0.005, arena.height_m + 0.005)]
     camera = overhead(

@@ -61,20 +61,20 @@ WORST_ERROR_S: Final = 0.1
 
 @dataclass(frozen=True)
 class Overlap:
-    """How a camera fits with the cameras before it."""
+    """How a camera fits with the cameras that were joined before it."""
 
     offset_s: float
     """Time on the first camera's clock when the clock of this camera is 0."""
     error_s: float
     """Standard error of the offset."""
     pairs: int
-    """Number of positions by this camera at whose times the cameras before it saw the robot too."""
+    """Number of positions by this camera at whose times the cameras joined before it saw the robot too."""
     robots: tuple[int, ...]
     """Names of the robots of these positions."""
     places_m: Floats
-    """Positions by the cameras before it, (pairs, 2)."""
+    """Positions by the cameras joined before it, (pairs, 2)."""
     apart_m: Floats
-    """Positions by this camera minus positions by the cameras before it, (pairs, 2)."""
+    """Positions by this camera minus positions by the cameras joined before it, (pairs, 2)."""
 
     def disagreement_m(self, share: float = 0.5) -> float:
         """Return the quantile ``share`` of the distance between the positions of a pair."""
@@ -152,7 +152,7 @@ def fine_offset(first: pl.DataFrame, second: pl.DataFrame, offset_s: float) -> O
         rows = np.concatenate(parts)
         # The pairs: nan where the first cameras did not see the robot.
         rows = rows[np.isfinite(rows).all(axis=1)]
-        if len(rows) < EVERY * COMMON:  # too few pairs for a fit
+        if len(rows) < EVERY * COMMON:  # too few pairs for a fit: fewer than 40
             return None
         step_s, error_s = _step(rows)  # inf as the error if the positions do not determine the offset
         offset_s += step_s
@@ -210,8 +210,9 @@ def interpolated(table: pl.DataFrame, robot: int, times: Floats) -> Floats:
 
     Args:
         table: ``track.POSITIONS``, with or without a column ``weight``. times: (times,).
-    Returns: (times, 4). NaN at a time before the first or after the last position, and between two positions that are
-        more than ``BRIDGE_S`` apart. The heading may exceed pi. The weight is 1 if the table has no weights.
+    Returns: (times, 4). NaN at a time before the first or after the last position, between two positions that are more
+        than ``BRIDGE_S`` apart, and at all times if the robot has fewer than two positions. The heading may exceed pi.
+        The weight is 1 if the table has no weights.
     """
     own = table.filter(pl.col("robot") == robot)
     time_s = own["time_s"].to_numpy()
@@ -229,7 +230,7 @@ def interpolated(table: pl.DataFrame, robot: int, times: Floats) -> Floats:
 
 
 EDGE: Final = 0.15
-"""Width of the margin in which weights fall towards 0 at a picture's edge, as a share of its shorter side."""
+"""Width of the margin in which weights fall towards a picture's edge, as a share of the picture's shorter side."""
 
 
 @dataclass(frozen=True)
@@ -239,7 +240,8 @@ class Stitched:
     cameras: tuple[Tracking, ...]
     """What each camera saw, on its own clock."""
     overlaps: tuple[Overlap | None, ...]
-    """How each camera fits with those before it; None for the first."""
+    """How each camera fits with those joined before it, in the order of ``cameras``; None for the first. Cameras may be
+    joined in another order than this."""
     positions: pl.DataFrame
     """``track.POSITIONS``, of all cameras together."""
     stops: pl.DataFrame
@@ -252,7 +254,7 @@ class Stitched:
 
     @property
     def jumps(self) -> int:
-        """Number of positions that were dropped as too fast."""
+        """Number of positions dropped in all videos, since no robot is fast enough to reach or leave them."""
         return sum(camera.jumps for camera in self.cameras)
 
     @property
@@ -300,6 +302,8 @@ class Stitched:
             for camera in self.cameras
             for words in camera.warnings(alone=False)
         ]
+        # With ``alone=False`` a camera does not report robots that it never saw: another may have seen them. Those that
+        # no camera saw are reported here.
         seen = set(self.positions["robot"].unique().to_list())
         never = [name for name in self.markers.robots.values() if name not in seen]
         return found + ([f"Never seen: robots {', '.join(map(str, never))}."] if never else [])
@@ -341,6 +345,7 @@ def stitch(cameras: Sequence[Tracking]) -> Stitched:
                 "their clocks. Views must overlap, robots must drive there, and both videos must be of one session",
                 field=str(cameras[left[0]].video),
             )
+    # Some robot has rows: cameras are joined by the robots that they share. Robots that no camera saw have none.
     tables, stops = [], []
     for robot in first.markers.robots.values():
         own = merged.filter(pl.col("robot") == robot).sort("time_s")
@@ -409,8 +414,8 @@ def _merged(first: pl.DataFrame, second: pl.DataFrame) -> pl.DataFrame:
                 weight=pl.Series(weight),
             )
         )  # fmt: skip
-        # Rows of the second table are added at times at which the first table cannot be interpolated, and has no row
-        # within half a frame either.
+        # Rows of the second table are added at times at which the first table cannot be interpolated. Of these, rows
+        # within half a frame of a row of the first table are left out: they would give the same moment twice.
         of_second = second.filter(pl.col("robot") == robot)
         times = of_second["time_s"].to_numpy()
         alone = ~np.isfinite(interpolated(first, robot, times)[:, 0]) & (

@@ -40,7 +40,7 @@ LEVER_M: Final = 0.03
 SHORTEST_S: Final = 0.6
 """Shorter stops are not counted; the paper's robots sample for 1 s."""
 AFTER: Final = 3
-"""Number of frames after a stop from which its end is found."""
+"""Number of frames after a stop to whose movement the line is fitted that gives the end."""
 BIN_S: Final = 0.25
 """Width of a bin in which the most frequent clock offset is searched."""
 MATCH_S: Final = 0.5
@@ -98,7 +98,8 @@ def stops_of(robot: int, time_s: Floats, x_m: Floats, y_m: Floats, heading_rad: 
         if away.max() < near_m and turned.max() < near_rad:
             stands[stretch] = True
     # ``stands`` changes at the first detection of a stop and at the first one after it: pairs of indices.
-    # A 0 at both ends makes a stop begin or end there too.
+    # A 0 at both ends makes a stop begin or end there too. A gap alone does not end a stop
+    # (``_parted``).
     edges = np.flatnonzero(np.diff(np.concatenate([[0], stands.astype(np.int8), [0]])))
     poses, near = np.column_stack([x_m, y_m, heading]), np.array([near_m, near_rad])
     rows = []
@@ -148,14 +149,16 @@ def _end_of(after: int, time_s: Floats, moved: Floats) -> tuple[float, bool]:
     """Return when a stop ended, s, and whether that was seen; if not, when the robot was last seen standing.
 
     Args:
-        after: index of the first detection after the stop. moved: how far the robot is from its pose in the stop at
-            each detection, (detections,), m.
+        after: index of the first detection after the stop; the number of detections if there is none.
+        moved: how far the robot is from its pose in the stop at each detection, (detections,), m.
     """
     last_s = float(time_s[after - 1])
     usual_s = float(np.median(np.diff(time_s)))
-    # The next AFTER detections, without those that are late because frames are missing.
+    # The next AFTER detections, without those that are late because frames are missing. Without missing frames, the
+    # last one is AFTER frames after the stop; half a frame is added for uneven frames.
     going = after + np.flatnonzero(time_s[after : after + AFTER] - last_s < (AFTER + 0.5) * usual_s)
-    if going.size == 0 or time_s[after] - last_s > 1.5 * usual_s:  # the next frame is missing
+    # The video is over, or the next frame is missing.
+    if going.size == 0 or time_s[after] - last_s > 1.5 * usual_s:
         return last_s, False
     step_s = float(time_s[after]) - last_s
     # A line through the movement, as slope and value at the last frame in which the robot stands.
@@ -178,7 +181,7 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float
         control_period_s: time from a sample to the end of its stop, s. A robot samples at one control tick and drives
             on at the next.
     Raises:
-        InputError: fewer than ``LEAST_PAIRS`` samples match.
+        InputError: no robot of the log has a stop whose end was seen, or fewer than ``LEAST_PAIRS`` pairs match.
     """
     stops = stops.filter(pl.col("end_seen"))
     by_robot = []
@@ -189,8 +192,9 @@ def clock_offset(stops: pl.DataFrame, log: pl.DataFrame, control_period_s: float
     differences = np.concatenate(by_robot) if by_robot else np.empty(0)
     if differences.size == 0:
         raise InputError("no robot of the log stops in the video", field="--log")
+    # An empty bin comes first, so that there are two neighbouring bins even if all differences are equal. ``minlength``
+    # ensures this if rounding puts all differences into the first bin.
     low = differences.min() - BIN_S
-    # At least two bins, since pairs of neighbouring bins are looked at.
     counts = np.bincount(((differences - low) / BIN_S).astype(int), minlength=2)
     # The true difference may lie near a border of bins, so two neighbouring bins are counted together. The search
     # starts at the border between the two bins that have most together.
@@ -227,8 +231,9 @@ SAMPLES_MATCHED: Final = {
     "robot": pl.Int64, "time_s": pl.Float64, "stop_end_s": pl.Float64, "residual_s": pl.Float64,
 }  # fmt: skip
 """Columns of a table with a row per sample. ``time_s``: when it was taken, on the video's clock. ``stop_end_s``: end of
-its stop; null if it has no stop. ``residual_s``: how much later the sample was taken than expected, which is a control
-period before the end of its stop; null if it has no stop, or a stop whose end was not seen."""
+its stop, or when the robot was last seen standing if the end was not seen; null if it has no stop. ``residual_s``: how
+much later the sample was taken than expected, which is a control period before the end of its stop; null if it has no
+stop, or a stop whose end was not seen."""
 
 
 def match_samples(
@@ -238,7 +243,7 @@ def match_samples(
 
     A sample matches at most one stop, and a stop at most one sample; the nearest pairs are taken first. A sample
     without a match belongs to a stop whose end was not seen, if it was taken during that stop or up to ``FAR_S`` after
-    it.
+    the robot was last seen standing; of several such stops, to the earliest.
 
     Args:
         stops: ``STOPS``. samples: robot and time_s (by the robots' clock). offset: result of ``clock_offset``.

@@ -148,8 +148,8 @@ def track(
         camera_height_m: height of the camera, if it was measured. partial: whether a video that ends early is accepted.
         progress: called with the number of frames done and the number of all frames.
     Raises:
-        InputError: it is no video, shows no marker of a robot or none of the floor, is of another size than the video
-            of the chessboard, or the floor's markers are not in their places.
+        InputError: it is no video, ends early (unless ``partial`` is true), shows no marker of a robot or none of the
+            floor, is of another size than the video of the chessboard, or the floor's markers are not in their places.
     """
     seen = detect(video, markers, partial=partial, progress=progress)
     if lens is not None and lens_size_px is not None and lens_size_px != seen.size_px:
@@ -235,7 +235,8 @@ def too_fast(time_s: Floats, centre_m: Floats) -> NDArray[np.bool_]:
     """Return whether each position is too far from those before and after it for a robot's speed, (positions,).
 
     The first and the last position have only one neighbour. Such a position is too far if the step to the neighbour is
-    too fast and the neighbour's other step is not: if both are too fast, it is the neighbour that is wrong.
+    too fast and the neighbour's other step is not: if both are too fast, it is the neighbour that is wrong. With fewer
+    than three positions none is too far, since of two positions either may be wrong.
 
     Args:
         time_s: ascending, (positions,). centre_m: (positions, 2).
@@ -252,24 +253,26 @@ def too_fast(time_s: Floats, centre_m: Floats) -> NDArray[np.bool_]:
 
 
 def read_robot_log(path: Path) -> pl.DataFrame:
-    """Read a robots' log: CSV with robot, time_s (by the robots' clock) and energy, and other columns of a log.
+    """Read a robots' log: a CSV file with the columns robot, time_s (by the robots' clock) and energy.
 
-    Positions in the log are not read, since the camera gives them. Rows without an energy are not samples, and are left
-    out.
+    The other columns of ``recordings.log.SAMPLES`` are optional. Poses in the log are not read, since the camera gives
+    them. Rows without an energy are not samples, and are left out.
 
-    Returns: the columns of ``recordings.log.SAMPLES``.
+    Returns: the columns of ``recordings.log.SAMPLES``, in which columns that were not read are null.
     Raises:
-        InputError: columns are missing, or cells are not numbers; the message names the column or the row.
+        InputError: the file cannot be read as CSV, a required column is missing, a cell is not a number or out of
+            range, or a sample lacks robot or time_s.
     """
     name = str(path)
     lines, table = table_of(text_of(path), name)
+    # A use is a column of ``SAMPLES``; here the file's columns have the same names.
     check_columns({use: use for use in ("robot", "time_s", "energy")}, table.columns, name)
     columns: dict[str, Any] = {"line": lines}
     for use in SAMPLES:
         if use in ("line", "x_m", "y_m", "heading_rad") or use not in table.columns:
             continue
         numbers = numbers_of(table[use], lines, name, column=use, missing=("", "nan", "NaN"))
-        check_values(numbers, lines, name, use=use, column=use)  # columns are named by their use
+        check_values(numbers, lines, name, use=use, column=use)
         columns[use] = numbers
     found = log_frame(columns, SAMPLES).filter(pl.col("energy").is_not_null())
     if found["robot"].null_count() or found["time_s"].null_count():
@@ -290,7 +293,7 @@ class TrackedLog:
 
 
 class Seen(Protocol):
-    """What one camera or several saw of a session."""
+    """What one camera (``Tracking``) or several (``stitch.Stitched``) saw of a session; they explain the properties."""
 
     @property
     def markers(self) -> Markers: ...  # noqa: D102
@@ -308,11 +311,12 @@ def with_positions(
     """Join the samples of a robots' log with the poses at which the camera saw the robots.
 
     The times of the result are those of the robots' clock. Poses at the times of samples are interpolated. Samples
-    outside the video or in gaps of the tracking are left out. The positions seen by the camera become the log's tracks,
-    from time 0 of the robots' clock on.
+    outside the video or in gaps of the tracking are left out. The positions seen by the camera become the log's tracks.
+    Those before time 0 of the robots' clock are left out, since a log has no negative times.
 
     Args:
-        tracking: what the cameras saw. samples: result of ``read_robot_log``. name: of the log, also for messages.
+        tracking: what the cameras saw. samples: result of ``read_robot_log``.
+        name: path of the log, for messages; the last part of the path becomes the name of the result's log.
         control_period_s: time from a sample to the end of its stop, s. A robot samples at one control tick and drives
             on at the next.
     Raises:

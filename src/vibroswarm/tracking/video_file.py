@@ -27,7 +27,7 @@ Picture = NDArray[np.uint8]
 CODECS: Final = {".avi": "MJPG", ".mp4": "mp4v"}
 """The codec of a video that is written, by its suffix; both are in OpenCV's own wheel."""
 QUALITY: Final = 92
-"""Quality of the video that is written, 0 to 100."""
+"""Quality that OpenCV is to use for the video, 0 to 100; OpenCV's FFmpeg backend ignores it."""
 MISSING_FRAMES: Final = 2
 """The head of an intact file may state a frame or two too many; if more are missing, the video was cut off."""
 UNEVEN: Final = 0.2
@@ -71,7 +71,10 @@ class VideoWriter:
         self._writer.release()
 
     def write(self, frame: Gray) -> None:
-        """Write a frame, uint8 of shape (height, width)."""
+        """Write a frame, uint8 of shape (height, width).
+
+        The frame must have the writer's size: OpenCV leaves out other frames without an error.
+        """
         cv2 = opencv()
         self._writer.write(cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))
 
@@ -97,7 +100,7 @@ def _opened(path: Path) -> Any:
     """Open a video, and return OpenCV's ``VideoCapture``.
 
     Raises:
-        InputError: it does not exist, is empty, or cannot be read as a video.
+        InputError: it does not exist, is a folder or no plain file, is empty, or cannot be read as a video.
     """
     cv2 = opencv()
     name = str(path)
@@ -111,10 +114,11 @@ def _opened(path: Path) -> Any:
         raise InputError("is empty: 0 bytes; copy it from the camera again", field=name)
     logging = cv2.utils.logging
     level = logging.getLogLevel()
-    # OpenCV's own messages: a problem is reported below instead.
+    # OpenCV's own messages are switched off, since a problem is reported below.
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     try:
         # One thread, since results must not depend on the number of processors; videos may be read in parallel.
+        # ``resolve``: in a relative path such as "a:b.avi", FFmpeg takes "a:" for a protocol.
         capture = cv2.VideoCapture(str(path.resolve()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
     finally:
         logging.setLogLevel(level)
@@ -131,7 +135,8 @@ def video_info(path: Path) -> VideoInfo:
     """Return what the head of a video states; the size is that of its frames as they are shown.
 
     Raises:
-        InputError: it is no video, has no frames, or states a size or rate that cannot be.
+        InputError: it is no video, states a size or rate that is not usable, or is a turned video without frames. Other
+            videos without frames are not refused here.
     """
     cv2 = opencv()
     capture = _opened(path)
@@ -182,8 +187,9 @@ def pictures_of(path: Path, *, partial: bool = False) -> Iterator[tuple[float, P
     Args:
         partial: whether a video that ends early is accepted.
     Raises:
-        InputError: the video has no frames. Unless ``partial`` is true, also if its head states no number of frames,
-            or if it has fewer frames than its head states; this is raised only after the last frame.
+        InputError: the video has no frames, or see ``video_info``. Unless ``partial`` is true, also if its head states
+            no number of frames, or if more than ``MISSING_FRAMES`` of the frames that it states are missing; missing
+            frames are reported only after the last frame.
     """
     cv2 = opencv()
     info = video_info(path)

@@ -39,7 +39,7 @@ WIDTH, HEIGHT = 1280, 960
 WAYS: Final = ("egl", "osmesa")
 """Values of ``MUJOCO_GL`` that are tried one after the other, unless it is set."""
 SECONDS: Final = 120
-"""Time limit of drawing by one of them."""
+"""Time limit of drawing with one value of ``MUJOCO_GL``."""
 FOV_DEG: Final = 57.0
 """Vertical field of view of the camera."""
 THICK_M: Final = 0.005
@@ -53,7 +53,8 @@ def write_picture(result: Result, run: int, path: Path, time_s: float | None = N
         run: number of the run. path: of the file. time_s: time of the run, s.
     Returns: the value of ``MUJOCO_GL`` with which it was drawn, such as "egl".
     Raises:
-        InputError: MuJoCo is missing, neither EGL nor OSMesa works, or there is no such run or time.
+        InputError: MuJoCo is missing, neither EGL nor OSMesa works, there is no such run or time, or the run has no
+            samples.
         RunError: the disk is full or failed.
     """
     if find_spec("mujoco") is None:

@@ -26,10 +26,12 @@ class Playback:
     """One run of a result, with its state at any time.
 
     ``sample_s`` (samples,), ``places`` (samples, 2) and ``readings`` (samples,) are time (s), place (x and y, m) and
-    bit of all samples, by time. ``end_s`` is the end of the run.
+    reading (0: still, 1: vibrating) of all samples, in the order of time. ``end_s`` is the end of the run, ``robots``
+    the number of robots.
 
     Args:
-        result: with segments if possible; without, robots are shown going straight from sample to sample.
+        result: with segments (the arcs of the robots' paths) if possible; without, robots are shown going straight from
+            sample to sample.
         run: number of the run.
     Raises:
         InputError: there is no such run, or it has no samples.
@@ -39,13 +41,13 @@ class Playback:
         self.result, self.run, self.floor = result, run, result.floor(run)
         of_run = pl.col("run") == run
         self.robots = result.scenario.swarm.robots
+        # Each run has rows in ``ends``; ``or 0.0`` is there for the type only, since ``max`` of no rows is None.
         self.end_s = float(result.ends.filter(of_run)["end_s"].max() or 0.0)  # type: ignore[arg-type]
         samples = result.motion.filter(of_run)
         if samples.is_empty():
             raise InputError(f"run {run} has no sample", field="run")
         key = ["run", "robot", "sample"]
         samples = samples.join(result.observations, on=key).join(result.inference, on=key).sort("time_s")
-        # Time, place and bit of all samples, in the order of time.
         self.sample_s = samples["time_s"].to_numpy()
         self.places = samples.select("x_m", "y_m").to_numpy()
         self.readings = samples["observation"].cast(pl.Int64).to_numpy()
@@ -66,8 +68,12 @@ class Playback:
     def poses(self, robot: int, time_s: ArrayLike) -> Floats:
         """Return x, y (m) and heading (rad) of a robot at times, (times, 3).
 
-        Without segments, places are interpolated linearly between samples, and the heading is that of the straight line
-        between them. All values are nan for a robot without samples.
+        With segments, see ``motion.pose.pose``. Without, places are interpolated linearly between samples, and the
+        heading is that of the straight line between them; before its first and after its last sample, the robot stands
+        at the place of that sample; and all values are nan for a robot without samples.
+
+        Raises:
+            InputError: with segments, if the robot has none, or a time is before its first segment.
         """
         times = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
         if self._segments is not None:
@@ -147,6 +153,7 @@ def floor_picture(playback: Playback) -> NDArray[np.uint8]:
     # Coordinates of the middles of pixels, and the tile that each lies on.
     x = (np.arange(max(round(arena.width_m / pixel_m), 1)) + 0.5) * pixel_m
     y = arena.height_m - (np.arange(max(round(arena.height_m / pixel_m), 1)) + 0.5) * pixel_m
+    # Width and height of a tile, and the left and lower edge of the floor. The first row of tiles is at the top.
     width_m, height_m, left_m, bottom_m = floor.geometry[2:]
     rows, columns = floor.tiles.shape
     column = np.floor((x - left_m) / width_m).astype(int)
@@ -237,6 +244,7 @@ class Scene:
             self.frames[robot].wxyz = (math.cos(heading_rad / 2), 0.0, 0.0, math.sin(heading_rad / 2))
         belief, decision = self.playback.belief(robot, time_s)
         words = words_of(belief, decision)
+        # The colour changes only with the text: changes of the belief that its two decimals do not show are not sent.
         if self._words.get(robot) != words:
             self._words[robot] = words
             self.labels[robot].text, self.bodies[robot].color = f"{robot}: {words}", colour_of(belief)

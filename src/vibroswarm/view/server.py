@@ -26,7 +26,7 @@ HOST: Final = "127.0.0.1"
 FRAME_S: Final = 0.05
 """Real time between updates of a server."""
 MOST_FRAMES: Final = 6000
-"""Largest number of frames of a file; frames of a longer run are farther apart."""
+"""Largest number of frames of a file after the first; frames of a longer run are farther apart."""
 
 
 def viser() -> Any:
@@ -69,7 +69,7 @@ class Server:
         result: the result that has the run. run: number of the run. port: port to listen on; 0: any free port.
         speed: simulated seconds per second, 1 to 200, until the user moves the slider.
     Raises:
-        InputError: viser is missing, the port is not free, or the run cannot be shown.
+        InputError: viser is missing, the port is not free, there is no such run, or the run has no samples.
     """
 
     def __init__(self, result: Result, run: int, port: int = 0, speed: float = 20.0) -> None:
@@ -128,9 +128,9 @@ def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_
 
     Args:
         run: number of the run. path: of the file. speed: simulated seconds per second.
-        frame_s: simulated time between frames, s; it is made longer if the file would have more than ``MOST_FRAMES``.
+        frame_s: simulated time between frames, s; it is made longer if there would be more than ``MOST_FRAMES``.
     Raises:
-        InputError: viser is missing, or there is no such run.
+        InputError: viser is missing, there is no such run, or the run has no samples.
         RunError: the disk is full or failed.
     """
     playback = Playback(result, run)
@@ -141,8 +141,9 @@ def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_
         scene.set_time(0.0)
         serializer = server.get_scene_serializer()
         frame_s = max(frame_s, playback.end_s / MOST_FRAMES)
-        # The serializer records the changes of the scene, and the pauses between them. The half step makes the last
-        # time the one nearest to the end; if it lies beyond the end, the frame shows the end.
+        # The serializer records the changes of the scene, and the pauses between them. The frame at time 0 is set
+        # above; ``times`` has the others. ``np.arange`` stops half a step beyond the end, so the last time is within
+        # half a step of the end. If it lies beyond the end, the frame shows the end.
         times = np.arange(frame_s, playback.end_s + frame_s / 2, frame_s)
         for time_s in times.tolist():
             serializer.insert_sleep(frame_s / speed)
@@ -152,7 +153,7 @@ def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_
         _stop(server)
     with whole_file(path) as part:
         part.write_text(text, encoding="utf-8")
-    return times.size + 1
+    return times.size + 1  # with the frame at time 0
 
 
 def _started(module: Any, port: int) -> Any:

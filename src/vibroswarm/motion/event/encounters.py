@@ -28,8 +28,9 @@ from vibroswarm.motion.robot_params import Setup
 from vibroswarm.robot.walk import STOP
 
 STANDS_FIRST: Final[bool] = np.bool_(True)  # type: ignore[assignment]
-"""The argument ``a_first`` for a robot that stands: it counts as moving first. For a Python literal, Numba would
-compile the called function once more."""
+"""The argument ``a_first`` for a robot that stands: it counts as moving first, as the bound on contact allows for the
+step of the first robot (``pair_lookahead.pair_clear_ticks``), which is then 0. It is not a Python literal, for which
+Numba would compile the called function once more."""
 
 
 @inlined
@@ -55,7 +56,9 @@ def schedule_encounters(world: World, i: int, tick: int) -> None:
         j = candidate(planners, world.near, i, m)
         other = planners[j]
         if other.tick == tick and other.mode != STOP and j < i:
-            continue  # robot j is awake too, and has scheduled its encounters with robot i already
+            # Robot j is awake too, and has scheduled its encounters with robot i already. (Not so a robot in mode STOP
+            # that has just begun its planned stop: ``engine.stop`` schedules nothing.)
+            continue
         schedule_pair(world, i, j, tick)
 
 

@@ -151,7 +151,8 @@ def wake_neighbours(world: World, count: int, tick: int) -> int:
     """Bring the awake robots to ``tick``; also wake, and bring to ``tick``, moving robots that they might now block.
 
     A robot's new plan may block another robot only if their centres are within the contact zone (``zone_m``). A
-    standing robot that wakes ends its stop: it took its sample at the tick before.
+    standing robot that wakes ends its stop, whose sample it took at the tick before; only robots that have failed stand
+    without a sample. ``sampled`` is 1 already at the start of a run, or if ``events`` recorded the sample at its end.
 
     Args:
         count: number of awake robots listed so far.
@@ -183,7 +184,8 @@ def wake_neighbours(world: World, count: int, tick: int) -> int:
                 moving = other.tick != tick and other.mode != STOP
                 if moving and is_within(other, row.x_m, row.y_m, setup.zone_m, setup, tick):
                     count += insert(world.awake, count, j)
-                    k = 0  # the inserted robot has shifted the list: begin again, skipping robots that are at ``tick``
+                    # An inserted robot has shifted the list: begin again, skipping robots that are at ``tick``.
+                    k = 0
     return count
 
 
@@ -361,9 +363,10 @@ def plan(world: World, i: int, tick: int) -> int:
     Returns: 1 if its move is blocked, so that ``plan_blocked`` has to complete its plan; else 0.
     """
     row = world.planners[i]
-    # The plan ends at the tick at which the robot fails, if not before.
+    # The plan of a moving robot ends at the tick at which it fails, if not before.
     ahead = ticks_to_self_event(row, world.setup, min(HORIZON_TICKS, row.fails_tick - tick))
     if row.blocked:
+        # ``plan_blocked`` reads both, also of other blocked robots whose plans are not complete yet.
         row.self_event_tick = tick + ahead
         set_standing(row)
         return 1

@@ -1,10 +1,11 @@
 """The queue of robots that wake: a key for each robot, in blocks of 16 robots.
 
-A robot's key is the tick at which it wakes, times 2^16, plus its number. So the smallest key tells both which robot
+A robot's key is the tick at which it wakes, times 2^16, plus its number. So the smallest key holds both which robot
 wakes next and when; robots that wake at the same tick follow in the order of their numbers.
 
 ``wakes`` has one row per block of 16 robots, shape (blocks, 17). The first entry is a lower bound on the keys of the
-block, the others are the keys of its robots; NEVER where there is no robot.
+block, the others are the keys of its robots; NEVER where there is no robot. While the robots of a tick wake one after
+the other, the bound ignores the keys of those that have woken, until ``set_wake`` sets new ones.
 """
 
 from __future__ import annotations
@@ -76,8 +77,9 @@ def next_wake(wakes: NDArray[np.int64], robots: int, beyond: int) -> int:
     ``beyond`` is the key of the last robot that woke: robots that wake at the same tick keep their keys until all of
     them have woken.
 
-    The block with the smallest lower bound is sought. The bound was the key of one of its robots. If that robot still
-    has this key, the key is the result; otherwise the bound is computed anew, and the search is repeated.
+    The block with the smallest lower bound is sought. The bound was the key of one of its robots. If the bound is above
+    ``beyond`` and that robot still has this key, the key is the result. Otherwise the bound is set to the smallest key
+    of the block above ``beyond``, and the search is repeated.
     """
     if wakes.shape[0] == 1:
         return least_of(wakes, 0, robots, beyond)

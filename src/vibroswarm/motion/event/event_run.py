@@ -35,7 +35,8 @@ from vibroswarm.robot.walk import STOP
 def write_ends(planners: Planners, setup: Setup, tick: int, ends: NDArray[np.void]) -> None:
     """Write the robots' poses at ``tick``, and ``stop_tick``, into rows of ``END_ROW``; the caller sets other fields.
 
-    ``stop_tick`` is the tick from which the robot stands and hears nothing, or -1 if it moves or hears.
+    ``stop_tick`` is the tick from which the robot stands and hears nothing, or -1 if it moves, or has failed but still
+    hears (``control_step.fail`` then sets -1 in its row).
     """
     for i in range(planners.size):
         ends[i].x_m, ends[i].y_m, heading = pose_at(planners[i], setup, tick)
@@ -62,8 +63,10 @@ class EventRun(KernelRun):
         self.wakes, self.awake = self.all_wake.copy(), np.zeros(robots, dtype=np.uint32)
         self.near, self.grid = empty_lists(robots, self.setup), empty_grid(robots, self.setup)
         self.places = zero_rows(1, PLACES)
-        # One number for the largest error, then a distance for each candidate (``World.apart``).
+        # One number for the largest error, then room for the distances to all lanes of ``places`` (SMALL_SWARM of them)
+        # or to all listed neighbours (``World.apart``).
         self.apart = np.zeros((robots, 1 + max(SMALL_SWARM, self.near.shape[1])))
+        # Rows for the stops that end plans; ``plan_stop`` writes what differs from stop to stop.
         self.stops = zero_rows(robots, PLANNER)
         self.stops["mode"] = STOP
         self.list_radius_m = list_radius_m(self.setup)
@@ -90,7 +93,8 @@ class EventRun(KernelRun):
     def copy(self) -> EventRun:
         """Return an independent copy of this state.
 
-        Only ``grid`` is shared, as it holds nothing from one call of ``new_lists`` to the next.
+        Arrays that never change (``all_wake``) are shared, and so is ``grid``, which holds nothing from one call of
+        ``new_lists`` to the next.
         """
         branch = super().copy()
         branch.wakes, branch.near, branch.places = self.wakes.copy(), self.near.copy(), self.places.copy()

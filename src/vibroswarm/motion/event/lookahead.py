@@ -9,6 +9,7 @@ tick to the next. The move at a tick is blocked if it would end in a wall or in 
 
 | name | unit | meaning |
 |---|---|---|
+| theta_c | m | a robot avoids what a ray meets at less than this length (``avoidance_threshold_mm``) |
 | look | m | rays matter up to this length, the shorter of their range and theta_c |
 | zone | m | below this distance (two radii and two longest steps) a move may bring two robots into contact |
 | sight | m | rays see no robot beyond this distance, centre to centre |
@@ -111,14 +112,14 @@ def encounter_reach_m(row: Planner, setup: Setup, tick: int) -> float:
     The distance is the largest at which robots affect each other, plus the longest ways that both can move until then.
     """
     reach_m: float = max(setup.zone_m, setup.sight_m)
-    # This robot moves until ``self_event_tick``. The other robot may move until the plan ends, with this robot's stop.
+    # This robot moves until ``self_event_tick``. The other one may move on during the stop that ends this robot's plan.
     own_m = (row.self_event_tick - tick) * row.max_step_m
     return reach_m + (own_m + (row.plan_end_tick - tick) * setup.longest_step_m)
 
 
 @inlined
 def wall_clearance_m(setup: Setup, x_m: float, y_m: float) -> float:
-    """Return the distance from a point to the nearest wall, m."""
+    """Return the distance from a point to the nearest wall, m; negative if the point is outside the arena."""
     return min(min(x_m, setup.width_m - x_m), min(y_m, setup.height_m - y_m))
 
 
@@ -157,9 +158,9 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
     """Return for how many ticks robot ``i``, whose move has just been blocked, surely stays blocked; at most ``most``.
 
     This is a lower bound. The position of robot ``i`` stays, but its heading goes on turning, while the others follow
-    their plans. A robot that changes its plan wakes robot ``i`` if it is then in the contact zone of robot ``i``. So
-    only two kinds of robots count as blocking robot ``i``: those that stand or are blocked, and moving robots that stay
-    in its contact zone from now on.
+    their plans. Another robot may change its plan early, but if it is then in the contact zone of robot ``i``, it wakes
+    robot ``i``. So only those robots count as blocking robot ``i`` that are in this zone until they change their plans:
+    those that stand or are blocked, and moving robots that stay in the zone from now until contact (``stays_near``).
     """
     row = planners[i]
     error_deg, integral_deg_s = row.error_deg, row.integral_deg_s
@@ -179,7 +180,8 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
             gyro_deg = row.turn_gain * turn_command(setup, error_deg, integral_deg_s)
             x, y = blocked_turn_end(row, setup, row.error_deg - error_deg, gyro_deg)
         # (x, y) is where the move n ticks after the plan's tick would end. From then on it is blocked for ``blocked``
-        # ticks: by a wall or, if not, by a neighbour.
+        # ticks: by a wall or, if not, by a neighbour. A standing neighbour stays until it wakes robot i; for a moving
+        # one, the position is known only until its plan ends.
         blocked = overlap_ticks(setup.radius_m - wall_clearance_m(setup, x, y), shift_m)
         for m in range(neighbour_count(near, i)):
             j = neighbour(near, i, m)
@@ -205,14 +207,15 @@ def blocked_ticks(planners: Planners, near: NDArray[np.uint32], i: int, setup: S
 
 @inlined
 def stays_near(other: Planner, row: Planner, setup: Setup) -> bool:
-    """Return whether the moving robot ``other`` stays in the contact zone of the standing robot ``row`` until contact.
+    """Return whether the moving robot ``other`` stays in the contact zone of the blocked robot ``row`` until contact.
 
     The plan of ``other`` must lead to contact with ``row``. A straight line with both ends in a circle lies within that
-    circle. Contact (centres less than two radii apart) is in the zone, so it is enough that ``other`` is in the zone at
-    ``row.tick`` too. Its chord is tested instead of its arc: the circle is made smaller by the errors at both ends.
+    circle. At contact, ``other`` is in the zone, so it is enough that it is in the zone at ``row.tick`` too. Its chord
+    is tested instead of its arc. The radius is reduced by twice the position error: the arc may deviate by that error
+    from the chord at contact, and again on the way there.
     """
     bound_m = setup.zone_m - 2.0 * other.position_error_m
-    # The smaller circle must still contain all places of contact.
+    # The smaller circle must still be larger than that of contact, whose radius is two body radii.
     return bool(
         bound_m > 2.0 * setup.radius_m and distance2_m2(other, row.x_m, row.y_m, row.tick) < bound_m * bound_m
     )
@@ -237,9 +240,9 @@ SAG_ROUNDING_M = 1e-9
 
 @inlined
 def wall_tick(row: Planner, setup: Setup) -> int:
-    """Return the first tick of a plan at which a wall may affect the robot: by a ray, or as the end of a move.
+    """Return the first tick of a plan at which a wall may affect the robot; NEVER if there is no such tick.
 
-    NEVER if there is no such tick.
+    A wall affects a robot if a driver's ray detects it, or if a move would end in it.
     """
     if row.mode == STOP:
         return NEVER
@@ -271,6 +274,8 @@ def turn_at_walls(row: Planner, setup: Setup) -> int:
     ticks are skipped that the robot needs at least to reach the wall.
     """
     tick = row.tick + 1
+    # The move that begins at ``self_event_tick`` belongs to the next plan. If ``max_step_m`` is 0, the robot's centre
+    # stays, so no move ends in a wall.
     while tick < row.self_event_tick and row.max_step_m > 0.0:
         x, y = position_in_turn(row, setup, tick)
         gap = wall_clearance_m(setup, x, y) - setup.radius_m - ROUNDING_M
@@ -284,7 +289,7 @@ def turn_at_walls(row: Planner, setup: Setup) -> int:
 
 @inner
 def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
-    """Return the first tick at which a wall may affect a driver, by a ray or as the end of a move, else NEVER.
+    """Return the first tick at which a driver may detect a wall by a ray, or its move may end in one, else NEVER.
 
     Walls far from the bounding boxes (``reach_box``) at both ends of the plan are excluded; the others are checked at
     single ticks.
@@ -307,6 +312,7 @@ def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
     if not (near_left or near_right or near_low or near_high):
         return NEVER
     tick, sees_from = row.tick + 1, avoidance_tick(row, setup)
+    # Check ``self_event_tick`` too: the robot's step at that tick computes no rays if ``lookahead_tick`` is later.
     while tick <= row.self_event_tick:
         x, y, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
         free, looks = SIDE_TICKS, tick >= sees_from
@@ -331,10 +337,10 @@ def tick_at_walls(row: Planner, setup: Setup, inset: float) -> int:
 def reach_box(
     row: Planner, setup: Setup, inset: float, x_m: float, y_m: float, sin_h: float, cos_h: float
 ) -> tuple[float, float, float, float]:
-    """Return the bounding box (left, right, low, high, m) of what a wall must not come into: a robot's rays and body.
+    """Return the bounding box (left, right, low, high, m) of a driver's rays and body at a pose.
 
-    The rays are ``look_m`` long. The body is taken as the square that reaches ``inset`` m to each side of its centre
-    (x_m, y_m).
+    A wall outside the box does not affect the driver. The rays are ``look_m`` long. The body is taken as the square
+    that reaches ``inset`` m to each side of its centre (x_m, y_m).
     """
     left, right, low, high = x_m - inset, x_m + inset, y_m - inset, y_m + inset
     for k in range(setup.ray_side_m.size):
@@ -384,6 +390,7 @@ def free_ticks_to_wall(
         closing = step * toward - bend * (along * aside + lateral * toward)
         free = min(free, ticks_until_closed(distance_m - nearer_m, closing, abs(bend) * most))
         if setup.outside_m > 0.0:  # the ray may start beyond the wall: the same for its start
+            # ROUNDING_M is subtracted since a ray that starts on the wall detects it too (``wall_distance``).
             along, lateral = row.ray_forward_m, setup.ray_side_m[k]
             nearer_m = along * toward - lateral * aside
             closing = step * toward - bend * (along * aside + lateral * toward)

@@ -78,7 +78,8 @@ def measure_all(
     places.mid_x_m[i], places.position_error_m[i] = math.inf, 0.0  # infinitely far from itself
     own_row = apart[i]
     # The number of robots is rounded up to a multiple of 4, as a processor computes several lanes at once. Lanes
-    # without a robot do no harm: they are infinitely far away.
+    # without a robot do no harm: they are infinitely far away. ``k`` is unsigned, so that compiled code need not check
+    # for negative indices.
     for k in range(np.uint64((robots + 3) & ~3)):
         passed = tick - places.tick[k]
         dx = places.mid_x_m[k] + passed * places.chord_x_m[k] - x_m
@@ -96,11 +97,11 @@ def measure_all(
 def measure_meetings(
     places: Places, apart: NDArray[np.float64], robots: int, i: int, row: Planner, setup: Setup, tick: int
 ) -> None:
-    """Write a margin for each robot into ``apart[i, 1:]``, m^2: above 0, it and robot ``i`` do not affect each other.
+    """Write margins into ``apart[i, 1:]``, m^2: a robot whose margin is above 0 has no encounter with robot ``i``.
 
-    The margin is the smallest squared distance between the chords of the two from ``tick`` on, while both plans last,
-    minus the square of the distance within which they may affect each other (position errors included). The margin of
-    robot ``i`` itself is infinite.
+    An encounter is a tick at which one of two robots may affect the other. The margin is the smallest squared distance
+    between the chords of the two from ``tick`` on, while both plans last, minus the square of the distance within which
+    they may affect each other (position errors included). The margin of robot ``i`` itself is infinite.
 
     Args:
         row: robot ``i``'s row, with a plan that begins at ``tick``.
@@ -125,8 +126,8 @@ def measure_meetings(
         nearest2 = nearest_on_way2(x, y, b_x - chord_x_m, b_y - chord_y_m, both)
         x, y = x + both * (b_x - chord_x_m), y + both * (b_y - chord_y_m)
         on_x, on_y = (b_x, b_y) if moves < b_moves else (-chord_x_m, -chord_y_m)
-        # The first ``min`` is that time if robot i stops first, the second if the other does; the one that does not
-        # apply is at most ``both``.
+        # ``both + one`` is the first ``min`` if robot i stops first, the second ``min`` if the other robot does. The
+        # ``min`` that does not apply is at most ``both``.
         one = max(min(last, b_moves), min(b_last, moves)) - both
         nearest2 = min(nearest2, nearest_on_way2(x, y, on_x, on_y, one))
         bound_m = max(minded, places.minded_m[k]) + error + places.position_error_m[k]
@@ -157,6 +158,7 @@ MOST_CELLS: Final = 256
 
 def list_radius_m(setup: Setup) -> float:
     """Return a distance, m: robots that are further apart cannot affect each other in the next LIST_TICKS ticks."""
+    # Both robots may move towards each other in every tick; the tick in addition (+ 1) is a margin.
     return float(max(setup["zone_m"], setup["sight_m"]) + 2.0 * setup["longest_step_m"] * (LIST_TICKS + 1))
 
 
@@ -254,7 +256,10 @@ def update_lists(
 
 @inner
 def cell_of(planners: Planners, i: int, setup: Setup, across: int, up: int) -> int:
-    """Return the number of the cell in which robot ``i`` is, counted row by row; ``across`` columns, ``up`` rows."""
+    """Return the number of the cell in which robot ``i`` is, counted row by row; ``across`` columns, ``up`` rows.
+
+    The robot's position is read from ``from_x_m`` and ``from_y_m``, where ``update_lists`` has stored it.
+    """
     # Clipped, so that no rounding error of a position leads out of the grid.
     column = min(max(int(planners[i].from_x_m / setup.width_m * across), 0), across - 1)
     row = min(max(int(planners[i].from_y_m / setup.height_m * up), 0), up - 1)

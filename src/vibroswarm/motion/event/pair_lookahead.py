@@ -51,9 +51,9 @@ def may_encounter(a: Planner, b: Planner, setup: Setup, tick: int) -> bool:
 def passes_by(
     row: Planner, setup: Setup, x: float, y: float, end_x: float, end_y: float, slack: float
 ) -> bool:
-    """Return whether another robot stays out of reach of a driver's rays and body.
+    """Return whether another robot surely stays out of reach of a driver's rays and body.
 
-    That is so if the other robot is ahead of their reach all the time, or behind it, or to one side of it. Relative to
+    That is so if the other robot is ahead of this reach all the time, or behind it, or to one side of it. Relative to
     the driver, and judging by the chords, the other robot moves on a straight line; so it is enough that both ends of
     the line are on the same side. The driver's heading differs from the direction of its chord by at most half of the
     angle that it turns.
@@ -65,6 +65,8 @@ def passes_by(
         slack: sum of the position errors of the two, m.
     """
     half_turn = 0.5 * abs(row.rate_rad_s) * (row.self_event_tick - row.tick) * setup.tick_s
+    # No point of the reach is further from the driver's centre than the ``max`` below, so a deviation of the heading by
+    # ``half_turn`` shifts it by at most the product.
     margin = slack + max(setup.sight_m, setup.zone_m) * half_turn
     # on, off: the other robot's coordinates along and across the chord, times the chord's length (a division is saved).
     # That length is at most ``max_step_m``, so the limits are multiplied by ``max_step_m`` to be safe. For a blocked
@@ -128,7 +130,8 @@ def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: boo
     roughly = is_turning(a) or is_turning(b)
     # a_from, b_from: the first tick at which the robot may detect the other one, as far as is known.
     now, a_from, b_from = tick + 1, sees_from(a, setup), sees_from(b, setup)
-    # Check the tick ``now``, then go on to the next tick at which there may be an encounter.
+    # Check the tick ``now``, then go on to the next tick at which there may be an encounter. Rays are checked at the
+    # tick ``last`` too, as the search on the next plan begins a tick later.
     while now <= last:
         free = chord_clear_ticks(a, b, reach, now)  # number of ticks in which there is no encounter
         if free >= last - now + 1:
@@ -138,7 +141,7 @@ def encounter_tick(a: Planner, b: Planner, setup: Setup, tick: int, a_first: boo
             a_sight, b_sight, contact = pair_clear_ticks(a, b, setup, now, a_first, roughly, a_looks, b_looks)
             free = min(min(a_sight, b_sight), contact)
             if roughly and free < 1.0:
-                roughly = not roughly  # from now on with exact positions
+                roughly = not roughly  # False: check ``now`` again, and later ticks, with exact positions
                 continue
             if a_sight <= 0.0 or b_sight <= 0.0:
                 return int(now), a_sight <= 0.0, b_sight <= 0.0
@@ -258,7 +261,8 @@ def pair_clear_ticks(
         if not a_first:
             on_x, on_y, veer = x + b_step * b_cos, y + b_step * b_sin, b.max_step_m * abs(b_bend)
         # The step of the first robot is taken along its heading at ``tick``. A tick later a driver's step may differ by
-        # ``veer``; the step of a turning robot may have any direction.
+        # ``veer``; the step of a turning robot, left out of (on_x, on_y), may have any direction. ``lateral``: bound on
+        # the error of (on_x, on_y) that this causes.
         lateral = first_step if is_turning(a if a_first else b) else veer
         on = math.sqrt(on_x * on_x + on_y * on_y)
         approach = creep + veer - (on_x * dx + on_y * dy) / on
@@ -295,7 +299,7 @@ def about(row: Planner, setup: Setup, tick: int, roughly: bool) -> tuple[float, 
     if row.mode == DRIVE:
         x_m, y_m, _, sin_h, cos_h = along_arc(row, (tick - row.tick) * setup.tick_s)
         return x_m, y_m, sin_h, cos_h
-    if roughly or row.mode == STOP:
+    if roughly or row.mode == STOP:  # the stop that ends a plan has its position in mid only (``plan_stop``)
         return row.mid_x_m, row.mid_y_m, 0.0, 1.0
     x_m, y_m = position_in_turn(row, setup, tick)
     return x_m, y_m, 0.0, 1.0
@@ -310,7 +314,7 @@ def ticks_until_seen(
     """Return a lower bound on the ticks until one of a robot's rays, each ``look_m`` long, meets another robot's disc.
 
     It is 0 if a ray meets the disc now, and at most SIDE_TICKS. The distance of a point from a ray is a convex function
-    of the point, so it falls by no more than the point's motion along its gradient.
+    of the point, so while the point moves, it falls by no more than its present gradient says.
 
     Args:
         forward_m: how far ahead of the robot's centre its rays start. sin_h, cos_h: of the robot's heading.

@@ -96,8 +96,9 @@ STRAIGHT_RAD_S: Final = 1e-8
 def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
     """Return the number of ticks from a plan's tick to the step at which the sample timer interrupts a robot.
 
-    NEVER if the timer does not run in this mode, or may not interrupt it. The timer interrupts at the first step that
-    finds it above the sample interval. ``timer_ms`` already includes the control period of the plan's tick.
+    The timer interrupts at the first step that finds it above the sample interval. NEVER if it may not interrupt this
+    mode, or if it is not above the interval yet and does not run in this mode. ``timer_ms`` already includes the
+    control period of the plan's tick.
     """
     if state_mode == AVOID and not setup.interrupts_avoidance:
         return NEVER
@@ -111,7 +112,10 @@ def due_ticks(state_mode: int, timer_ms: int, setup: Setup) -> int:
 
 @inlined
 def ticks_to_sample(setup: Setup, stopped_ms: int) -> int:
-    """Return the number of ticks until a robot that has stood for ``stopped_ms`` samples; it moves one tick later."""
+    """Return the number of ticks until a robot that has stood for ``stopped_ms`` samples; it moves one tick later.
+
+    At least 1, even for stops of 0 ms: the step that begins a stop takes no sample.
+    """
     return max(1, math.ceil((setup.stop_ms - stopped_ms) / setup.tick_ms))
 
 
@@ -210,7 +214,8 @@ def pose_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float]
 def facing_at(row: Planner, setup: Setup, tick: int) -> tuple[float, float, float, float, float]:
     """Return (x_m, y_m, heading_rad, sin_h, cos_h) of a robot at a tick within its plan; the heading is not wrapped.
 
-    A driver's tick must lie in the first piece of its plan, the drive: a robot whose stop begins gets a new plan then.
+    A driver's tick must lie in the first piece of its plan, the drive. When its stop begins, the row becomes that of a
+    standing robot (``begin_stop``).
     """
     n = tick - row.tick
     if n == 0 or row.mode == STOP:
@@ -386,8 +391,8 @@ def stops_at(row: Planner, setup: Setup, tick: int) -> bool:
 def begin_stop(row: Planner, setup: Setup, tick: int) -> None:
     """Make a driver begin its planned stop at ``tick``, the end of its drive.
 
-    The row is the same as after ``catch_up``, ``control_one`` and a new plan, but takes less time to compute. The
-    robot samples at the tick before its plan ends.
+    All that is used of a standing robot's row is set as by ``catch_up``, ``control_one`` and a new plan, but in less
+    time. The robot samples at the tick before its plan ends.
     """
     passed_ms = (tick - row.tick - 1) * setup.tick_ms
     row.timer_ms += passed_ms
@@ -409,9 +414,9 @@ def plan_stop(stop: Planner, row: Planner) -> None:
     """Write the second piece of a driver's plan: the stop after its drive, so that other robots can look ahead on it.
 
     Args:
-        stop: row of the second piece, written; its mode is STOP already. row: the driver's row.
+        stop: row of the second piece, written; its mode is STOP already, and its chord is 0. row: the driver's row.
     """
-    # Encounters are searched from the tick after ``stop.tick``, which should be the first tick of the stop.
+    # The search for encounters begins at the tick after ``stop.tick``; it is to begin at the first tick of the stop.
     stop.tick, stop.self_event_tick = row.self_event_tick - 1, row.plan_end_tick
     stop.mid_x_m, stop.mid_y_m = row.end_x_m, row.end_y_m
 

@@ -87,7 +87,8 @@ def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, 
     * The error does not swing through 0 and back within sixteen steps, by which the end of the turn would be missed.
       After passing 0, the error keeps its sign for ever if the eigenvalues of a step are real, else for half a period
       of the oscillation. Half a period is more than sixteen steps if the angle of the eigenvalues,
-      arccos(trace / (2 sqrt(determinant))), is below pi / 16.
+      arccos(trace / (2 sqrt(determinant))), is below pi / 16. Trace and determinant must be positive: with a negative
+      eigenvalue, the error could change its sign in each step.
     """
     if abs(command) >= 100.0 or error_deg * integral_deg_s < 0.0:
         return False
@@ -109,6 +110,9 @@ def tail_ahead(
     A step is linear there, (e, I) <- M (e, I), and the error falls until the turn ends. So if the error is above the
     tolerance after sixteen steps, it was above it in all of them. Sixteen steps are then taken at once, by M^16; after
     these, four at once, by M^4; and then single ones.
+
+    A step that takes the error across the whole tolerance, to the other side, counts as the end of the turn too: the
+    robot wakes at this step, goes on turning, and plans again.
 
     Returns: the tick reached, the error (deg) and the integral (deg s).
     """
@@ -161,6 +165,8 @@ def saturated_ticks(
     sign = 1.0 if command > 0.0 else -1.0
     error, integral = sign * error_deg, sign * integral_deg_s
     beyond = setup.gain * error + setup.integral_gain * integral - 100.0
+    # Only the usual case, in which error and integral have the sign of the command, is computed; 0 is always a valid
+    # bound.
     if beyond <= 0.0 or error <= 0.0 or integral < 0.0:
         return 0
     per_tick = 100.0 * gain

@@ -69,11 +69,12 @@ def is_within(row: Planner, x_m: float, y_m: float, distance_m: float, setup: Se
 def look_around(world: World, i: int, tick: int) -> bool:
     """Compute the approximate distances from robot ``i`` to others; return whether one may be in its contact zone.
 
-    Writes robot ``i``'s row of ``World.apart``, and its ``clearance_m``, a lower bound on these distances (infinite if
-    there are no others).
+    Writes robot ``i``'s row of ``World.apart``, and its ``clearance_m``, a lower bound on the exact distances (infinite
+    if there are no others).
     """
     row = world.planners[i]
     # Robot i's plan has ended at ``tick``, and its next plan is made later. Until then its position is the exact one.
+    # ``position_error_m`` of the old plan stays in the row: for an exact position, any bound on the error is valid.
     row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
     if world.planners.size <= SMALL_SWARM:
         nearest2, error = measure_all(

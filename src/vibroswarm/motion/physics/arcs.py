@@ -59,8 +59,8 @@ def arc_between(
 ) -> tuple[float, float, float]:
     """Return speed (m/s), turn rate (rad/s) and residual (m) of the arc from one pose to another, ``dt_s`` later.
 
-    If the robot has turned by nearly a whole number of turns, the chord is almost 0 at any speed. The speed is then set
-    to 0, and the residual includes the chord.
+    If the chord is at most a tenth of the arc's length, as after nearly whole turns or after many turns, the speed is
+    set to 0, and the residual includes the chord.
     """
     turned = to_heading_rad - heading_rad
     half = 0.5 * turned
@@ -69,7 +69,8 @@ def arc_between(
     along_x, along_y = math.cos(heading_rad + half), math.sin(heading_rad + half)
     dx, dy = to_x_m - x_m, to_y_m - y_m
     chord = dx * along_x + dy * along_y
-    speed_m_s = chord / sinc / dt_s if abs(sinc) > 0.1 else 0.0  # sinc is near 0 after whole turns
+    # ``sinc`` is chord / length of the arc. Dividing by 0.1 or less would enlarge errors of the chord at least tenfold.
+    speed_m_s = chord / sinc / dt_s if abs(sinc) > 0.1 else 0.0
     lost_m = chord - speed_m_s * sinc * dt_s  # 0 unless the speed was set to 0
     return speed_m_s, turned / dt_s, math.hypot(dy * along_x - dx * along_y, lost_m)
 
@@ -112,7 +113,6 @@ def note_segment(
     """Begin a segment of robot ``i`` at ``tick``, unless its open segment goes on.
 
     That segment goes on if the robot's mode is the same and the segment's arc still leads to the robot's present pose.
-
     The arguments are those of ``note_arcs``.
     """
     row, segment = swarm[i], opened[i]
@@ -144,7 +144,8 @@ def note_fitted_move(record: Record, swarm: Swarm, setup: Setup, run: int, tick:
     arguments are those of ``note_arcs``.
     """
     row, under_way = swarm[i], record.under_way
-    # As in ``moves.note_move``: the same number as long as the robot does the same thing.
+    # As in ``moves.note_move``: the same number as long as the robot does the same thing. ``blocked`` is left out:
+    # it is always 0 in MuJoCo's runs.
     doing = 8 * (row.legs + row.avoidances) + 2 * row.mode
     continues = doing == under_way[i].doing
     if continues:
@@ -164,6 +165,7 @@ def note_fitted_move(record: Record, swarm: Swarm, setup: Setup, run: int, tick:
         move = record.moves[under_way[i].place]
         speed_m_s, rate_rad_s = row.speed_m_s, row.rate_rad_s
     move.speed_m_s, move.rate_rad_s = speed_m_s, rate_rad_s
-    # For a turning robot, rows hold the radius of its circle in place of the speed (``moves.MOVE_ROW``).
+    # For a turning robot, rows hold the radius of its circle in place of the speed (``moves.MOVE_ROW``). At a turn rate
+    # of 0 there is no circle.
     if row.mode == TURN or row.mode == AVOID:
         move.speed_m_s = speed_m_s / rate_rad_s if rate_rad_s != 0.0 else 0.0

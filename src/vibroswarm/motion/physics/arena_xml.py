@@ -15,6 +15,7 @@ TARGET_HALF_HEIGHT_M: Final = 0.02
 def walls_xml(scenario: Scenario) -> str:
     """Return the geoms of the four walls: planes that face inwards, named wall0 to wall3."""
     arena = scenario.arena
+    # In ``size`` below, the two zeros make a plane infinite; 1 is the spacing of its grid in pictures.
     walls = (  # a point of each wall, and its normal, which points into the arena
         ("0 0 0", "1 0 0"),
         (f"{arena.width_m!r} 0 0", "-1 0 0"),

@@ -4,7 +4,7 @@
 |---|---|---|
 | gap | m | distance of centres within which two robots may touch in one control period |
 | group | - | robots joined by distances below the gap, directly or through other robots |
-| rest | m/s, rad/s | robots whose motors are off and whose velocities are all below REST; such a group is not stepped |
+| rest | m/s, rad/s | robots with motor targets of 0 and all velocities below REST; a group of these is not stepped |
 
 Robots that do not touch have no equation in common, so stepping each group alone gives the same motion as stepping all
 robots together; it costs less, as no contacts are sought between groups. The state of all robots is in the model of the
@@ -26,7 +26,7 @@ from vibroswarm.motion.control_step import Swarm
 LARGEST: Final = 3
 """Number of robots in the largest group for which there is a model."""
 REST: Final = 1e-4
-"""Bound on the velocities of a robot at rest, m/s and rad/s. A robot as fast as that would roll on by 2 micrometres."""
+"""Bound on the velocities of a robot at rest, m/s and rad/s. At 1e-4 m/s, a robot moves 2 micrometres in 20 ms."""
 
 
 class Model(NamedTuple):
@@ -115,11 +115,11 @@ def copy_robot(source: Model, i: int, target: Model, j: int) -> None:
 
 @inner
 def rests(model: Model, i: int) -> bool:
-    """Return whether robot ``i`` is at rest: its two motors are off, and all its velocities are below REST.
+    """Return whether robot ``i`` is at rest: the target speeds of its motors are 0, and all its velocities below REST.
 
     A robot with a velocity that is nan is not at rest, so that it is stepped and MuJoCo warns.
     """
-    # Numbers of entries per robot. A robot's first two controls are its motors.
+    # Numbers of entries per robot. A robot's first two controls are the target speeds of its motors.
     controls, speeds = model.control.size // model.robots, model.qvel.size // model.robots
     if model.control[controls * i] != 0.0 or model.control[controls * i + 1] != 0.0:
         return False

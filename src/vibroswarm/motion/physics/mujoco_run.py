@@ -137,7 +137,7 @@ class MujocoRun(KernelRun):
         return self.swarm["heading_rad"].copy()
 
     def ray_height_m(self) -> float:
-        """Return the height of the distance sensors, m."""
+        """Return the height of the distance sensors, m: here that of planar robots; ``WheelsRun`` overrides it."""
         return 0.0
 
     @abstractmethod

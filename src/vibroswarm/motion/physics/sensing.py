@@ -75,15 +75,16 @@ def stand(swarm: Swarm) -> None:
 
 @inner
 def freeze(world: World, swarm: Swarm, tick: int) -> None:
-    """Undo the control period at ``tick``, in which MuJoCo warned, and make all robots stand for good from then on.
+    """Undo the motion of the control period at ``tick``, in which MuJoCo warned, and make all robots stand for good.
 
-    The poses after that period cannot be trusted.
+    The poses after that period cannot be trusted. The steps of the robots' programs and the samples at ``tick`` remain.
     """
     world.frozen[0] = 1
     for i in range(swarm.size):
         row = swarm[i]
         row.x_m, row.y_m, row.heading_rad = row.from_x_m, row.from_y_m, row.from_heading_rad
-        # From this tick on, ``control_step.control`` treats the robot as failed and silent.
+        # ``control_step.control`` makes the robot fail and fall silent at its next step. A robot that stands to sample
+        # completes this stop first, and takes its sample.
         row.fails_tick, row.silent_tick = min(row.fails_tick, tick), min(row.silent_tick, tick)
     stand(swarm)
 
@@ -147,7 +148,8 @@ def shortest_ray_m(world: World, swarm: Swarm, setup: Setup, i: int, k: int) -> 
 def sense(world: World, swarm: Swarm, setup: Setup) -> None:
     """Set ``nearest_mm``, the length of the shortest ray, of each robot whose program reads it at this tick.
 
-    ``nearest_mm`` is infinite while a robot ignores its rays after a turn, and if nothing is within ``look_m``.
+    ``nearest_mm`` is infinite while a robot ignores its rays after a turn (``is_blind``), and if nothing is within
+    ``look_m``. Where the program does not read it, the old value stays.
     """
     placed = False  # whether MuJoCo's geoms have been moved to the robots' present positions
     for i in range(swarm.size):

@@ -164,8 +164,9 @@ def _robot(scenario: Scenario, i: int) -> str:
           <geom name="{name}{i}" class="wheel" group="{BODIES}"/></body>"""
         for name, x, y, driven in WHEELS
     )
-    # Moment of inertia of a disc of 15 mm radius with the mass of the chassis. The armature, the inertia of a motor
-    # behind its gears, is almost 0 for wheels that roll freely.
+    # The origin of a robot's frame is on the floor below its centre; the centre of mass of the chassis is 10 mm higher.
+    # The moment of inertia is that of a disc of 15 mm radius with the mass of the chassis, whatever the body's radius.
+    # The armature, the inertia of a motor behind its gears, is almost 0 for wheels that roll freely.
     spin = 0.5 * 0.032 * 0.015**2
     return f"""<body><freejoint/>
       <inertial pos="0 0 0.01" mass="0.032" diaginertia="{spin!r} {spin!r} {spin!r}"/>

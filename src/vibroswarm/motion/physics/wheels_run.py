@@ -50,10 +50,11 @@ class WheelsRun(MujocoRun):
             _views(model, data, min(size, robots))
             for size, (model, data) in enumerate(zip(self.group_models, self.group_data, strict=True), 1)
         )
-        self.reset_groups()
-        factor = max(float(self.speeds.max()), robot.speed_factor_max)  # no speed factor is larger
-        # The longest way that a robot drives in a control period. Two robots approach each other by at most two such
-        # steps; the gap includes four, to be safe.
+        self.reset_groups()  # ``start`` does so again, by ``place``; a copy is not started
+        # No speed factor is larger: drawn ones are clipped to ``speed_factor_max``, larger ones in a list are refused.
+        factor = max(float(self.speeds.max()), robot.speed_factor_max)
+        # The longest way that a robot drives in a control period. Two robots approach each other by at most twice this
+        # length; the gap includes four times this length, to be safe.
         step_m = factor * robot.full_speed_m_s * self.scenario.tick_s
         self.wheels = Wheels(
             rolling_m=ROLLING_M, gap_m=2.0 * robot.body_radius_m + MARGIN_M + 4.0 * step_m,

@@ -53,7 +53,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Yield pictures of states, energies, positions and steps of all sources, then of the similarities."""
     yield Picture("calibration-states", "Time in each state", partial(_draw_states, tables["states"]))
     histograms = tables["histograms"]
-    for feature in ("avoidance", "vibrating", "still"):  # the features with one column; the others have two
+    # A value of these features is one number, drawn as a step line; a value of the others is a pair, drawn as a map.
+    for feature in ("avoidance", "vibrating", "still"):
         part = histograms.filter(pl.col("feature") == feature)
         draw = partial(draw_shares, part.select("x", "share", series="source"), x_label=LABELS[feature])
         yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), draw)
@@ -61,7 +62,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
         part = histograms.filter(pl.col("feature") == feature)
         maps = partial(draw_maps, part.select("x", "y", "share", panel="source"), feature)
         yield Picture(f"calibration-{feature}", WORDS[feature].capitalize(), maps)
-    # The mark is the similarity, the bar goes from null to ceiling, and at least to the mark.
+    # The mark is the similarity "at equal counts": with as many values of each source as null and ceiling are computed
+    # for. The bar goes from null to ceiling, and at least to the mark, which may lie beyond them.
     spans = tables["similarities"].select(
         x="feature", series="source", estimate="at equal counts",
         low=pl.min_horizontal("null", "at equal counts"), high=pl.max_horizontal("ceiling", "at equal counts"),
@@ -109,8 +111,8 @@ Sets = dict[str, list[tuple[float, float]]]
 def similarity_by_set(real: Result, simulated: Result) -> Sets:
     """Return the similarity of each set of three simulated sessions to the recordings, and its null, by feature.
 
-    The null is computed with as many uniform values as the set has (or the recordings, if they have fewer), so it is
-    computed once for all sets with the same number of values.
+    The null depends on the number of values. It is computed with as many uniform values as the set has (or the
+    recordings, if they have fewer), once for all sets with the same number of values.
 
     Args:
         real: the recordings. simulated: simulated sessions; each three successive ones are a set, none is left over.
@@ -185,7 +187,7 @@ def error_rows(settings: Settings, column: str) -> list[Row]:
     """Return the measured values of the claim about error rates: false positives and false negatives.
 
     A value is the mean rate over simulated runs on the real floor, at the threshold of the column's preset, minus the
-    published rate.
+    published rate. The error of the published rate is included, as that of a mean over the recorded sessions.
     """
     scenario = settings.scenario(column, real_floor(), parameter_set=EMPIRICAL)
     runs = min(settings.runs, 100)  # a run has many readings, so 100 runs at most are enough
@@ -194,7 +196,8 @@ def error_rows(settings: Settings, column: str) -> list[Row]:
     run, tile, read = (result.observations[name].to_numpy() for name in ("run", "tile", "observation"))
     kind = kinds[tile]  # 0: still, 1: vibrating
     wrong = read != kind
-    # Share of wrong readings of each run, on still and on vibrating tiles.
+    # Share of wrong readings of each run, on still and on vibrating tiles. It is NaN (0 / 0) in a run without readings
+    # on such tiles; ``mean`` leaves such a run out.
     shares = [
         np.bincount(run[on_kind], wrong[on_kind]) / np.bincount(run[on_kind])
         for on_kind in (kind == 0, kind == 1)
@@ -241,7 +244,8 @@ SHOWN_FIGURES: Final = (
 def _simulated(settings: Settings, column: str) -> Result:
     """Simulate all sets of sessions with P0 on the real floor: at least two sets, and at most ``SETS``.
 
-    Between these bounds, there are as many sets as the runs of the reproduction allow.
+    Between these bounds, there are as many sets as the runs of the reproduction allow. Two are needed for an interval
+    over sets.
     """
     sets = min(SETS, max(2, settings.runs // SESSIONS))
     scenario = settings.scenario(column, real_floor(), parameter_set=EMPIRICAL)
@@ -251,8 +255,8 @@ def _simulated(settings: Settings, column: str) -> Result:
 def _first_set(result: Result) -> Result:
     """Return the first set of sessions of a simulation, as a result of its own.
 
-    The sessions are simulated again, and are the same sessions, because a run does not depend on how many runs are
-    simulated.
+    A ``Result`` has no method that selects runs, so the sessions are simulated again. They are the same sessions,
+    because a run does not depend on how many runs are simulated.
 
     Args:
         result: simulation with at least one set of sessions.
@@ -290,6 +294,7 @@ def compute(work: Work) -> Tables:
         "distances": _distances(comparisons),
         "figures": _figures(settings, everything),
         "states": pl.concat([_states(name, source) for name, source in everything.items()]),
+        # Simulated positions are drawn as the camera would have seen them; recordings stay as they are.
         "histograms": histograms_of(
             {name: seen_through(one, camera_between(real, one)) for name, one in everything.items()}
         ),
@@ -298,7 +303,12 @@ def compute(work: Work) -> Tables:
 
 
 def _similarities(found: dict[str, Comparison], of_sets: dict[str, Sets]) -> pl.DataFrame:
-    """Return one row for each source and feature: its similarity to the recordings, null and ceiling.
+    """Return one row for each source and feature: its similarities to the recordings, null and ceiling.
+
+    The similarities are the printed one; "as published", with all values of the compared sessions and with the
+    avoidance times that the authors computed; "sets", the mean over sets, with its limits; "at equal counts", with as
+    many values of each source as null and ceiling are computed for; and "session", the mean over pairs of a real and a
+    simulated session. "real session" is the mean over pairs of real sessions.
 
     Args:
         found: comparison of each source with the recordings.
@@ -368,6 +378,8 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
     """Return error rates and statistics of driving, one row for each source and statistic.
 
     The energies of all sources are compared with the threshold of preset ``paper``, so that error rates are comparable.
+    The positions of simulations are the true ones, not those that the camera would have seen. A statistic without a
+    value in any session has no row; limits that are not finite, as with one session, are null.
 
     Args:
         settings: options of the reproduction. sources: results by name.
@@ -380,7 +392,7 @@ def _figures(settings: Settings, sources: dict[str, Result]) -> pl.DataFrame:
                 figure.name in (*SHOWN_FIGURES, "false_positive", "false_negative")
                 and figure.interval is not None
             ):
-                words, factor = FIGURES[figure.name]
+                words, factor = FIGURES[figure.name]  # factor: from SI units to the unit in the label
                 # Mean, lower and upper limit.
                 ends = [factor * value if np.isfinite(value) else None for value in figure.interval[:3]]
                 rows.append((source, words, *ends, figure.interval.n))

@@ -40,12 +40,12 @@ def cells(settings: Settings) -> Cells:
 
 @cache
 def _simulated(scenario: Scenario, seed: int) -> Result:
-    """Simulate run 0 with its paths."""
+    """Simulate run 0 with its paths; cached, because the tables and the picture both need it."""
     return simulate(scenario, seed, 1, segments=True)
 
 
 def example(settings: Settings) -> Result:
-    """Return run 0 of seven robots in the first column, with its paths."""
+    """Return run 0 of seven robots in the first column (preset), with the preset's strategy, and with its paths."""
     values = {"floor.source": f"random:{FILL}", "swarm.robots": ROBOTS}
     return _simulated(settings.scenario(settings.columns[0], values), settings.seed)
 
@@ -58,6 +58,7 @@ def compute(work: Work) -> Tables:
     """
     result = example(work.settings)
     assert result.segments is not None  # ``example`` requests the paths
+    # ``motion`` and ``observations`` have the same samples in the same order.
     samples = result.motion.select("robot", "sample", "time_s", "x_m", "y_m").hstack(
         result.observations.select("tile", "energy", "observation")
     )
@@ -86,7 +87,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
 
 
 def _draw(tables: Tables, settings: Settings) -> Drawn:
-    """Draw the example run; it is simulated again, because saved tables do not hold the whole result."""
+    """Draw the example run, which ``example`` simulates: saved tables do not hold the whole result."""
     result = example(settings)
     with drawn_with():
         figure = run_figure(result)

@@ -79,10 +79,12 @@ GROUPS: Final = 20
 def cells(settings: Settings) -> Cells:
     """Return the cells of ``experiment_times`` with message loss, and the cells of the pool.
 
-    The cells of the pool have the key ("pool", robots); in them a robot's speed is drawn once.
+    The cells of the pool have the key ("pool", robots), with the sizes of ``_subset_sizes``; in them a robot's speed is
+    drawn once. There are none if ``POOL_COLUMN`` was not requested.
     """
     of_times = experiment_times.cells(settings)
     with_loss = LOSSES[0]
+    # All keys are tuples; ``isinstance`` is for type checkers.
     cells_of: Cells = {
         key: cell for key, cell in of_times.items() if isinstance(key, tuple) and key[1] == with_loss
     }
@@ -111,7 +113,11 @@ def _subset_sizes() -> list[int]:
 
 
 def compute(work: Work) -> Tables:
-    """Return tables of accuracy, loss and distances next to the published values, and the claims' measured values."""
+    """Return tables of accuracy, loss and distances next to the published values, and the claims' measured values.
+
+    The distances, and the values of the claims about loss and about the pool, exist only if ``POOL_COLUMN`` was
+    requested.
+    """
     columns = columns_of(work.settings)
     tables: Tables = {"accuracy": _accuracy(work, columns), "loss": _loss()}
     measured = [row for column in columns for row in _measured(work, column)]
@@ -127,8 +133,9 @@ def compute(work: Work) -> Tables:
 def _accuracy(work: Work, columns: Sequence[str]) -> pl.DataFrame:
     """Return our accuracy next to the published one, one row for each column, setting, strategy and swarm size.
 
-    A setting is a threshold and a gate: those of the paper's text, and ``FITTED``. ``less`` is our accuracy minus the
-    published accuracy, and ``error`` its standard error.
+    A setting is a threshold and a gate: those of the paper's text, and ``FITTED``. ``ours_error`` is the standard error
+    of our accuracy. ``less`` is our accuracy minus the published accuracy, ``error`` its standard error, which includes
+    that of the published accuracy, and "in errors" their ratio.
     """
     rows = []
     for column, setting, strategy, robots in product(columns, (AS_TEXT, FITTED), STRATEGIES, sizes()):
@@ -173,7 +180,8 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
             # n is the number of experiments, not of our runs: the scatter of the experiments dominates the error.
             yield row("robots-belief", column, label, estimate=difference, error=error, n=REAL_EXPERIMENTS)
         first, second = (_key(column, n, strategy) for n in (max(sizes()), min(sizes())))
-        # Accuracies are compared even where the preset cannot answer the paper's question (``check=False``).
+        # ``check=False``: the claim is only that accuracy does not grow with the swarm, so whether the preset can
+        # answer the paper's question is not checked. Nor is it for the values of ``robots-belief`` above.
         yield work.change("robots-belief-size", column, strategy, BELIEF, first, second, check=False)
     for robots in _subset_sizes():
         first, second = (_key(column, n) for n in (robots, WHOLE))
@@ -185,8 +193,8 @@ def _to_explain(work: Work, robots: int) -> Row:
     """Return the row of the unexplained rise z, with a standard error for our runs and the published means.
 
     The error of our runs is a jackknife: z is computed again without each of ``GROUPS`` groups of runs in turn. The
-    estimate is NaN, so that the claim is inconclusive, if distances do not vary more over runs when speeds are drawn
-    once per robot: S is undefined then.
+    estimate is NaN, so that the claim is inconclusive, if distances do not vary more over runs with speeds drawn once
+    per robot than with speeds drawn at every sample: S is undefined then.
 
     Args:
         robots: swarm size, one of ``_subset_sizes``.
@@ -205,13 +213,13 @@ def _to_explain(work: Work, robots: int) -> Row:
                 robots=robots,
                 published_rise=published_rise,
             )
-            for group in range(min(GROUPS, drawn_once.size))
+            for group in range(min(GROUPS, drawn_once.size))  # with fewer runs than groups, a run is a group
         ]
     )
     own_error = np.sqrt((left_out.size - 1) * np.mean((left_out - left_out.mean()) ** 2))
     # The published rise is the difference of two means over 15 experiments, hence the 2. Their errors are not
-    # published: the variance of one experiment is taken to be V' at both swarm sizes, as S stands for the choice of
-    # robots.
+    # published: the variance of one experiment is taken to be V' at both swarm sizes. V would also include the choice
+    # of robots, which S stands for.
     rise_error = np.sqrt(2 * float(redrawn.var(ddof=1)) / REAL_EXPERIMENTS)
     published_error = rise_error / _subset_sd(drawn_once, redrawn, robots)  # z is a rise divided by S
     error = float(np.hypot(own_error, published_error))
@@ -219,7 +227,7 @@ def _to_explain(work: Work, robots: int) -> Row:
 
 
 def _without(values: NDArray[np.float64], group: int) -> NDArray[np.float64]:
-    """Return the values of all runs except every ``GROUPS``-th run from run ``group`` on."""
+    """Return the values of all runs outside a group: the group has every ``GROUPS``-th run from run ``group`` on."""
     return np.delete(values, np.s_[group::GROUPS])
 
 
@@ -232,6 +240,9 @@ def _z(
 ) -> float:
     """Return the unexplained rise z: the published rise minus our rise, in standard deviations S over subsets.
 
+    Our rise is that with speeds drawn at every sample: with speeds drawn once, swarms of ``WHOLE`` robots are not
+    simulated.
+
     Args:
         drawn_once, redrawn: mean distance of each run with ``robots`` robots, whose speeds are drawn once or at every
             sample, m, (runs,). with_whole: mean distance of each run with ``WHOLE`` robots, m, (runs,).
@@ -242,6 +253,9 @@ def _z(
 
 def _subset_sd(drawn_once: NDArray[np.float64], redrawn: NDArray[np.float64], robots: int) -> float:
     """Return the standard deviation S of the mean distance over subsets of the pool, m.
+
+    V - V' is the variance that robots of different speeds add if each run has other robots. If n robots are chosen of a
+    fixed pool of 16, this variance is (16 - n) / 16 times as large (finite population correction).
 
     The result is NaN if the distance does not vary more with speeds drawn once per robot than with speeds drawn at
     every sample.

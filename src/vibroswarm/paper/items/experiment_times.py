@@ -5,8 +5,9 @@ counts those of all robots or a robot's own (the gate). So all combinations are 
 
 | name | symbol | equation |
 |---|---|---|
-| sd over our runs | s | also used for the published experiments, whose sd is unknown |
-| error of the difference | e | s sqrt(1 / runs + 1 / 15) |
+| sd over our runs | s | - |
+| sd over the published experiments | S | unknown; s, or the largest s in any of the ``SETTINGS`` |
+| error of the difference | e | sqrt(s^2 / runs + S^2 / 15) |
 | in standard errors | - | (ours - published) / e |
 | gap of a run | - | its time with positive feedback - its time without, on the same motion, floor and readings |
 | effect of loss | - | gap with the published loss - gap without loss, run by run |
@@ -98,7 +99,8 @@ def loss_of(robots: int) -> float:
 def cells(settings: Settings) -> Cells:
     """Return the cells of the real experiments, by ``KEYS``.
 
-    Without message loss, only no feedback and positive feedback are run, between which the effect of loss is measured.
+    Without message loss, only no feedback and positive feedback are run: the effect of loss is measured on the
+    difference between these two.
     """
     return {
         (column, packets, threshold, gate, robots, strategy): settings.cell(
@@ -180,7 +182,8 @@ def in_standard_errors(less: float, error: float) -> float | None:
 def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
     """Return our decision times at ``FITTED`` next to the published means, one row per column, strategy and size.
 
-    ``less_s`` is our mean minus the published mean, ``error_s`` its standard error, and "in errors" their ratio.
+    ``less_s`` is our mean minus the published mean, ``error_s`` its standard error, and "in errors" their ratio. The
+    published experiments are taken to have the standard deviation of our runs at ``FITTED``, not ``largest_sd``.
     """
     rows = []
     for column, strategy, robots in product(columns, STRATEGIES, sizes()):
@@ -223,8 +226,10 @@ SHOWN_LOSSES: Final = {
 def loss_table(work: Work, columns: list[str]) -> pl.DataFrame:
     """Return the gap (time with positive feedback - time without) with and without loss, and the effect of loss.
 
-    There is one row per column, setting (threshold and gate) and swarm size; all differences are paired by run. The
-    columns with_s, without_s and change_s are means over runs, each with its standard error (NAME_error_s).
+    There is one row per column, setting (threshold and gate) and swarm size; all our differences are paired by run.
+    with_s and without_s are our gaps and change_s is the effect of loss: means over runs, each with its standard error
+    (NAME_error_s), and change_s also with its limits. published_s is the published gap, and "packets lost" is
+    ``loss_of``.
     """
     rows = []
     printed = dict(zip(sizes(), published_gaps(), strict=True))

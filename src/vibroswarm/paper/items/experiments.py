@@ -112,6 +112,7 @@ def _bands(table: pl.DataFrame) -> pl.DataFrame:
     ]
     means = pl.DataFrame(
         rows,
+        # A join needs the same type of "robots" on both sides.
         schema={"strategy": pl.String, "robots": bands.schema["robots"], "published": pl.Float64},
         orient="row",
     )
@@ -134,7 +135,9 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     """Yield the measured values of the claims about times, loss and walking in a column.
 
     They are, in order: soft feedback against the better of the other strategies; the effect of loss in the largest
-    swarm; our mean times minus the published ones; and our avoidance and distance minus the published ones.
+    swarm; our mean times minus the published ones; and our avoidance and distance minus the published ones. Whether the
+    column can answer the question (``Work.cannot``) is not checked for avoidance and distance, in which decisions play
+    no part.
     """
     for robots in sizes():
         for threshold, gate in SETTINGS:

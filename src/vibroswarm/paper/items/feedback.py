@@ -228,7 +228,7 @@ def _positive(work: Work, column: str) -> Iterator[Row]:
         yield mean("positive-all-to-all", column, words, gaps[robots, floor], cannot=cannot)
     few, many = int(published("simulation.robots")), max(sizes())
     grown = gaps[many, HERE] - gaps[few, HERE]
-    cannot = work.cannot((column, many, HERE, "none"))
+    cannot = work.cannot((column, many, HERE, "none"))  # the same for both: the swarm's size does not matter
     yield mean("positive-lead-grows", column, f"{many} less {few} robots", grown, cannot=cannot)
 
 

@@ -60,8 +60,8 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     """Yield the measured values of the claims about the fill ratios in one column: differences paired by run.
 
     They compare, in order: fill ratios near one half with farther ones; soft feedback with the other strategies; the
-    time saved by soft feedback with the printed saving, and near one half with farther away; and our times with the
-    printed ones.
+    share of the time that soft feedback saves with the printed share, and the seconds that it saves near one half with
+    those farther away; and our times with the printed ones.
     """
     time, belief, wrong = "decision_time_s", "belief_in_truth", "wrong_share"
     for strategy in STRATEGIES:
@@ -146,7 +146,8 @@ def cells_of_sizes(settings: Settings) -> Cells:
 def _measured_sizes(work: Work, column: str) -> Iterator[Row]:
     """Yield the measured values of the claims about the swarm's size in one column: differences paired by run.
 
-    They compare the largest swarm with the smallest one, and, for each size, soft feedback with no feedback.
+    They compare the largest swarm with the smallest one, and, for each size, soft feedback with no feedback. How swarms
+    walk does not depend on the strategy, so avoidance and distance are compared without feedback only.
     """
     few, many = min(sizes()), max(sizes())
     words = f"{many} less {few} robots"

@@ -59,7 +59,8 @@ def _row(work: Work, key: tuple[str, str]) -> dict[str, Any]:
     """Return the row of one headline cell: its time, and the comparisons with other seeds and with fixed steps.
 
     change_s is the mean time with other seeds minus that with the first seed, with its limits; holds_zero says whether
-    0 lies between the limits. stepped_alike counts the runs that are equal with the event engine and with fixed steps.
+    0 lies between the limits. stepped_alike is the number of runs with fixed steps, of stepped_runs in all, that equal
+    those of the event engine (``_equal_runs``). Each of the three commands runs one variant alone.
 
     Args:
         key: parameter set and strategy.
@@ -82,8 +83,10 @@ def _row(work: Work, key: tuple[str, str]) -> dict[str, Any]:
 
 
 def _equal_runs(first: Figures, second: Figures) -> NDArray[np.bool_]:
-    """Return for each run of ``second`` whether it has the same decisions at the same times in ``first``, (runs,).
+    """Return for each run of ``second`` whether its figures of decisions are the same in ``first``, (runs,).
 
+    Compared are the mean decision time, the shares of robots right and wrong, and the capped consensus time, not the
+    decisions of single robots.
     ``first`` may have more runs, which are not compared.
 
     Args:
@@ -102,6 +105,9 @@ def _equal_runs(first: Figures, second: Figures) -> NDArray[np.bool_]:
 
 def _against(work: Work, key: tuple[str, str], which: str) -> Any:
     """Return the decision time of a variant minus that of the variant "first", run by run, s, (runs of the variant,).
+
+    Runs with other seeds have nothing in common with the first ones. Their differences are independent all the same, so
+    an interval of their mean is valid.
 
     Args:
         key: parameter set and strategy. which: name of the variant, which may have fewer runs than "first".

@@ -66,6 +66,7 @@ def _difficulty_table() -> pl.DataFrame:
 def compute_difficulty(work: Work) -> Tables:
     """Return the table of difficulty, and the claim's 20 measured values: printed - correct, without sampling error."""
     table = _difficulty_table()
+    # Nothing is simulated, so the claim does not depend on a preset; it is decided in the column "paper" alone.
     measured = [
         exact("difficulty-printed", "paper", f"{row['pattern']}, {row['measure']}", row["printed less right"])
         for row in table.to_dicts()
@@ -164,10 +165,13 @@ def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[R
     }
 
     def value(claim: str, label: str, values: Any, *patterns: str) -> Row:
-        """Return the row of a mean over runs; ``patterns`` are those that must be able to answer the question.
+        """Return the row of a mean over runs; it states why if a pattern cannot answer the question (``Work.cannot``).
 
-        The cells with P* stand for the cells with P0 too: their floors and sensors are the same, and nothing else
-        decides whether they can answer it.
+        Only the cells with P* are checked, because those with P0 have the same floors, sensors and decision boundary,
+        and nothing else matters.
+
+        Args:
+            values: difference of beliefs of each run, (runs,). patterns: patterns whose beliefs are in ``values``.
         """
         cannot = work.cannot(*(keys[OPTIMISED, pattern] for pattern in patterns))
         return mean(claim, column, label, values, bounded=True, cannot=cannot)
@@ -193,7 +197,8 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     only the share of wrong robots for the later columns, whose pictures the report shows folded.
     """
     for place, column in enumerate(settings.columns):
-        # FIGURES[4] is the share of wrong robots, FIGURES[5] that of undecided robots.
+        # FIGURES[4] is the share of wrong robots, FIGURES[5] that of undecided robots. FIGURES[2:4], the time and the
+        # share of right robots with intervals over runs, are not drawn.
         with_intervals = FIGURES[4:] if place == 0 else FIGURES[4:5]
         for fill in FILLS:
             chosen = (pl.col("column") == column) & (pl.col("fill ratio") == fill)
@@ -215,6 +220,7 @@ def _draw(part: pl.DataFrame, figure: str, label: str, form: str) -> Drawn:
     series = pl.format("{}, {}", "parameters", "strategy")
     intervals = intervals.select("estimate", "low", "high", "runs", x=pl.col("pattern"), series=series)
     interval = PAPERS_BAR if form == "papers" else "95 % interval"
+    # The figures robots_wrong and robots_undecided are shares.
     return draw_error_bars(intervals, label=label, interval=interval, percent=figure.startswith("robots"))
 
 

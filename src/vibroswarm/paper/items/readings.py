@@ -71,7 +71,10 @@ def _values(settings: Settings, reading: str, strategy: str) -> dict[str, Any]:
 
 
 def compute(work: Work) -> Tables:
-    """Return the table of cells, the differences of each reading from the base, and the claims' measured values."""
+    """Return the table of cells, the differences of each reading from the base, and the claims' measured values.
+
+    The base has rows too, with differences of 0.
+    """
     rows = []
     pairs = [(reading, strategy) for reading in (BASE, *READINGS) for strategy in STRATEGIES]
     table = work.rows(("reading", "strategy"), pairs)
@@ -175,9 +178,10 @@ def _measured_timers(work: Work) -> Iterator[Row]:
     """Yield the measured values of the claims about the sample timer, paired by run.
 
     Each is a figure with the timer always on minus the same figure with the timer frozen in avoidance. Time and belief
-    are compared even if the preset cannot answer the paper's question (``check=False``), because the claim is only that
-    the task gets harder.
+    are compared even if decisions with the preset cannot answer the paper's question (``item.cannot_ask``), because the
+    claim is only that the task gets harder.
     """
+    # The distance between the samples of a robot, for one strategy: motion does not depend on the strategy.
     pair = (ALWAYS, "none"), (FROZEN, "none")
     yield work.change("timer-near", COLUMN, "always less frozen in avoidance", "distance_m", *pair)
     for strategy in STRATEGIES:

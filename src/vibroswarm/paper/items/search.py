@@ -93,6 +93,7 @@ def compute(work: Work) -> Tables:
         mixed=True,  # a search that another version began is continued
         progress=lambda now: work.progress(0.8 * now.runs / max(now.wanted, 1)),  # the rest is the validation
     )
+    # ``truth_of`` itself adds the winner, and P0 as the search's start.
     others = [("P*", parameters("P_star")), (ELSEWHERE, search.space.values_of(preset(ELSEWHERE)))]
     fresh_runs = max(work.settings.runs, 2)  # an interval needs two runs
     truth = truth_of(search_result, runs=fresh_runs, others=others, workers=workers)
@@ -176,6 +177,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     The table of history has a column "personal I" for each particle I, and a column "mean NAME, of its bounds" for each
     parameter, whose NAME is a dotted field.
     """
+    # A search may end with another stage, a race of its best candidates; the paper's search has none.
     history = tables["history"].filter(pl.col("stage") == "search")
     personal = [name for name in history.columns if name.startswith("personal ")]
     by_particle = history.select("iteration", *personal).unpivot(index="iteration", value_name="score")

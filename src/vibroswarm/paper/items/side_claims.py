@@ -77,9 +77,9 @@ def compute(work: Work) -> Tables:
         )  # fmt: skip
     counts = pl.concat([_counts(column, timer, x, y) for (column, timer), (_, x, y) in placed.items()])
     measured = [row for column in columns for row in _measured(work, column, corners)]
-    # The keys of the cells are (column, floor, strategy), see ``cells``. The table shows only the cells on the two
-    # floors that a claim compares. All keys are tuples; ``isinstance`` is for the type checker, which knows only that
-    # keys are hashable.
+    # The keys of the cells are (column, floor, strategy), see ``cells``. The table shows only the floors that the claim
+    # "single-floor" compares; the cells on the other floors serve only the claims about the spread. All keys are
+    # tuples; ``isinstance`` is for the type checker, which knows only that keys are hashable.
     floors = (f"random:{published('parameters.pso.fill_ratio')}", REAL_FLOOR)
     shown = [key for key in work.cells if isinstance(key, tuple) and key[1] in floors]
     return {
@@ -99,6 +99,7 @@ def _scenario(work: Work, column: str, timer: str) -> Scenario:
 def _placed(work: Work, scenario: Scenario) -> tuple[Any, Any, Any]:
     """Simulate the motion of up to ``MOST_RUNS`` runs; return run, x (m) and y (m) of each sample, (samples,) each."""
     runs = list(range(min(work.settings.runs, MOST_RUNS)))
+    # "event" is the engine of the cells too. The paths of robots (segments) are not needed.
     samples = source("event").batch(scenario, work.settings.seed, runs, segments=False).samples
     return samples["run"].to_numpy(), samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
 
@@ -107,7 +108,8 @@ def _corners(x: Any, y: Any, run: Any) -> Any:
     """Return the density of each run's samples on the four corner tiles, relative to a uniform density, (runs,).
 
     Args:
-        x, y, run: position (m) in an arena of 1 m by 1 m, and run, of each sample, (samples,).
+        x, y, run: position (m) in an arena of 1 m by 1 m, and run, of each sample, (samples,). Runs are numbered from
+            0, and each must have a sample.
     """
     rim_x, rim_y = ((place < 0.2) | (place >= 0.8) for place in (x, y))  # on the outermost of 5 tiles
     corner = rim_x & rim_y
@@ -133,9 +135,13 @@ def _counts(column: str, timer: str, x: Any, y: Any) -> pl.DataFrame:
 def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> Iterator[Row]:
     """Yield the measured values of the claims about corners, floors and strategies in a column (preset).
 
-    They are: the corner density minus 1, and minus the density with the timer frozen in avoidance; the log ratio of the
-    standard deviations over runs with and without feedback; and the time on the floor of the recordings minus the time
-    on random floors.
+    They are:
+
+    - The corner density minus 1, the uniform density.
+    - The corner density minus that with the timer frozen in avoidance, run by run.
+    - The logarithm of the ratio of standard deviations over runs, with feedback to without; of the decision time and of
+      the belief, at each fill ratio.
+    - The time on the floor of the recordings minus the time on random floors of the same fill ratio.
 
     Args:
         corners: densities of ``_corners``, by column and timer.
@@ -145,6 +151,7 @@ def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> I
     yield mean("corners", column, "P0", ran, less=1.0)
     yield mean("corners-timer", column, "P0", ran - frozen)
     for fill in fills():
+        # One strategy stands for all: whether decisions can answer the question does not depend on it.
         cannot = work.cannot((column, f"random:{fill}", "none"))
         for claim, name in (("spread-alike", time), ("spread-alike-belief", "belief_in_truth")):
             none = work.values((column, f"random:{fill}", "none"), name)

@@ -33,5 +33,5 @@ def preset_text(name: str) -> str:
 def describe(name: str) -> str:
     """Return a one-line description of a preset, one of ``preset_names``: the first line of its file, a comment."""
     text = (files(__name__) / f"{name}.toml").read_text(encoding="utf-8")
-    tomllib.loads(text)  # raises an error if the file is not valid TOML
+    tomllib.loads(text)  # only to raise an error for a file that is not valid TOML and so is no preset
     return text.splitlines()[0].removeprefix("# ")
