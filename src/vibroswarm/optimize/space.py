@@ -70,9 +70,9 @@ class Dimension:
         ``whole``, values are whole numbers if both bounds are integers and the field holds integers.
 
         Raises:
-            InputError: a bound is missing, a bound, the scale or ``whole`` is wrong, the bounds are reversed, those of
-                whole numbers are not whole, a log scale starts at 0 or below, the table has another key, such as ``steps``, which is for a grid, or a list
-                has fewer than two values.
+            InputError: a bound is missing; a bound, the scale or ``whole`` is wrong; the bounds are reversed, or not
+                whole for whole numbers; a log scale starts at 0 or below; the table has another key, such as
+                ``steps``, which is for a grid; or a list has fewer than two values.
         """
         field = f"space.{name}"
         if isinstance(given, Sequence) and not isinstance(given, str):
