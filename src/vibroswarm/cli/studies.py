@@ -264,8 +264,7 @@ def _print_saved(arguments: argparse.Namespace) -> None:
         tables = tuple(name for name in tables if (arguments.out / name).is_file())
     saved = ", ".join(tables)
     page = None if arguments.no_pictures else "report.html"
-    without_report = arguments.no_pictures and arguments.out is not None
-    report_words = "" if without_report else ", pictures and a report"
+    report_words = "" if arguments.no_pictures else ", pictures and a report"
     print_saved(arguments, f"{saved}, the runs (shards){report_words}", page)
 
 

@@ -413,7 +413,9 @@ def remove_folder(path: Path) -> None:
         InputError: another process holds the folder's lock.
         RunError: the folder cannot be removed.
     """
-    with folder_lock(path):  # only checks that no other process works in the folder
+    # The lock only shows that no other process works in the folder. Its file lies in the folder, and Windows renames no
+    # folder with an open file, so it is released first; a process that takes it in between loses its work.
+    with folder_lock(path):
         pass
     try:
         _remove_at_once(path)

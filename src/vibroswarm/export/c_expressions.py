@@ -253,6 +253,7 @@ class Expressions:
             text += f"[{value.text}]"
         if array.type.element == STORED and isinstance(node.ctx, ast.Load):
             text = f"VS_LOAD({text})"
+        # ``is_place`` matters only for an element that is a row, which is passed by address and never converted.
         return Value(text, array.type.number, is_place=True)
 
     def on_unaryop(self, node: ast.UnaryOp) -> Value:

@@ -136,7 +136,8 @@ def _draw_heat(
         digits: significant digits of the numbers in the cells.
     """
     rows, columns = grid.shape
-    # Many rows get little more than the least height, so that the map does not become tall.
+    # Many rows get little more than the least height, so that the map does not become tall. 0.45 of the usual height is
+    # for the title and the labels of the axis. A map is never taller than ``tallest_in``: its rows become lower.
     row_in = style.row_in if rows <= 12 else style.least_row_in * 1.15
     height = max(style.height_in, min(style.tallest_in, style.height_in * 0.45 + rows * row_in))
     figure = new_figure(style, height_in=height, title=title)

@@ -443,8 +443,8 @@ def rows_of(
     figure = new_figure(style, height_in=around + pitch * len(names), title=title)
     axes = figure.add_subplot()
     # Few rows on a slide would be too high. Empty space above and below, in rows, keeps each row at most TALLEST_ROW
-    # times as high as preferred.
-    space = max(0.0, len(names) * (1 - TALLEST_ROW * preferred / pitch)) / 2
+    # times as high as preferred: the height len(names) * pitch is divided by that of such a row.
+    space = max(0.0, len(names) * (pitch / (TALLEST_ROW * preferred) - 1)) / 2
     axes.set_ylim(len(names) - 0.5 + space, -0.5 - space)  # downwards
     few_ticks(axes.xaxis, style)
     axes.set_yticks(range(len(names)), labels=fitted_names(names, font, room_pt, lines), fontsize=font)
@@ -456,7 +456,9 @@ def rows_of(
     for row in range(1, len(names) if series > 1 else 0):
         axes.axhline(row - 0.5, color=LINE, linewidth=style.line_pt * 0.6)
     band = 0.8 / series  # a fifth of a row is space between the rows
-    note_pt = min(font, band * pitch * 72 / 1.05)  # not higher than a band
+    note_pt = min(
+        font, band * pitch * 72 / 1.05
+    )  # not higher than a band; 1.05: a line of letters with little space
     line_pt = min(style.line_pt, band * pitch * 72 / 8)  # at most an eighth of a band
     # On a slide the axes fill what the texts leave of its height, which ``Rows.settle`` measures, so only the least
     # height of the rows is required here.

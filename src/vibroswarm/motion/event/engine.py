@@ -264,6 +264,7 @@ def nearest_now_m(world: World, i: int, tick: int) -> float:
             if world.apart[i, m + 1] >= near2:
                 continue
             other = planners[candidate(planners, world.near, i, m)]
+            # A sharper test: with the error of this robot's position, not the largest error in the row of ``apart``.
             if maybe_within(other, x, y, setup.sight_m, tick):
                 other_x, other_y = position_at(other, setup, tick)
                 disc = rays_to_disc(setup, row.ray_forward_m, x, y, row.cos_h, row.sin_h, other_x, other_y)

@@ -68,6 +68,9 @@ def measure_all(
 ) -> tuple[float, float]:
     """Write the squared distances from robot ``i``, at (x_m, y_m), to all robots into ``apart[i, 1:]``, m^2.
 
+    Column 0 of ``apart`` is for the largest error of the row (``world.within2``). The other columns are at least the
+    number of robots, rounded up to a multiple of 4.
+
     They are distances to the approximate positions at ``tick``; the distance to robot ``i`` itself is infinite. The
     position of robot ``i`` in ``places`` is then set to (x_m, y_m), with error 0, so that calls for other robots at the
     same tick use it.

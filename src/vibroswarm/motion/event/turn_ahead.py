@@ -6,8 +6,8 @@
 | turn | e, I | deg, deg s | one step: e <- e - G c; I <- I + e dt; c = clip(2.5 e + 0.15 I), in % of full command |
 
 A turn in place is a control loop: e (``error_deg``) is the angle still to turn, I (``integral_deg_s``) its integral,
-and the gyro reads G c degrees per tick. The turn ends at the step that finds e within the tolerance. The gains 2.5 and
-0.15 are defaults of the scenario.
+and the gyro reads G c degrees per tick. The turn ends at the step that finds e within the tolerance. The gains
+Kp = 2.5 and Ki = 0.15 are defaults of the scenario (``setup.gain`` and ``setup.integral_gain``).
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ def is_tail(setup: Setup, gain: float, error_deg: float, integral_deg_s: float, 
     """
     if abs(command) >= 100.0 or error_deg * integral_deg_s < 0.0:
         return False
-    command_falls = setup.integral_gain * setup.tick_ms / 1000.0 <= setup.gain * setup.gain * gain
+    command_falls = setup.integral_gain * setup.tick_s <= setup.gain * setup.gain * gain
     # Determinant and trace of the matrix M of a step (``tail_ahead``).
     determinant = 1.0 - gain * setup.gain
     trace = 1.0 + determinant - setup.tick_s * gain * setup.integral_gain
