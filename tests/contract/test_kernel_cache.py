@@ -8,9 +8,12 @@ rows; a third process that loads both would run the wrong one.
 from __future__ import annotations
 
 import ast
+import gc
 import os
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -131,3 +134,30 @@ def test_what_is_left_out_of_the_hash_holds_no_kernel_and_nothing_below_needs_it
                 )
             elif source.relative_to(package).parts[0] not in BESIDE:
                 assert not any(node.module.startswith(f"vibroswarm.{room}") for room in LAYERS_ABOVE), source
+
+
+def test_threads_that_compile_at_once_leave_the_users_settings() -> None:
+    """Without a lock, the second thread would take the settings of the first for the user's."""
+    from numba import config
+
+    from vibroswarm.core.jit import _settings
+
+    before = gc.get_threshold(), config.SLP_VECTORIZE
+    began = threading.Event()
+
+    def first() -> None:
+        with _settings(True):
+            began.set()
+            time.sleep(0.3)
+
+    def second() -> None:
+        began.wait()
+        with _settings(True):
+            time.sleep(0.5)
+
+    threads = [threading.Thread(target=first), threading.Thread(target=second)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (gc.get_threshold(), config.SLP_VECTORIZE) == before
