@@ -215,6 +215,11 @@ BAD = {
     "no kind of decision": (GOOD.replace("return -1", "return 7"), 1, "a decision is none of"),
     "no kind of decision, counting": (COUNTS_BITS.replace("return -1", "return 7"), 1, "a decision is none of"),
     "raises": (GOOD.replace(SAMPLE, RAISES), 1, "line 18, in on_sample: ValueError: three"),
+    "two ways to hear": (
+        GOOD.replace("    n: int\n", "    n: int\n\n\ndef on_counts(s, ones, zeros, p, w):\n    s.n += ones\n\n\n"
+        "def on_message(s, a, m, sender, t_s, d, p, w):\n    s.n += m.bit\n"),
+        2, "has on_counts and on_message; define one of them",
+    ),
     "draws bits by itself": (
         "from random import getrandbits\n" + GOOD.replace("s.n = 0", "s.n = getrandbits(1)"), 2, "draws random numbers"
     ),

@@ -197,6 +197,11 @@ class Strategy(Plugin):
             raise InputError(
                 "has on_timer, so its State needs the field next_s: float", field=f"strategy '{self.name}'"
             )
+        if self.on_counts is not None and self.on_message is not None:
+            # Some kernels would call the one, others the other.
+            raise InputError(
+                "has on_counts and on_message; define one of them", field=f"strategy '{self.name}'"
+            )
         if self.on_counts is None and self.on_message is None:
             # The dataclass is frozen, so the attribute is set past its own __setattr__.
             object.__setattr__(self, "on_message", _ignore_message)
