@@ -252,6 +252,8 @@ def _radio_of(result: Result, run: int) -> MessageLog | None:
 def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:
     """Write the page of one run: a single file that a browser opens from disk; an existing file is replaced.
 
+    Args:
+        result: simulated with segments, or a recording. path: of the file. run: number of the run.
     Raises:
         InputError: as of ``record_of``, or ``path`` is no path or cannot be written.
         RunError: the disk is full or failed.
