@@ -7,7 +7,7 @@ import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, SimpleNamespace
 from typing import Any, NamedTuple
 
 import pytest
@@ -48,6 +48,8 @@ class Pair(NamedTuple):
 
 ROW = Struct("vs_Row", None, (("count", INT), ("mean", REAL), ("values", CArray("vs_stored", (3,)))), True)
 PAIR = struct_of_class("vs_Pair", Pair)
+PAIR_OF_ROWS = Struct("vs_Rows", None, (("row", ROW), ("other", ROW)), True)
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
 
 def program() -> Program:
@@ -330,6 +332,65 @@ def test_operators_mean_what_they_mean_in_python(compiled: Any, a: int, b: int, 
 
 def test_products_do_not_overflow(compiled: Any) -> None:
     assert compiled(choices, INT, 2, 2_000_000_000, 2_000_000_000)[1] == 4e18 / 3
+
+
+def several_through_an_alias(r: Any) -> None:
+    row = r.row
+    r.row.mean, y = 1.0, row.mean
+    r.other.mean = y
+
+
+def several_elements_through_an_alias(r: Any) -> None:
+    values = r.row.values
+    r.row.values[0], y = 1.0, values[0]
+    r.other.mean = y
+
+
+def several_through_a_function(r: Any) -> None:
+    row = r.row
+    r.row.mean, y = 1.0, read_mean(row)
+    r.other.mean = y
+
+
+def a_product_among_several(r: Any) -> None:
+    r.row.mean, r.other.mean = 1.0, r.row.mean * r.other.count * r.other.count
+    r.row.mean, r.other.mean = r.other.mean, r.row.mean + r.other.count * r.other.count
+    x, y = r.row.mean, 0.0
+    x, y = y, r.row.count * r.row.count
+    r.row.mean, r.other.mean = r.other.mean + 0.0 * x, y
+    r.row.mean = r.other.mean = r.row.count * r.row.count
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    "function",
+    [
+        several_through_an_alias,
+        several_elements_through_an_alias,
+        several_through_a_function,
+        a_product_among_several,
+    ],
+)
+def test_several_values_are_computed_before_the_first_is_assigned(function: Any, tmp_path: Path) -> None:
+    """Also where one row has two names, and where a product needs more than 32 bits."""
+    made = program()
+    text = made.function(function, [PAIR_OF_ROWS])
+    lines = ["#define VS_PRECISION 3", "#include <stdio.h>", '#include "vibroswarm_runtime.h"']
+    lines += [typedef(kind) for kind in (ROW, PAIR_OF_ROWS)]
+    lines += [item.text for item in made.compiled.values() if item is not None]
+    lines.append(
+        "int main(void) { vs_Rows r = {{100000, 2.5, {3.5, 4.5, 5.5}}, {200000, 6.5, {7.5, 8.5, 9.5}}}; "
+        f'{text.name}(&r); printf("%.17g %.17g\\n", (double)r.row.mean, (double)r.other.mean); return 0; }}'
+    )
+    (tmp_path / "f.c").write_text("\n".join(lines))
+    shutil.copy(ASSETS / "vibroswarm_runtime.h", tmp_path)
+    command = ["gcc", *STRICT, "-Wno-unused-function", "f.c", "-o", "f", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    done = subprocess.run([str(tmp_path / "f")], check=True, capture_output=True, text=True)
+    row = SimpleNamespace(count=100000, mean=2.5, values=[3.5, 4.5, 5.5])
+    other = SimpleNamespace(count=200000, mean=6.5, values=[7.5, 8.5, 9.5])
+    function(SimpleNamespace(row=row, other=other))
+    assert [float(word) for word in done.stdout.split()] == [row.mean, other.mean]
 
 
 def test_a_field_called_unused_is_a_field() -> None:
