@@ -292,6 +292,8 @@ class Function(Calls):
             for other in ast.walk(statement)
         ):
             self.refuse(node, f"the variable '{node.target.id}' of a loop is changed in it")
+        if node.target.id in self.parameters:  # which has a type of its own
+            self.refuse(node, f"the variable '{node.target.id}' of a loop is also an argument")
         if isinstance(node.iter, ast.Tuple):
             found = [self.number(item) for item in node.iter.elts]
             for item, value in zip(node.iter.elts, found, strict=True):
@@ -389,12 +391,15 @@ class Function(Calls):
             self.assign_expression(target, item, node)
 
     def may_read(self, value: ast.expr, target: ast.expr) -> bool:
-        """Return whether an expression may read the variable, field or element that an assignment to ``target`` changes.
+        """Return whether an expression may read the variable, field or element that an assignment changes.
 
         Two names may stand for one row or array, so types are compared instead of names. An expression may read a field
         if it reads the field of this name of any row of this type, or contains a row, other than to read a field of it,
         in which there is one: a function that is given the row may read it. It may read an element of an array if the
         same is true of the field that is the array. A variable for an array may stand for any array of its type.
+
+        Args:
+            target: what is assigned to.
         """
         if isinstance(target, ast.Name):
             return any(isinstance(node, ast.Name) and node.id == target.id for node in ast.walk(value))
@@ -495,6 +500,8 @@ class Function(Calls):
         If the value is an array or a row that can be changed, nothing is written: the variable becomes an alias, as in
         Python. It must then stand for the same row everywhere.
         """
+        if name in self.program_loops:  # a variable of a loop is declared in the loop alone
+            self.refuse(node, f"the variable '{name}' of a loop is also assigned outside of it")
         if is_by_reference(value.type):
             # Refuse an element of an array, because its index may change later; a second row for the same variable; and
             # a variable that holds a number elsewhere.
