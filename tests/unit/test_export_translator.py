@@ -95,6 +95,31 @@ def after_the_loop(x: float) -> float:
     return total + k
 
 
+def before_the_loop(x: float) -> float:
+    k = 0
+    for k in range(3):
+        x += k
+    return x
+
+
+def among_others_before_the_loop(x: float) -> float:
+    k, y = 0, x
+    for k in range(3):
+        y += k
+    return y
+
+
+def an_argument_as_variable(x: float) -> float:
+    total = 0.0
+    for x in range(3):  # type: ignore[assignment]
+        total += x
+    return total
+
+
+def root_of_a_negative_number(x: float) -> float:
+    return x * math.sqrt(-2.0)
+
+
 def changed_in_the_loop(x: float) -> float:
     for k in range(3):
         k += 1
@@ -225,6 +250,10 @@ def construct_with_fields(x: float) -> float:
         (itself, REAL, 1, "itself calls itself"),
         (unknown_math, REAL, 1, "math.gamma"),
         (after_the_loop, REAL, 4, "the variable 'k' of a loop is read after it"),
+        (before_the_loop, REAL, 1, "the variable 'k' of a loop is also assigned outside of it"),
+        (among_others_before_the_loop, REAL, 1, "the variable 'k' of a loop is also assigned outside of it"),
+        (an_argument_as_variable, REAL, 1, "the variable 'x' of a loop is also an argument"),
+        (root_of_a_negative_number, REAL, 1, "the root of -2.0, which is negative"),
         (changed_in_the_loop, REAL, 1, "the variable 'k' of a loop is changed in it"),
         (two_kinds, REAL, 2, "'y' is given values of several kinds"),
         (beyond, ROW, 1, "the index 3 of an array of 3"),
@@ -274,6 +303,11 @@ def choices(a: int, b: int) -> tuple[float, float]:
     return chosen, product
 
 
+def products(a: int, b: int) -> tuple[float, float, float, float]:
+    smaller = 1.0 if -(a * b) < 0 else 0.0
+    return (a * b) % 1.5, -(a * b) / 3, smaller, int(a * b) / 3
+
+
 def swapped_pairs(x: float, y: float) -> tuple[float, float]:
     one, other = Pair(x, 1), Pair(y, 2)
     one, other = other, one
@@ -282,6 +316,7 @@ def swapped_pairs(x: float, y: float) -> tuple[float, float]:
 
 FUNCTIONS = (
     (integers, INT, 5), (reals, REAL, 5), (swapped, REAL, 2), (swapped_pairs, REAL, 2), (choices, INT, 2),
+    (products, INT, 4),
 )  # fmt: skip
 
 
@@ -332,6 +367,7 @@ def test_operators_mean_what_they_mean_in_python(compiled: Any, a: int, b: int, 
 
 def test_products_do_not_overflow(compiled: Any) -> None:
     assert compiled(choices, INT, 2, 2_000_000_000, 2_000_000_000)[1] == 4e18 / 3
+    assert compiled(products, INT, 4, 1_000_000, 3_001) == list(products(1_000_000, 3_001))
 
 
 def several_through_an_alias(r: Any) -> None:
@@ -403,11 +439,34 @@ def test_names_of_c_are_avoided() -> None:
     assert Value("x", BOOL).constant is None
     made = program().function(with_keywords, [REAL])
     assert "double_ =" in made.text
+    assert "short_ = " in made.text
+    assert "short__ = " in made.text
+
+
+def test_fields_with_names_of_c_are_renamed_everywhere() -> None:
+    """In the struct, in constants, and where they are read."""
+    row = Struct(
+        "vs_Words", None, (("short", INT), ("I", REAL), ("default", CArray(REAL, (2,))), ("new", INT)), True
+    )
+    assert [line.strip() for line in typedef(row).splitlines()[1:-1]] == [
+        "vs_int short_;", "vs_real I_;", "vs_real default_[2];", "vs_int new_;",
+    ]  # fmt: skip
+    params = struct_of_row("vs_Params", {"register": float})
+    assert initial("PARAMS", params) == [".register_ = VS_PARAMS_REGISTER"]
+    text = program().function(words_of_c, [row]).text
+    assert "row->short_" in text
+    assert "row->default_[0]" in text
+
+
+def words_of_c(row: Any) -> float:
+    return float(row.short + row.default[0])
 
 
 def with_keywords(x: float) -> float:
     double = 2.0 * x
-    return double
+    short = double
+    short_ = short + x
+    return short_
 
 
 def test_files_of_users_are_named(tmp_path: Path) -> None:

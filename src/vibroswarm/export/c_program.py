@@ -24,6 +24,7 @@ from vibroswarm.export.c_types import (
     CArray,
     Struct,
     Value,
+    identifier,
     literal,
     struct_of_arrays,
     struct_of_class,
@@ -232,7 +233,7 @@ def initial(name: str, kind: Struct) -> list[str]:
     """Return the initialisers of a constant row, such as ``.rows = VS_WORLD_ROWS``; ``["0"]`` for an empty row."""
     if kind.fields is EMPTY:
         return ["0"]
-    return [f".{field} = {macro_of(name, field)}" for field, _ in kind.fields]
+    return [f".{identifier(field)} = {macro_of(name, field)}" for field, _ in kind.fields]
 
 
 def text_of(text: str, is_public: bool) -> str:
