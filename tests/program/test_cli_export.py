@@ -208,6 +208,31 @@ def test_a_strategy_that_cannot_be_exported_is_refused_with_its_line(
     assert not (tmp_path / "robot").exists()
 
 
+@pytest.mark.parametrize("part", ["c", "python"])
+@pytest.mark.parametrize(
+    ("row", "advice"),
+    [("State", "declare it in the class Arrays"), ("Message", "use a field for each of its numbers")],
+)
+def test_arrays_of_state_and_message_are_refused(
+    row: str, advice: str, part: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = STRANGE.replace("import strategy_in", "import array, strategy_in").replace(
+        "EXPRESSION", "out.bit = x.reading"
+    )
+    text = text.replace("class State:\n", "class Message:\n    bit: int\n\nclass State:\n")
+    text = text.replace(f"class {row}:\n", f'class {row}:\n    last = array("float64", "3")\n')
+    (tmp_path / "strange.py").write_text(text)
+    arguments = ["--strategy", f"{tmp_path / 'strange.py'}:strange"]
+    assert main(["export", part, str(tmp_path / "robot"), *arguments]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert (
+        f"{row} of strategy 'strange': 'last' is an array, which an exported program cannot hold in {row}"
+        in said
+    )
+    assert advice in said
+    assert not (tmp_path / "robot").exists()
+
+
 def test_python_needs_math_only_and_runs(tmp_path: Path) -> None:
     assert main(["export", "python", str(tmp_path / "robot"), "--strategy", "dmvd"]) == 0
     text = (tmp_path / "robot" / "vibroswarm_robot.py").read_text()

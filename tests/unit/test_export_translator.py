@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import shutil
 import subprocess
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from types import FunctionType, SimpleNamespace
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -252,7 +254,7 @@ def construct_with_fields(x: float) -> float:
         (after_the_loop, REAL, 4, "the variable 'k' of a loop is read after it"),
         (before_the_loop, REAL, 1, "the variable 'k' of a loop is also assigned outside of it"),
         (among_others_before_the_loop, REAL, 1, "the variable 'k' of a loop is also assigned outside of it"),
-        (an_argument_as_variable, REAL, 1, "the variable 'x' of a loop is also an argument"),
+        (an_argument_as_variable, REAL, 2, "the variable 'x' of a loop is also an argument"),
         (root_of_a_negative_number, REAL, 1, "the root of -2.0, which is negative"),
         (changed_in_the_loop, REAL, 1, "the variable 'k' of a loop is changed in it"),
         (two_kinds, REAL, 2, "'y' is given values of several kinds"),
@@ -522,6 +524,115 @@ def test_blocks_of_which_nothing_is_left_are_python() -> None:
     space: dict[str, Any] = {}
     exec("\n".join(made.texts), space)  # noqa: S102 - the exported text of the function above
     assert space[name](1.5) == 2.5
+
+
+def with_a_default(x: float, k: int = 2) -> float:
+    return x * k
+
+
+def with_a_keyword(x: float, *, k: int) -> float:
+    return x * k
+
+
+def before_a_slash(x: float, /) -> float:
+    return x
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (with_a_default, "arguments with defaults or stars, in with_a_default"),
+        (with_a_keyword, "arguments with defaults or stars, in with_a_keyword"),
+        (before_a_slash, "arguments before a slash, in before_a_slash"),
+    ],
+)
+def test_arguments_that_are_no_plain_ones_are_refused_in_both_languages(function: Any, said: str) -> None:
+    where = rf"test_export_translator\.py, line {function.__code__.co_firstlineno}: {said}"
+    with pytest.raises(InputError, match=where):
+        program().function(function, [REAL])
+    with pytest.raises(InputError, match=where):
+        Collected(parts_of(preset("paper")), {}).function(function)
+
+
+ALWAYS = True
+
+
+def all_are_true(x: float) -> bool:
+    found = ALWAYS and not NEVER
+    return found and ALWAYS and True
+
+
+def all_are_constant(x: float) -> bool:
+    return ALWAYS and True
+
+
+def doubled_in_place(values: list[float]) -> bool:
+    values[0] *= 2.0
+    return True
+
+
+def decided_after_a_call(values: list[float]) -> float:
+    if doubled_in_place(values) and NEVER:
+        values[0] = 0.0
+    if doubled_in_place(values) or ALWAYS:
+        values[0] += 1.0
+    return values[0]
+
+
+@pytest.mark.parametrize(
+    ("function", "given"), [(all_are_true, 1.0), (all_are_constant, 1.0), (decided_after_a_call, [1.0])]
+)
+def test_constants_among_operands_keep_their_meaning_in_python(function: Any, given: Any) -> None:
+    made = Collected(parts_of(preset("paper")), {})
+    name = made.function(function)
+    space: dict[str, Any] = {}
+    exec("\n".join(made.texts), space)  # noqa: S102 - the exported text of the function above
+    assert space[name](copy(given)) == function(copy(given))
+
+
+A_LIST, A_DICT, AN_ARRAY = [1.0], {1: 2.0}, np.zeros(3)
+
+
+def from_a_list(k: int) -> float:
+    return A_LIST[k]
+
+
+def from_a_dict(k: int) -> float:
+    return A_DICT[k]
+
+
+def from_an_array(k: int) -> float:
+    return float(AN_ARRAY[k])
+
+
+@pytest.mark.parametrize(
+    ("function", "name"), [(from_a_list, "A_LIST"), (from_a_dict, "A_DICT"), (from_an_array, "AN_ARRAY")]
+)
+def test_global_names_of_lists_are_refused_with_their_line(function: Any, name: str) -> None:
+    where = rf"test_export_translator\.py, line {function.__code__.co_firstlineno + 1}: the name '{name}'"
+    with pytest.raises(InputError, match=where):
+        Collected(parts_of(preset("paper")), {}).function(function)
+    with pytest.raises(InputError, match=where):
+        program().function(function, [INT])
+
+
+def a_size(a: Any) -> float:
+    return float(a.size[0])
+
+
+def a_shape(a: Any) -> float:
+    return float(a.shape[0])
+
+
+@pytest.mark.parametrize(("function", "name"), [(a_size, "size"), (a_shape, "shape")])
+def test_arrays_called_size_are_not_taken_for_lengths(function: Any, name: str) -> None:
+    rows = {"Arrays": Struct("vs_Arrays", None, ((name, CArray(REAL, (3,))),), True)}
+    line = function.__code__.co_firstlineno + 1
+    said = (
+        rf"test_export_translator\.py, line {line}: 'a\.{name}', which might be the array '{name}' of Arrays"
+    )
+    with pytest.raises(InputError, match=said):
+        Collected(parts_of(preset("paper")), rows).function(function)
 
 
 def test_functions_of_one_name_are_kept_apart() -> None:

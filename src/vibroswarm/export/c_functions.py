@@ -99,6 +99,7 @@ class Program:
             InputError: the function calls itself, or has a construct that cannot be translated.
         """
         source = self.source(function)
+        source.refuse_arguments()
         types = []
         for argument, kind in zip(source.tree.args.args, given, strict=True):
             hint = ast.unparse(argument.annotation) if argument.annotation is not None else ""
@@ -140,10 +141,7 @@ class Function(Calls):
     def __init__(self, program: Program, source: Source, given: tuple[Any, ...], name: str) -> None:
         """Begin with the types ``given`` for the parameters; ``name`` is the function's name in C."""
         self.program, self.source, self.given, self.name = program, source, given, name
-        arguments = source.tree.args
-        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults:
-            raise source.refusal(source.tree, "arguments with defaults or stars")
-        names = [argument.arg for argument in arguments.args]
+        names = [argument.arg for argument in source.tree.args.args]
         self.types = dict(zip(names, given, strict=True))
         self.returns: Any = None
         self.loops, self.pending = [], []
