@@ -16,7 +16,7 @@ import pytest
 from helpers.exported_robots import STRICT
 from vibroswarm import preset
 from vibroswarm.cli import main
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.export import c_library
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_program import c_sources
@@ -255,6 +255,47 @@ def test_without_the_compiler_the_size_is_not_stated(
     monkeypatch.setattr(c_library, "COMPILER", "no-such-compiler")
     assert main(["export", "c", str(tmp_path / "x"), "--strategy", "none"]) == 0
     assert "Size not measured: arm-none-eabi-gcc is not installed" in capsys.readouterr().out
+
+
+def path_with(folder: Path, **scripts: str) -> str:
+    """Write the programs ``arm-none-eabi-NAME`` into a folder; return the value of PATH that finds them first."""
+    folder.mkdir()
+    for name, text in scripts.items():
+        path = folder / f"arm-none-eabi-{name}"
+        path.write_text(f"#!/bin/sh\n{text}\n")
+        path.chmod(0o755)
+    return f"{folder}:/usr/bin:/bin"
+
+
+@pytest.mark.parametrize("size", ["exit 1", "exit 0", None])
+def test_without_the_tool_for_sizes_the_library_is_written(
+    size: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scripts = {"gcc": "exit 0"} | ({} if size is None else {"size": size})
+    monkeypatch.setenv("PATH", path_with(tmp_path / "bin", **scripts))
+    if size is None:
+        monkeypatch.setattr(c_library, "SIZE_TOOL", "no-such-tool", raising=False)
+    assert main(["export", "c", str(tmp_path / "x"), "--strategy", "none"]) == 0
+    assert "is missing or fails" in capsys.readouterr().out
+    assert (tmp_path / "x" / "src" / "vibroswarm.c").exists()
+
+
+def test_the_size_is_stated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    listed = "echo text data bss dec hex filename; echo 100 20 3 123 7b x"
+    monkeypatch.setenv("PATH", path_with(tmp_path / "bin", gcc="exit 0", size=listed))
+    assert main(["export", "c", str(tmp_path / "x"), "--strategy", "none"]) == 0
+    assert "120 bytes of flash, 23 bytes of static RAM" in capsys.readouterr().out
+
+
+def test_a_compiler_that_takes_too_long_is_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(
+        "PATH", path_with(tmp_path / "bin", gcc="echo so slow >&2; exec sleep 20", size="exit 0")
+    )
+    monkeypatch.setattr(c_library, "SECONDS", 0.5)
+    with pytest.raises(RunError, match=r"arm-none-eabi-gcc failed: so slow$"):
+        c_library.measured(tmp_path)
 
 
 @needs_gcc
