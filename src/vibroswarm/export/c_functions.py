@@ -278,7 +278,8 @@ class Function(Calls):
         """Translate a ``for`` loop over ``range(...)`` or a tuple of constant whole numbers, as ``for k in (0, 2, 5)``.
 
         The numbers of a tuple become a constant array of ``vs_int``, so anything but constants of 32 bits is refused.
-        The variable must not be assigned in the body, because it is the counter of the loop in C.
+        The variable must not be an argument, nor be assigned in the body or elsewhere, because it is the counter of the
+        loop in C and is declared there.
         """
         if node.orelse or not isinstance(node.target, ast.Name):
             self.refuse(node, f"the loop 'for {ast.unparse(node.target)}'")
