@@ -16,7 +16,7 @@ import pytest
 from helpers.exported_robots import STRICT
 from vibroswarm import preset
 from vibroswarm.cli import main
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.export import c_library
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_program import c_sources
@@ -208,6 +208,31 @@ def test_a_strategy_that_cannot_be_exported_is_refused_with_its_line(
     assert not (tmp_path / "robot").exists()
 
 
+@pytest.mark.parametrize("part", ["c", "python"])
+@pytest.mark.parametrize(
+    ("row", "advice"),
+    [("State", "declare it in the class Arrays"), ("Message", "use a field for each of its numbers")],
+)
+def test_arrays_of_state_and_message_are_refused(
+    row: str, advice: str, part: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    text = STRANGE.replace("import strategy_in", "import array, strategy_in").replace(
+        "EXPRESSION", "out.bit = x.reading"
+    )
+    text = text.replace("class State:\n", "class Message:\n    bit: int\n\nclass State:\n")
+    text = text.replace(f"class {row}:\n", f'class {row}:\n    last = array("float64", "3")\n')
+    (tmp_path / "strange.py").write_text(text)
+    arguments = ["--strategy", f"{tmp_path / 'strange.py'}:strange"]
+    assert main(["export", part, str(tmp_path / "robot"), *arguments]) == 2
+    said = " ".join(capsys.readouterr().err.split())
+    assert (
+        f"{row} of strategy 'strange': 'last' is an array, which an exported program cannot hold in {row}"
+        in said
+    )
+    assert advice in said
+    assert not (tmp_path / "robot").exists()
+
+
 def test_python_needs_math_only_and_runs(tmp_path: Path) -> None:
     assert main(["export", "python", str(tmp_path / "robot"), "--strategy", "dmvd"]) == 0
     text = (tmp_path / "robot" / "vibroswarm_robot.py").read_text()
@@ -230,6 +255,47 @@ def test_without_the_compiler_the_size_is_not_stated(
     monkeypatch.setattr(c_library, "COMPILER", "no-such-compiler")
     assert main(["export", "c", str(tmp_path / "x"), "--strategy", "none"]) == 0
     assert "Size not measured: arm-none-eabi-gcc is not installed" in capsys.readouterr().out
+
+
+def path_with(folder: Path, **scripts: str) -> str:
+    """Write the programs ``arm-none-eabi-NAME`` into a folder; return the value of PATH that finds them first."""
+    folder.mkdir()
+    for name, text in scripts.items():
+        path = folder / f"arm-none-eabi-{name}"
+        path.write_text(f"#!/bin/sh\n{text}\n")
+        path.chmod(0o755)
+    return f"{folder}:/usr/bin:/bin"
+
+
+@pytest.mark.parametrize("size", ["exit 1", "exit 0", None])
+def test_without_the_tool_for_sizes_the_library_is_written(
+    size: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scripts = {"gcc": "exit 0"} | ({} if size is None else {"size": size})
+    monkeypatch.setenv("PATH", path_with(tmp_path / "bin", **scripts))
+    if size is None:
+        monkeypatch.setattr(c_library, "SIZE_TOOL", "no-such-tool", raising=False)
+    assert main(["export", "c", str(tmp_path / "x"), "--strategy", "none"]) == 0
+    assert "is missing or fails" in capsys.readouterr().out
+    assert (tmp_path / "x" / "src" / "vibroswarm.c").exists()
+
+
+def test_the_size_is_stated(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    listed = "echo text data bss dec hex filename; echo 100 20 3 123 7b x"
+    monkeypatch.setenv("PATH", path_with(tmp_path / "bin", gcc="exit 0", size=listed))
+    assert main(["export", "c", str(tmp_path / "x"), "--strategy", "none"]) == 0
+    assert "120 bytes of flash, 23 bytes of static RAM" in capsys.readouterr().out
+
+
+def test_a_compiler_that_takes_too_long_is_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(
+        "PATH", path_with(tmp_path / "bin", gcc="echo so slow >&2; exec sleep 20", size="exit 0")
+    )
+    monkeypatch.setattr(c_library, "SECONDS", 0.5)
+    with pytest.raises(RunError, match=r"arm-none-eabi-gcc failed: so slow$"):
+        c_library.measured(tmp_path)
 
 
 @needs_gcc

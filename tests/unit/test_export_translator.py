@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import shutil
 import subprocess
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, SimpleNamespace
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -48,6 +50,8 @@ class Pair(NamedTuple):
 
 ROW = Struct("vs_Row", None, (("count", INT), ("mean", REAL), ("values", CArray("vs_stored", (3,)))), True)
 PAIR = struct_of_class("vs_Pair", Pair)
+PAIR_OF_ROWS = Struct("vs_Rows", None, (("row", ROW), ("other", ROW)), True)
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 
 
 def program() -> Program:
@@ -91,6 +95,31 @@ def after_the_loop(x: float) -> float:
     for k in range(3):
         total += k
     return total + k
+
+
+def before_the_loop(x: float) -> float:
+    k = 0
+    for k in range(3):
+        x += k
+    return x
+
+
+def among_others_before_the_loop(x: float) -> float:
+    k, y = 0, x
+    for k in range(3):
+        y += k
+    return y
+
+
+def an_argument_as_variable(x: float) -> float:
+    total = 0.0
+    for x in range(3):  # type: ignore[assignment]
+        total += x
+    return total
+
+
+def root_of_a_negative_number(x: float) -> float:
+    return x * math.sqrt(-2.0)
 
 
 def changed_in_the_loop(x: float) -> float:
@@ -223,6 +252,10 @@ def construct_with_fields(x: float) -> float:
         (itself, REAL, 1, "itself calls itself"),
         (unknown_math, REAL, 1, "math.gamma"),
         (after_the_loop, REAL, 4, "the variable 'k' of a loop is read after it"),
+        (before_the_loop, REAL, 1, "the variable 'k' of a loop is also assigned outside of it"),
+        (among_others_before_the_loop, REAL, 1, "the variable 'k' of a loop is also assigned outside of it"),
+        (an_argument_as_variable, REAL, 2, "the variable 'x' of a loop is also an argument"),
+        (root_of_a_negative_number, REAL, 1, "the root of -2.0, which is negative"),
         (changed_in_the_loop, REAL, 1, "the variable 'k' of a loop is changed in it"),
         (two_kinds, REAL, 2, "'y' is given values of several kinds"),
         (beyond, ROW, 1, "the index 3 of an array of 3"),
@@ -272,6 +305,11 @@ def choices(a: int, b: int) -> tuple[float, float]:
     return chosen, product
 
 
+def products(a: int, b: int) -> tuple[float, float, float, float]:
+    smaller = 1.0 if -(a * b) < 0 else 0.0
+    return (a * b) % 1.5, -(a * b) / 3, smaller, int(a * b) / 3
+
+
 def swapped_pairs(x: float, y: float) -> tuple[float, float]:
     one, other = Pair(x, 1), Pair(y, 2)
     one, other = other, one
@@ -280,6 +318,7 @@ def swapped_pairs(x: float, y: float) -> tuple[float, float]:
 
 FUNCTIONS = (
     (integers, INT, 5), (reals, REAL, 5), (swapped, REAL, 2), (swapped_pairs, REAL, 2), (choices, INT, 2),
+    (products, INT, 4),
 )  # fmt: skip
 
 
@@ -330,6 +369,66 @@ def test_operators_mean_what_they_mean_in_python(compiled: Any, a: int, b: int, 
 
 def test_products_do_not_overflow(compiled: Any) -> None:
     assert compiled(choices, INT, 2, 2_000_000_000, 2_000_000_000)[1] == 4e18 / 3
+    assert compiled(products, INT, 4, 1_000_000, 3_001) == list(products(1_000_000, 3_001))
+
+
+def several_through_an_alias(r: Any) -> None:
+    row = r.row
+    r.row.mean, y = 1.0, row.mean
+    r.other.mean = y
+
+
+def several_elements_through_an_alias(r: Any) -> None:
+    values = r.row.values
+    r.row.values[0], y = 1.0, values[0]
+    r.other.mean = y
+
+
+def several_through_a_function(r: Any) -> None:
+    row = r.row
+    r.row.mean, y = 1.0, read_mean(row)
+    r.other.mean = y
+
+
+def a_product_among_several(r: Any) -> None:
+    r.row.mean, r.other.mean = 1.0, r.row.mean * r.other.count * r.other.count
+    r.row.mean, r.other.mean = r.other.mean, r.row.mean + r.other.count * r.other.count
+    x, y = r.row.mean, 0.0
+    x, y = y, r.row.count * r.row.count
+    r.row.mean, r.other.mean = r.other.mean + 0.0 * x, y
+    r.row.mean = r.other.mean = r.row.count * r.row.count
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    "function",
+    [
+        several_through_an_alias,
+        several_elements_through_an_alias,
+        several_through_a_function,
+        a_product_among_several,
+    ],
+)
+def test_several_values_are_computed_before_the_first_is_assigned(function: Any, tmp_path: Path) -> None:
+    """Also where one row has two names, and where a product needs more than 32 bits."""
+    made = program()
+    text = made.function(function, [PAIR_OF_ROWS])
+    lines = ["#define VS_PRECISION 3", "#include <stdio.h>", '#include "vibroswarm_runtime.h"']
+    lines += [typedef(kind) for kind in (ROW, PAIR_OF_ROWS)]
+    lines += [item.text for item in made.compiled.values() if item is not None]
+    lines.append(
+        "int main(void) { vs_Rows r = {{100000, 2.5, {3.5, 4.5, 5.5}}, {200000, 6.5, {7.5, 8.5, 9.5}}}; "
+        f'{text.name}(&r); printf("%.17g %.17g\\n", (double)r.row.mean, (double)r.other.mean); return 0; }}'
+    )
+    (tmp_path / "f.c").write_text("\n".join(lines))
+    shutil.copy(ASSETS / "vibroswarm_runtime.h", tmp_path)
+    command = ["gcc", *STRICT, "-Wno-unused-function", "f.c", "-o", "f", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    done = subprocess.run([str(tmp_path / "f")], check=True, capture_output=True, text=True)
+    row = SimpleNamespace(count=100000, mean=2.5, values=[3.5, 4.5, 5.5])
+    other = SimpleNamespace(count=200000, mean=6.5, values=[7.5, 8.5, 9.5])
+    function(SimpleNamespace(row=row, other=other))
+    assert [float(word) for word in done.stdout.split()] == [row.mean, other.mean]
 
 
 def test_a_field_called_unused_is_a_field() -> None:
@@ -342,11 +441,34 @@ def test_names_of_c_are_avoided() -> None:
     assert Value("x", BOOL).constant is None
     made = program().function(with_keywords, [REAL])
     assert "double_ =" in made.text
+    assert "short_ = " in made.text
+    assert "short__ = " in made.text
+
+
+def test_fields_with_names_of_c_are_renamed_everywhere() -> None:
+    """In the struct, in constants, and where they are read."""
+    row = Struct(
+        "vs_Words", None, (("short", INT), ("I", REAL), ("default", CArray(REAL, (2,))), ("new", INT)), True
+    )
+    assert [line.strip() for line in typedef(row).splitlines()[1:-1]] == [
+        "vs_int short_;", "vs_real I_;", "vs_real default_[2];", "vs_int new_;",
+    ]  # fmt: skip
+    params = struct_of_row("vs_Params", {"register": float})
+    assert initial("PARAMS", params) == [".register_ = VS_PARAMS_REGISTER"]
+    text = program().function(words_of_c, [row]).text
+    assert "row->short_" in text
+    assert "row->default_[0]" in text
+
+
+def words_of_c(row: Any) -> float:
+    return float(row.short + row.default[0])
 
 
 def with_keywords(x: float) -> float:
     double = 2.0 * x
-    return double
+    short = double
+    short_ = short + x
+    return short_
 
 
 def test_files_of_users_are_named(tmp_path: Path) -> None:
@@ -402,6 +524,115 @@ def test_blocks_of_which_nothing_is_left_are_python() -> None:
     space: dict[str, Any] = {}
     exec("\n".join(made.texts), space)  # noqa: S102 - the exported text of the function above
     assert space[name](1.5) == 2.5
+
+
+def with_a_default(x: float, k: int = 2) -> float:
+    return x * k
+
+
+def with_a_keyword(x: float, *, k: int) -> float:
+    return x * k
+
+
+def before_a_slash(x: float, /) -> float:
+    return x
+
+
+@pytest.mark.parametrize(
+    ("function", "said"),
+    [
+        (with_a_default, "arguments with defaults or stars, in with_a_default"),
+        (with_a_keyword, "arguments with defaults or stars, in with_a_keyword"),
+        (before_a_slash, "arguments before a slash, in before_a_slash"),
+    ],
+)
+def test_arguments_that_are_no_plain_ones_are_refused_in_both_languages(function: Any, said: str) -> None:
+    where = rf"test_export_translator\.py, line {function.__code__.co_firstlineno}: {said}"
+    with pytest.raises(InputError, match=where):
+        program().function(function, [REAL])
+    with pytest.raises(InputError, match=where):
+        Collected(parts_of(preset("paper")), {}).function(function)
+
+
+ALWAYS = True
+
+
+def all_are_true(x: float) -> bool:
+    found = ALWAYS and not NEVER
+    return found and ALWAYS and True
+
+
+def all_are_constant(x: float) -> bool:
+    return ALWAYS and True
+
+
+def doubled_in_place(values: list[float]) -> bool:
+    values[0] *= 2.0
+    return True
+
+
+def decided_after_a_call(values: list[float]) -> float:
+    if doubled_in_place(values) and NEVER:
+        values[0] = 0.0
+    if doubled_in_place(values) or ALWAYS:
+        values[0] += 1.0
+    return values[0]
+
+
+@pytest.mark.parametrize(
+    ("function", "given"), [(all_are_true, 1.0), (all_are_constant, 1.0), (decided_after_a_call, [1.0])]
+)
+def test_constants_among_operands_keep_their_meaning_in_python(function: Any, given: Any) -> None:
+    made = Collected(parts_of(preset("paper")), {})
+    name = made.function(function)
+    space: dict[str, Any] = {}
+    exec("\n".join(made.texts), space)  # noqa: S102 - the exported text of the function above
+    assert space[name](copy(given)) == function(copy(given))
+
+
+A_LIST, A_DICT, AN_ARRAY = [1.0], {1: 2.0}, np.zeros(3)
+
+
+def from_a_list(k: int) -> float:
+    return A_LIST[k]
+
+
+def from_a_dict(k: int) -> float:
+    return A_DICT[k]
+
+
+def from_an_array(k: int) -> float:
+    return float(AN_ARRAY[k])
+
+
+@pytest.mark.parametrize(
+    ("function", "name"), [(from_a_list, "A_LIST"), (from_a_dict, "A_DICT"), (from_an_array, "AN_ARRAY")]
+)
+def test_global_names_of_lists_are_refused_with_their_line(function: Any, name: str) -> None:
+    where = rf"test_export_translator\.py, line {function.__code__.co_firstlineno + 1}: the name '{name}'"
+    with pytest.raises(InputError, match=where):
+        Collected(parts_of(preset("paper")), {}).function(function)
+    with pytest.raises(InputError, match=where):
+        program().function(function, [INT])
+
+
+def a_size(a: Any) -> float:
+    return float(a.size[0])
+
+
+def a_shape(a: Any) -> float:
+    return float(a.shape[0])
+
+
+@pytest.mark.parametrize(("function", "name"), [(a_size, "size"), (a_shape, "shape")])
+def test_arrays_called_size_are_not_taken_for_lengths(function: Any, name: str) -> None:
+    rows = {"Arrays": Struct("vs_Arrays", None, ((name, CArray(REAL, (3,))),), True)}
+    line = function.__code__.co_firstlineno + 1
+    said = (
+        rf"test_export_translator\.py, line {line}: 'a\.{name}', which might be the array '{name}' of Arrays"
+    )
+    with pytest.raises(InputError, match=said):
+        Collected(parts_of(preset("paper")), rows).function(function)
 
 
 def test_functions_of_one_name_are_kept_apart() -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 import math
+from dataclasses import replace
 from typing import Any, Final
 
 from vibroswarm.core.rng import uniform
@@ -87,6 +88,8 @@ class Calls(Expressions):
         if name in ("floor", "ceil"):
             return Value(f"((int64_t)vs_{name}({texts}))", LONG, real=f"vs_{name}({texts})")
         if name == "sqrt" and values[0].constant is not None:  # the root of a constant is a constant
+            if values[0].constant < 0:
+                self.refuse(node, f"the root of {values[0].constant}, which is negative")
             return literal(math.sqrt(values[0].constant))
         return Value(f"vs_{name}({texts})", BOOL if name == "isnan" else REAL)
 
@@ -113,7 +116,7 @@ class Calls(Expressions):
         if name in ("bool", "float"):
             return value if value.type == BUILT_IN[name] else Value(as_real(value), REAL)
         if value.type != REAL:  # int() and round() do not change a whole number
-            return Value(value.text, joined(value.type, INT), value.constant)
+            return replace(value, type=joined(value.type, INT), is_place=False)
         # The conversion to an integer cuts decimals off, as ``int`` does.
         return Value(f"((vs_int){'vs_round' if name == 'round' else ''}({value.text}))", INT)
 

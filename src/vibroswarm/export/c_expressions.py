@@ -268,7 +268,10 @@ class Expressions:
             self.refuse(node, f"the operator in '{ast.unparse(node)[:60]}'")
         if value.constant is not None:
             return literal(-value.constant)
-        return Value(f"(-{value.text})", joined(value.type, INT))
+        # A product that may need more than 32 bits does so also with the other sign. A difference from 0 is never -0.0,
+        # which a whole number cannot be.
+        real, wide = (f"(0 - {text})" if text else "" for text in (value.real, value.wide))
+        return Value(f"(-{value.text})", joined(value.type, INT), real=real, wide=wide)
 
     def on_binop(self, node: ast.BinOp) -> Value:
         """Translate an operator of two numbers."""
@@ -315,6 +318,8 @@ class Expressions:
             return Value(f"vs_pow({as_real(left)}, {as_real(right)})", REAL)
         # The operators of C for remainder and whole division round towards 0; the runtime's functions round down, as
         # Python.
+        if kind is ast.Mod and both == REAL:
+            return Value(f"vs_mod({as_real(left)}, {as_real(right)})", REAL)
         if kind is ast.Mod:
             return Value(f"vs_mod{SUFFIX[both]}({left.text}, {right.text})", both)
         if kind is ast.FloorDiv and both in INTEGERS:

@@ -17,6 +17,7 @@ from vibroswarm.export.c_types import (
     BOOL,
     INT,
     INTEGERS,
+    LONG,
     OMITTED,
     REAL,
     VOID,
@@ -98,6 +99,7 @@ class Program:
             InputError: the function calls itself, or has a construct that cannot be translated.
         """
         source = self.source(function)
+        source.refuse_arguments()
         types = []
         for argument, kind in zip(source.tree.args.args, given, strict=True):
             hint = ast.unparse(argument.annotation) if argument.annotation is not None else ""
@@ -139,10 +141,7 @@ class Function(Calls):
     def __init__(self, program: Program, source: Source, given: tuple[Any, ...], name: str) -> None:
         """Begin with the types ``given`` for the parameters; ``name`` is the function's name in C."""
         self.program, self.source, self.given, self.name = program, source, given, name
-        arguments = source.tree.args
-        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults:
-            raise source.refusal(source.tree, "arguments with defaults or stars")
-        names = [argument.arg for argument in arguments.args]
+        names = [argument.arg for argument in source.tree.args.args]
         self.types = dict(zip(names, given, strict=True))
         self.returns: Any = None
         self.loops, self.pending = [], []
@@ -279,7 +278,8 @@ class Function(Calls):
         """Translate a ``for`` loop over ``range(...)`` or a tuple of constant whole numbers, as ``for k in (0, 2, 5)``.
 
         The numbers of a tuple become a constant array of ``vs_int``, so anything but constants of 32 bits is refused.
-        The variable must not be assigned in the body, because it is the counter of the loop in C.
+        The variable must not be an argument, nor be assigned in the body or elsewhere, because it is the counter of the
+        loop in C and is declared there.
         """
         if node.orelse or not isinstance(node.target, ast.Name):
             self.refuse(node, f"the loop 'for {ast.unparse(node.target)}'")
@@ -291,6 +291,8 @@ class Function(Calls):
             for other in ast.walk(statement)
         ):
             self.refuse(node, f"the variable '{node.target.id}' of a loop is changed in it")
+        if node.target.id in self.parameters:  # which has a type of its own
+            self.refuse(node, f"the variable '{node.target.id}' of a loop is also an argument")
         if isinstance(node.iter, ast.Tuple):
             found = [self.number(item) for item in node.iter.elts]
             for item, value in zip(node.iter.elts, found, strict=True):
@@ -355,7 +357,7 @@ class Function(Calls):
         if len(node.targets) > 1:
             value = self.number(node.value)
             if value.constant is None:  # computed once for all targets
-                value = Value(self.hold(value), value.type)
+                value = self.held_value(value)
             for target in node.targets:
                 self.assign(target, value, node)
             return
@@ -373,14 +375,12 @@ class Function(Calls):
         In C, each value is computed and assigned in turn. The result can differ only if a later value may read an
         earlier target. In this case all values are first stored in new C variables (``hold``), and then assigned.
         """
-        if any(reads(value, target) for k, target in enumerate(targets) for value in values[k + 1 :]):
+        if any(self.may_read(value, target) for k, target in enumerate(targets) for value in values[k + 1 :]):
             found = [self.expression(value) for value in values]
             # A number that is known when the program is translated cannot change. Of an array, or a row that can be
             # changed, only the name is assigned. So these need no variable.
             held = [
-                value
-                if value.constant is not None or is_by_reference(value.type)
-                else Value(self.hold(value), value.type)
+                value if value.constant is not None or is_by_reference(value.type) else self.held_value(value)
                 for value in found
             ]
             for target, value in zip(targets, held, strict=True):
@@ -388,6 +388,62 @@ class Function(Calls):
             return
         for target, item in zip(targets, values, strict=True):
             self.assign_expression(target, item, node)
+
+    def may_read(self, value: ast.expr, target: ast.expr) -> bool:
+        """Return whether an expression may read the variable, field or element that an assignment changes.
+
+        Two names may stand for one row or array, so types are compared instead of names. An expression may read a field
+        if it reads the field of this name of any row of this type, or contains a row, other than to read a field of it,
+        in which there is one: a function that is given the row may read it. It may read an element of an array if the
+        same is true of the field that is the array. A variable for an array may stand for any array of its type.
+
+        Args:
+            target: what is assigned to.
+        """
+        if isinstance(target, ast.Name):
+            return any(isinstance(node, ast.Name) and node.id == target.id for node in ast.walk(value))
+        if isinstance(self.kind_of(target), Struct) and not isinstance(value, ast.Constant):
+            return True  # a whole row is replaced, whose fields are not compared one by one
+        place, array = target, None
+        if isinstance(target, ast.Subscript):
+            place, array = target.value, self.kind_of(target.value)
+        row, name = None, ""  # the struct of the field, and its name; None if a variable stands for the array
+        if isinstance(place, ast.Attribute):
+            row, name = self.kind_of(place.value), place.attr
+        # Rows and arrays of which only a field or element is read.
+        of_parts = {
+            id(node.value) for node in ast.walk(value) if isinstance(node, ast.Attribute | ast.Subscript)
+        }
+        for node in ast.walk(value):
+            if not isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
+                continue
+            kind = self.kind_of(node)
+            if array is not None and kind == array and (row is None or isinstance(node, ast.Name)):
+                return True
+            if isinstance(node, ast.Attribute) and node.attr == name and self.kind_of(node.value) == row:
+                return True
+            if id(node) not in of_parts and contains(kind, row or array):
+                return True
+        return False
+
+    def kind_of(self, node: ast.expr) -> Any:
+        """Return the type of a variable, or of a field or element at any depth; None for any other expression."""
+        if isinstance(node, ast.Name):
+            return self.aliases[node.id].type if node.id in self.aliases else self.types.get(node.id)
+        if isinstance(node, ast.Attribute):
+            row = self.kind_of(node.value)
+            return row.type_of(node.attr) if isinstance(row, Struct) else None
+        if isinstance(node, ast.Subscript):
+            array = self.kind_of(node.value)
+            return array.element if isinstance(array, CArray) else None
+        return None
+
+    def held_value(self, value: Value) -> Value:
+        """Return a new constant that is set to a value before the current statement; a product is held in 64 bits."""
+        if not value.wide:
+            return Value(self.hold(value), value.type)
+        name = self.hold(Value(value.wide, LONG))
+        return Value(f"((vs_int){name})", value.type, real=f"((vs_real){name})", wide=name)
 
     def assign_expression(self, target: ast.expr, item: ast.expr, node: ast.Assign) -> None:
         """Translate the assignment of an expression to one target.
@@ -443,6 +499,8 @@ class Function(Calls):
         If the value is an array or a row that can be changed, nothing is written: the variable becomes an alias, as in
         Python. It must then stand for the same row everywhere.
         """
+        if name in self.program_loops:  # a variable of a loop is declared in the loop alone
+            self.refuse(node, f"the variable '{name}' of a loop is also assigned outside of it")
         if is_by_reference(value.type):
             # Refuse an element of an array, because its index may change later; a second row for the same variable; and
             # a variable that holds a number elsewhere.
@@ -459,25 +517,10 @@ class Function(Calls):
         self.write(f"{identifier(name)} = {as_real(value) if kind == REAL else value.text};")
 
 
-def reads(value: ast.expr, target: ast.expr) -> bool:
-    """Return whether an expression may read the variable, field or array that an assignment to ``target`` changes.
-
-    It does if it contains the target's text (if the target is an element of an array: the text of the array). It also
-    does if it contains the variable at the target's beginning by itself, such as ``s`` of ``s.ones``, because a
-    function that is called with ``s`` may read the field. Other fields of that variable do not count. Texts are
-    compared, so a field that is read through another variable for the same row goes unnoticed.
-    """
-    place = target.value if isinstance(target, ast.Subscript) else target
-    wanted = ast.unparse(place)
-    root: ast.expr = place
-    while isinstance(root, ast.Attribute | ast.Subscript):
-        root = root.value
-    # Names in front of a dot, which occur only to read a field.
-    of_fields = {id(node.value) for node in ast.walk(value) if isinstance(node, ast.Attribute)}
-    for node in ast.walk(value):
-        if isinstance(node, ast.Attribute | ast.Subscript | ast.Name) and ast.unparse(node) == wanted:
-            return True
-        is_root = isinstance(node, ast.Name) and isinstance(root, ast.Name) and node.id == root.id
-        if is_root and id(node) not in of_fields:
-            return True
-    return False
+def contains(kind: Any, part: Any) -> bool:
+    """Return whether a type is, or contains at any depth, a row or array of the type ``part``."""
+    if kind == part:
+        return True
+    if isinstance(kind, CArray):
+        return contains(kind.element, part)
+    return isinstance(kind, Struct) and any(contains(item, part) for _, item in kind.fields)

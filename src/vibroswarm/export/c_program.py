@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from vibroswarm.core.code_version import code_hash
+from vibroswarm.errors import InputError
 from vibroswarm.export import robot_memory, robot_program
 from vibroswarm.export.assembly import RobotParts
 from vibroswarm.export.c_functions import Program
@@ -24,6 +25,7 @@ from vibroswarm.export.c_types import (
     CArray,
     Struct,
     Value,
+    identifier,
     literal,
     struct_of_arrays,
     struct_of_class,
@@ -35,7 +37,7 @@ from vibroswarm.export.source import plain
 from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture
 from vibroswarm.robot.sensing import SenseProgram, SenseState
 from vibroswarm.robot.walk import Dice, WalkProgram, WalkState
-from vibroswarm.strategies.base import fields_of
+from vibroswarm.strategies.base import arrays_of, fields_of
 from vibroswarm.strategies.world import Draws, Reading, World
 
 SINGLE, MIXED, DOUBLE = 1, 2, 3
@@ -148,12 +150,26 @@ def made_by(parts: RobotParts) -> str:
     )
 
 
+ARRAYS_BELONG: Final = {
+    "State": "declare it in the class Arrays",
+    "Message": "use a field for each of its numbers",
+}
+"""What to do instead of declaring an array, by the class that declares it."""
+
+
 def structs_of(parts: RobotParts) -> dict[str, Struct]:
     """Return the structs of the program by the names of their Python classes, each after those that it contains.
 
-    State and message have their numbers only: an exported program cannot hold arrays of fixed size declared there.
+    Raises:
+        InputError: State or Message declares an array of fixed size, which an exported program cannot hold.
     """
     strategy = parts.strategy
+    for row, declared in (("State", strategy.state), ("Message", strategy.message)):
+        for name in arrays_of(declared):
+            raise InputError(
+                f"'{name}' is an array, which an exported program cannot hold in {row}; {ARRAYS_BELONG[row]}",
+                field=f"{row} of strategy '{strategy.name}'",
+            )
     found = {
         "World": struct_of_class("vs_World", World, omitted=OMITTED_OF_WORLD),
         "Reading": struct_of_class("vs_Reading", Reading),
@@ -232,7 +248,7 @@ def initial(name: str, kind: Struct) -> list[str]:
     """Return the initialisers of a constant row, such as ``.rows = VS_WORLD_ROWS``; ``["0"]`` for an empty row."""
     if kind.fields is EMPTY:
         return ["0"]
-    return [f".{field} = {macro_of(name, field)}" for field, _ in kind.fields]
+    return [f".{identifier(field)} = {macro_of(name, field)}" for field, _ in kind.fields]
 
 
 def text_of(text: str, is_public: bool) -> str:

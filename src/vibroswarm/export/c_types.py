@@ -198,7 +198,7 @@ def typedef(kind: Struct | CTuple) -> str:
     if isinstance(kind, CTuple):
         lines = [f"    {declaration(item, f'v{k}')};" for k, item in enumerate(kind.items)]
     else:
-        lines = [f"    {declaration(item, name)};" for name, item in kind.fields]
+        lines = [f"    {declaration(item, identifier(name))};" for name, item in kind.fields]
     return "\n".join(["typedef struct {", *lines, f"}} {kind.name};"])
 
 
@@ -211,9 +211,15 @@ KEYWORDS: Final = frozenset(
         "auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern",
         "float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed",
         "sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while", "bool",
-        "true", "false", "I",
+        "true", "false", "I", "NAN", "INFINITY", "NULL",
+        # Words of C++ that Python does not have: sketches for Arduino include the header.
+        "asm", "catch", "const_cast", "constexpr", "decltype", "delete", "dynamic_cast", "explicit", "export", "friend",
+        "mutable", "namespace", "new", "noexcept", "nullptr", "operator", "private", "protected", "public",
+        "reinterpret_cast", "static_assert", "static_cast", "template", "this", "throw", "typeid", "typename", "using",
+        "virtual", "wchar_t", "xor", "compl", "bitand", "bitor",
     )
 )  # fmt: skip
+"""Names that are avoided in C: its keywords, macros of its headers, and keywords of C++."""
 
 
 @dataclass(frozen=True)
@@ -250,8 +256,12 @@ def literal(number: Number) -> Value:
 
 
 def identifier(name: str) -> str:
-    """Return a Python name as a name in C; one that is a keyword of C gets an underscore."""
-    return f"{name}_" if name in KEYWORDS else name
+    """Return a Python name as a name in C; one that C or C++ takes otherwise gets an underscore.
+
+    So does one with underscores behind it, so that no two names become one: ``short`` becomes ``short_``, and
+    ``short_`` becomes ``short__``.
+    """
+    return f"{name}_" if name.rstrip("_") in KEYWORDS else name
 
 
 def address(value: Value) -> str:

@@ -178,8 +178,10 @@ class Collected:
         if number is not None:
             text: ast.expr = ast.parse(number_text(number), mode="eval").body
             return text
-        value = self.parts.replaced.get(plain(value), value)
-        if value in self.classes:
+        # Only functions and classes are looked up: other values, such as lists, may not be hashable.
+        if is_function(value):
+            value = self.parts.replaced.get(plain(value), value)
+        if isinstance(value, type) and value in self.classes:
             return ast.Name(self.classes[value], ast.Load())
         # The template's class ``Message`` stands for the strategy's, which has the same name in the module.
         if name == "Message":
@@ -213,8 +215,12 @@ class Rewriter(ast.NodeTransformer):
     def rewritten(self) -> ast.FunctionDef:
         """Return the function with its body rewritten, and the first paragraph of its docstring.
 
-        Annotations, decorators, default values and keyword-only parameters are left out.
+        Annotations and decorators are left out.
+
+        Raises:
+            InputError: it has arguments with default values or stars, or a construct that cannot be exported.
         """
+        self.source.refuse_arguments()
         tree = copy.deepcopy(self.source.tree)  # the tree is cached, and must not be changed
         names = [ast.arg(argument.arg) for argument in tree.args.args]
         arguments = ast.arguments(posonlyargs=[], args=names, kwonlyargs=[], kw_defaults=[], defaults=[])
@@ -273,13 +279,14 @@ class Rewriter(ast.NodeTransformer):
         return self.generic_visit(node) if known is None else self.visit(node.body if known else node.orelse)
 
     def visit_BoolOp(self, node: ast.BoolOp) -> Any:
-        """Leave out operands of ``and`` that are always true.
+        """Leave out operands of ``and`` that are always true; if all are, it becomes ``True``.
 
-        At least one operand must remain: ``visit_If`` and ``visit_IfExp`` have replaced tests of which all are true.
         Operands of ``or`` that are always false stay.
         """
         if isinstance(node.op, ast.And):
             values = [item for item in node.values if self.truth(item) is not True]
+            if not values:
+                return ast.Constant(True)
             if len(values) == 1:
                 return self.visit(values[0])
             return ast.BoolOp(node.op, [self.visit(item) for item in values])
@@ -288,13 +295,16 @@ class Rewriter(ast.NodeTransformer):
     def truth(self, node: ast.expr) -> bool | None:
         """Return the value of a test if constants alone decide it; None otherwise.
 
-        It handles truth values, ``and``, ``or`` and comparisons by ``>``, and returns None for all other tests.
+        It handles truth values, ``and``, ``or`` and comparisons by ``>``, and returns None for all other tests. The
+        result is also None if a call is made before the operand that decides: the call may change a row.
         """
         if isinstance(node, ast.BoolOp):
-            values = [self.truth(item) for item in node.values]
             decisive = isinstance(node.op, ast.Or)  # the value of one operand that decides the result
+            values = [self.truth(item) for item in node.values]
             if decisive in values:
-                return decisive
+                before = node.values[: values.index(decisive)]
+                is_called = any(isinstance(part, ast.Call) for item in before for part in ast.walk(item))
+                return None if is_called else decisive
             return None if None in values else not decisive
         if isinstance(node, ast.Compare) and len(node.ops) == 1 and isinstance(node.ops[0], ast.Gt):
             one, other = self.known(node.left), self.known(node.comparators[0])
@@ -333,8 +343,18 @@ class Rewriter(ast.NodeTransformer):
         """Replace ``a.size`` by ``len(a)``: arrays with a size that is read have one dimension."""
         value = self.visit(node.value)
         if node.attr == "size":
+            self.refuse_array_called(node)
             return ast.Call(ast.Name("len", ast.Load()), [value], [])
         return ast.Attribute(value, node.attr, node.ctx)
+
+    def refuse_array_called(self, node: ast.Attribute) -> None:
+        """Refuse ``a.size`` or ``a.shape`` if a row has an array of this name, as ``a`` might be that row."""
+        for kind in self.made.structs.values():
+            if kind.type_of(node.attr) is not None:
+                row = kind.name.removeprefix("vs_")
+                raise self.source.refusal(
+                    node, f"'{ast.unparse(node)[:60]}', which might be the array '{node.attr}' of {row}"
+                )
 
     def visit_Subscript(self, node: ast.Subscript) -> Any:
         """Replace ``a[i, j]`` by ``a[i][j]``, and ``a.shape[k]`` by ``len(a[0]...[0])``: arrays are nested lists.
@@ -342,6 +362,7 @@ class Rewriter(ast.NodeTransformer):
         The axis ``k`` must be a constant; no array may be empty along an earlier axis.
         """
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
+            self.refuse_array_called(node.value)
             inner: ast.expr = self.visit(node.value.value)
             for _ in range(int(self.known(node.slice))):
                 inner = ast.Subscript(inner, ast.Constant(0), ast.Load())

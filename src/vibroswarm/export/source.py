@@ -47,6 +47,18 @@ class Source:
             field=f"{self.file}, line {line}",
         )
 
+    def refuse_arguments(self) -> None:
+        """Refuse arguments with default values or stars, keyword-only ones, and positional-only ones.
+
+        Raises:
+            InputError: the function has such arguments.
+        """
+        arguments = self.tree.args
+        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults:
+            raise self.refusal(self.tree, "arguments with defaults or stars")
+        if arguments.posonlyargs:
+            raise self.refusal(self.tree, "arguments before a slash")
+
 
 def plain(function: Any) -> Any:
     """Return the Python function behind a function compiled by Numba; any other value unchanged."""
