@@ -427,20 +427,23 @@ def _settings(side_by_side: bool) -> Iterator[None]:
     """Set LLVM's superword-level vectorisation, and collect garbage less often, while a kernel is compiled.
 
     Superword-level vectorisation combines equal operations on several numbers. It is off in Numba by default, and
-    speeds most kernels up by 5 to 10 %. Both settings are process-wide; they are restored afterwards.
+    speeds most kernels up by 5 to 10 %. Both settings are process-wide; they are restored afterwards. Numba compiles one
+    kernel at a time; its lock is taken here already, so that no other thread takes these settings for the user's.
     """
     from numba import config
+    from numba.core.compiler_lock import global_compiler_lock
 
     numba_config: Any = config
-    vectorize, gc_threshold = numba_config.SLP_VECTORIZE, gc.get_threshold()
-    numba_config.SLP_VECTORIZE = int(side_by_side)
-    # A threshold of 0 means that the user has turned collection off: it stays off.
-    gc.set_threshold(max(gc_threshold[0], OBJECTS_BETWEEN) if gc_threshold[0] else 0, *gc_threshold[1:])
-    try:
-        yield
-    finally:
-        numba_config.SLP_VECTORIZE = vectorize
-        gc.set_threshold(*gc_threshold)
+    with global_compiler_lock:
+        vectorize, gc_threshold = numba_config.SLP_VECTORIZE, gc.get_threshold()
+        numba_config.SLP_VECTORIZE = int(side_by_side)
+        # A threshold of 0 means that the user has turned collection off: it stays off.
+        gc.set_threshold(max(gc_threshold[0], OBJECTS_BETWEEN) if gc_threshold[0] else 0, *gc_threshold[1:])
+        try:
+            yield
+        finally:
+            numba_config.SLP_VECTORIZE = vectorize
+            gc.set_threshold(*gc_threshold)
 
 
 def _disable_caching() -> None:
