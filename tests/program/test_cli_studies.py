@@ -19,7 +19,8 @@ from polars.testing import assert_frame_equal
 
 import vibroswarm
 from helpers.dask_cluster import Cluster
-from vibroswarm.cli import main
+from vibroswarm.cli import main, parser, scenario_options
+from vibroswarm.cli.evaluate import study_from
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study import executors, runner, store
 from vibroswarm.study.spec import FORMAT, Study
@@ -106,6 +107,14 @@ def test_evaluate_varies_presets(capsys):
         assert cell["scenario_hash"] == wanted.hash
     assert main([*line, "--preset", "text"]) == 2
     assert "--preset: conflicts with --vary preset" in capsys.readouterr().err
+
+
+def test_evaluate_warns_only_of_scenarios_of_the_study(monkeypatch):
+    warned = []
+    monkeypatch.setattr(scenario_options, "warn_of", warned.extend)
+    line = ["evaluate", "--vary", "preset=text,calibrated", "--robots", "3"]
+    study = study_from(parser().parse_args(line))
+    assert {scenario.hash for scenario in warned} <= {cell.scenario.hash for cell in study.cells}
 
 
 def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
