@@ -249,6 +249,15 @@ def test_wrong_input_is_said_in_one_line(arguments, words, capsys, tmp_path, mon
 def test_a_replay_sets_only_what_it_can(kept, capsys):
     assert main(["lab", "replay", str(kept), "--set", "sample_interval_ms=100"]) == 2
     assert "is not a field that a replay can change" in capsys.readouterr().err
+    assert main(["lab", "replay", str(kept), "--set", "strategy.name=soft"]) == 2
+    assert "--set strategy.name: is set by --strategy" in capsys.readouterr().err
+    assert main(["lab", "replay", str(kept), "--gate", "own", "--set", "gate=total"]) == 2
+    assert "--set decision.gate: is also set by --gate" in capsys.readouterr().err
+
+
+def test_too_few_intervals_to_tell_apart_are_said(kept, capsys):
+    assert main(["calibrate", "compare", str(kept), str(kept), "--intervals"]) == 0
+    assert "A session has fewer than 200 undisturbed intervals" in " ".join(capsys.readouterr().out.split())
 
 
 def test_figures(kept, capsys):
