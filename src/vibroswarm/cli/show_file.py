@@ -226,7 +226,11 @@ def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
 
 
 def _show_archive(path: Path, arguments: argparse.Namespace) -> None:
-    """Print the verdicts on the paper's claims in an archive that ``reproduce`` wrote."""
+    """Print the verdicts on the paper's claims in an archive that ``reproduce`` wrote.
+
+    Raises:
+        InputError: the file is no such archive, or its table of verdicts is damaged.
+    """
     import io
 
     import polars as pl
@@ -234,7 +238,11 @@ def _show_archive(path: Path, arguments: argparse.Namespace) -> None:
     from vibroswarm.paper.archive import Zipped
 
     with Zipped(path) as archive:
-        claims = pl.read_csv(io.BytesIO(archive.read("claims.csv")))
+        data = io.BytesIO(archive.read("claims.csv"))
+    try:
+        claims = pl.read_csv(data)
+    except pl.exceptions.PolarsError as error:
+        raise InputError(f"'claims.csv' cannot be read: {_first_line(error)}", field=str(path)) from None
     _print_frame(claims, arguments)
     if not arguments.json:
         print_paragraph(f"To check it: vibroswarm reproduce --from {path} --check")
@@ -256,7 +264,12 @@ def _frame(path: Path) -> pl.DataFrame:
     try:
         return pl.read_csv(path) if path.suffix == ".csv" else pl.read_parquet(path)
     except (pl.exceptions.PolarsError, OSError) as error:
-        raise InputError(f"cannot be read: {str(error).splitlines()[0]}", field=str(path)) from None
+        raise InputError(f"cannot be read: {_first_line(error)}", field=str(path)) from None
+
+
+def _first_line(error: Exception) -> str:
+    """Return the first line of an error's message; the name of its type if the message is empty."""
+    return (str(error).splitlines() or [type(error).__name__])[0]
 
 
 def _print_frame(table: pl.DataFrame, arguments: argparse.Namespace) -> None:
