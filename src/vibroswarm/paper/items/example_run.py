@@ -8,6 +8,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.paper.cells import options_of
 from vibroswarm.paper.claim_values import frame, mean
 from vibroswarm.paper.columns import STRATEGIES
 from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Tables, TableView, Work
@@ -91,10 +92,11 @@ def _draw(tables: Tables, settings: Settings) -> Drawn:
     result = example(settings)
     with drawn_with():
         figure = run_figure(result)
+    options = " ".join(options_of(settings.columns[0], result.scenario))
     caption = (
         f"Seven robots, run 0 of seed {settings.seed}: paths, {tables['samples'].height:,} samples, and the "
         f"tiles that vibrate. "
-        f"Alone: `vibroswarm run --robots {ROBOTS} --seed {settings.seed}`"
+        f"Alone: `vibroswarm run {options} --seed {settings.seed}`"
     )
     return Plotted(figure, tables["samples"], caption)
 

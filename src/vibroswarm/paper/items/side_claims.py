@@ -65,7 +65,8 @@ def compute(work: Work) -> Tables:
         results = dict(zip(distinct, pool.map(partial(_placed, work), distinct), strict=True))
     # By column and timer: run, x and y of each sample.
     placed = {key: results[scenario] for key, scenario in scenarios.items()}
-    corners = {key: _corners(x, y, run) for key, (run, x, y) in placed.items()}
+    runs = _runs(work)
+    corners = {key: _corners(x, y, run, runs) for key, (run, x, y) in placed.items()}
     rows = []
     for (column, timer), values in corners.items():
         density = mean_interval(values)
@@ -96,25 +97,32 @@ def _scenario(work: Work, column: str, timer: str) -> Scenario:
     return work.settings.scenario(column, values, parameter_set=EMPIRICAL)
 
 
+def _runs(work: Work) -> int:
+    """Return the number of runs whose samples are analysed."""
+    return min(work.settings.runs, MOST_RUNS)
+
+
 def _placed(work: Work, scenario: Scenario) -> tuple[Any, Any, Any]:
     """Simulate the motion of up to ``MOST_RUNS`` runs; return run, x (m) and y (m) of each sample, (samples,) each."""
-    runs = list(range(min(work.settings.runs, MOST_RUNS)))
+    runs = list(range(_runs(work)))
     # "event" is the engine of the cells too. The paths of robots (segments) are not needed.
     samples = source("event").batch(scenario, work.settings.seed, runs, segments=False).samples
     return samples["run"].to_numpy(), samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
 
 
-def _corners(x: Any, y: Any, run: Any) -> Any:
+def _corners(x: Any, y: Any, run: Any, runs: int) -> Any:
     """Return the density of each run's samples on the four corner tiles, relative to a uniform density, (runs,).
 
     Args:
         x, y, run: position (m) in an arena of 1 m by 1 m, and run, of each sample, (samples,). Runs are numbered from
-            0, and each must have a sample.
+            0.
+        runs: number of runs. The density of a run without samples is nan.
     """
     rim_x, rim_y = ((place < 0.2) | (place >= 0.8) for place in (x, y))  # on the outermost of 5 tiles
     corner = rim_x & rim_y
     # Of each run: samples in the corners / all samples.
-    share = np.bincount(run, corner) / np.bincount(run)
+    in_corners, samples = np.bincount(run, corner, minlength=runs), np.bincount(run, minlength=runs)
+    share = np.divide(in_corners, samples, out=np.full(runs, np.nan), where=samples > 0)
     return share * TILES / 4  # a uniform density has the share 4 / TILES
 
 
