@@ -266,12 +266,15 @@ def _cell(archive: Zipped, row: dict[str, Any], head: dict[str, Any]) -> Cell:
     Args:
         head: head of the archive, with the number of runs of a cell that has no number of its own.
     Raises:
-        InputError: the scenario is invalid or too large, or does not have the hash of its file name.
+        InputError: the scenario is invalid or too large, does not have the hash of its file name, or the cell has no
+            runs.
     """
     name = f"scenarios/{row['scenario']}.toml"
     # Bytes that are not UTF-8 are replaced, so that they give an invalid scenario or another hash, not a UnicodeError.
     scenario = Scenario.from_toml(archive.read(name).decode("utf-8", "replace"), name=name)
     sizes = {"robots": scenario.swarm.robots, "t_end_s": scenario.run.t_end_s, "runs": int(row["runs"])}
+    if sizes["runs"] < 1:
+        raise InputError(f"{sizes['runs']} is wrong; a cell has at least 1 run", field=f"{name} (runs)")
     for size_name, value in sizes.items():
         if value > LARGEST[size_name]:
             raise InputError(f"{value} is too large to be recomputed here", field=f"{name} ({size_name})")
