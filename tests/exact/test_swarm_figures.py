@@ -105,6 +105,15 @@ def test_on_the_boundary_nothing_is_right_or_wrong() -> None:
     assert swarm_incidence(*on, T_END, [25.0]).select("right", "open").row(0) == (None, 0.5)
 
 
+def test_the_design_effect_of_right_is_of_the_runs_with_a_truth() -> None:
+    """Runs of another size without a truth change nothing about it."""
+    without = [table.with_columns(run=table["run"] + 4) for table in cell([[1, 1, 1]], [[1.0] * 3], fill=0.5)]
+    robots, runs = (pl.concat(tables) for tables in zip(FOUR, without, strict=True))
+    s = summary(robots, runs, T_END)
+    assert s.design_effect_right == summary(*FOUR, T_END).design_effect_right
+    assert s.design_effect_undecided == pytest.approx(1 + (11 / 5 - 1) * s.icc_undecided)
+
+
 def test_tables_of_other_runs_are_refused() -> None:
     robots, runs = FOUR
     for pair in (

@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from vibroswarm import preset
-from vibroswarm.cli import main
+from vibroswarm.cli import main, parser
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -249,6 +249,36 @@ def test_wrong_input_is_said_in_one_line(arguments, words, capsys, tmp_path, mon
 def test_a_replay_sets_only_what_it_can(kept, capsys):
     assert main(["lab", "replay", str(kept), "--set", "sample_interval_ms=100"]) == 2
     assert "is not a field that a replay can change" in capsys.readouterr().err
+    assert main(["lab", "replay", str(kept), "--set", "strategy.name=soft"]) == 2
+    assert "--set strategy.name: is set by --strategy" in capsys.readouterr().err
+    assert main(["lab", "replay", str(kept), "--gate", "own", "--set", "gate=total"]) == 2
+    assert "--set decision.gate: is also set by --gate" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("redraw", ["run", "study"])
+@pytest.mark.parametrize("task", [["import"], ["track", "--markers", "0,1", "--log"]])
+def test_a_recording_has_no_random_floor(task, redraw, tmp_path, capsys):
+    random = ["--floor", "random:0.48", "--set", f"floor.redraw={redraw}", "--out", str(tmp_path / "out")]
+    if "track" in task:
+        pytest.importorskip("cv2")
+        (tmp_path / "log.csv").write_text("robot,time_s,energy\n0,1.0,1.5\n1,1.0,0.5\n")
+        sizes = ["--marker-size", "40", "--marker-height", "50"]
+        line = ["lab", task[0], "v.avi", *task[1:], str(tmp_path / "log.csv"), *sizes]
+    else:
+        line = ["lab", *task, str(SHIPPED / "session-1.csv")]
+    assert main([*line, *random]) == 2
+    assert "--floor: is random, but a recording has one floor" in capsys.readouterr().err
+
+
+def test_a_height_for_each_camera_may_be_given_by_itself():
+    line = ["lab", "track", "a.avi", "b.avi", "--markers", "0", "--out", "out"]
+    given = parser().parse_args([*line, "--camera-height", "1.2", "--camera-height", "1.3"])
+    assert given.camera_height == [1.2, 1.3]
+
+
+def test_too_few_intervals_to_tell_apart_are_said(kept, capsys):
+    assert main(["calibrate", "compare", str(kept), str(kept), "--intervals"]) == 0
+    assert "A session has fewer than 200 undisturbed intervals" in " ".join(capsys.readouterr().out.split())
 
 
 def test_figures(kept, capsys):

@@ -14,7 +14,8 @@ import polars as pl
 import pytest
 
 import vibroswarm
-from vibroswarm.cli import main
+from vibroswarm.cli import main, parser
+from vibroswarm.cli.optimize import search_from
 
 SMALL = (
     Path(__file__).parents[1] / "helpers" / "small_search.toml"
@@ -280,6 +281,8 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["--check", "paper", "--budget", "10"], "not to --check"),
         (["--check", "paper", "--out", "out"], "not to --check"),
         (["--check", "paper", "--force"], "not to --check"),
+        (["--check", "paper", "--mixed"], "--mixed: applies to a search"),
+        (["--sensitivity", "--mixed"], "--mixed: applies to a search"),
         (["--check", "paper", "--runs", "1"], "at least 2"),
         (["--method", "grid", "--noise", "fixed"], "does not apply to a grid"),
         (["--sensitivity", "--budget", "10"], "too few"),
@@ -296,3 +299,16 @@ def test_bad_input_is_told_and_ends_with_2(
         pytest.importorskip("SALib")
     assert main(["optimize", *options]) == 2
     assert told in capsys.readouterr().err
+
+
+def test_options_correct_what_a_file_has_wrong(tmp_path: Path) -> None:
+    path = tmp_path / "search.toml"
+    two = "[[objective]]\ncost = 'decision_time'\nstatistic = 'mean'\n[[objective]]\ncost = 'errors'\n"
+    path.write_text(SMALL.replace("budget = 150", "budget = 2") + two)
+    options = ["optimize", str(path), "--method", "tpe", "--cost", "errors", "--budget", "90"]
+    search = search_from(parser().parse_args(options))
+    (objective,) = search.objectives
+    assert (objective.name, objective.statistic) == ("errors", "mean")
+    assert (search.settings.method, search.budget) == ("tpe", 90)
+    path.write_text(SMALL.replace("budget = 150", "budget = 2"))
+    assert search_from(parser().parse_args(["optimize", str(path), "--budget", "90"])).budget == 90

@@ -19,7 +19,8 @@ from polars.testing import assert_frame_equal
 
 import vibroswarm
 from helpers.dask_cluster import Cluster
-from vibroswarm.cli import main
+from vibroswarm.cli import main, parser, scenario_options
+from vibroswarm.cli.evaluate import study_from
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study import executors, runner, store
 from vibroswarm.study.spec import FORMAT, Study
@@ -108,6 +109,20 @@ def test_evaluate_varies_presets(capsys):
     assert "--preset: conflicts with --vary preset" in capsys.readouterr().err
 
 
+def test_merge_has_no_option_without_effect(capsys):
+    with pytest.raises(SystemExit):
+        main(["merge", "out", "shard", "--no-confirm"])
+    assert "unrecognized arguments: --no-confirm" in capsys.readouterr().err
+
+
+def test_evaluate_warns_only_of_scenarios_of_the_study(monkeypatch):
+    warned = []
+    monkeypatch.setattr(scenario_options, "warn_of", warned.extend)
+    line = ["evaluate", "--vary", "preset=text,calibrated", "--robots", "3"]
+    study = study_from(parser().parse_args(line))
+    assert {scenario.hash for scenario in warned} <= {cell.scenario.hash for cell in study.cells}
+
+
 def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TMPDIR", str(tmp_path))
@@ -136,11 +151,11 @@ def test_shares_are_merged(study, tmp_path, capsys):
         assert sweep(study, "--out", folder, "--runs", "400", "--shard", f"{k}/3") == 0
         assert f"Shard {k} of 3 is done" in capsys.readouterr().out
     out = tmp_path / "joined"
-    assert main(["merge", str(out), *shares[:2], *QUIET]) == 1
+    assert main(["merge", str(out), *shares[:2], "--no-pictures"]) == 1
     told = capsys.readouterr().err
     assert "is incomplete" in told
     assert "Traceback" not in told
-    assert main(["merge", str(out), shares[2], *QUIET]) == 0
+    assert main(["merge", str(out), shares[2], "--no-pictures"]) == 0
     a, b = StudyResult.open(out), StudyResult.open(tmp_path / "whole")
     assert_frame_equal(a.robots(), b.robots(), check_exact=True)
     assert_frame_equal(a.runs(), b.runs(), check_exact=True)
@@ -160,7 +175,7 @@ def test_force_removes_nothing_if_the_shards_are_of_two_studies(study, tmp_path,
 
 def test_a_lost_share_can_be_made_again_where_it_is_missed(study, tmp_path, capsys):
     assert sweep(study, "--out", tmp_path / "1", "--runs", "400", "--shard", "1/2") == 0
-    assert main(["merge", str(tmp_path / "joined"), str(tmp_path / "1"), *QUIET]) == 1
+    assert main(["merge", str(tmp_path / "joined"), str(tmp_path / "1"), "--no-pictures"]) == 1
     told = capsys.readouterr().err
     assert "finish here: vibroswarm sweep" in told
     assert sweep(tmp_path / "joined" / "study.toml", "--out", tmp_path / "joined") == 0
@@ -287,7 +302,8 @@ def test_bad_input_is_named_and_ends_with_2(line, workplace, monkeypatch, capsys
     monkeypatch.chdir(workplace)
     monkeypatch.setattr(executors, "CONNECT_S", 1.0)
     before = sorted(workplace.rglob("*"))
-    arguments = [*line.split(), *([] if line.startswith("show") else QUIET)]
+    quiet = {"show": [], "merge": ["--no-pictures"]}
+    arguments = [*line.split(), *quiet.get(line.split()[0], QUIET)]
     assert main(arguments) == 2
     told = capsys.readouterr()
     assert told.out == ""

@@ -52,7 +52,7 @@ OF_THE_SITE = ("{toctree}", "{eval-rst}", "{literalinclude}", "{raw}")
 SMALL = {
     "evaluate": ["--runs", "4", "--no-confirm", "--no-pictures"],
     "sweep": ["--runs", "4", "--no-confirm", "--no-pictures"],
-    "merge": ["--no-confirm", "--no-pictures"],
+    "merge": ["--no-pictures"],
     "league": [
         "--runs",
         "4",

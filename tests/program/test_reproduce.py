@@ -176,6 +176,17 @@ def test_the_page_of_a_control_says_so(tmp_path: Path) -> None:
     assert "negative control, not the reproduction" in (tmp_path / "report.html").read_text(encoding="utf-8")
 
 
+def test_a_report_without_pictures_has_no_older_figures_beside_it(tmp_path: Path) -> None:
+    made = reproduce(Settings(runs=4, columns=("paper",)), tmp_path, items_named(["difficulty"]))
+    (tmp_path / "figures").mkdir()
+    (tmp_path / "figures" / "mine.svg").touch()
+    write_all(made, tmp_path, pictures=False)
+    assert (tmp_path / "figures" / "mine.svg").exists(), "not a folder of ours"
+    (tmp_path / "figures" / "index.csv").touch()
+    write_all(made, tmp_path, pictures=False)
+    assert not (tmp_path / "figures").exists()
+
+
 def test_items_have_numbers_names_and_claims_that_are_measured(folder: Path) -> None:
     numbers = [item.number for item in all_items()]
     assert numbers == sorted(set(numbers))

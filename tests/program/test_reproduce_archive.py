@@ -182,7 +182,8 @@ def test_a_table_without_a_column_is_refused(archive: Path, tmp_path: Path, name
 
 @pytest.mark.parametrize(
     ("name", "column", "value"),
-    [("cells.csv", "runs", None), ("cells.csv", "runs", "x"), ("cells.csv", "block", 1.5), ("cells.csv", "key", "a"),
+    [("cells.csv", "runs", None), ("cells.csv", "runs", -5), ("cells.csv", "runs", 0),
+     ("cells.csv", "runs", "x"), ("cells.csv", "block", 1.5), ("cells.csv", "key", "a"),
      ("cells.csv", "scenario", "../../x"), ("cells.csv", "belief_in_truth", 7.0), ("robots.csv", "robot", -1),
      ("robots.csv", "belief_below", "inf"), ("robots.csv", "decision", None), ("measured.csv", "n", "x")],
 )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.forced_error import forced_error_by_robot, forced_errors, front_of, on_line
+from vibroswarm.analysis.forced_error import DRAWS, forced_error_by_robot, forced_errors, front_of, on_line
 from vibroswarm.cli import main
 from vibroswarm.cli.league import on_equal_terms
 from vibroswarm.errors import InputError
@@ -26,7 +27,7 @@ from vibroswarm.league.entries import (
     read_settings,
     varied,
 )
-from vibroswarm.league.fronts import front_table
+from vibroswarm.league.fronts import _with_limits, front_table
 from vibroswarm.league.standings import FIGURES, League, Standings
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import preset
@@ -222,6 +223,19 @@ def test_fronts(standings: Standings) -> None:
     assert soft["time_at_equal_error_s"] is None
     again = front_table(standings, "none (credible_threshold 0.8)")
     assert again.equals(table)
+
+
+def test_a_figure_of_a_front_without_an_estimate_has_no_limits() -> None:
+    draws = np.ones(DRAWS + 1)
+    assert _with_limits("x", draws) == {"x": 1.0, "x_low": 1.0, "x_high": 1.0}
+    draws[0] = np.nan
+    assert all(math.isnan(value) for value in _with_limits("x", draws).values())
+
+
+def test_standings_without_a_figure_are_shown_with_a_dash(standings: Standings) -> None:
+    unknown = {name: np.full_like(values, np.nan) for name, values in standings.values.items()}
+    assert ">-<" not in standings._repr_html_()
+    assert ">-<" in replace(standings, values=unknown)._repr_html_()
 
 
 @pytest.mark.slow

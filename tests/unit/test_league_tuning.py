@@ -11,9 +11,9 @@ import pytest
 
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
-from vibroswarm.league.entries import floors_of, read_settings
+from vibroswarm.league.entries import entries_of, floors_of, read_settings
 from vibroswarm.league.standings import League
-from vibroswarm.league.tuning import AGAIN, FINALISTS, by_criterion, spaces, tune
+from vibroswarm.league.tuning import AGAIN, FINALISTS, _candidates, by_criterion, spaces, tune
 from vibroswarm.scenario.scenario import field_names, preset
 from vibroswarm.strategies import known
 
@@ -94,3 +94,23 @@ def test_the_command_writes_settings_that_a_league_reads(
     assert file.read_text(encoding="utf-8") == text, "the same seed finds the same settings"
     assert main(["league", *SMALL, *QUICK, "--settings", str(file)]) == 0
     assert list(tmp_path.iterdir()) == [file]
+
+
+def test_rounded_settings_stay_within_the_bounds() -> None:
+    (entry,) = entries_of(["none"], {})
+    space = {"decision.credible_threshold": {"from": 0.9995, "to": 0.9999}}
+    candidates, _ = _candidates(entry, space, 16, 1)
+    values = [one.settings["decision.credible_threshold"] for one in candidates]
+    assert all(0.9995 <= value <= 0.9999 for value in values)
+
+
+def test_a_space_with_only_fixed_values_has_one_setting() -> None:
+    (entry,) = entries_of(["none"], {})
+    fixed = {"decision.min_observations": 7}
+    candidates, default = _candidates(entry, fixed, 16, 1)
+    assert [one.settings for one in candidates] == [fixed]
+    assert default.settings == fixed
+    tuned = tune(
+        BASE, ["none"], floors_of(["stripe"], [0.48]), [3], space_of={"none": fixed}, points=4, runs=2
+    )
+    assert tuned.settings == {"none": fixed}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from itertools import combinations
 from pathlib import Path
 
@@ -9,9 +10,12 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.cli import parser
+from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.paper.cells import differences
 from vibroswarm.paper.item import CLAIMS, Settings
 from vibroswarm.paper.items import (
+    example_run,
     experiment_accuracy,
     experiment_times,
     experiments,
@@ -19,6 +23,7 @@ from vibroswarm.paper.items import (
     hidden_threshold,
     readings,
     search,
+    side_claims,
 )
 from vibroswarm.paper.items.experiment_times import error_of_difference, in_standard_errors
 from vibroswarm.paper.reproduce import reproduce
@@ -175,3 +180,19 @@ def test_nothing_is_divided_by_a_spread_of_zero(tmp_path: Path) -> None:
     settings = Settings(runs=2, columns=("paper",), control="no-messages")
     made = reproduce(settings, tmp_path, [experiments.ITEM])
     assert made.made[0].tables["fit"]["in errors"].null_count() == 18
+
+
+def test_a_run_without_samples_has_no_density_in_the_corners() -> None:
+    x, y, run = np.array([0.1, 0.5, 0.1]), np.array([0.1, 0.5, 0.9]), np.array([0, 0, 2])
+    density = side_claims._corners(x, y, run, 4)
+    np.testing.assert_array_equal(density, [25 / 8, np.nan, 25 / 4, np.nan])
+
+
+def test_the_command_below_the_example_run_makes_its_scenario() -> None:
+    settings = Settings(runs=2, columns=("text", "paper"), control="threshold", seed=5)
+    samples = pl.DataFrame({"x": [1.0]})
+    (picture,) = example_run.pictures({"samples": samples}, settings)
+    _, command, _ = picture.draw().caption.split("`")
+    arguments = parser().parse_args(shlex.split(command)[1:])
+    assert scenario_from(arguments).hash == example_run.example(settings).scenario.hash
+    assert arguments.seed == 5

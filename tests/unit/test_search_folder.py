@@ -211,3 +211,10 @@ def test_a_dashboard_knows_its_file_by_its_whole_path(
     shown.show()
     assert (tmp_path / "a" / OPTUNA).stat().st_size > 1000
     assert not list((tmp_path / "b").iterdir())
+
+
+@pytest.mark.parametrize("name", ["search.toml", JOURNAL])
+def test_a_folder_in_place_of_a_file_of_a_search_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).mkdir()
+    with pytest.raises(InputError, match="exists but is not a search"):
+        run_search(Search.from_toml(SMALL), tmp_path)

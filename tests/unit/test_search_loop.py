@@ -19,7 +19,7 @@ from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.search_report import as_dict, candidate_table, history_table, write_report
-from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.spec import Search, SearchSettings
 from vibroswarm.optimize.validation import front_of, truth_of
 from vibroswarm.study import executors
 
@@ -311,6 +311,7 @@ def test_what_is_kept(tmp_path: Path, whole: Found) -> None:
         ("from = 1000, to = 6000", "from = 6000, to = 1000", "6000 is not below 1000"),
         ("2000.0", "500.0", "start: sample.sample_interval_ms: 500 lies outside"),
         ("final = 60", "final = 90", "search.budget"),
+        ("[search]", "[[objective]]\ncost='printed'\n[[objective]]\ncost='intended'\n[search]", "there is no race"),
         ("final = 60", "budget = 20", "are too few for one iteration"),
         ("final = 60", "method = 'psi'", "did you mean 'pso'"),
         ("final = 60", "finale = 60", "did you mean 'final'"),
@@ -328,6 +329,29 @@ def test_searches_that_are_wrong(old: str, new: str, told: str) -> None:
     assert old in SMALL
     with pytest.raises(InputError, match=told):
         small(SMALL.replace(old, new))
+
+
+def test_starts_that_do_not_fit_into_the_budget_are_refused() -> None:
+    two = SMALL.replace(
+        "}]", '}, { "sample.sample_interval_ms" = 3000.0, "decision.min_observations" = 20 }]'
+    )
+    for final, needed in (("", 67), ("final = 0", 40), ("final = 30", 70)):
+        lines = f"method = 'random'\nevaluations = 20\nbudget = %d\n{final}"
+        text = two.replace("final = 60", lines)
+        told = f"2 starts take 40 runs.*raise the budget to {needed}, or give fewer starts"
+        with pytest.raises(InputError, match=rf"search.budget: {needed - 3} runs are too few: {told}"):
+            small(text % (needed - 3))
+        assert small(text % needed).search_budget >= 40
+    small(
+        SMALL.replace("final = 60", "method = 'random'\nevaluations = 20\nbudget = 5")
+    )  # one point is always made
+
+
+@pytest.mark.parametrize("name", ["evaluations", "finalists", "fresh", "surface"])
+def test_settings_without_a_default_rule_cannot_be_none(name: str) -> None:
+    with pytest.raises(InputError, match=rf"search\.{name}: None is wrong"):
+        SearchSettings(**{name: None})
+    assert SearchSettings(budget=None, final=None, dashboard=None) == SearchSettings()
 
 
 def test_worst_case_over_floors() -> None:

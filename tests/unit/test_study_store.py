@@ -6,6 +6,7 @@ import hashlib
 import io
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,14 @@ from vibroswarm.errors import InputError, RunError
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
 from vibroswarm.study.batch_table import ROWS
+from vibroswarm.study.cell_comparison import second_seed
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import merge
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import FORMAT, SHARDS, Store
 from vibroswarm.study.study_result import StudyResult
-from vibroswarm.study.summary import outcome_of
+from vibroswarm.study.summary import outcome_of, write_outcome
 
 STUDY = Study(
     {"swarm": {"robots": 2}, "run": {"t_end_s": 60.0}}, {"grid": {"strategy.name": ["none", "soft"]}}, 30
@@ -468,3 +470,22 @@ def test_a_merge_into_more_runs_keeps_their_number(tmp_path: Path) -> None:
     STUDY.with_runs(5).run(tmp_path / "few")
     merge(tmp_path / "out", [tmp_path / "few"])
     assert Store.open(tmp_path / "out").study.runs == first.study.runs == 30
+
+
+def test_a_second_block_of_which_all_runs_failed_is_said(copy: Path, tmp_path: Path) -> None:
+    again = replace(STUDY, seed=second_seed(STUDY.seed))
+    store = Store.open_or_create(tmp_path / "again", again)
+    store.add_failure(batch_of(again, plan_of(again).groups[0], 0, 30), "because")
+    outcome = outcome_of(StudyResult.open(copy), StudyResult.open(tmp_path / "again"))
+    assert outcome.replicate is None
+    (words,) = [words for words in outcome.warnings if words.startswith("on other seeds, ")]
+    assert "30 runs of none, soft failed" in words
+
+
+def test_tables_of_comparisons_that_are_not_made_any_more_are_removed(copy: Path, tmp_path: Path) -> None:
+    result = StudyResult.open(copy)
+    write_outcome(outcome_of(result), tmp_path)
+    assert (tmp_path / "comparisons.csv").is_file()
+    (tmp_path / "equal_error.parquet").touch()
+    write_outcome(outcome_of(result, compare=False), tmp_path)
+    assert sorted(path.name for path in tmp_path.glob("*.*")) == ["summary.csv", "summary.parquet"]

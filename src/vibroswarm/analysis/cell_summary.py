@@ -233,13 +233,13 @@ def summary(
         "right": icc_of_counts(right, counts_with_truth),
         "undecided": icc_of_counts(undecided, robot_counts),
     }
-    # m of the design effects is the mean size of all runs, also for "right", whose correlation leaves out runs without
-    # a truth.
+    # The mean size m is that of the runs of the correlation: for "right", only runs with a truth.
+    sizes = {name: counts_with_truth if name == "right" else robot_counts for name in iccs}
     named: dict[str, Any] = {
         **{name: interval(name, figures, level, seed) for name in INTERVALS},
         **consensus_shares(table, level),
         **{f"icc_{name}": value for name, value in iccs.items()},
-        **{f"design_effect_{name}": design_effect(value, robot_counts) for name, value in iccs.items()},
+        **{f"design_effect_{name}": design_effect(value, sizes[name]) for name, value in iccs.items()},
     }
     # A run without consensus counts as later than all others.
     consensus_s = table["consensus_time_s"].fill_null(math.inf).to_numpy()

@@ -62,12 +62,13 @@ def run(arguments: argparse.Namespace) -> int:
     If several simulations are given, ``_compare_several`` does the work instead.
     """
     from vibroswarm.calibrate.camera import RIGHT
+    from vibroswarm.calibrate.interval_classifier import LEAST
     from vibroswarm.calibrate.real_vs_simulated import (
         compare,
         write_comparison_picture,
         write_comparison_pictures,
     )
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.floors.io import check_suffix
 
     if len(arguments.simulated) > 1:
@@ -88,6 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(comparison.as_dict())
     else:
         print_comparison(comparison)
+        if arguments.intervals and comparison.intervals is None:
+            print_paragraph(
+                f"A session has fewer than {LEAST} undisturbed intervals: too few to tell them apart (--intervals)."
+            )
     return 0
 
 

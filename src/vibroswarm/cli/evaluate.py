@@ -80,8 +80,12 @@ def study_from(arguments: argparse.Namespace) -> Study:
             raise InputError("is also varied by --strategy; use one of them", field="--vary strategy.name")
         vary["strategy.name"] = names
         arguments.strategy = None  # scenario_from would take the list for one name
-    # With --vary preset, this scenario is not used below, but its options are checked, applied to the preset "paper".
-    base = scenario_from(arguments)
+    # If presets are varied, the base holds only the fields that options set; all others come from each preset.
+    base = (
+        _base_of_presets(arguments)
+        if "preset" in vary
+        else scenario_from(arguments).model_dump(exclude_none=True)
+    )
     until = None
     if arguments.until is not None:
         if arguments.runs is not None:
@@ -91,8 +95,7 @@ def study_from(arguments: argparse.Namespace) -> Study:
         raise InputError("needs --until", field="--figure" if arguments.figure is not None else "--max-runs")
     fixed_runs = 100 if arguments.runs is None else arguments.runs
     return Study(
-        # If presets are varied, the base holds only the fields that options set; all others come from each preset.
-        base=_base_of_presets(arguments) if "preset" in vary else base.model_dump(exclude_none=True),
+        base=base,
         vary={"grid": vary} if vary else {},
         runs=fixed_runs if until is None else None,
         until=until,

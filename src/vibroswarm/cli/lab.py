@@ -88,7 +88,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     """
     from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
     from vibroswarm.cli.output import print_line, print_saved
-    from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.cli.scenario_options import check_one_floor, scenario_from
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
@@ -96,8 +96,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     if arguments.floor is None and arguments.scenario is None:
         raise InputError("is required: on which floor were the robots?", field="--floor")
     scenario = scenario_from(arguments)
-    if scenario.floor.drawn_by_run:
-        raise InputError("is random, but a recording has one floor; give its file", field="--floor")
+    check_one_floor(scenario)
     # The names of the fields that --set and --strategy set. No other option sets a field that can be inferred, except
     # --preset and --scenario, whose values are replaced by inferred ones.
     stated = [parse_setting(text)[0] for text in arguments.settings]

@@ -116,13 +116,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the fields set by ``--gate`` and ``--set``, by dotted name; if both set the gate, that of ``--set``.
+    """Return the fields set by ``--gate`` and ``--set``, by dotted name.
 
-    In ``--set``, a field may be named with or without its section. ``strategy.name`` has no effect: ``run`` replaces it
-    by each strategy of ``--strategy``.
+    In ``--set``, a field may be named with or without its section.
 
     Raises:
-        InputError: a replay cannot change the field, or the name without a section fits fields of several sections.
+        InputError: a replay cannot change the field, the name without a section fits fields of several sections, both
+            options set the gate, or ``--set`` names a strategy, which ``--strategy`` does.
     """
     from vibroswarm.recordings.replay import REPLAYABLE
     from vibroswarm.scenario.scenario import field_names, parse_setting
@@ -137,6 +137,10 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
         if len(matches) != 1:  # no field has this name, or fields of several sections have it
             suggestion = nearest(name, known + [field.partition(".")[2] for field in known])
             raise InputError(f"is not a field that a replay can change{suggestion}", field=name)
+        if matches[0] == "strategy.name":  # ``run`` sets it to each strategy of --strategy
+            raise InputError("is set by --strategy; use that option", field="--set strategy.name")
+        if matches[0] == "decision.gate" and arguments.gate is not None:
+            raise InputError("is also set by --gate; use one of them", field="--set decision.gate")
         values[matches[0]] = value
     return values
 

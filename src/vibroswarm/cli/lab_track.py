@@ -76,6 +76,7 @@ def add_parser(tasks: Any) -> None:
         "--camera-height",
         metavar="M",
         nargs="+",
+        action="extend",
         type=between(real, 0.1, 100),
         help="of the lens above the floor, if measured, m; several in the order of the videos",
     )
@@ -156,9 +157,9 @@ def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame 
     must state it; the floor of a preset is that of a simulation.
 
     Raises:
-        InputError: the log cannot be read; neither of these options is given; or the floor is drawn at random for each
-            run.
+        InputError: the log cannot be read; neither of these options is given; or the floor is random.
     """
+    from vibroswarm.cli.scenario_options import check_one_floor
     from vibroswarm.tracking.track import read_robot_log
 
     if arguments.log is None:
@@ -166,8 +167,7 @@ def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame 
     samples = read_robot_log(arguments.log)
     if arguments.floor is None and arguments.scenario is None:
         raise InputError("is required with --log: on which floor were the robots?", field="--floor")
-    if scenario.floor.drawn_by_run:
-        raise InputError("is random, but a recording has one floor; give its file", field="--floor")
+    check_one_floor(scenario)
     return samples
 
 
@@ -216,8 +216,8 @@ def run(arguments: argparse.Namespace) -> int:
     tracked = None if samples is None else with_positions(tracking, samples, str(arguments.log), period_s)
     with whole_folder(arguments.out, replace=True) as part:
         if tracked is not None:
-            # ``_samples`` has refused a floor that is drawn for each run. The floor of a file or of a pattern does not
-            # depend on seed and run (0 and 0).
+            # ``_samples`` has refused a random floor. The floor of a file or of a pattern does not depend on seed and
+            # run (0 and 0).
             floor = scenario.floor_for(0, 0)
             recording = recording_of([tracked.log], floor, scenario, stated, any_floor=arguments.any_floor)
             recording.write_into(part)

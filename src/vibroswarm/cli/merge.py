@@ -22,7 +22,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument("out", metavar="OUT", type=Path, help="new folder, or one of the same study")
     parser.add_argument("shares", metavar="SHARD", type=Path, nargs="+", help="folders of shards")
     parser.add_argument("--force", action="store_true", help="replace OUT if it holds something else")
-    add_outcome_options(parser)
+    add_outcome_options(parser, confirms=False)  # nothing is repeated on other seeds
     parser.set_defaults(run=run)
 
 
@@ -42,4 +42,4 @@ def run(arguments: argparse.Namespace) -> int:
     store = merge(arguments.out, arguments.shares)
     every_cell = tuple(cell.number for cell in store.study.cells)
     result = StudyResult(store.study, store, selected=every_cell)
-    return print_outcome(result, second=None, arguments=arguments)  # no repetition on other seeds
+    return print_outcome(result, second=None, arguments=arguments)

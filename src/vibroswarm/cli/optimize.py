@@ -123,10 +123,11 @@ def search_from(arguments: argparse.Namespace) -> Search:
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.spec import Search
 
-    method = arguments.method
-    search = Search() if arguments.search is None else Search.read(arguments.search, method=method)
-    # `Search.read` gets the method too, since it checks the file's other entries under the method that will be used.
-    options = {"budget": arguments.budget, "fresh": arguments.fresh, "method": method}
+    # `Search.read` gets these options, since it checks how they fit the other entries of the file.
+    replaced = {"method": arguments.method, "cost": arguments.cost, "budget": arguments.budget}
+    search = Search() if arguments.search is None else Search.read(arguments.search, **replaced)
+    # The options change the default search too.
+    options = {"budget": arguments.budget, "fresh": arguments.fresh, "method": arguments.method}
     changes = {name: value for name, value in options.items() if value is not None}
     pso = search.pso if arguments.noise is None else replace(search.pso, noise=arguments.noise)
     study = search.study if arguments.seed is None else replace(search.study, seed=arguments.seed)
@@ -283,6 +284,10 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
 
     names = ("method", "noise", "fresh", "check", "against", "runs")
     _refuse(arguments, names, "does not apply to --sensitivity")
+    if arguments.mixed:
+        raise InputError(
+            "applies to a search or a grid that is continued, not to --sensitivity", field="--mixed"
+        )
     # Here --budget is the number of runs of the analysis. It is removed from the arguments, since `search_from` would
     # check it against the limits of a search's budget.
     budget, arguments.budget = 20_000 if arguments.budget is None else arguments.budget, None
@@ -318,8 +323,9 @@ def _check(arguments: argparse.Namespace) -> int:
     from vibroswarm.optimize.scenario_comparison import compare_scenarios, scenario_named
 
     _refuse(arguments, ("method", "noise", "budget", "fresh", "out"), "applies to a search, not to --check")
-    if arguments.force:
-        raise InputError("applies to a search, not to --check", field="--force")
+    for name in ("force", "mixed"):
+        if getattr(arguments, name):
+            raise InputError("applies to a search, not to --check", field=f"--{name}")
     search = search_from(arguments)
     runs = 2000 if arguments.runs is None else arguments.runs
     names = (arguments.check, arguments.against or "paper")

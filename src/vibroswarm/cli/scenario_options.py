@@ -33,6 +33,18 @@ def scenario_from(arguments: argparse.Namespace) -> Scenario:
     return scenario
 
 
+def check_one_floor(scenario: Scenario) -> None:
+    """Refuse a random floor for a recording, whose robots were on one real floor.
+
+    A random floor that all runs share (``redraw = "study"``) is refused too: it depends on the seed of a simulation.
+
+    Raises:
+        InputError: the floor of the scenario is random.
+    """
+    if scenario.floor.tiles is None and is_random(scenario.floor.source):
+        raise InputError("is random, but a recording has one floor; give its file", field="--floor")
+
+
 def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]:
     """Return the values of the fields that options set, by dotted names such as ``swarm.robots``.
 

@@ -34,18 +34,19 @@ def add_running_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_outcome_options(parser: argparse.ArgumentParser) -> None:
-    """Add options for what is printed and drawn."""
+def add_outcome_options(parser: argparse.ArgumentParser, *, confirms: bool = True) -> None:
+    """Add options for what is printed and drawn; ``confirms``: whether the command repeats comparisons."""
     output = parser.add_argument_group("output")
     add_json(output)
     add_style(output)
     add_open(output)
     output.add_argument("--no-pictures", action="store_true", help="numbers only: no pictures, no report")
-    output.add_argument(
-        "--no-confirm",
-        action="store_true",
-        help="do not repeat comparisons on other seeds (saves up to 1000 runs)",
-    )
+    if confirms:
+        output.add_argument(
+            "--no-confirm",
+            action="store_true",
+            help="do not repeat comparisons on other seeds (saves up to 1000 runs)",
+        )
     output.add_argument(
         "--reference",
         metavar="NAME",

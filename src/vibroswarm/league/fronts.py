@@ -12,8 +12,8 @@ swarm that draws one of two settings for each run has a weighted mean of their t
 
 Limits are percentiles of a bootstrap over units (a run of one swarm size). The same draws serve all strategies, so that
 comparisons stay paired; each draw has its own front. A front has no value beyond its ends: a strategy that never has an
-error as small as the reference has no time at equal error. If more than one draw in twenty has no value, no limits are
-given.
+error as small as the reference has no time at equal error. If the estimate or more than one draw in twenty has no
+value, no limits are given.
 """
 
 from __future__ import annotations
@@ -83,8 +83,9 @@ def front_table(standings: Standings, reference: str | None = None, seed: int = 
 def _with_limits(name: str, values: Array) -> dict[str, float]:
     """Return the columns of a figure from its estimate ``values[0]`` and its bootstrap draws ``values[1:]``.
 
-    The limits are nan if less than ``LEAST_KNOWN`` of the draws have a value.
+    The limits are nan if the estimate is nan, or if less than ``LEAST_KNOWN`` of the draws have a value.
     """
     drawn = values[1:][~np.isnan(values[1:])]
-    low, high = np.quantile(drawn, (0.025, 0.975)) if drawn.size >= LEAST_KNOWN * DRAWS else (np.nan, np.nan)
+    is_enough = drawn.size >= LEAST_KNOWN * DRAWS and not np.isnan(values[0])
+    low, high = np.quantile(drawn, (0.025, 0.975)) if is_enough else (np.nan, np.nan)
     return {name: float(values[0]), f"{name}_low": float(low), f"{name}_high": float(high)}

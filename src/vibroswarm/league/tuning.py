@@ -152,15 +152,17 @@ def _candidates(entry: Entry, space: Mapping[str, Any], points: int, seed: int) 
         space: search space. For a field that is searched, its value is a mapping with the bounds; for any other field,
             it is the value that all settings have.
         points: number of settings to draw. seed: of the Sobol sequence that they are drawn from.
-    Returns: one entry per drawn setting, its floats rounded to ``DIGITS`` significant digits; and an entry with only
-        the fixed fields, so that the searched fields have their default values.
+    Returns: one entry per drawn setting, its floats rounded to ``DIGITS`` significant digits, or a single entry if no
+        field is searched; and an entry with only the fixed fields, so that the searched fields have their default
+        values.
     """
     ranges = {field: given for field, given in space.items() if isinstance(given, Mapping)}
     fixed = {field: given for field, given in space.items() if field not in ranges}
-    # A study's ``sobol`` block: number of points, seed, and the bounds of each field.
-    drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}})
+    # A study's ``sobol`` block: number of points, seed, and the bounds of each field. Without a field to search, there
+    # is a single setting, that of the fixed fields, which ``points_of`` gives without blocks.
+    drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}} if ranges else {})
     candidates = [
-        replace(entry, label=f"{entry.strategy} {k}", settings=fixed | _rounded(point))
+        replace(entry, label=f"{entry.strategy} {k}", settings=fixed | _rounded(point, ranges))
         for k, point in enumerate(drawn)
     ]
     return candidates, replace(entry, label=f"{entry.strategy} by default", settings=fixed)
@@ -181,15 +183,22 @@ def _table(found: Standings, finalists: Sequence[Entry], best: Entry) -> pl.Data
     )  # fmt: skip
 
 
-def _rounded(point: Mapping[str, Any]) -> dict[str, Any]:
+def _rounded(point: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """Round the floats among the values of a setting to ``DIGITS`` significant digits; other values stay as they are.
 
-    Settings are read and copied by people, and further digits make no difference to the results.
+    Settings are read and copied by people, and further digits make no difference to the results. A value that rounding
+    moves out of the bounds of its field becomes the bound.
+
+    Args:
+        point: values by field. ranges: for each of these fields, a mapping with its bounds.
     """
-    return {
-        field: float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
-        for field, value in point.items()
-    }
+    settings: dict[str, Any] = {}
+    for field, value in point.items():
+        settings[field] = value
+        if isinstance(value, float):
+            low, high = float(ranges[field]["from"]), float(ranges[field]["to"])
+            settings[field] = min(max(float(f"{value:.{DIGITS}g}"), low), high)
+    return settings
 
 
 def by_criterion(standings: Standings, target: float) -> list[int]:

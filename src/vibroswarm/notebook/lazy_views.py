@@ -142,7 +142,7 @@ def _standings(value: Standings) -> str:
                 for name in ("right", "wrong", "undecided")
             ),
             _interval(row, "decision_time_s", scale=1.0, digits=0),
-            f"{row['sent']:.0f}",
+            "-" if row["sent"] is None else f"{row['sent']:.0f}",
         ]
         for row in value.table.iter_rows(named=True)
     ]

@@ -108,9 +108,9 @@ class Journal:
         again.
         """
         if path.name == SEARCH:
-            return path.read_bytes() == self._text.encode()
+            return path.is_file() and path.read_bytes() == self._text.encode()
         if path.name == JOURNAL:
-            return path.stat().st_size == 0
+            return path.is_file() and path.stat().st_size == 0
         if path.name in self._code:
             return path.is_file() and path.read_bytes() == self._code[path.name].encode()
         # Files that were being written have temporary names that begin in this way.

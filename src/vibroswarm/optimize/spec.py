@@ -25,6 +25,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -71,8 +72,8 @@ class SearchSettings(NotebookView):
     """Total runs of the search; pso makes as many iterations as fit. Default: 15,000, those of the paper's 50
     iterations."""
     final: int | None = None
-    """Runs of the race of the finalists, part of the budget; with 0 there is no race. Default: 40 % of the budget, but
-    0 with several objectives or with the paper's swarm."""
+    """Runs of the race of the finalists, part of the budget; with 0 there is no race. With several objectives it must
+    be 0. Default: 40 % of the budget, but 0 with several objectives or with the paper's swarm."""
     finalists: int = 12
     """Largest number of finalists."""
     surface: bool = True
@@ -93,13 +94,14 @@ class SearchSettings(NotebookView):
         check_choice(self.method, "search.method", METHODS)
         check_choice(self.numbers, "search.numbers", NUMBERS)
         for name in ("surface", "dashboard"):
-            if not isinstance(getattr(self, name), bool | None):
-                raise InputError(
-                    f"{getattr(self, name)!r} is wrong; give true or false", field=f"search.{name}"
-                )
+            value = getattr(self, name)
+            # ``dashboard`` may be None: ``Search.has_dashboard`` then depends on the method.
+            if not isinstance(value, bool) and not (value is None and name == "dashboard"):
+                raise InputError(f"{value!r} is wrong; give true or false", field=f"search.{name}")
         for name, low in (("evaluations", 1), ("budget", 1), ("final", 0), ("finalists", 1), ("fresh", 2)):
+            value = getattr(self, name)
             # ``budget`` and ``final`` may be None: ``Search`` computes their defaults from its other parts.
-            if (value := getattr(self, name)) is not None:
+            if value is not None or name not in ("budget", "final"):
                 whole_number_of(value, f"search.{name}", low, 10**9)
 
 
@@ -135,6 +137,11 @@ class Search(NotebookView):
             raise InputError("is empty; name a cost", field="objective")
         if len(self.objectives) > 1 and self.settings.method != "nsga2":
             raise InputError("several objectives need the method nsga2", field="search.method")
+        if len(self.objectives) > 1 and self.final_runs:
+            raise InputError(
+                f"{self.final_runs} is wrong: with several objectives there is no race; give 0, or leave this out",
+                field="search.final",
+            )
         if len(self.study.cells) > MOST_CASES:
             raise InputError(f"has {len(self.study.cells)} cases; at most {MOST_CASES}", field="study")
         for cell in self.study.cells:
@@ -147,6 +154,7 @@ class Search(NotebookView):
             raise InputError(f"{len(self.starts)} starts for {self.pso.particles} particles", field="start")
         # computed only to raise an error if the budget is too small
         _ = self.pso_settings, self.search_budget
+        self._check_starts_fit()
         if self.is_as_ran:
             if self.settings.numbers != "independent":
                 raise InputError(
@@ -154,6 +162,31 @@ class Search(NotebookView):
                 )
             if self.final_runs:
                 raise InputError('noise = "as-ran" has no race; leave this out', field="search.final")
+
+    def _check_starts_fit(self) -> None:
+        """Check that methods other than pso have enough runs to evaluate every start.
+
+        Raises:
+            InputError: the budget is too small; the message says how large it must be.
+        """
+        evaluations, starts = self.settings.evaluations, len(self.starts)
+        # A method makes at least one point, even if the budget is smaller than its runs (``BatchSampler``).
+        if self.settings.method == "pso" or starts <= max(self.search_budget // evaluations, 1):
+            return
+        needed = starts * evaluations
+        words = f"{starts} starts take {needed} runs ({evaluations} each)"
+        if self.final_runs:
+            words += f", besides the {self.final_runs} of the race"
+        # The default number of runs of the race grows with the budget.
+        needed = (
+            math.ceil(needed / (1.0 - FINAL_SHARE))
+            if self.settings.final is None and self.final_runs
+            else needed + self.final_runs
+        )
+        raise InputError(
+            f"{self.budget} runs are too few: {words}; raise the budget to {needed}, or give fewer starts",
+            field="search.budget",
+        )
 
     @classmethod
     def from_toml(
@@ -163,6 +196,8 @@ class Search(NotebookView):
         name: str = "search",
         folder: str | Path | None = None,
         method: str | None = None,
+        cost: str | None = None,
+        budget: int | None = None,
     ) -> Search:
         """Read a search from TOML text.
 
@@ -171,6 +206,10 @@ class Search(NotebookView):
             folder: where the files that the text names are looked for: scenario, floors and code.
             method: replaces the method of the text. If neither the text nor this argument gives a method, it is nsga2
                 for several objectives, else pso.
+            cost: name of the cost of a single objective that replaces all objectives of the text. It keeps two settings
+                of the first of them: its statistic, and whether the score is that of the worst case or the mean over
+                cases (``over``).
+            budget: replaces the budget of the text.
         Raises:
             InputError: the text is not TOML, or has an unknown or invalid entry, which the message names.
         """
@@ -196,7 +235,10 @@ class Search(NotebookView):
         settings = search_values.get("search", {})
         if isinstance(settings, Mapping):  # anything else is refused by ``_settings`` below
             defaults = {"method": "nsga2"} if len(objectives) > 1 else {}
-            settings = defaults | dict(settings) | ({} if method is None else {"method": method})
+            replaced = {"method": method, "budget": budget}
+            settings = defaults | dict(settings) | {k: v for k, v in replaced.items() if v is not None}
+        if cost is not None:
+            objectives = (Objective(cost, statistic=objectives[0].statistic, over=objectives[0].over),)
         return cls(
             study=study,
             space=Space.of(PAPER if block is None else block),
@@ -207,8 +249,17 @@ class Search(NotebookView):
         )
 
     @classmethod
-    def read(cls, path: str | Path, *, method: str | None = None) -> Search:
-        """Read a search from the TOML file ``path``; ``method``, if given, replaces the method of the file.
+    def read(
+        cls,
+        path: str | Path,
+        *,
+        method: str | None = None,
+        cost: str | None = None,
+        budget: int | None = None,
+    ) -> Search:
+        """Read a search from the TOML file ``path``.
+
+        ``method``, ``cost`` and ``budget``, if given, replace those of the file, see ``from_toml``.
 
         Files that the search names (scenario, floors, code) are looked for in the folder of this file.
 
@@ -216,7 +267,14 @@ class Search(NotebookView):
             InputError: the file cannot be read, or something in it is wrong.
         """
         path = Path(path)
-        return cls.from_toml(read_text(path, "a search"), name=str(path), folder=path.parent, method=method)
+        return cls.from_toml(
+            read_text(path, "a search"),
+            name=str(path),
+            folder=path.parent,
+            method=method,
+            cost=cost,
+            budget=budget,
+        )
 
     def to_values(self) -> dict[str, Any]:
         """Return the search as nested tables for TOML, from which ``from_toml`` reads a search with the same hash.

@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.core.atomic_io import remove_folder, whole_folder
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided, all_claims
 from vibroswarm.paper.columns import COLUMNS, CONTROLS
@@ -53,11 +53,16 @@ def write_all(
     Args:
         made: results of the reproduction. folder: folder to write into.
         progress: called with the share of the pictures that is drawn, 0 to 1.
-        pictures: whether to draw pictures; without them ``figures/`` is not written, and an existing one stays.
+        pictures: whether to draw pictures; without them an existing ``figures/`` is removed, since its pictures may be
+            of other settings.
     """
     decided = made.decided
     _write_tables(made, decided, folder / TABLES)
-    drawn = _write_figures(made, folder / FIGURES, progress) if pictures else {}
+    drawn: dict[str, list[DrawnPicture]] = {}
+    if pictures:
+        drawn = _write_figures(made, folder / FIGURES, progress)
+    elif (folder / FIGURES / MARKER).is_file():  # only a folder that this function has written
+        remove_folder(folder / FIGURES)
     write_report(folder / REPORT, report_of(made, decided, drawn))
 
 

@@ -266,7 +266,8 @@ def _cell(archive: Zipped, row: dict[str, Any], head: dict[str, Any]) -> Cell:
     Args:
         head: head of the archive, with the number of runs of a cell that has no number of its own.
     Raises:
-        InputError: the scenario is invalid or too large, the cell has no runs, or the scenario does not have the hash of its file name.
+        InputError: the scenario is invalid or too large, does not have the hash of its file name, or the cell has no
+            runs.
     """
     name = f"scenarios/{row['scenario']}.toml"
     # Bytes that are not UTF-8 are replaced, so that they give an invalid scenario or another hash, not a UnicodeError.

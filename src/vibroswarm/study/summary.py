@@ -23,6 +23,7 @@ from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
+from vibroswarm.errors import RunError
 from vibroswarm.inference.outcomes import numbers
 from vibroswarm.study.answers import Answer, answers_of, question
 from vibroswarm.study.batch_table import failed_words
@@ -76,6 +77,8 @@ class Outcome(NotebookView):
     """Cells of which no run is stored; they are in no table."""
     answers: tuple[Answer, ...] = ()
     """An answer for each pair of cells that is compared."""
+    failed_replicate: StudyResult | None = None
+    """The second block, if all its batches failed, so that none of its runs is stored; else None."""
 
     def __repr__(self) -> str:
         return f"Outcome({len(self.cells)} cells, {len(self.answers)} comparisons, of {self.result!r})"
@@ -116,8 +119,9 @@ class Outcome(NotebookView):
         warnings += [failed_words(c.cell, c.failed, c.summary.runs) for c in self.cells if c.failed.height]
         if store.failures:
             warnings.append(_failed_batches_words(self.result))
-        if self.replicate is not None and self.replicate.store.failures:
-            warnings.append(f"on other seeds, {_failed_batches_words(self.replicate)}")
+        for replicate in (self.replicate, self.failed_replicate):
+            if replicate is not None and replicate.store.failures:
+                warnings.append(f"on other seeds, {_failed_batches_words(replicate)}")
         if self.without_runs:
             names = ", ".join(cell.name for cell in self.without_runs)
             warnings.append(f"there are no runs of {names}.")
@@ -195,13 +199,14 @@ def outcome_of(
     """
     cells = []
     result, without_runs = _with_runs(result)
+    failed_replicate: StudyResult | None = None
     if replicate is not None:
-        # A second block of which no run is stored, since all its batches failed, is left out.
+        # A second block of which no run is stored, since all its batches failed, compares nothing; it gives a warning.
         has_runs = replicate.cells["there"].sum() > 0
         # Only cells with runs are compared. Cells without runs in the second block get no warning: they are not listed
         # in ``Outcome.without_runs``.
         replicate_with_runs, _ = _with_runs(replicate)
-        replicate = replicate_with_runs if has_runs else None
+        replicate, failed_replicate = (replicate_with_runs, None) if has_runs else (None, replicate)
     for number in result.selected:
         cell = result.study.cells[number]
         robots, runs = result.tables(number)
@@ -230,6 +235,7 @@ def outcome_of(
         comparisons=compared,
         without_runs=without_runs,
         answers=answers,
+        failed_replicate=failed_replicate,
     )
 
 
@@ -319,10 +325,11 @@ def _floor_words(one: CellOutcome) -> str:
 def write_outcome(outcome: Outcome, folder: Path) -> None:
     """Write ``summary``, ``comparisons`` and ``equal_error`` as CSV and Parquet into a study's folder.
 
-    The last two are written only if cells are compared, and compared at equal error; earlier files of these names stay.
+    The last two are written only if cells are compared, and compared at equal error. Otherwise, earlier files of these
+    names are removed, since they are not of this summary.
 
     Raises:
-        InputError: a file cannot be created. RunError: the disk is full or failed.
+        InputError: a file cannot be created. RunError: the disk is full or failed, or a file cannot be removed.
     """
     tables = {"summary": outcome.table}
     if outcome.comparisons:
@@ -331,6 +338,13 @@ def write_outcome(outcome: Outcome, folder: Path) -> None:
         tables["equal_error"] = pl.DataFrame(matched, infer_schema_length=None)
     for name, table in tables.items():
         write_table(table, folder / name)
+    for name in {"comparisons", "equal_error"} - set(tables):
+        for suffix in ("csv", "parquet"):
+            path = folder / f"{name}.{suffix}"
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                raise RunError(f"could not remove '{path}': {error.strerror or error}") from error
 
 
 def write_table(table: pl.DataFrame, path: Path) -> None:
