@@ -120,10 +120,9 @@ def fit(
     loss = fit_loss(found)
     # The fitted fields, by dotted name; None for what these robots do not have.
     changed: dict[str, Any] = drive.fields(base)
-    changed.setdefault(
-        "robot.speed_factors", None
-    )  # a law is always fitted; the base's own robots have other speeds
-    if "robot.misalignment_min" in changed:  # a law of misalignments is fitted too
+    # Where a law is fitted, values of individual robots in the base would be used instead of it.
+    changed.setdefault("robot.speed_factors", None)
+    if "robot.misalignment_min" in changed:
         changed.setdefault("robot.misalignments", None)
     for name, value in sensor.values.items():
         rounded = round(value, 5)  # the scenario holds fitted values with five digits after the point
