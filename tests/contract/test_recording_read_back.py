@@ -162,7 +162,8 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     assert "Decisions were not logged." in verdict_text(found, said)
     assert packet_loss(found)["packet_loss"].to_list() == [None]
     assert walk_figures(found.motion, found.observations)["avoid_per_sample_s"].to_list() == [None]
-    shown = with_beliefs(found)
+    shown = with_beliefs(replace(found, scenario=found.scenario.with_values({"run.t_end_s": 5000.0})))
+    assert shown.runs["stopped_early"].to_list() == [False]  # the session was ended by people
     assert set(shown.robots["decision"].to_list()) <= {-1, 0, 1}
     assert record_of(shown, title="replayed").consensus in ("right", "wrong", "split", "incomplete")
 
