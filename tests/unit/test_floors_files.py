@@ -280,7 +280,7 @@ def test_wrong_sizes(text, message):
 def test_more_rows_than_can_be_read_are_not_written(tmp_path, suffix):
     path = tmp_path / f"long{suffix}"
     with pytest.raises(
-        InputError, match="500,001 rows are too many .* at most 500,000; end the name with .png"
+        InputError, match=r"500,001 rows are too many .* at most 500,000; end the name with \.png"
     ):
         write_tiles(path, np.zeros((MAX_LINES + 1, 1), dtype=np.uint8))
     assert not path.exists()
