@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,9 +65,7 @@ def _c(arguments: argparse.Namespace) -> int:
         for name, text in files.items():
             (part / name).parent.mkdir(parents=True, exist_ok=True)
             (part / name).write_text(text, encoding="utf-8")
-        memory = measured(
-            part / "src"
-        )  # None without the compiler and the tool for sizes of the robot's processor
+        memory = measured(part / "src")  # None without a compiler for the robot's processor
     if arguments.json:
         size = None if memory is None else {"flash": memory.flash, "ram": memory.ram, "flags": memory.flags}
         print_json({"out": str(arguments.folder), "files": list(files), "bytes": size})
@@ -82,13 +79,8 @@ def _memory_words(memory: Memory | None) -> str:
     """Describe in a sentence how much memory a robot's program takes.
 
     Args:
-        memory: None if it was not measured, because the compiler for the robot's processor is not installed, or the
-            tool that lists sizes is missing or fails.
+        memory: None if it was not measured, because there is no compiler for the robot's processor.
     """
-    from vibroswarm.export.c_library import COMPILER, SIZE_TOOL
-
-    if memory is None and shutil.which(COMPILER) is not None:
-        return f"Size not measured: {SIZE_TOOL} is missing or fails (Debian: binutils-arm-none-eabi)."
     if memory is None:
         return (
             "Size not measured: arm-none-eabi-gcc is not installed "

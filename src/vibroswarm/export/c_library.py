@@ -74,8 +74,6 @@ def library_files(scenario: Scenario) -> dict[str, str]:
 
 COMPILER: Final = "arm-none-eabi-gcc"
 """The compiler by which memory is measured."""
-SIZE_TOOL: Final = "arm-none-eabi-size"
-"""The tool that lists the sizes of the compiled program."""
 FLAGS: Final = (
     "-std=c99", "-mcpu=cortex-m0plus", "-mthumb", "-ffunction-sections", "-fdata-sections",
     "-nostartfiles", "-Wl,--gc-sections", "-Wl,-e,main", "--specs=nano.specs", "--specs=nosys.specs",
@@ -104,45 +102,37 @@ def measured(sources: Path) -> Memory | None:
     Args:
         sources: folder ``src`` of the library.
     Returns:
-        The memory; None if the compiler is not installed, or if the tool that lists sizes is missing or fails.
+        The memory; None if the compiler is not installed.
     Raises:
-        RunError: the compiler failed.
+        RunError: the compiler or the tool that lists sizes failed.
     """
     if shutil.which(COMPILER) is None:
         return None
     with tempfile.TemporaryDirectory(prefix="vibroswarm-") as folder:
-        tried = [_measured(sources, Path(folder) / "program.elf", flags) for flags in TRIED]
-    return min((memory for memory in tried if memory is not None), key=lambda m: m.flash, default=None)
+        return min(
+            (_measured(sources, Path(folder) / "program.elf", flags) for flags in TRIED),
+            key=lambda m: m.flash,
+        )
 
 
-def _measured(sources: Path, program: Path, flags: str) -> Memory | None:
+def _measured(sources: Path, program: Path, flags: str) -> Memory:
     """Compile the library with a small program around it to the file ``program``, and return its memory.
 
-    Returns:
-        The memory; None if the tool that lists sizes is missing or fails.
     Raises:
-        RunError: the compiler failed.
+        RunError: the compiler or the tool that lists sizes failed.
     """
     files = [str(sources / "vibroswarm.c"), str(ASSETS / "measured_program.c")]
     command = [COMPILER, *FLAGS, *flags.split(), "-I", str(sources), *files, "-o", str(program), "-lm"]
     try:
         subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)
+        sizes = ["arm-none-eabi-size", str(program)]
+        size = subprocess.run(sizes, check=True, capture_output=True, text=True, timeout=SECONDS)
     except (OSError, subprocess.SubprocessError) as error:
-        # stderr: what the compiler wrote; there is none if it could not be started. It is bytes if time was up, also
-        # with ``text=True``.
+        # stderr: what the compiler wrote; there is none if it could not be started.
         words = getattr(error, "stderr", None) or str(error)
-        words = words.decode(errors="replace") if isinstance(words, bytes) else words
         raise RunError(f"{COMPILER} failed: {words.strip()[:300]}") from error
-    try:
-        size = subprocess.run(
-            [SIZE_TOOL, str(program)], check=True, capture_output=True, text=True, timeout=SECONDS
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None  # the library is complete without a statement of its size
     # The tool lists the sizes of code, of initialised data and of data that is zero at the start. Initialised data
     # takes flash, for the values, and RAM. Headings fill its first line, so the first line of numbers is the program's.
     numbers = re.findall(r"^\s*(\d+)\s+(\d+)\s+(\d+)", size.stdout, re.MULTILINE)
-    if not numbers:
-        return None
     text, data, zeros = (int(word) for word in numbers[0])
     return Memory(flash=text + data, ram=data + zeros, flags=flags)
