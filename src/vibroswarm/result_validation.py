@@ -75,8 +75,8 @@ def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder
     """Check that the tables ``ends`` and ``robots`` have a row for each robot of each run, sorted by run and robot.
 
     The table runs, which defines the runs, must be sorted, and floors must have the same runs in the same order. The
-    tables motion, segments, faults and failures may lack some runs or robots, but must name no unknown ones.
-    Observations, inference and places are compared with motion in ``_check_samples``. The table moves is not checked.
+    tables motion, segments, moves, faults and failures may lack some runs or robots, but must name no unknown ones.
+    Observations, inference and places are compared with motion in ``_check_samples``.
     """
     runs, robots = tables["runs"]["run"], scenario.swarm.robots
     if not runs.is_sorted():
@@ -104,7 +104,7 @@ def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder
         raise InputError(
             f"column 'run' names run {unknown_runs[0]}, which is not in runs", field=_file(folder, "failures")
         )
-    for name in ("motion", "segments", "faults"):
+    for name in ("motion", "segments", "moves", "faults"):
         if name not in tables:
             continue
         table = tables[name]
@@ -124,7 +124,7 @@ def _check_robots(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder
 
 
 def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
-    """Check order and times of samples, ends and segments, and that tables with a row per sample have the same samples.
+    """Check order and times of samples, ends, segments and moves; compare tables with a row per sample.
 
     Samples must be sorted by run, time and robot, and each robot's sample numbers must grow with time. No stop may
     start after its sample, and none of these times may lie after the end of the scenario's run. The tables
@@ -158,20 +158,26 @@ def _check_samples(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folde
     few = tables["robots"].join(counted, on=["run", "robot"]).filter(pl.col("samples") < pl.col("least"))
     if few.height:
         raise InputError("column 'samples' is less than the samples in motion", field=_file(folder, "robots"))
-    segments = tables.get("segments")
-    if segments is not None:
-        _check_segments(segments, tables["ends"], last_s, folder)
+    for name, word in (("segments", "segment"), ("moves", "move")):
+        if name in tables:
+            _check_starts(tables[name], tables["ends"], last_s, folder, name, word)
 
 
-def _check_segments(segments: pl.DataFrame, ends: pl.DataFrame, last_s: float, folder: Path) -> None:
-    """Check that segments are sorted, begin no later than ``last_s``, and that each robot has one that begins at 0."""
-    _check_sorted(segments, "start_s", folder, "segments")
-    _check_most(segments, "start_s", last_s, folder, "segments")
-    first = segments.group_by("run", "robot").agg(pl.col("start_s").min())
+def _check_starts(
+    table: pl.DataFrame, ends: pl.DataFrame, last_s: float, folder: Path, name: str, word: str
+) -> None:
+    """Check that segments or moves are sorted, begin no later than ``last_s``, and that each robot has one from 0 on.
+
+    Args:
+        name: name of the table. word: what a row of it is, for messages.
+    """
+    _check_sorted(table, "start_s", folder, name)
+    _check_most(table, "start_s", last_s, folder, name)
+    first = table.group_by("run", "robot").agg(pl.col("start_s").min())
     if first.height < ends.height or (first["start_s"] > TOLERANCE_S).any():
         raise InputError(
-            "column 'start_s': each robot of each run must have a segment that starts at 0",
-            field=_file(folder, "segments"),
+            f"column 'start_s': each robot of each run must have a {word} that starts at 0",
+            field=_file(folder, name),
         )
 
 
@@ -235,14 +241,14 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
 def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
     """Check decisions, consensus, times (at most the end of the run), numbers of robots, and posterior counts.
 
-    Robots that decided have a decision time, and undecided ones have none; this is not checked where the decision is
-    not known (null). Exactly the runs with a known consensus have counts of right, wrong and undecided robots. A robot
+    Robots that decided have a decision time, and all others have none, also those whose decision is not known (null).
+    Exactly the runs with a known consensus have counts of right, wrong and undecided robots. A robot
     has both counts of its posterior, alpha and beta, or none. Only with a user's strategy (one with ``code``) may it
     have one of the two, since its state may have a field of only one of these names.
     """
     robots, runs = tables["robots"], tables["runs"]
-    decided, timed = robots["decision"].is_in([0, 1]), robots["decision_time_s"].is_not_null()
-    if (decided & ~timed).any() or (~decided & timed).any():
+    decided = robots["decision"].is_in([0, 1]).fill_null(False)
+    if (decided != robots["decision_time_s"].is_not_null()).any():
         raise InputError(
             "column 'decision_time_s' must be given for robots that decided, and for no others",
             field=_file(folder, "robots"),

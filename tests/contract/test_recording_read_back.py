@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.analysis.sampling import packet_loss, walk_figures
-from vibroswarm.analysis.verdict import verdict
+from vibroswarm.analysis.verdict import confidence, robot_row, verdict
 from vibroswarm.cli.verdict_text import verdict_text
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -162,9 +162,34 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     assert "Decisions were not logged." in verdict_text(found, said)
     assert packet_loss(found)["packet_loss"].to_list() == [None]
     assert walk_figures(found.motion, found.observations)["avoid_per_sample_s"].to_list() == [None]
-    shown = with_beliefs(found)
+    shown = with_beliefs(replace(found, scenario=found.scenario.with_values({"run.t_end_s": 5000.0})))
+    assert shown.runs["stopped_early"].to_list() == [False]  # the session was ended by people
     assert set(shown.robots["decision"].to_list()) <= {-1, 0, 1}
     assert record_of(shown, title="replayed").consensus in ("right", "wrong", "split", "incomplete")
+
+
+def test_beliefs_without_logged_decisions_are_not_called_undecided() -> None:
+    """A robot's log may have its beliefs, but not its decisions."""
+    run = simulate(preset("paper").with_values({"run.t_end_s": 60.0}), 3)
+    robots, runs = (
+        table.with_columns(pl.lit(None, dtype=table.schema[name]).alias(name) for name in names)
+        for table, names in (
+            (run.robots, ("decision", "decision_time_s", "belief_at_decision")),
+            (run.runs, ("consensus", "consensus_time_s", "right", "wrong", "undecided")),
+        )
+    )
+    found = verdict(replace(run, robots=robots, runs=runs), 0)
+    text = " ".join(verdict_text(run, found).split())
+    assert "Decisions were not logged. Confidence: decisions were not logged; belief in 'less' is" in text
+    assert robot_row(found.robots[0], found.answers)[1:4] == ["not logged", "-", ""]
+    assert "undecided" not in text
+    assert "never" not in text
+    assert "no robot decided" not in text
+    # A control: robots that are known not to have decided.
+    robots = robots.with_columns(decision=pl.lit(-1, dtype=robots.schema["decision"]))
+    undecided = verdict(replace(run, robots=robots), 0)
+    assert robot_row(undecided.robots[0], undecided.answers)[1:4] == ["undecided", "never", ""]
+    assert "no robot decided" in confidence(undecided)
 
 
 @pytest.mark.parametrize("strategy", ["bayes_bots", "places"])

@@ -265,6 +265,27 @@ def test_a_strategy_that_needs_more_than_counts_is_refused(recording: Recording,
         replay_recording(recording, scenario, draws=1)
 
 
+TIMED = (
+    COUNTS_BITS.replace("    ones: int\n", "    ones: int\n    next_s: float\n").replace(
+        "def on_sample", "def on_timer(s, a, t_s, out, d, p, w):\n    return False\n\n\ndef on_sample"
+    )
+)  # fmt: skip
+REVISED = COUNTS_BITS.replace('"counter")', '"counter", decides="opinion")')
+
+
+@pytest.mark.parametrize(("code", "words"), [(TIMED, "has a timer"), (REVISED, "revises decisions")])
+def test_the_reason_of_a_refusal_is_the_strategys_own(
+    recording: Recording, tmp_path: Path, code: str, words: str
+) -> None:
+    (tmp_path / "counter.py").write_text(code, encoding="utf-8")
+    with plugins.trust_code():
+        scenario = recording.scenario.with_values({"strategy.name": f"{tmp_path / 'counter.py'}:counter"})
+        with pytest.raises(InputError, match=f"'.*' {words}, but a replay .*none, positive, soft") as refused:
+            replay_recording(recording, scenario, draws=1)
+    assert "who sent what" not in str(refused.value)
+    forget("counter")
+
+
 def test_what_happened_cannot_be_changed(recording: Recording, made: Result) -> None:
     with pytest.raises(InputError, match="cannot be changed in the replay"):
         replay_recording(

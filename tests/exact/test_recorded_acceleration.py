@@ -16,6 +16,10 @@ from scipy import signal
 from helpers.exported_robots import ACCELERATE, OBSERVED, START, STEP, built, python_module, run_program
 from vibroswarm import preset
 from vibroswarm.cli import main
+from vibroswarm.errors import InputError
+from vibroswarm.recordings.acceleration import read_acceleration
+from vibroswarm.recordings.column_map import LARGEST_BYTES
+from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.robot.walk import DRIVE, STOP
 
@@ -101,6 +105,10 @@ def test_another_rate_and_missing_readings_are_refused(
         ("robot,time_s,ax,ay,az\n0,1.0,x,0,0\n", "row 2: 'x' in column 'ax' is not a number"),
         ("robot,time_s,ax,ay,az\n0,1.0,0,0,0\n0,1.0,0,0,0\n", "row 3: robot 0: its time, 1 s"),
         ("robot,time_s,ax,ay,az\n0,1.0,0,0,0\n", "lacks readings"),
+        (
+            "robot,time_s,ax,ay,az\n1,1.0,0,0,0\n1.5,1.0,0,0,0\n",
+            "row 3: 1.5 in column 'robot' is not a whole",
+        ),
     ],
 )
 def test_wrong_files_are_refused(
@@ -109,6 +117,18 @@ def test_wrong_files_are_refused(
     (tmp_path / "a.csv").write_text(text)
     assert main(arguments(tmp_path / "a.csv", tmp_path / "lab")) == 2
     assert said in capsys.readouterr().err
+
+
+def test_too_large_files_are_called_what_they_should_be(tmp_path: Path) -> None:
+    large = tmp_path / "large"
+    with large.open("wb") as stream:
+        stream.truncate(LARGEST_BYTES + 1)
+    with pytest.raises(InputError, match="larger than 64 MiB; that is not the acceleration of one session"):
+        read_acceleration(large)
+    with pytest.raises(InputError, match="larger than 64 MiB; that is not a column map"):
+        read_log(SHIPPED / "camera.csv", columns=large)
+    with pytest.raises(InputError, match="larger than 64 MiB; that is not a log of one session"):
+        read_log(large)
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

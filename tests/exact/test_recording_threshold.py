@@ -67,6 +67,19 @@ def test_the_curves_count() -> None:
     assert doubled[1].tolist() == [0.0, 0.0, 0.0]
 
 
+def test_the_least_cost_lies_at_the_threshold_itself() -> None:
+    """Where thresholds that are no neighbours have the least cost, and where it is that of reading all as vibrating."""
+    one = np.ones(4)
+    still_first = np.array([False, True, False, True])
+    energy = np.array([1.0, 2.0, 3.0, 4.0])
+    # False positive 1/2, false negative 0 at 1.5; 1/2 and 1/2 at 2.5; 0 and 1/2 at 3.5.
+    assert least_cost(1.0, 1.0, 0.5)(energy, still_first, one) == 1.5
+    vibrating_first = np.array([True, False, True, True])
+    assert least_cost(1.0, 9.0, 0.5)(energy, vibrating_first, one) == 0.5
+    # Energies are not negative, so that no threshold lies below the energy 0.
+    assert least_cost(1.0, 9.0, 0.5)(energy - 1.0, vibrating_first, one) == 1.5
+
+
 def test_a_recording_gives_it_with_its_uncertainty(recording: Recording) -> None:
     equal, least, costly = find_thresholds(recording, 1.0, 5.0)
     cross = optimize.brentq(lambda t: STILL.sf(t) - VIBRATING.cdf(t), 0.5, 3)

@@ -48,6 +48,15 @@ def test_strategies_that_steer_and_no_runs_are_refused() -> None:
         effects(EASY, EASY, runs=0)
 
 
+def test_scenarios_that_end_at_different_times_are_refused() -> None:
+    longer = EASY.with_values({"run.t_end_s": 2.0 * EASY.run.t_end_s})
+    reported: list[float] = []
+    with pytest.raises(InputError, match="in the first scenario and") as refused:
+        effects(EASY, longer, runs=1, strategies=("none",), progress=reported.append)
+    assert refused.value.field == "run.t_end_s"
+    assert reported == []  # nothing was simulated
+
+
 def test_the_command_tells_it(capsys) -> None:
     settings = ["--set", "run.t_end_s=200.0", "--runs", "2", "--json"]
     assert main(["calibrate", "effect", "paper", "calibrated", *settings]) == 0

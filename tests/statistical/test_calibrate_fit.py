@@ -9,12 +9,22 @@ import numpy as np
 import polars as pl
 import pytest
 
+from vibroswarm.calibrate import fit as fit_module
+from vibroswarm.calibrate import fit_avoidance as avoidance_module
 from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.cross_validation import Fold, Reading, Score, on_floor, readings_of
 from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
 from vibroswarm.calibrate.features import FEATURES
 from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss, stop_of
-from vibroswarm.calibrate.fit_avoidance import CANDIDATES, PRIOR, SUMMARIES, posterior
+from vibroswarm.calibrate.fit_avoidance import (
+    CANDIDATES,
+    CHECKS,
+    PRIOR,
+    SUMMARIES,
+    AvoidanceFit,
+    fit_avoidance,
+    posterior,
+)
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive
 from vibroswarm.calibrate.fit_rays import fit_rays
@@ -22,7 +32,7 @@ from vibroswarm.calibrate.fit_sensor import fit_sensor
 from vibroswarm.cli import calibrate_fit
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.scenario.scenario import preset
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 
 pytestmark = pytest.mark.slow
@@ -248,6 +258,46 @@ def test_a_statistic_that_the_first_session_lacks_is_printed(capsys: pytest.Capt
     (of_edge,) = (row.split() for row in rows if row.startswith("false negative, 0 to 10 mm"))
     assert of_bits[-4:] == ["0.500", "0.400", "+1.0,", "+1.0"]
     assert of_edge[-4:] == ["0.300", "0.200", "-,", "+2.0"]  # the first session has no value
+
+
+def test_progress_of_avoidance_ends_at_1(monkeypatch: pytest.MonkeyPatch) -> None:
+    chance = np.random.default_rng(1)
+    monkeypatch.setattr(avoidance_module, "_simulated", lambda *_, **__: chance.normal(size=len(SUMMARIES)))
+    monkeypatch.setattr(avoidance_module, "summary", lambda *_: chance.normal(size=len(SUMMARIES)))
+    shares: list[float] = []
+    recorded = dataset_of([simulate(BASE.with_values({"run.t_end_s": 100.0}), 1, 2)])
+    fit_avoidance(recorded, BASE, 0.05, candidates=200, progress=shares.append)
+    assert len(shares) == 200 + CHECKS
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+
+
+def test_robots_of_the_base_do_not_remain_in_a_fit_to_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The paper's robots have no speed of their own, no wandering and no starts of rays that differ."""
+    draws = {name: np.full(20, sum(limits) / 2) for name, limits in PRIOR.items()}
+    seen: list[Scenario] = []
+
+    def fitted_avoidance(_: Dataset, scenario: Scenario, *__: Any, **___: Any) -> AvoidanceFit:
+        seen.append(scenario)
+        return AvoidanceFit(draws, np.full(20, 0.05), {}, 0)
+
+    monkeypatch.setattr(fit_module, "fit_avoidance", fitted_avoidance)
+    recorded = dataset_of([simulate(BASE.with_values({"run.t_end_s": 600.0}), 42, 2, segments=True)])
+    calibrated = preset("calibrated").with_values(
+        {"floor.tiles": BASE.floor.tiles, "floor.source": "recorded"}
+    )
+    fitted = fit_module.fit(recorded, calibrated)
+    robot, known = fitted.scenario.robot, fitted.changed
+    assert robot.speed_redraw == "sample"
+    assert (robot.speed_factors, robot.misalignments, robot.speed_wander) == (None, None, None)
+    assert robot.misalignment_wander == known.get("robot.misalignment_wander")
+    assert robot.misalignment_drift == known.get("robot.misalignment_drift")
+    assert robot.misalignment_run_spread == known.get("robot.misalignment_run_spread")
+    assert fitted.scenario.sensor.tile_spread == known.get("sensor.tile_spread")
+    assert fitted.scenario.sensor.robot_spread == known.get("sensor.robot_spread")
+    assert fitted.scenario.rays.forward_each_m == known.get("rays.forward_each_m")
+    assert seen[0].rays.forward_each_m == known.get("rays.forward_each_m")
+    assert None not in known.values()
 
 
 @pytest.mark.parametrize("interval_ms", [3778.0, 2000.0, 1990.0])

@@ -14,7 +14,7 @@ from hypothesis.extra import numpy as hnp
 from PIL import Image
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.grid_text import parse_tiles
+from vibroswarm.floors.grid_text import MAX_LINES, parse_tiles
 from vibroswarm.floors.io import FILE_LIMIT, check_new, read_tiles, write_tiles
 
 grids = hnp.arrays(
@@ -188,6 +188,10 @@ def test_what_a_picture_leaves_open_is_refused(file):
     clear = np.zeros((2, 2, 4), dtype=np.uint8)
     with pytest.raises(InputError, match="transparent"):
         read_tiles(file(png(clear)))
+    fine = np.array([[0, 65535], [65535, 0]], dtype=np.uint16)
+    with pytest.raises(InputError, match="transparent"):
+        read_tiles(file(png(fine, transparency=65535)))
+    assert read_tiles(file(png(fine, transparency=300))).tolist() == [[0, 1], [1, 0]]
 
 
 def test_a_broken_or_vast_picture_is_refused(file):
@@ -270,6 +274,16 @@ def test_wrong_sizes(text, message):
     with pytest.raises(InputError, match=message) as caught:
         parse_tiles(text)
     assert caught.value.field == "--tiles"
+
+
+@pytest.mark.parametrize("suffix", [".txt", ".csv"])
+def test_more_rows_than_can_be_read_are_not_written(tmp_path, suffix):
+    path = tmp_path / f"long{suffix}"
+    with pytest.raises(
+        InputError, match=r"500,001 rows are too many .* at most 500,000; end the name with \.png"
+    ):
+        write_tiles(path, np.zeros((MAX_LINES + 1, 1), dtype=np.uint8))
+    assert not path.exists()
 
 
 def test_writing_refuses_other_suffixes_and_files_that_are_there(tmp_path):

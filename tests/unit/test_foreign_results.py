@@ -150,6 +150,11 @@ KEYS: list[tuple[str, str, Change]] = [
     ("floors", "'run'", put("run", 5)),
     ("segments", "'start_s'", lambda f: f.filter(pl.col("robot") != 1)),
     ("segments", "'robot'", put("robot", 65_535)),
+    ("moves", "'robot'", put("robot", 3)),
+    ("moves", "'run'", lambda f: f.with_columns(run=pl.lit(9, pl.UInt32))),
+    ("moves", "'start_s'", lambda f: f.filter(pl.col("robot") != 1)),
+    ("moves", "'start_s'", lambda f: f.reverse()),
+    ("moves", "after the end", lambda f: f.with_columns(pl.col("start_s") * 6)),
 ]  # fmt: skip
 
 
@@ -169,6 +174,15 @@ def test_tables_fit_each_other_and_the_scenario(there: Path, name: str, said: st
     else:
         changed(path, change)
     refused(Result.read, there / "result", path, said)
+
+
+def test_a_robot_whose_decision_is_not_known_has_no_decision_time(there: Path) -> None:
+    path = there / "recording" / "robots.parquet"
+    without_time = put("decision_time_s", None)
+    changed(path, lambda f: without_time(put("decision", None)(f)))
+    Recording.read(there / "recording")
+    changed(path, put("decision_time_s", 50.0))
+    refused(Recording.read, there / "recording", path, "'decision_time_s'")
 
 
 MORE: list[tuple[str, str, Change]] = [

@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 from vibroswarm.recordings.export import write_rugbot, write_webots
-from vibroswarm.recordings.infer_settings import infer_settings
+from vibroswarm.recordings.infer_settings import infer_gate, infer_settings
 from vibroswarm.recordings.inferred import Inferred
 from vibroswarm.recordings.log import Log, in_order
 from vibroswarm.recordings.log_readers import read_log
@@ -52,6 +52,23 @@ def test_the_gate_is_found_where_it_held_robots_back(told: Scenario, tmp_path: P
     settings = found(told, tmp_path, decision__gate="own", decision__min_observations=60)
     assert settings["decision.gate"].value == "own", settings["decision.gate"].evidence
     assert settings["decision.min_observations"].value == 60
+
+
+@pytest.mark.parametrize("gate", ["own", "received", "total"])
+def test_only_own_readings_can_be_the_current_sample(gate: str) -> None:
+    """Two robots are sure but undecided, one decides; only the counts of ``gate`` keep them apart."""
+    sent, received = {
+        "own": ([9, 9, 11], [50, 50, 2]), "received": ([50, 50, 2], [9, 9, 11]), "total": ([9, 1, 6], [1, 9, 6])
+    }[gate]  # fmt: skip
+    samples = pl.DataFrame(
+        {
+            "robot": [0, 1, 2], "time_s": [1.0] * 3, "decision": [-1, -1, 1], "belief_below": [0.01] * 3,
+            "sent": sent, "messages_received": received,
+        }
+    )  # fmt: skip
+    kind, least = infer_gate([Log("a log", "by hand", samples, tracks=pl.DataFrame())], 0.95)
+    assert kind.value == gate, kind.evidence
+    assert ("if the current sample counts" in least.evidence) is (gate != "received")
 
 
 def test_where_nobody_decides_nothing_is_said_of_deciding(told: Scenario, tmp_path: Path) -> None:

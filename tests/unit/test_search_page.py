@@ -22,10 +22,11 @@ from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Outcomes
 from vibroswarm.optimize.search_page import search_page
 from vibroswarm.optimize.search_report import as_dict, grid_pictures, made_by, write_grid, write_report
-from vibroswarm.optimize.search_tables import bound_of
+from vibroswarm.optimize.search_tables import bound_of, winner_words
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import LUCK, Front, Member, Truth, front_of, is_too_short, truth_of
+from vibroswarm.plots.labels import setting_words
 from vibroswarm.report.html import Report, report_html
 from vibroswarm.simulation import versions
 from vibroswarm.study.run import run as run_study
@@ -425,3 +426,11 @@ def test_a_front_with_scores_of_0_has_no_share_of_them() -> None:
     nothing = replace(front, members=members[:1])
     assert math.isnan(nothing.too_little[0])
     assert nothing.words.endswith("the believed scores were 20 % too low for time (medians).")
+
+
+def test_large_values_of_fields_have_no_exponent() -> None:
+    field = "walk.walk_duration_location_ms"
+    assert setting_words(field, 12000.0) == "γ₀ 12000"
+    assert winner_words({field: 12000.0}) == "walk duration, location γ₀ 12000 ms"
+    assert setting_words(field, 4750.25) == "γ₀ 4750"
+    assert setting_words("swarm.robots", 12000) == "robots 12000"

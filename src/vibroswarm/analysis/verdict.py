@@ -210,12 +210,14 @@ def percent(share: float) -> str:
 
 
 def decision_words(decision: int | None, answers: tuple[str, str]) -> str:
-    """Return the meaning of a decision in words; "undecided" for -1 or None.
+    """Return the meaning of a decision in words; "undecided" for -1, "not logged" for None.
 
     Args:
         answers: meaning of decisions 0 and 1, from ``answers_of``.
     """
-    return "undecided" if decision is None or decision == -1 else answers[decision]
+    if decision is None:
+        return "not logged"
+    return "undecided" if decision == -1 else answers[decision]
 
 
 def headline(found: Verdict) -> str:
@@ -247,8 +249,9 @@ def headline(found: Verdict) -> str:
 def confidence(found: Verdict) -> str:
     """Return a sentence with the range, over robots, of the confidence at decision time.
 
-    If no robot has a confidence, the sentence gives the range of their beliefs in answer 0 at the end of the run. If
-    they have no beliefs either, it says so, or that no robot took a sample.
+    If no robot has a confidence, the sentence says whether decisions were logged, and gives the range of the robots'
+    beliefs in answer 0 at the end of the run. If they have no beliefs either, it says so, or that no robot took a
+    sample.
 
     Args:
         found: outcome of the run, from ``verdict``.
@@ -263,7 +266,8 @@ def confidence(found: Verdict) -> str:
             return "No robot took a sample."
         # "less" is short for "less than 50 % vibrates", answer 0 of the question about the share of vibrating tiles.
         answer = "less" if found.of_shares else found.answers[0]
-        return f"Confidence: no robot decided; belief in '{answer}' is {_range(beliefs)}. {note}"
+        why = "decisions were not logged" if found.consensus is None else "no robot decided"
+        return f"Confidence: {why}; belief in '{answer}' is {_range(beliefs)}. {note}"
     return f"Confidence at decision time: {_range(beliefs)}. {note}"
 
 
@@ -284,7 +288,9 @@ def robot_row(robot: RobotVerdict, answers: tuple[str, str]) -> list[object]:
     The cells are its number, decision in words, decision time (s), confidence at decision time (%), estimate with
     interval, number of samples, and number of received messages.
     """
-    at = "never" if robot.decision_time_s is None else f"{robot.decision_time_s:.1f}"
+    at = "-" if robot.decision is None else "never"
+    if robot.decision_time_s is not None:
+        at = f"{robot.decision_time_s:.1f}"
     sure = "" if robot.belief_in_decision is None else f"{100 * robot.belief_in_decision:.1f}"
     estimate = "-"
     if robot.estimate is not None and robot.interval is not None:

@@ -16,7 +16,7 @@ from vibroswarm.analysis.cell_summary import run_figures
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.analysis.paired import FIGURES, Confirmation, compare, confirmed
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import whole_number_of
+from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.inference.outcomes import CONSENSUS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import MAX_RUNS, refuse_steering, replay, simulate
@@ -67,8 +67,8 @@ def effects(
     The motion of each scenario is simulated once for each seed, and replayed under each strategy.
 
     Args:
-        first, second: the scenarios to compare. Both must have the same ``run.t_end_s``, which is not checked: that of
-            ``first`` is used for both. Their own strategies do not matter, but must not steer.
+        first, second: the scenarios to compare. Both must have the same ``run.t_end_s``, the decision time of robots
+            that do not decide. Their own strategies do not matter, but must not steer.
         runs: number of runs for each scenario and seed.
         seed: the seed of the estimates; ``seed`` + 1 is used to confirm the differences.
         strategies: names of the strategies, none of which steers.
@@ -76,11 +76,17 @@ def effects(
     Returns:
         One effect per strategy, in the order of ``strategies``.
     Raises:
-        InputError: ``runs`` is not a whole number from 1, a strategy steers, a scenario cannot be simulated, or it
-            cannot be replayed (``simulation.replay``) under one of the strategies, such as one whose runs stop before
-            t_end.
+        InputError: ``runs`` is not a whole number from 1, the scenarios have different ``run.t_end_s``, a strategy
+            steers, a scenario cannot be simulated, or it cannot be replayed (``simulation.replay``) under one of the
+            strategies, such as one whose runs stop before t_end.
     """
     runs = whole_number_of(runs, "runs", 1, MAX_RUNS)
+    if first.run.t_end_s != second.run.t_end_s:
+        raise InputError(
+            f"{first.run.t_end_s:g} s in the first scenario and {second.run.t_end_s:g} s in the second; decision times "
+            "can be compared only if all runs end at the same time",
+            field="run.t_end_s",
+        )
     # ``replay`` refuses steering too, but only after the first simulation.
     for scenario in (first, second):
         refuse_steering(scenario)

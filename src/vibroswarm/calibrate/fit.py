@@ -105,7 +105,8 @@ def fit(
 
     Args:
         found: the sessions, with positions as the camera saw them (``dataset``).
-        base: scenario of what the robots were programmed to do, and of all that is not fitted.
+        base: scenario of what the robots were programmed to do, and of all that is not fitted. Its fields of individual
+            robots and of variations are reset where the fit gives none.
         candidates: number of parameter vectors that the fit of avoidance simulates; None: its default.
         progress: called with the share of the avoidance simulations that is done, 0 to 1.
     Raises:
@@ -117,20 +118,27 @@ def fit(
     base = base.with_values({f"camera.{name}": None for name in Camera.__dataclass_fields__})
     drive, sensor, rays = fit_drive(found, base), fit_sensor(found), fit_rays(found, base)
     loss = fit_loss(found)
-    # The fitted fields, by dotted name. Fields that ``drive`` gives as None stay as in the base.
-    changed: dict[str, Any] = {name: value for name, value in drive.fields(base).items() if value is not None}
-    # The scenario holds fitted values with five digits after the point.
-    rounded = {name: round(value, 5) for name, value in sensor.values.items()}
-    for name, value in rounded.items():
-        if name not in SPREADS or value > 0:  # a spread field must be positive: for 0, that of the base stays
-            changed[f"sensor.{name}"] = value
+    # The fitted fields, by dotted name; None for what these robots do not have.
+    changed: dict[str, Any] = drive.fields(base)
+    # Where a law is fitted, values of individual robots in the base would be used instead of it.
+    changed.setdefault("robot.speed_factors", None)
+    if "robot.misalignment_min" in changed:
+        changed.setdefault("robot.misalignments", None)
+    for name, value in sensor.values.items():
+        rounded = round(value, 5)  # the scenario holds fitted values with five digits after the point
+        # A spread field must be positive, and is absent without a spread.
+        changed[f"sensor.{name}"] = rounded if name not in SPREADS or rounded > 0 else None
     changed["sample.interrupts_avoidance"] = avoidance_beyond(found, base).value < INTERRUPTED_BELOW
     changed |= rays.fields(base)
+    changed.setdefault("rays.forward_each_m", None)  # without it, ``fit_avoidance`` fits the rays
     stop_ms = stop_of(found, base)
     if stop_ms is not None:
         changed["sample.stop_ms"] = stop_ms
     if loss is not None:
         changed["network.name"], changed["network.loss.share"] = "loss", round(loss.value, 5)
+    # The base may have been fitted to other robots: what these robots do not have is reset.
+    base = base.with_values({name: None for name, value in changed.items() if value is None})
+    changed = {name: value for name, value in changed.items() if value is not None}
     # Mean speed of the scenario's robots at the start.
     speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]
     options = {} if candidates is None else {"candidates": candidates}

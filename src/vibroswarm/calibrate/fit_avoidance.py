@@ -21,7 +21,7 @@ statistics.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -173,11 +173,10 @@ def fit_avoidance(
         scenario: scenario in which all other fields are fitted already.
         speed_m_s: mean speed of the robots at the start, which turns turning rates into a track (``fields_of``).
         candidates: number of parameter vectors tried, one run each.
-        progress: called with the share of the runs that is done, after each candidate; the last ``CHECKS`` runs are not
-            reported, so the share stays below 1.
+        progress: called with the share of the runs that is done, after each run; 1 at the end.
     """
     real = np.array([summary(session.sort("robot", "time_s"), found.arena_m) for session in found.by_session])
-    # ``fit_rays`` sets this field together with the angles; a scenario that had it before counts as fitted too.
+    # ``fit_rays`` sets this field together with the angles; ``fit`` resets it where the rays are not fitted.
     rays_fitted = scenario.rays.forward_each_m is not None
     prior = PRIOR | ({} if rays_fitted else UNSEEN)
     # Candidates use the random numbers of "run" 0; ``_predicted`` uses those of "run" 1.
@@ -192,7 +191,11 @@ def fit_avoidance(
             progress((k + 1) / (candidates + CHECKS))
     draws, weights = posterior(tried, statistics, real, bounds=(low, high))
     by_name = {name: draws[:, k] for k, name in enumerate(prior)}
-    check = _predicted(by_name, weights, scenario, speed_m_s)
+    check = np.empty((CHECKS, len(SUMMARIES)))
+    for k, statistics_of_run in enumerate(_predicted(by_name, weights, scenario, speed_m_s)):
+        check[k] = statistics_of_run
+        if progress is not None:
+            progress((candidates + k + 1) / (candidates + CHECKS))
     bands = np.quantile(check, [0.025, 0.975], axis=0).T  # (statistics, 2)
     predicted = {
         name: (float(mean), float(band[0]), float(band[1]))
@@ -265,8 +268,10 @@ def _simulated(scenario: Scenario, values: dict[str, float], speed_m_s: float, r
     return summary(moved.sort("robot", "time_s"), (scenario.arena.width_m, scenario.arena.height_m))
 
 
-def _predicted(draws: dict[str, Floats], weights: Floats, scenario: Scenario, speed_m_s: float) -> Floats:
-    """Simulate runs with parameters drawn from the posterior, and return their statistics, (``CHECKS``, statistics).
+def _predicted(
+    draws: dict[str, Floats], weights: Floats, scenario: Scenario, speed_m_s: float
+) -> Iterator[Floats]:
+    """Simulate ``CHECKS`` runs with parameters drawn from the posterior, and yield the statistics of each.
 
     Args:
         draws: posterior sample by parameter, (accepted,) each. weights: of the draws, (accepted,), of sum 1.
@@ -275,14 +280,7 @@ def _predicted(draws: dict[str, Floats], weights: Floats, scenario: Scenario, sp
     u = uniforms(_SEED, run=1, robot=0, purpose=Purpose.OPTIMIZER, count=CHECKS)
     # Draw k is picked with the probability weights[k]; the clip is for a sum of weights slightly below 1.
     picked = np.searchsorted(np.cumsum(weights), u).clip(max=weights.size - 1)
-    return np.array(
-        [
-            _simulated(
-                scenario,
-                {name: float(values_of[k]) for name, values_of in draws.items()},
-                speed_m_s,
-                10**6 + i,  # beyond the run numbers of the candidates, so that the runs are fresh
-            )
-            for i, k in enumerate(picked.tolist())
-        ]
-    )
+    for i, k in enumerate(picked.tolist()):
+        values = {name: float(values_of[k]) for name, values_of in draws.items()}
+        # The run numbers are beyond those of the candidates, so that the runs are fresh.
+        yield _simulated(scenario, values, speed_m_s, run=10**6 + i)

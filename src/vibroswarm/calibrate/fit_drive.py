@@ -77,7 +77,7 @@ class DriveFit:
     explains all of it."""
 
     def fields(self, base: Scenario) -> dict[str, object]:
-        """Return the scenario's fields for these estimates, by dotted name; None leaves a field out.
+        """Return the scenario's fields for these estimates, by dotted name; None: robots do not have it.
 
         Values are clipped to what robots can have: speed factors are positive, a battery outlasts the run, and
         misalignments are between -0.5 and 0.5. Variations are clipped to what the scenario allows. Fields of individual

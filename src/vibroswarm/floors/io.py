@@ -22,7 +22,7 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import TILE_LIMIT, as_tiles
-from vibroswarm.floors.grid_text import Size, read_text
+from vibroswarm.floors.grid_text import MAX_LINES, Size, read_text
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -73,18 +73,23 @@ def read_tiles(path: Path | str, tiles: Size | None = None) -> NDArray[np.uint8]
 def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = False) -> None:
     """Write a floor to a file from which ``read_tiles`` gives the same tiles.
 
-    The exceptions are .txt and .csv files of more than ``grid_text.MAX_LINES`` rows, which ``read_tiles`` refuses.
-
     Args:
         path: the file. Its suffix selects the format: ``.txt`` (rows of 0 and 1), ``.csv`` or ``.png`` (one pixel per
             tile). tiles: (rows, columns) of 0 and 1. replace: whether an existing file may be replaced.
     Raises:
-        InputError: ``tiles`` is not a rectangle of 0 and 1; the suffix is not known; ``path`` is a folder, or exists
-            and ``replace`` is false; or its folder cannot be written.
+        InputError: ``tiles`` is not a rectangle of 0 and 1; the suffix is not known; a .txt or .csv would have more
+            rows than ``read_tiles`` accepts; ``path`` is a folder, or exists and ``replace`` is false; or its folder
+            cannot be written.
         RunError: the disk is full or failed.
     """
     path, grid = Path(path), as_tiles(tiles)
     kind = check_suffix(path)
+    if kind != ".png" and grid.shape[0] > MAX_LINES:
+        raise InputError(
+            f"{grid.shape[0]:,} rows are too many for a {kind} file, which has at most {MAX_LINES:,}; end the name "
+            "with .png",
+            field="--out",
+        )
     # part: a temporary file, which is renamed to ``path`` when it is complete
     with whole_file(path, replace=replace) as part:
         if kind == ".png":
@@ -228,7 +233,11 @@ def _grey(picture: Image.Image, name: str) -> NDArray[np.float64]:
     # A grey PNG of 16 bits a pixel has the mode "I;16" (in older versions of Pillow "I"). convert("L") would clip its
     # values at 255 instead of scaling them.
     if picture.mode.startswith("I"):
-        return np.asarray(picture, dtype=np.float64) / 65535
+        levels = np.asarray(picture)
+        # Such a picture may name one grey level that is transparent.
+        if (levels == picture.info.get("transparency", -1)).any():
+            raise InputError("has transparent pixels; give a picture without", field=name)
+        return levels.astype(np.float64) / 65535
     if picture.has_transparency_data:
         colours = picture.convert("RGBA")  # so that transparency stated in a palette is seen too
         if np.asarray(colours.getchannel("A")).min() < 255:

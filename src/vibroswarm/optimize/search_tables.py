@@ -22,6 +22,7 @@ from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import Scored, Truth
 from vibroswarm.plots.labels import label_of
+from vibroswarm.plots.layout import number
 from vibroswarm.report.html import Column, ReportTable
 
 REASONS: Final = 3
@@ -76,12 +77,12 @@ def values_said(values: dict[str, Any]) -> str:
 def winner_words(values: Mapping[str, Any]) -> str:
     """Write a winner's values in words, such as ``sample interval τ 4750 ms``.
 
-    ``values`` are given by the full names of the fields. A float has up to four significant digits; the file
-    ``best.toml`` has all.
+    ``values`` are given by the full names of the fields. A float has up to four significant digits, or all digits
+    before the point; the file ``best.toml`` has all.
     """
     phrases = []
     for name, value in values.items():
-        label, text = label_of(name), f"{value:.4g}" if isinstance(value, float) else str(value)
+        label, text = label_of(name), number(value, 4) if isinstance(value, float) else str(value)
         phrases.append(" ".join(part for part in (label.words, label.symbol, text, label.unit) if part))
     return ", ".join(phrases)
 

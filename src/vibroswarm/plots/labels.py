@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.plots.layout import plain, width_pt
+from vibroswarm.plots.layout import number, plain, width_pt
 from vibroswarm.plots.style import INK, PAPER, Look, Style
 
 if TYPE_CHECKING:
@@ -86,7 +86,7 @@ def label_of(field: str) -> Label:
 
 def setting_words(field: str, value: object) -> str:
     """Write a value of a field for a label: ``γ₀ 4000``, ``κ 2``."""
-    text = f"{value:.4g}" if isinstance(value, float) else str(value)
+    text = number(value, 4) if isinstance(value, float) else str(value)
     return f"{label_of(field).short} {text}"
 
 

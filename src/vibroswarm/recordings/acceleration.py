@@ -17,7 +17,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
-from vibroswarm.recordings.column_map import check_columns, numbers_of, table_of, text_of
+from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
 from vibroswarm.recordings.log import Log
 from vibroswarm.robot.sensing import SenseProgram, SenseState, energy, readings, sense_step
 
@@ -98,12 +98,14 @@ def read_acceleration(path: Path) -> pl.DataFrame:
     """Read a file of acceleration: its ``COLUMNS`` as numbers, and ``line``, the line of the file.
 
     Raises:
-        InputError: a column is missing, or a cell is not a number; the error names the row.
+        InputError: a column is missing, a cell is not a number, or a robot's number is not a whole number from 0 on;
+            the error names the row.
     """
     name = str(path)
-    lines, table = table_of(text_of(path), name)
+    lines, table = table_of(text_of(path, "the acceleration of one session"), name)
     check_columns({f"'{column}'": column for column in COLUMNS}, table.columns, name)
     numbers = {column: numbers_of(table[column], lines, name, column, missing=()) for column in COLUMNS}
+    check_values(numbers["robot"], lines, name, use="robot", column="robot")
     return pl.DataFrame({"line": lines, **numbers})
 
 

@@ -64,16 +64,18 @@ _ALLOWED: Final[dict[str, tuple[float, float, str]]] = {
 """Range of values of a column, and the range in words; columns whose least value is an int have whole numbers."""
 
 
-def text_of(path: Path) -> str:
+def text_of(path: Path, what: str = "a log of one session") -> str:
     """Read the text of a log, or of another file that comes with it (column map, acceleration).
 
     A byte order mark is removed, and bytes that are not UTF-8 are replaced by U+FFFD.
 
+    Args:
+        path: of the file. what: the kind of file expected, for errors.
     Raises:
         InputError: it is not a plain file, larger than ``LARGEST_BYTES``, binary, or empty.
     """
     name = str(path)
-    text = read_bytes(path, LARGEST_BYTES, "a log of one session").decode("utf-8-sig", errors="replace")
+    text = read_bytes(path, LARGEST_BYTES, what).decode("utf-8-sig", errors="replace")
     if "\0" in text[:4096]:  # text has no null characters; binary files have some near their start
         raise InputError("is a binary file; give a text log", field=name)
     if not text.strip():

@@ -222,10 +222,12 @@ def infer_gate(logs: Sequence[Log], credible: float) -> list[Inferred]:
     gate = possible[0]
     low, high, _ = bounds[gate]
     words = f"{decisions} first decisions; only '{gate}' fits ({counts})"
+    # The current sample may count only where own readings do (``decision.gate_counts_current``).
+    if_current = "" if gate == "received" else f"; {low + 1:g} if the current sample counts"
     # O_c is at least the largest count without a decision, and below the smallest count at a first decision.
     return [
         Inferred(names[0], gate, low=None, high=None, evidence=words),
-        Inferred(names[1], int(low), low, high - 1, words + f"; {low + 1:g} if the current sample counts"),
+        Inferred(names[1], int(low), low, high - 1, words + if_current),
     ]
 
 

@@ -81,8 +81,8 @@ COUNTED: Final[dict[str, str]] = {
     "posteriors_odd": "samples whose alpha + beta is not the prior, the samples and the messages received",
     "tracking_gaps": "gaps in tracking of more than half a second: interpolated linearly",
     "tracking_gap_longest_s": "s, the longest such gap",
-    "positions_old": "samples whose position is more than a quarter of a second older than usual",
-    "position_oldest_s": "s, the oldest position beyond the usual age",
+    "positions_old": "samples whose position is older than the usual quarter of a second",
+    "position_oldest_s": "s, the age of the oldest position",
     "off_the_floor": "samples off all tiles",
 }
 """Counts that are made while a log is read, and the description of each."""

@@ -263,7 +263,7 @@ def read_log(path: str | Path, reader: str | None = None, columns: str | Path | 
     """
     path = Path(path)
     if columns is not None:
-        return read_mapped(path, column_map(text_of(Path(columns)), str(columns)))
+        return read_mapped(path, column_map(text_of(Path(columns), "a column map"), str(columns)))
     if reader is not None:
         if reader not in _READERS:
             raise InputError(

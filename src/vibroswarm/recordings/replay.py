@@ -98,11 +98,18 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     for section in type(scenario).model_fields:
         if section not in REPLAYABLE and getattr(scenario, section) != getattr(recording.scenario, section):
             raise InputError("cannot be changed in the replay of a recording", field=section)
-    if not counts_only(strategy_of(scenario.strategy.name)):
+    strategy = strategy_of(scenario.strategy.name)
+    if not counts_only(strategy):
+        if strategy.on_counts is None:
+            reason = "needs to know who sent what and when, but logs only count messages"
+        elif strategy.on_timer is not None:
+            reason = "has a timer, but a replay calls strategies at samples only"
+        else:
+            reason = "revises decisions, but a replay is for robots that decide once"
         counting = ", ".join(name for name, one in known().items() if counts_only(one))
         raise InputError(
-            f"'{scenario.strategy.name}' needs to know who sent what and when, but logs only count messages; choose a "
-            f"strategy that counts bits: {counting}",
+            f"'{scenario.strategy.name}' {reason}; choose a strategy that counts bits, has no timer and decides once: "
+            f"{counting}",
             field="strategy.name",
         )
     if recording.inference["messages_received"].null_count():
@@ -313,7 +320,8 @@ def with_beliefs(recording: Recording, seed: int = 0) -> Result:
     inference, finals = infer(recording.scenario, seed, motion, recording.observations)
     floors = {run: recording.floor(run) for run in recording.runs["run"].to_list()}
     robots, runs = outcome_tables(recording.scenario, floors, finals, recording.ends)
-    return replace(recording, inference=inference, robots=robots, runs=runs)
+    # As in ``_outcome``: people ended the session.
+    return replace(recording, inference=inference, robots=robots, runs=runs.with_columns(stopped_early=False))
 
 
 @dataclass(frozen=True)

@@ -261,14 +261,19 @@ def least_cost(cost_false_positive: float, cost_false_negative: float, fill_rati
     def rule(energy: Floats, vibrating: NDArray[np.bool_], weight: Floats) -> float:
         """Compute the threshold from energies, kinds of tile and weights of samples, (samples,) each."""
         thresholds, false_positive, false_negative = error_curves(energy, vibrating, weight)
+        lowest_energy = float(energy.min())
+        if lowest_energy > 0:  # a threshold below all energies, with which every sample reads as vibrating
+            thresholds = np.append(lowest_energy / 2, thresholds)
+            false_positive, false_negative = np.append(1.0, false_positive), np.append(0.0, false_negative)
         cost = (
             cost_false_positive * (1 - fill_ratio) * false_positive
             + cost_false_negative * fill_ratio * false_negative
         )
-        # Several thresholds may have the lowest cost, up to rounding. Their mean prefers none of them, but if they are
-        # not neighbours, its own cost may be higher.
+        # Several thresholds may have the lowest cost, up to rounding. The mean of neighbours has this cost too, that of
+        # others may not. So the mean is that of the longest range of neighbours, of several the lowest.
         lowest = np.flatnonzero(cost <= cost.min() + 1e-12)
-        return float(thresholds[lowest].mean())
+        ranges = np.split(lowest, np.flatnonzero(np.diff(lowest) > 1) + 1)
+        return float(thresholds[max(ranges, key=len)].mean())
 
     return rule
 
