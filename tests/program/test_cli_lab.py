@@ -284,7 +284,9 @@ def test_too_few_intervals_to_tell_apart_are_said(kept, capsys):
 def test_figures(kept, capsys):
     assert main(["calibrate", "figures", str(kept)]) == 0
     assert "speed lost in 1200 s, %" in capsys.readouterr().out
-    assert main(["calibrate", "figures", str(kept), str(kept), "--at", "1.55", "--json"]) == 0
+    assert main(["calibrate", "figures", str(kept), str(kept)]) == 2
+    assert "names a folder twice" in capsys.readouterr().err
+    assert main(["calibrate", "figures", str(kept), "--at", "1.55", "--json"]) == 0
     assert told(capsys)["rms_threshold"] == 1.55
     assert main(["calibrate", "figures", str(kept), "--at", "high"]) == 2
 

@@ -427,8 +427,8 @@ def _settings(side_by_side: bool) -> Iterator[None]:
     """Set LLVM's superword-level vectorisation, and collect garbage less often, while a kernel is compiled.
 
     Superword-level vectorisation combines equal operations on several numbers. It is off in Numba by default, and
-    speeds most kernels up by 5 to 10 %. Both settings are process-wide; they are restored afterwards. Numba compiles one
-    kernel at a time; its lock is taken here already, so that no other thread takes these settings for the user's.
+    speeds most kernels up by 5 to 10 %. Both settings are process-wide; they are restored afterwards. Numba compiles
+    one kernel at a time; its lock is taken here already, so that no other thread takes these settings for the user's.
     """
     from numba import config
     from numba.core.compiler_lock import global_compiler_lock
