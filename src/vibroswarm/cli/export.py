@@ -66,9 +66,8 @@ def _c(arguments: argparse.Namespace) -> int:
         for name, text in files.items():
             (part / name).parent.mkdir(parents=True, exist_ok=True)
             (part / name).write_text(text, encoding="utf-8")
-        memory = measured(
-            part / "src"
-        )  # None without the compiler and the tool for sizes of the robot's processor
+        # None without the compiler and the tool for sizes of the robot's processor
+        memory = measured(part / "src")
     if arguments.json:
         size = None if memory is None else {"flash": memory.flash, "ram": memory.ram, "flags": memory.flags}
         print_json({"out": str(arguments.folder), "files": list(files), "bytes": size})

@@ -274,9 +274,8 @@ def temporary_stem(name: str) -> str:
 
     A name that ends in ``.old`` gets a hyphen, so that its temporary name is not that of a folder that was moved aside.
     """
-    beginning = os.fsencode(name)[:MAX_BYTES_IN_NAME].decode(
-        errors="ignore"
-    )  # drops half a character at the end
+    # "ignore" drops half a character at the end.
+    beginning = os.fsencode(name)[:MAX_BYTES_IN_NAME].decode(errors="ignore")
     return f".{beginning}{'-' if beginning.endswith('.old') else ''}."
 
 

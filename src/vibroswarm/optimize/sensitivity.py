@@ -201,11 +201,10 @@ def indices(names: list[str], costs: Array, seed: int = 0) -> Sensitivity:
     for _ in range(DRAWS):
         chosen = random.integers(0, blocks, blocks)
         drawn.append(_shares(mean_by_block[chosen], noise_by_block[chosen]))
-    # limits of 95 %, each (2, d); a resample is nan if the noise hides all effects in it
+    # Limits of 95 %, each (2, d). A resample in which the noise hides all effects is nan, and is left out. If all are,
+    # the limits are nan, without a warning.
     with warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "All-NaN slice", RuntimeWarning
-        )  # limits of undefined indices are nan
+        warnings.filterwarnings("ignore", "All-NaN slice", RuntimeWarning)
         low, high = np.nanquantile(np.array(drawn), [0.025, 0.975], axis=0)
     fields = [
         Field(

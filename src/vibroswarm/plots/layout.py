@@ -456,9 +456,8 @@ def rows_of(
     for row in range(1, len(names) if series > 1 else 0):
         axes.axhline(row - 0.5, color=LINE, linewidth=style.line_pt * 0.6)
     band = 0.8 / series  # a fifth of a row is space between the rows
-    note_pt = min(
-        font, band * pitch * 72 / 1.05
-    )  # not higher than a band; 1.05: a line of letters with little space
+    # A note is not higher than a band; 1.05: a line of letters with little space.
+    note_pt = min(font, band * pitch * 72 / 1.05)
     line_pt = min(style.line_pt, band * pitch * 72 / 8)  # at most an eighth of a band
     # On a slide the axes fill what the texts leave of its height, which ``Rows.settle`` measures, so only the least
     # height of the rows is required here.

@@ -261,9 +261,8 @@ def _marker(text: Any, count: int, field: str) -> int:
         InputError: it is not a whole number from 0 to ``count`` - 1.
     """
     try:
-        marker = (
-            int(text) if isinstance(text, str) or _is_whole(text) else -1
-        )  # -1, as below, is refused by the check of the range
+        # -1, as below, is refused by the check of the range.
+        marker = int(text) if isinstance(text, str) or _is_whole(text) else -1
     except ValueError:
         marker = -1
     if not 0 <= marker < count:
