@@ -503,11 +503,12 @@ class Function(Calls):
             self.refuse(node, f"the variable '{name}' of a loop is also assigned outside of it")
         if is_by_reference(value.type):
             # Refuse an element of an array, because its index may change later; a second row for the same variable; and
-            # a variable that holds a number elsewhere.
+            # a variable that holds a number elsewhere, before or (as the body is translated again) after this.
             if "[" in value.text or self.aliases.get(name, value).text != value.text or name in self.types:
                 self.refuse(node, f"the name '{name}' for more than one row or array")
             self.aliases[name] = value
             return
+        # The value is a number or a named tuple here; the parameter is a pointer in C, which stays the same.
         if name in self.parameters and isinstance(self.types[name], Struct | CArray):
             self.refuse(node, f"the argument '{name}' is given another row")
         kind = joined(self.types.get(name), value.type)

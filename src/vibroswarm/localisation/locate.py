@@ -90,10 +90,12 @@ def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.Dat
             columns (draws of places) are ignored.
     """
     columns = [samples[name] for name in ("run", "robot", "sample")]
-    # Column 4 is ``lagged_sample``, which is -1 in a robot's first samples, when there is no sample ``lag`` ago yet.
-    late = estimates[:, 4] < 0.0
+    # ``lagged_sample`` is -1 in a robot's first samples, when there is no sample ``lag`` ago yet.
+    has_no_lagged = estimates[:, ESTIMATE.index("lagged_sample")] < 0.0
     for k, name in enumerate(ESTIMATE):
-        values = np.where(late, np.nan, estimates[:, k]) if name.startswith("lagged") else estimates[:, k]
+        values = (
+            np.where(has_no_lagged, np.nan, estimates[:, k]) if name.startswith("lagged") else estimates[:, k]
+        )
         columns.append(pl.Series(name, values, nan_to_null=True).cast(PLACES[name]))
     return pl.DataFrame(columns)
 

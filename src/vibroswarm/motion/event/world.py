@@ -73,7 +73,8 @@ def look_around(world: World, i: int, tick: int) -> bool:
     if there are no others).
     """
     row = world.planners[i]
-    # Robot i's plan has ended at ``tick``, and its next plan is made later. Until then its position is the exact one.
+    # Robot i's plan has ended at ``tick``, and its next plan is made later. Until then its approximate position, which
+    # other robots read at this tick, is the exact one: ``row.tick`` is ``tick``, so the old plan's chord adds nothing.
     # ``position_error_m`` of the old plan stays in the row: for an exact position, any bound on the error is valid.
     row.mid_x_m, row.mid_y_m = row.x_m, row.y_m
     if world.planners.size <= SMALL_SWARM:
