@@ -635,6 +635,20 @@ def test_arrays_called_size_are_not_taken_for_lengths(function: Any, name: str) 
         Collected(parts_of(preset("paper")), rows).function(function)
 
 
+def a_variable_axis(a: Any, k: int) -> int:
+    return int(a.shape[k])
+
+
+def a_last_axis(a: Any) -> int:
+    return int(a.shape[-1])
+
+
+@pytest.mark.parametrize("function", [a_variable_axis, a_last_axis])
+def test_the_axis_of_a_length_is_a_constant(function: Any) -> None:
+    with pytest.raises(InputError, match=r"test_export_translator\.py, line \d+: 'a\.shape\["):
+        Collected(parts_of(preset("paper")), {}).function(function)
+
+
 def test_functions_of_one_name_are_kept_apart() -> None:
     """Those of two modules whose last names are the same."""
     made = Collected(parts_of(preset("paper")), {})

@@ -524,6 +524,8 @@ def test_belief_draws_its_quantiles():
         assert band[:, 1].min() == pytest.approx(frame[low].min())
         assert band[:, 1].max() == pytest.approx(frame[high].max())
     assert "bands: 5 % to 95 % and 25 % to 75 % of the runs" in picture.caption
+    with pytest.raises(InputError, match="q05: is the same quantile as q050"):
+        draw_belief(frame.with_columns(q050=pl.col("q05")))
     with pytest.raises(InputError, match="no partner at 75 %"):
         draw_belief(frame.drop("q75"))
     with pytest.raises(InputError, match="out of order"):

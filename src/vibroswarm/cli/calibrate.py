@@ -70,7 +70,7 @@ def run_figures(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_json, print_paragraph, print_table
 
     if len({str(folder) for folder in arguments.folders}) < len(arguments.folders):
-        raise InputError("names a folder twice", field="RESULT")
+        raise InputError("names a folder twice", field="DIR")
     figures = {str(folder): figures_of(read_result(folder), arguments.at) for folder in arguments.folders}
     if arguments.json:
         by_folder = {

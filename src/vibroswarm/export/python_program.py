@@ -364,7 +364,10 @@ class Rewriter(ast.NodeTransformer):
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             self.refuse_array_called(node.value)
             inner: ast.expr = self.visit(node.value.value)
-            for _ in range(int(self.known(node.slice))):
+            axis = self.known(node.slice)
+            if axis is None:  # the C export refuses it with these words
+                raise self.source.refusal(node, f"'{ast.unparse(node)}'")
+            for _ in range(int(axis)):
                 inner = ast.Subscript(inner, ast.Constant(0), ast.Load())
             return ast.Call(ast.Name("len", ast.Load()), [inner], [])
         found: ast.expr = self.visit(node.value)

@@ -305,12 +305,17 @@ def quantile_pairs(frame: pl.DataFrame) -> list[tuple[str, str]]:
     ``frame`` has columns such as ``q05, q25, q50, q75, q95``, see ``draw_belief``.
 
     Raises:
-        InputError: q50 is missing, or a quantile has no partner at the same distance from the median.
+        InputError: q50 is missing, two columns are the same quantile, or a quantile has no partner at the same distance
+            from the median.
     """
     names = [name for name in frame.columns if re.fullmatch(r"q\d{2,3}", name)]
     if "q50" not in names:
         raise InputError("the frame has no median; name it q50", field="q50")
     by_share = {round(_share(name), 6): name for name in names}
+    for name in names:
+        same = by_share[round(_share(name), 6)]
+        if same != name:  # such as q05 and q050
+            raise InputError(f"is the same quantile as {same}", field=name)
     pairs = []
     for level, name in sorted(by_share.items()):
         if level == 0.5:

@@ -6,6 +6,7 @@ decisions over time, comparisons, comparisons at equal error, references, how ro
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final
@@ -451,4 +452,6 @@ def _details(outcome: Outcome) -> dict[str, str]:
         second = outcome.replicate.study
         details["second block"] = f"seed {second.seed}, {second.runs} runs per cell"
     details |= versions_in_words(outcome.result.store.made_by)
-    return details | {"again": f"vibroswarm sweep '{folder}/study.toml' --out '{folder}'"}
+    return details | {
+        "again": shlex.join(["vibroswarm", "sweep", f"{folder}/study.toml", "--out", f"{folder}"])
+    }

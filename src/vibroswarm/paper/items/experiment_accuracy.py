@@ -180,8 +180,8 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
             # n is the number of experiments, not of our runs: the scatter of the experiments dominates the error.
             yield row("robots-belief", column, label, estimate=difference, error=error, n=REAL_EXPERIMENTS)
         first, second = (_key(column, n, strategy) for n in (max(sizes()), min(sizes())))
-        # ``check=False``: the claim is only that accuracy does not grow with the swarm, so whether the preset can
-        # answer the paper's question is not checked. Nor is it for the values of ``robots-belief`` above.
+        # ``check=False``: with a check, presets that cannot answer the paper's question would have no estimate here,
+        # while ``robots-belief`` above has one for all presets.
         yield work.change("robots-belief-size", column, strategy, BELIEF, first, second, check=False)
     for robots in _subset_sizes():
         first, second = (_key(column, n) for n in (robots, WHOLE))
