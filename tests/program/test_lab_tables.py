@@ -22,7 +22,7 @@ COMMANDS = {
     "lab import": ["lab", "import", *LOGS, "--floor", str(LAB / "floor.txt"), "--out", "again", "--force"],
     "lab replay": ["lab", "replay", "kept", "--strategy", "none,positive,soft", "--draws", "3"],
     "lab threshold": ["lab", "threshold", "kept"],
-    "calibrate figures": ["calibrate", "figures", "kept", "kept", "lossy"],
+    "calibrate figures": ["calibrate", "figures", "kept", "lossy"],
     "calibrate compare": ["calibrate", "compare", "kept", "kept"],
     "calibrate bursts": ["calibrate", "bursts", "lossy"],
     "calibrate effect": ["calibrate", "effect", "paper", "calibrated", *FEW],
