@@ -60,3 +60,14 @@ def test_all_that_a_typed_in_function_is_compiled_with_is_in_its_key(kind: str) 
     assert key_of(cell(CELLS[kind].format(3))) == key_of(cell(CELLS[kind].format(3)))
     # In another process it is the same: no address in memory is part of it.
     assert "0x" not in _text_of(cell(CELLS[kind].format(3)))
+
+
+def test_a_function_without_a_module_and_an_unassigned_variable_of_a_closure_have_a_key() -> None:
+    """Neither stops the key from being made; the rest of the code still distinguishes two strategies."""
+    lost = "def limit():\n    return {}\nlimit.__module__ = None\n" + DECISION.format("limit()")
+    assert key_of(cell(lost.format(3))) != key_of(cell(lost.format(4)))
+    empty = (
+        "def made():\n    def decision(s, a, p, w):\n        return later if s.own < 0 else {}\n"
+        "    if False:\n        later = 1\n    return decision\ndecision = made()\n"
+    )
+    assert key_of(cell(empty.format(3))) != key_of(cell(empty.format(4)))

@@ -23,7 +23,9 @@ from vibroswarm.calibrate.fit import Fit, Fitted
 from vibroswarm.floors.design import make_floor
 from vibroswarm.league.entries import entries_of, floors_of
 from vibroswarm.league.standings import League
+from vibroswarm.notebook.views import html_of
 from vibroswarm.optimize.loop import Found, run_search
+from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import Scored, Truth, truth_of
 from vibroswarm.paper.claims import MEASURED, all_claims
@@ -185,6 +187,18 @@ def test_a_search_shows_its_winner_and_how_scores_fell(found: Found, truth: Trut
     shown(truth.winner, truth.winner.name)
     shown(found.search)
     shown(found.archive)
+
+
+def test_a_search_with_a_front_is_not_said_to_have_none(found: Found) -> None:
+    """The control is the same search without a candidate on its front."""
+    two = (Objective("decision_time", "mean"), Objective("errors", "mean"))
+    search = dataclasses.replace(found.search.with_settings(method="nsga2", final=None), objectives=two)
+    none = dataclasses.replace(found, search=search, front=())
+    some = dataclasses.replace(none, front=(found.best,))
+    assert "There is no front" in html_of(none)
+    assert "There is no front" not in html_of(some)
+    assert "Candidates on the front: 1" in html_of(some)
+    assert "The winner was not scored on fresh runs" in html_of(found)
 
 
 def test_standings_show_one_row_per_entry() -> None:

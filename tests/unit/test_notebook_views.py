@@ -126,6 +126,20 @@ def test_elements_escape_what_they_are_given(text: Any) -> None:
     assert document == HOSTILE
 
 
+def test_a_study_shows_labels_presets_and_fields_that_only_some_cells_set() -> None:
+    grid = {"preset": ["paper", "text"]}
+    lists = [{"label": "a", "strategy.name": "soft"}, {"label": "b", "swarm.robots": 7}]
+    for study in (Study({}, {"grid": grid}, runs=2), Study(SHORT, {"list": lists}, runs=2)):
+        view = Markup(study._repr_html_())
+        assert view.tags.count("tr") == 3
+        for cell in study.cells:
+            assert all(words in view.text for words in cell.words.values())
+    assert "7" in view.text
+    unset = [study.cells[0].scenario["swarm.robots"], study.cells[1].scenario["strategy.name"]]
+    assert unset == [2, "none"]
+    assert "none" in view.text
+
+
 def test_a_large_result_lists_few_rows() -> None:
     many = simulate(SHORT.with_values({"run.t_end_s": 1.0}), 1, 50)
     view = Markup(many._repr_html_())

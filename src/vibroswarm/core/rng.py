@@ -60,7 +60,7 @@ class Purpose(IntEnum):
 def _number(value: int) -> int:
     """Return a constant as a NumPy integer.
 
-    To Numba, a global Python integer is a literal, and a kernel that is called with it is compiled anew for each value.
+    To Numba, a global Python integer is a literal; a kernel that is called with it is compiled again for each value.
     """
     return np.int64(value)  # type: ignore[return-value]
 

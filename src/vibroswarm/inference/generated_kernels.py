@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from types import CodeType, FunctionType, ModuleType
+from types import CellType, CodeType, FunctionType, ModuleType
 from typing import Any, Final
 
 import numpy as np
@@ -142,17 +142,25 @@ def _described(function: Callable[..., Any], seen: set[Callable[..., Any]]) -> s
     texts = [_code_text(function.__code__)]
     # Closures hold values, or functions, of the function in which this one was defined.
     enclosed = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
-    values = {name: cell.cell_contents for name, cell in enclosed.items()} | globals_of(function)
+    values = {name: _enclosed_value(cell) for name, cell in enclosed.items()} | globals_of(function)
     for name, value in values.items():
         plain = getattr(value, "py_func", value)  # of a function that is compiled already
         if isinstance(plain, FunctionType):
-            if plain not in seen and not plain.__module__.startswith("vibroswarm."):
+            if plain not in seen and not str(plain.__module__).startswith("vibroswarm."):
                 texts.append(f"{name}: {_described(plain, seen)}")
         elif isinstance(value, np.ndarray):
             texts.append(f"{name} = {value.dtype} {value.shape} {value.tobytes()!r}")
         elif isinstance(value, int | float | str | tuple | np.generic):
             texts.append(f"{name} = {value!r}")
     return "; ".join((*texts, repr(function.__defaults__)))
+
+
+def _enclosed_value(cell: CellType) -> Any:
+    """Return what a closure's cell holds; None if nothing was assigned to it."""
+    try:
+        return cell.cell_contents
+    except ValueError:
+        return None
 
 
 def _code_text(code: CodeType) -> str:

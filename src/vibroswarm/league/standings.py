@@ -220,10 +220,6 @@ class Standings(NotebookView):
         worst = int(choosing.mean(axis=1).argmax())
         return floors[hard[worst]], mean_interval(estimating[worst])
 
-    def cells_of(self, entry: int) -> tuple[Cell, ...]:
-        """Return the cells of an entry, by its place in the league: by floor, then swarm size."""
-        return _cells_of(self.league, entry)
-
     @cached_property
     def table(self) -> pl.DataFrame:
         """The standings, one row per entry, by rising forced error, then decision time, then name.
@@ -238,7 +234,7 @@ class Standings(NotebookView):
             row: dict[str, Any] = {
                 "name": entry.label,
                 "strategy": entry.strategy,
-                "bytes_on_air": strategy_used(self.cells_of(k)[0].scenario).bytes_on_air,
+                "bytes_on_air": strategy_used(_cells_of(self.league, k)[0].scenario).bytes_on_air,
                 "told": ", ".join(told(strategy(entry.strategy), self.boundary_of(entry))),
             }
             for figure in FIGURES:

@@ -55,10 +55,10 @@ def lazy_view_of(value: object) -> View | None:
 def _found(value: Found) -> str:
     """Show a search: the winner's values with their bounds, and the scores over the iterations of the method.
 
-    With several objectives, the winner's score is that under the first one. With one objective, a warning says that the
-    winner was not scored on fresh runs.
+    With several objectives, the winner's score is that under the first one, and a line says how many candidates are on
+    the front. With one objective, a warning says that the winner was not scored on fresh runs.
     """
-    from vibroswarm.optimize.search_page import warnings_of
+    from vibroswarm.optimize.search_page import warnings_of, warnings_of_runs
     from vibroswarm.optimize.search_report import pictures
     from vibroswarm.optimize.search_tables import value_said
     from vibroswarm.plots.style import SERIES_UP_TO
@@ -75,10 +75,14 @@ def _found(value: Found) -> str:
         for dimension in value.search.space
     ]
     parts = [paragraph(head), table(["field", "winner", "lowest", "highest"], body)]
-    if len(value.front) > 1:
-        parts.append(paragraph(f"{len(value.front)} candidates are on the front; next: front_of(found)."))
-    # A search has no results of the steps after it: truth and front.
-    parts += [paragraph(text) for text in warnings_of(value, truth=None, front=None, made_by=[])]
+    # A search has no results of the steps after it: truth and front. From ``front=None``, ``warnings_of`` would
+    # conclude that there is no front.
+    if value.front:
+        parts.append(paragraph(f"Candidates on the front: {len(value.front)}. Next: front_of(found)."))
+        warnings = warnings_of_runs(value, truth=None, front=None)
+    else:
+        warnings = warnings_of(value, truth=None, front=None, made_by=[])
+    parts += [paragraph(text) for text in warnings]
     if value.history and value.search.space.size <= SERIES_UP_TO:  # more fields cannot be distinguished
         parts.append(picture_image(pictures(value, truth=None)["scores"], width_px=420))
     return card("Search", *parts, paragraph("Next: truth_of(found), write_report(found, folder)"))

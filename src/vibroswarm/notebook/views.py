@@ -31,7 +31,8 @@ from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import page_html, record_of
 from vibroswarm.scenario.scenario import FieldNames, Scenario
-from vibroswarm.study.spec import Study
+from vibroswarm.study.factors import LABEL, PRESET
+from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_outputs import Comparison, ReportFile
 from vibroswarm.study.study_result import StudyResult
 
@@ -206,10 +207,7 @@ def _picture(value: Picture) -> str:
 def _study(value: Study) -> str:
     """Show the first cells of a study, with their values of the fields that are varied."""
     names = value.varied or ["strategy.name"]
-    body = [
-        [cell.number, *(cell.words.get(name, cell.scenario[name]) for name in names)]
-        for cell in value.cells[:MOST_ROWS]
-    ]
+    body = [[cell.number, *(_varied_value(cell, name) for name in names)] for cell in value.cells[:MOST_ROWS]]
     left = len(value.cells) - len(body)
     return card(
         f"Study {shown(value.name)}" if value.name else "Study",
@@ -217,6 +215,14 @@ def _study(value: Study) -> str:
         table(["cell", *names], body, texts=1 + len(names)),  # all columns are text
         paragraph(f"... and {left:,} more cells") if left else "",
     )
+
+
+def _varied_value(cell: Cell, name: str) -> Any:
+    """Return a cell's value of a varied field; a dash if the cell lacks a label or a preset."""
+    if name in cell.words:
+        return cell.words[name]
+    # A cell need not set every field that others set. Label and preset are no fields of a scenario.
+    return "-" if name in (LABEL, PRESET) else cell.scenario[name]
 
 
 @view_of.register

@@ -55,7 +55,7 @@ def warnings_of(
     found: Found, truth: Truth | None, front: Front | None, made_by: Sequence[Mapping[str, str]]
 ) -> list[str]:
     """List the warnings that apply to a search, as sentences, the most serious first."""
-    words = [_unfinished(found), *_failures(found, truth, front)]
+    words = warnings_of_runs(found, truth, front)
     if truth is not None:
         words += [
             luck_words(truth),
@@ -71,6 +71,11 @@ def warnings_of(
     if len(made_by) > 1:
         words.append("Different versions made parts of it; as a whole it may not be repeatable.")
     return [text for text in words if text]
+
+
+def warnings_of_runs(found: Found, truth: Truth | None, front: Front | None) -> list[str]:
+    """List the warnings about runs that are missing or failed; see ``warnings_of``."""
+    return [text for text in (_unfinished(found), *_failures(found, truth, front)) if text]
 
 
 def _unfinished(found: Found) -> str:

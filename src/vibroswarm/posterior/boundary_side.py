@@ -1,6 +1,6 @@
 """The side of the boundary on which a floor's fill ratio lies, estimated by Markov chains at several times of a run.
 
-A "sweep" of a chain draws the kind of each tile anew and, if tiles or robots differ, proposes a new value of each
+A "sweep" of a chain redraws the kind of each tile and, if tiles or robots differ, proposes a new value of each
 factor by which they multiply the energy, besides other changes (``markov_chain``). A "look" is an estimate, at one
 time, of the posterior given the samples so far: P(above the boundary) and P(under it). A side is known when its
 posterior is at least ``1 - alpha``, alpha being the accepted error. At each look all chains run some sweeps, starting
