@@ -13,7 +13,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from vibroswarm.cli import main
+from vibroswarm.cli import leaves, main, parser
 from vibroswarm.result import TABLES, Result
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -341,8 +341,35 @@ def test_help_and_version(capsys):
     assert "run one inspection" in capsys.readouterr().out
 
 
-def test_help_does_not_import_the_engine():
-    heavy = ("numba", "polars", "scipy", "pydantic", "matplotlib", "rich")
-    code = f"import sys, vibroswarm.cli as c; c.parser(); print([m for m in {heavy} if m in sys.modules])"
-    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert told.stdout.strip() == "[]"
+HEAVY = {"numba", "llvmlite", "numpy", "scipy", "polars", "pydantic", "matplotlib", "PIL", "rich"}
+"""Packages that take longer to import than help takes in all."""
+
+
+def loaded_by(*lines: list[str]) -> dict[str, set[str]]:
+    """The heavy packages that a new process has loaded after each of these command lines, one after the other."""
+    program = f"""
+import contextlib, io, json, sys
+from vibroswarm.cli import leaves, main, parser
+loaded = {{}}
+for line in {lines!r}:
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+        assert main(line) == 0
+    loaded[" ".join(line)] = sorted({HEAVY!r} & set(sys.modules))
+print(json.dumps(loaded))
+"""
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    return {line: set(packages) for line, packages in json.loads(told.stdout).items()}
+
+
+def test_help_loads_nothing_heavy():
+    leaves_of_program = [leaf.prog.split()[1:] for leaf in leaves(parser())]
+    assert ["run"] in leaves_of_program
+    assert ["lab", "import"] in leaves_of_program
+    lines = [["--help"], ["--version"], [], *([*leaf, "--help"] for leaf in leaves_of_program)]
+    loaded = loaded_by(*lines)
+    assert len(loaded) == len(lines)
+    assert {line: packages for line, packages in loaded.items() if packages} == {}
+
+
+def test_what_a_command_loads_is_seen():
+    assert "pydantic" in loaded_by(["scenario"])["scenario"]

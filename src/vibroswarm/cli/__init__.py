@@ -10,7 +10,6 @@ import atexit
 import errno
 import gc
 import io
-import multiprocessing
 import os
 import re
 import signal
@@ -237,6 +236,8 @@ def _leave_at_once(code: int) -> NoReturn:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C must not interrupt the clean-up
     with suppress(Exception):  # the process must end, even if a part of the clean-up fails
+        import multiprocessing  # here, since --help needs none of it
+
         for process in multiprocessing.active_children():  # worker processes, which would outlive this one
             process.kill()
         atexit._run_exitfuncs()  # removes temporary folders, ends the process of background_compile
@@ -295,10 +296,10 @@ def _command(argv: Sequence[str] | None) -> int:
     # imported. Worker processes inherit the variable.
     if PLAIN in (sys.argv[1:] if argv is None else argv) and "vibroswarm.core.jit" not in sys.modules:
         os.environ["VIBROSWARM_PLAIN"] = "1"
-    from vibroswarm.cli import scenario_options, terminal, user_settings
+    from vibroswarm.cli import scenario_warnings, terminal, user_settings
 
     gc.set_threshold(GC_THRESHOLD)  # fewer garbage collections: a faster start
-    scenario_options.forget()  # the warnings that an earlier command has printed
+    scenario_warnings.forget()  # the warnings that an earlier command has printed
     _parsed.clear()
     top = parser()
     settings_error: InputError | None = None

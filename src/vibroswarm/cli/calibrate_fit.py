@@ -112,7 +112,7 @@ def scenario_of(name: str, settings: list[str]) -> Scenario:
             that lists the presets.
         settings: the values of ``--set``, texts FIELD=VALUE.
     """
-    from vibroswarm.cli.scenario_options import warn_of
+    from vibroswarm.cli.scenario_warnings import warn_of
     from vibroswarm.scenario.presets import preset_names
     from vibroswarm.scenario.scenario import Scenario, parse_setting, preset
 

@@ -148,7 +148,7 @@ def _refuse(arguments: argparse.Namespace, names: tuple[str, ...], why: str) -> 
 def _start(search: Search) -> None:
     """Print warnings about the scenarios of a search, and a note if kernels must be compiled first."""
     from vibroswarm.cli.progress import say_compiling
-    from vibroswarm.cli.scenario_options import warn_of
+    from vibroswarm.cli.scenario_warnings import warn_of
 
     warn_of(cell.scenario for cell in search.cases)
     say_compiling(search.study.motion)
@@ -319,7 +319,7 @@ def _check(arguments: argparse.Namespace) -> int:
     """
     from vibroswarm.cli.optimize_output import print_comparison
     from vibroswarm.cli.output import print_json
-    from vibroswarm.cli.scenario_options import warn_of
+    from vibroswarm.cli.scenario_warnings import warn_of
     from vibroswarm.optimize.scenario_comparison import compare_scenarios, scenario_named
 
     _refuse(arguments, ("method", "noise", "budget", "fresh", "out"), "applies to a search, not to --check")

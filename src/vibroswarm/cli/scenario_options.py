@@ -1,21 +1,17 @@
-"""The scenario given on the command line: a preset or file, changed by options; warnings about probable mistakes."""
+"""The scenario given on the command line: a preset or file, changed by options."""
 
 from __future__ import annotations
 
 import argparse
-import sys
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any
 
+from vibroswarm.cli.scenario_warnings import warn_of
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.grid_text import parse_tiles
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, parse_setting, preset
-
-if TYPE_CHECKING:
-    from vibroswarm.scenario.scenario import Scenario
 
 
 def scenario_from(arguments: argparse.Namespace) -> Scenario:
@@ -148,39 +144,3 @@ def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[s
     # returns the name of the file, which is assumed to have no colon.
     is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
     return {"floor.source": name, "floor.tiles": None if is_pattern else rows}
-
-
-_printed: Final[set[str]] = set()
-"""Warnings that ``warn_of`` has printed or counted during this command."""
-
-
-def forget() -> None:
-    """Forget the printed warnings, since a new command starts in the same process."""
-    _printed.clear()
-
-
-def warn_of(scenarios: Iterable[Scenario]) -> None:
-    """Print on stderr the first new warning about these scenarios, and how many other new warnings there are.
-
-    Other warnings are only counted, because a study may have a warning in each of many cells. A warning is new if this
-    command has not printed or counted it yet.
-    """
-    from vibroswarm.motion.robot_params import scenario_warnings
-    from vibroswarm.observation.edge_response import edge_warnings
-    from vibroswarm.scenario.fault_fields import fault_warnings
-
-    texts = dict.fromkeys(  # each different warning once, in order
-        text
-        for scenario in scenarios
-        for text in (
-            *scenario_warnings(scenario),
-            *fault_warnings(scenario.faults, scenario.swarm.robots),
-            *edge_warnings(scenario),
-        )
-    )
-    new = [text for text in texts if text not in _printed]
-    _printed.update(new)
-    if new:
-        print(f"Warning: {new[0]}.", file=sys.stderr)
-    if len(new) > 1:
-        print(f"Warning: not all warnings are printed; there are {len(new) - 1} more.", file=sys.stderr)

@@ -1,0 +1,49 @@
+"""Warnings about probable mistakes in scenarios, each printed once a command.
+
+Every command clears what an earlier command of the same process has printed, so this module imports nothing that
+simulations need: ``vibroswarm --help`` loads it too.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from vibroswarm.scenario.scenario import Scenario
+
+_printed: Final[set[str]] = set()
+"""Warnings that ``warn_of`` has printed or counted during this command."""
+
+
+def forget() -> None:
+    """Forget the printed warnings, since a new command starts in the same process."""
+    _printed.clear()
+
+
+def warn_of(scenarios: Iterable[Scenario]) -> None:
+    """Print on stderr the first new warning about these scenarios, and how many other new warnings there are.
+
+    Other warnings are only counted, because a study may have a warning in each of many cells. A warning is new if this
+    command has not printed or counted it yet.
+    """
+    from vibroswarm.motion.robot_params import scenario_warnings
+    from vibroswarm.observation.edge_response import edge_warnings
+    from vibroswarm.scenario.fault_fields import fault_warnings
+
+    texts = dict.fromkeys(  # each different warning once, in order
+        text
+        for scenario in scenarios
+        for text in (
+            *scenario_warnings(scenario),
+            *fault_warnings(scenario.faults, scenario.swarm.robots),
+            *edge_warnings(scenario),
+        )
+    )
+    new = [text for text in texts if text not in _printed]
+    _printed.update(new)
+    if new:
+        print(f"Warning: {new[0]}.", file=sys.stderr)
+    if len(new) > 1:
+        print(f"Warning: not all warnings are printed; there are {len(new) - 1} more.", file=sys.stderr)
