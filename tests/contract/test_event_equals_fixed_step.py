@@ -112,6 +112,11 @@ ODD = {
     "timer reset at avoidance that goes before": {
         "sample.timer": "reset_at_avoidance", "sample.interrupts_avoidance": False, "run.t_end_s": 200.0,
     },
+    "timer held at 0 in avoidance": {"sample.timer": "held_at_avoidance", "run.t_end_s": 200.0},
+    "timer held at 0 in avoidance in a small arena": {
+        "sample.timer": "held_at_avoidance", "sample.sample_interval_ms": 500.0,
+        "arena.width_m": 0.4, "arena.height_m": 0.4, "run.t_end_s": 200.0,
+    },
     "veers that wander": {
         "robot.misalignment_wander": 0.05, "robot.misalignment_drift": 0.04, "robot.misalignment_drift_samples": 7,
         "robot.misalignment_run_spread": 0.03, "run.t_end_s": 300.0,

@@ -14,6 +14,7 @@ from helpers.walk_checks import CASES, CHECKS, Check, motion_of
 from vibroswarm.motion.event.event_run import EVENT
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.source import Motion, MotionState, Source
+from vibroswarm.robot.walk import TIMERS
 from vibroswarm.scenario.scenario import Scenario
 
 SOURCES = (FIXED_STEP, EVENT)
@@ -37,13 +38,7 @@ def test_the_cases_hold_what_they_should() -> None:
         blocked += segments.filter((pl.col("kind") == "drive") & (pl.col("speed_m_s") == 0.0)).height
     assert kinds == {"drive", "turn", "avoid", "stop"}
     assert blocked > 20
-    assert {case.scenario.sample.timer for case in CASES} == {
-        "reset_after_turn",
-        "hold_in_turn",
-        "always",
-        "frozen_in_avoidance",
-        "reset_at_avoidance",
-    }
+    assert {case.scenario.sample.timer for case in CASES} == set(TIMERS)
 
 
 # Broken engines: the real one, with one thing spoilt.

@@ -21,7 +21,18 @@ from vibroswarm.motion.fixed_step import FixedStepRun
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import Rows, joined, tables
 from vibroswarm.motion.source import Motion, Source
-from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkState, begin_walk, steered, walk_step
+from vibroswarm.robot.walk import (
+    AVOID,
+    DRIVE,
+    STOP,
+    TIMERS,
+    TURN,
+    Dice,
+    WalkState,
+    begin_walk,
+    steered,
+    walk_step,
+)
 from vibroswarm.scenario.scenario import Scenario, preset
 
 BASE = preset("paper-empirical")
@@ -150,9 +161,7 @@ def test_both_engines_are_steered_the_same_way(name: str) -> None:
     side=st.floats(0.35, 1.2),
     threshold=st.floats(0.0, 120.0),
     tau=st.floats(0.0, 4000.0),
-    timer=st.sampled_from(
-        ["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance"]
-    ),
+    timer=st.sampled_from(TIMERS),
     interrupts=st.booleans(),
     period=st.integers(10, 50),
     seed=st.integers(0, 2**63 - 1),

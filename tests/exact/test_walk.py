@@ -23,6 +23,7 @@ from vibroswarm.robot.walk import (
     AVOID,
     DRIVE,
     FROZEN_IN_AVOIDANCE,
+    HELD_AT_AVOIDANCE,
     HOLD_IN_TURN,
     RESET_AFTER_TURN,
     RESET_AT_AVOIDANCE,
@@ -60,7 +61,7 @@ WALKING = WalkState(
     next_leg_ms=math.nan,
 )
 FAR = math.inf
-MODES = (RESET_AFTER_TURN, HOLD_IN_TURN, ALWAYS, FROZEN_IN_AVOIDANCE, RESET_AT_AVOIDANCE)
+MODES = (RESET_AFTER_TURN, HOLD_IN_TURN, ALWAYS, FROZEN_IN_AVOIDANCE, RESET_AT_AVOIDANCE, HELD_AT_AVOIDANCE)
 
 OPEN: dict[str, Any] = {
     "arena.width_m": 1000.0,
@@ -153,19 +154,38 @@ def test_the_timer(timer: int) -> None:
         ALWAYS: (1020, 1020, 1020, 1020),
         FROZEN_IN_AVOIDANCE: (1000, 20, 1000, 1020),
         RESET_AT_AVOIDANCE: (1000, 20, 1020, 1020),
+        # In an avoidance that has begun by this rule the timer is at 0 already (the next two tests).
+        HELD_AT_AVOIDANCE: (1000, 20, 1000, 1020),
     }
     assert (in_turn, turned, avoiding, avoided) == expected[timer]
 
 
 @pytest.mark.parametrize("timer", MODES)
 def test_the_timer_where_an_avoidance_begins(timer: int) -> None:
-    """A ray below the threshold: one value of the timer restarts, one does not count; the others go on."""
+    """A ray below the threshold: two rules restart, one of them holds at 0, one does not count; the others go on."""
     program = PROGRAM._replace(timer=timer)
     after = walk_step(WALKING._replace(mode=DRIVE), program, 0.0, 10.0, DICE)
     assert after.mode == AVOID
-    assert after.timer_ms == {RESET_AT_AVOIDANCE: 20, FROZEN_IN_AVOIDANCE: 1000}.get(timer, 1020)
+    assert after.timer_ms == {RESET_AT_AVOIDANCE: 20, HELD_AT_AVOIDANCE: 0, FROZEN_IN_AVOIDANCE: 1000}.get(
+        timer, 1020
+    )
     free = walk_step(WALKING._replace(mode=DRIVE), program, 0.0, FAR, DICE)  # the control: nothing near
     assert (free.mode, free.timer_ms) == (DRIVE, 1020)
+
+
+def test_a_timer_held_at_avoidance_counts_from_the_end_of_the_last_avoidance() -> None:
+    """At every step of an avoidance it is 0, also in one that follows another and after a sample."""
+    program = PROGRAM._replace(timer=HELD_AT_AVOIDANCE)
+    state = walk_step(WALKING._replace(mode=DRIVE), program, 0.0, 10.0, DICE)
+    while abs(state.error_deg) > 3.0:
+        state = walk_step(state, program, math.copysign(1.0, state.error_deg), 10.0, DICE)
+        assert (state.mode, state.timer_ms) == (AVOID, 0)
+    again = walk_step(
+        state, program, math.copysign(1.0, state.error_deg), 10.0, DICE
+    )  # something is there still
+    assert (again.mode, again.avoidances, again.timer_ms) == (AVOID, state.avoidances + 1, 0)
+    free = walk_step(state, program, math.copysign(1.0, state.error_deg), FAR, DICE)
+    assert (free.mode, free.timer_ms) == (DRIVE, 20)
 
 
 def test_the_timers_have_their_names() -> None:
@@ -175,6 +195,7 @@ def test_the_timers_have_their_names() -> None:
         "always",
         "frozen_in_avoidance",
         "reset_at_avoidance",
+        "held_at_avoidance",
     )
     assert [TIMERS[timer] for timer in MODES] == list(TIMERS)
 

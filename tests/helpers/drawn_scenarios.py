@@ -9,6 +9,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from random_scenarios import fitted, random_values
+from vibroswarm.robot.walk import TIMERS
 from vibroswarm.scenario.scenario import Scenario
 
 RAY_COUNTS = (3, 3, 4)
@@ -130,9 +131,7 @@ draws = st.builds(
     gate=st.sampled_from(["total", "received", "own"]),
     current=st.booleans(),
     revise=st.booleans(),
-    timer=st.sampled_from(
-        ["reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance"]
-    ),
+    timer=st.sampled_from(TIMERS),
     interrupts=st.booleans(),
     robots=st.sampled_from([1, 2, 5, 20]),
     floor=st.sampled_from(sorted(FLOORS)),

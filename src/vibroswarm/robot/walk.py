@@ -15,7 +15,9 @@ does until the next tick. If ``sampled`` is true, the sample is taken at this ti
 The sample timer runs while the robot drives. Its rule (``TIMERS``) says what it does in turns and avoidances. By the
 rule "reset_after_turn" it also runs in avoidances, pauses in turns, and is set to 0 at the end of a turn. The others
 differ in one point: "hold_in_turn" does not set it to 0 after a turn; "always" lets it run in turns, and does not set
-it to 0; "frozen_in_avoidance" pauses it in avoidances; "reset_at_avoidance" sets it to 0 when an avoidance begins too.
+it to 0; "frozen_in_avoidance" pauses it in avoidances; "reset_at_avoidance" sets it to 0 when an avoidance begins too,
+from where it runs on; "held_at_avoidance" sets it to 0 when an avoidance begins and holds it there until the robot
+drives on.
 """
 
 from __future__ import annotations
@@ -45,8 +47,12 @@ ALWAYS: Final = 2
 FROZEN_IN_AVOIDANCE: Final = 3
 """Rule: the sample timer also pauses in avoidances."""
 RESET_AT_AVOIDANCE: Final = 4
-"""Rule: the sample timer is set to 0 when an avoidance begins too."""
-TIMERS: Final = ("reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance")
+"""Rule: the sample timer is set to 0 when an avoidance begins too, and runs in it."""
+HELD_AT_AVOIDANCE: Final = 5
+"""Rule: the sample timer is held at 0 in avoidances."""
+TIMERS: Final = (
+    "reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance", "held_at_avoidance",
+)  # fmt: skip
 """Names of the rules, by their number."""
 
 
@@ -251,7 +257,7 @@ def walk_step(
         elif nearest_mm < program.avoidance_threshold_mm:
             mode, error_deg, integral_deg_s = AVOID, turn_angle_deg(program, dice.avoid), 0.0
             avoidances += 1
-            if program.timer == RESET_AT_AVOIDANCE:
+            if program.timer == RESET_AT_AVOIDANCE or program.timer == HELD_AT_AVOIDANCE:
                 timer_ms = 0
 
     # Advance the clocks by the control period that begins now.
@@ -271,7 +277,7 @@ def counts(mode: int, timer: int) -> bool:
     if mode == DRIVE:
         return True
     if mode == AVOID:
-        return timer != FROZEN_IN_AVOIDANCE
+        return timer != FROZEN_IN_AVOIDANCE and timer != HELD_AT_AVOIDANCE
     return mode == TURN and timer == ALWAYS
 
 

@@ -246,12 +246,13 @@ class Sample(FrozenModel):
     omitted, 500 ms, or half the stop if that is shorter. Simulated energies are drawn, so it changes none of
     them."""
     timer: Literal[
-        "reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance"
-    ] = "reset_after_turn"
+        "reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance", "held_at_avoidance"
+    ] = "reset_after_turn"  # fmt: skip
     """The timer counts driving and avoiding. In a turn at the end of a leg it pauses and then restarts from 0
     (``reset_after_turn``), pauses (``hold_in_turn``) or counts (``always``, as in the text);
     ``frozen_in_avoidance`` is like the first, but avoidance is not counted either; ``reset_at_avoidance`` is like the
-    first, and restarts from 0 whenever an avoidance begins too, as in older experiments."""
+    first, and restarts from 0 whenever an avoidance begins too; ``held_at_avoidance`` is like the first, but stays at
+    0 for as long as the robot avoids, as in older experiments."""
     interrupts_avoidance: bool = True
     """Whether a due sample may interrupt an avoidance turn, which resumes after it."""
 

@@ -84,6 +84,7 @@ CASES: Final = (
             "swarm.robots": 2,
             "swarm.start_margin_m": 0.0,
             "walk.avoidance_threshold_mm": 8.0,
+            "sample.timer": "held_at_avoidance",
             "run.t_end_s": 40.0,
         },
     ),
