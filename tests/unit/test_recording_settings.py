@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import polars as pl
 import pytest
 
+from vibroswarm.cli.calibrate_fit import warn_of_settings
 from vibroswarm.recordings.export import write_rugbot, write_webots
 from vibroswarm.recordings.infer_settings import infer_gate, infer_settings
 from vibroswarm.recordings.inferred import Inferred
 from vibroswarm.recordings.log import Log, in_order
 from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.robot.walk import TIMERS
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
@@ -118,6 +121,54 @@ def test_without_posteriors_no_strategy_is_inferred(soft_logs: list[Log]) -> Non
     found = strategy_without_posteriors(soft_logs, pl.lit(True))
     assert found.value is None
     assert "bits sent are logged, but no posterior" in found.evidence
+
+
+@pytest.mark.parametrize("timer", TIMERS)
+@pytest.mark.parametrize("interval_ms", [2000.0, 3778.0])
+def test_the_timer_is_found(told: Scenario, tmp_path: Path, timer: str, interval_ms: float) -> None:
+    changes = {
+        "sample__timer": timer,
+        "sample__sample_interval_ms": interval_ms,
+        "sample__interrupts_avoidance": False,
+    }
+    inferred = found(told, tmp_path, **changes, run__t_end_s=1200.0)["sample.timer"]
+    assert inferred.value == timer, inferred.evidence
+
+
+def test_a_timer_is_not_found_where_the_log_cannot_tell(told: Scenario, tmp_path: Path) -> None:
+    """Avoidance that is not logged; few intervals; avoidances that may all be longer than the sampling interval."""
+    write_rugbot(simulate(told, 11, 1, segments=True), tmp_path / "log.csv", 0)
+    log = in_order(read_log(tmp_path / "log.csv"))
+    for changed, words in [
+        (log.samples.with_columns(avoid_total_s=pl.lit(None, pl.Float64)), "avoidance is not logged"),
+        (log.samples.filter(pl.col("time_s") < 45.0), "intervals with avoidance: too few"),
+        (log.samples.filter(pl.col("time_s") < 10.0), "tau is unknown"),
+    ]:
+        inferred = {one.name: one for one in infer_settings([replace(log, samples=changed)])}["sample.timer"]
+        assert inferred.value is None
+        assert words in inferred.evidence
+    (tmp_path / "short").mkdir()
+    short = found(told, tmp_path / "short", sample__sample_interval_ms=500.0)["sample.timer"]
+    assert (short.value, short.evidence) == (None, "tau is below 1.5 s")
+
+
+def test_a_fit_warns_of_a_base_that_ran_otherwise(told: Scenario, capsys: pytest.CaptureFixture[str]) -> None:
+    inferred = (
+        {"name": "sample.sample_interval_ms", "value": 2000.0, "low": 1990.0, "high": 2050.0},
+        {"name": "sample.timer", "value": "held_at_avoidance", "low": None, "high": None},
+    )
+    recording: Any = SimpleNamespace(inferred=inferred)
+    simulated: Any = SimpleNamespace()  # a simulation as REAL: nothing is inferred
+    warn_of_settings([recording, simulated], told)
+    ran = told.with_values({"sample.timer": "held_at_avoidance", "sample.sample_interval_ms": 2040.0})
+    assert capsys.readouterr().err == (
+        "Warning: sample.timer is reset_after_turn in the base, but held_at_avoidance in the recordings; "
+        "add --set sample.timer=held_at_avoidance.\n"
+    )
+    warn_of_settings([recording], ran)
+    assert capsys.readouterr().err == ""
+    warn_of_settings([recording], ran.with_values({"sample.sample_interval_ms": 3000.0}))
+    assert "add --set sample.sample_interval_ms=2000.0." in capsys.readouterr().err
 
 
 def test_without_a_usual_interval_there_is_no_tau(tmp_path: Path) -> None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli.options import add_json, add_settings, between, toml_file, whole
 from vibroswarm.cli.terminal import printing
@@ -14,6 +14,7 @@ from vibroswarm.cli.terminal import printing
 if TYPE_CHECKING:
     from vibroswarm.calibrate.cross_validation import Fold
     from vibroswarm.calibrate.fit import Fit
+    from vibroswarm.result import Result
     from vibroswarm.scenario.scenario import Scenario
 
 EPILOG = """\
@@ -23,6 +24,9 @@ examples:
 """
 CANDIDATES = 4000
 """Default of ``--candidates``: that of ``fit_avoidance``, which takes long to import; a test compares them."""
+
+WALK_SETTINGS: Final = ("sample.sample_interval_ms", "sample.timer")
+"""Settings that are inferred from recordings, and with which the robots of the base must run too."""
 
 
 def add_parser(tasks: Any) -> None:
@@ -83,7 +87,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None and not arguments.force:
         check_free(arguments.out)  # now, since the fit takes long
     base = scenario_of(arguments.base, arguments.settings)
-    dataset = dataset_of([read_result(folder) for folder in arguments.folders])
+    results = [read_result(folder) for folder in arguments.folders]
+    warn_of_settings(results, base)
+    dataset = dataset_of(results)
     # the sessions of another simulator, whose similarity to the held-out sessions is printed beside that of the fit
     other = None if arguments.against is None else dataset_of([read_result(arguments.against)])
     fitted = fit(dataset, base, candidates=candidates, progress=share_done("fit"))
@@ -102,6 +108,25 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         print(f"\nSaved: {arguments.out}")
     return 0
+
+
+def warn_of_settings(results: Sequence[Result], base: Scenario) -> None:
+    """Print a warning for each setting of the walk that was inferred from the recordings and that the base contradicts.
+
+    Only the settings that determine when robots sample count (``WALK_SETTINGS``): others are the user's choice.
+    """
+    for name in WALK_SETTINGS:
+        section, field = name.split(".")
+        told = getattr(getattr(base, section), field)
+        for one in (
+            one for result in results for one in getattr(result, "inferred", ()) if one["name"] == name
+        ):
+            low, high = one["low"], one["high"]
+            fits = told == one["value"] if low is None else low <= told <= high
+            if one["value"] is not None and not fits:
+                known = f"{name} is {told} in the base, but {one['value']} in the recordings"
+                print(f"Warning: {known}; add --set {name}={one['value']}.", file=sys.stderr)
+                break
 
 
 def scenario_of(name: str, settings: list[str]) -> Scenario:

@@ -7,6 +7,7 @@
 | credible_threshold | p_c | beliefs at decisions, and at samples past the gate without a decision |
 | strategy | u | bits received or sent, compared with those that each strategy would have sent |
 | sample_interval_ms | tau | time between undisturbed samples, minus the stop and two ticks |
+| timer | - | time between samples with avoidance, minus the avoidance (``infer_timer``) |
 
 The gate is the condition that a robot must have counted more than O_c observations before it may decide.
 
@@ -27,6 +28,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.recordings.infer_strategy import infer_strategy
+from vibroswarm.recordings.infer_timer import infer_timer
 from vibroswarm.recordings.inferred import STOP_S, Inferred, Intervals, undetermined
 from vibroswarm.recordings.log import Log
 from vibroswarm.strategies.bayes import GATES
@@ -52,7 +54,8 @@ def infer_settings(
     threshold = infer_threshold(logs, between)
     credible = 0.95  # p_c of the study; the gate is inferred from robots that are surer than this
     gate = infer_gate(logs, credible)
-    settings = [threshold, *gate, infer_credible(logs, gate), infer_tau(between)]
+    tau = infer_tau(between)
+    settings = [threshold, *gate, infer_credible(logs, gate), tau, infer_timer(between, tau)]
     if threshold.value is not None:
         settings.append(infer_strategy(logs, between, float(threshold.value), eta, kappa))
     else:
