@@ -40,6 +40,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtri
 
+from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.core.notebook_view import NotebookView, html_view
 from vibroswarm.errors import InputError
@@ -355,9 +356,6 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
     normal = math.ceil((z * math.sqrt(share * (1.0 - share)) / distance) ** 2)
     if normal > _EXACT_UP_TO:
         return normal
-    # Imported here, because the import takes half a second and only this function needs it.
-    from scipy import stats
-
     # The error is not monotonic in n, since counts are whole. So the error is computed for all n up to about twice the
     # normal approximation (and a margin, as small n may need more); the answer is the n after the last one whose error
     # is too large.
@@ -365,9 +363,9 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
     ones_at_boundary = boundary * n
     # ON: a product that differs from a whole number by rounding alone counts as that number.
     if share > boundary:
-        wrong = stats.binom.cdf(np.floor(ones_at_boundary + ON), n, share)  # P(ones <= boundary n)
+        wrong = probability_at_most(np.floor(ones_at_boundary + ON), n, share)  # P(ones <= boundary n)
     else:
-        wrong = stats.binom.sf(np.ceil(ones_at_boundary - ON) - 1, n, share)  # P(ones >= boundary n)
+        wrong = probability_above(np.ceil(ones_at_boundary - ON) - 1, n, share)  # P(ones >= boundary n)
     over = np.flatnonzero(wrong > error)
     return int(n[over[-1]]) + 1 if over.size else 1
 

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri, stdtrit
 
+from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.core.notebook_view import html_view
 from vibroswarm.errors import InputError
 
@@ -427,14 +428,11 @@ def quantile_interval(values: ArrayLike, share: float = 0.5, level: float = 0.95
     n = runs.size
     if n == 0:
         return undefined(level, 0, "order statistics")
-    # Imported here, because the import takes half a second and only this function needs it.
-    from scipy import stats
-
     tail = 0.5 - level / 2
     ranks = np.arange(n + 1)
     # Thompson 1936: the number B of values below the quantile is binomial. The r-th smallest value is above the
     # quantile with the probability P(B <= r - 1), and below it with P(B >= r).
-    p_above, p_below = stats.binom.cdf(ranks - 1, n, share), stats.binom.sf(ranks - 1, n, share)
+    p_above, p_below = probability_at_most(ranks - 1, n, share), probability_above(ranks - 1, n, share)
     # lower: the largest rank r with p_above <= tail, 0 if there is none. upper: the smallest rank r with
     # p_below <= tail, n + 1 if there is none; p_below falls with r, and is negated because searchsorted needs rising
     # values.
