@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError
 from vibroswarm.strategies.base import KINDS, NoArrays, Plugin, arrays_of, row_type
-from vibroswarm.strategies.static_analysis import PARAMETERS, check_function
+from vibroswarm.strategies.static_analysis import PARAMETERS, check_function, is_shipped
 from vibroswarm.strategies.world import World
 
 Hook = Callable[..., Any]
@@ -66,14 +66,24 @@ class Network(Plugin):
     check: Callable[[Any, int], None] | None = None
 
     def __post_init__(self) -> None:
-        """Check the names of the network, its lists and its arrays, and the function ``lost`` or ``send``.
+        """Check the name of the network, and its function unless it is of this package (``is_shipped``).
 
         Raises:
-            InputError: the network's name is invalid, there are both ``lost`` and ``send``, a list parameter and an
-                array have the same name, or the function takes a wrong number of arguments, uses a field that does not
-                exist, or makes runs that cannot be repeated (``check_function``).
+            InputError: the network's name is invalid, or as of ``check_hooks``.
         """
+        params = self.params  # as given: the model that replaces it is made by this package
         super().__post_init__()
+        if not is_shipped(params, self.state, self.arrays, self.lost, self.send):
+            self.check_hooks()
+
+    def check_hooks(self) -> None:
+        """Check the names of the network's lists and arrays, and the function ``lost`` or ``send``.
+
+        Raises:
+            InputError: there are both ``lost`` and ``send``, a list parameter and an array have the same name, or the
+                function takes a wrong number of arguments, uses a field that does not exist, or makes runs that cannot
+                be repeated (``check_function``).
+        """
         if self.lost is not None and self.send is not None:
             raise InputError("has both lost and send; give one of them", field=self.name)
         # Lists among the parameters are attributes of ``a`` too, so their names must differ from those of arrays.

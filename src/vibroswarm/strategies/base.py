@@ -44,7 +44,7 @@ from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
 from vibroswarm.errors import InputError, shown
-from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, check_function
+from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, check_function, is_shipped
 from vibroswarm.strategies.world import DetailedReading, Reading, World
 
 Hook = Callable[..., Any]
@@ -165,18 +165,32 @@ class Strategy(Plugin):
         """Check name, message size and hooks, and replace the class of parameters (``Plugin``).
 
         A strategy without a hook for messages gets an ``on_message`` that does nothing, because the simulator calls
-        one.
+        one. Hooks and classes of this package are not checked, see ``static_analysis.is_shipped``.
 
         Raises:
-            InputError: the name is invalid, ``bytes_on_air`` is out of range, a class is no valid row (``row_type``), a
-                hook has errors (``check_function``), or State lacks ``next_s``, at which ``on_timer`` is called.
+            InputError: the name is invalid, ``bytes_on_air`` is out of range, or as of ``check_hooks``.
         """
+        params = self.params  # as given: the model that replaces it is made by this package
         super().__post_init__()
         if not 0 <= self.bytes_on_air <= MAX_BYTES:
             raise InputError(
                 f"{self.bytes_on_air} is out of range; a message has 0 to {MAX_BYTES} bytes",
                 field="bytes_on_air",
             )
+        hooks = [getattr(self, hook) for hook in STRATEGY_HOOKS]
+        if not is_shipped(params, self.state, self.message, self.arrays, *hooks):
+            self.check_hooks()
+        if self.on_counts is None and self.on_message is None:
+            # The dataclass is frozen, so the attribute is set past its own __setattr__.
+            object.__setattr__(self, "on_message", _ignore_message)
+
+    def check_hooks(self) -> None:
+        """Check the hooks, and the classes of fields that they use.
+
+        Raises:
+            InputError: a class is no valid row (``row_type``), a hook has errors (``check_function``), State lacks
+                ``next_s``, at which ``on_timer`` is called, or there are both ``on_counts`` and ``on_message``.
+        """
         # Fields that a hook may use of each of its arguments, so that a misspelt field is found before compiling.
         rows = {
             "s": self.state_type.names,
@@ -202,9 +216,6 @@ class Strategy(Plugin):
             raise InputError(
                 "has on_counts and on_message; define one of them", field=f"strategy '{self.name}'"
             )
-        if self.on_counts is None and self.on_message is None:
-            # The dataclass is frozen, so the attribute is set past its own __setattr__.
-            object.__setattr__(self, "on_message", _ignore_message)
 
     @property
     def state_type(self) -> np.dtype[np.void]:

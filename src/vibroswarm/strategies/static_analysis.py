@@ -2,7 +2,8 @@
 
 A hook is a function that the simulator calls, such as ``on_sample``; its arguments are listed in ``PARAMETERS`` and
 explained in ``base``. Errors are found before the hooks are compiled. Numba would refuse most of them too, but with
-messages about types. Messages here name the file and the line.
+messages about types. Messages here name the file and the line. Hooks of this package are checked by its tests, not at
+every start (``is_shipped``).
 
 A robot counts as told everything that its hooks read: fields of ``World``, and the places of readings. These are found
 by reading the source of the hooks and of all functions that they call, so no author of a strategy can forget to state
@@ -13,8 +14,9 @@ from __future__ import annotations
 
 import ast
 import inspect
-import textwrap
+import linecache
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -101,21 +103,17 @@ def _refuse_side_effects(function: Callable[..., Any]) -> None:
     Runs could not be repeated if a hook had a memory of its own or random numbers of its own. A function whose source
     cannot be read is not checked.
     """
-    tree = tree_of(function)
-    if tree is None:
-        return
-    first = function.__code__.co_firstlineno - 1  # lines of the tree count from the function's own first line
-    for node in ast.walk(tree):
+    for node in nodes_of(function):
         if isinstance(node, ast.Global | ast.Nonlocal):
             kind = "global" if isinstance(node, ast.Global) else "nonlocal"
             raise InputError(
                 f"changes the {kind} {', '.join(node.names)}; keep it in State",
-                field=where(function, first + node.lineno),
+                field=where(function, node.lineno),
             )
         if isinstance(node, ast.Attribute | ast.Name) and _is_chance(node, function):
             raise InputError(
                 "draws random numbers of its own, so that runs could not be repeated; use u(d, k)",
-                field=where(function, first + node.lineno),
+                field=where(function, node.lineno),
             )
 
 
@@ -166,21 +164,55 @@ def _attributes(function: Callable[..., Any]) -> list[tuple[tuple[str, str], int
 
     The list is empty if the source cannot be read.
     """
-    tree = tree_of(function)
-    first = function.__code__.co_firstlineno - 1  # lines of the tree count from the function's own first line
     return [
-        ((node.value.id, node.attr), first + node.lineno)
-        for node in (ast.walk(tree) if tree is not None else ())
+        ((node.value.id, node.attr), node.lineno)
+        for node in nodes_of(function)
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
     ]
 
 
-def tree_of(function: Callable[..., Any]) -> ast.AST | None:
-    """Return the syntax tree of a function; None if its source cannot be read, as of one typed at a prompt."""
+def nodes_of(function: Callable[..., Any]) -> Iterator[ast.AST]:
+    """Yield the nodes of a function's syntax tree, whose lines count from the first line of its file.
+
+    There are none if the source cannot be read, as of a function typed at a prompt. Of several lambda expressions that
+    begin on the line of ``function``, the nodes of all are yielded.
+    """
+    plain = _plain(function)
+    code = plain.__code__
+    linecache.checkcache(code.co_filename)  # the file may have changed since it was read
+    text = "".join(linecache.getlines(code.co_filename, plain.__globals__))
+    for tree in _functions_in(text).get((code.co_name, code.co_firstlineno), ()):
+        yield from ast.walk(tree)
+
+
+@lru_cache(maxsize=64)
+def _functions_in(text: str) -> dict[tuple[str, int], list[ast.AST]]:
+    """Return the syntax trees of all functions of a file, by name and first line; empty if it cannot be parsed.
+
+    The first line of a function with decorators is that of the first decorator. A lambda expression has Python's name
+    for it, ``<lambda>``.
+    """
+    functions: dict[tuple[str, int], list[ast.AST]] = {}
     try:
-        return ast.parse(textwrap.dedent(inspect.getsource(function)))
-    except (OSError, SyntaxError, TypeError):
-        return None
+        tree = ast.parse(text)
+    except (SyntaxError, ValueError):  # ValueError: the text has null bytes
+        return functions
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
+            functions.setdefault((node.name, first), []).append(node)
+        elif isinstance(node, ast.Lambda):
+            functions.setdefault(("<lambda>", node.lineno), []).append(node)
+    return functions
+
+
+def is_shipped(*parts: object) -> bool:
+    """Return whether all of these functions and classes are of this package; None counts as one of them.
+
+    Tests check the hooks of shipped strategies and networks, so that a start need not.
+    """
+    package = f"{__name__.partition('.')[0]}."
+    return all(part is None or getattr(part, "__module__", "").startswith(package) for part in parts)
 
 
 FACTS: Final[dict[str, tuple[str, ...]]] = {
@@ -258,10 +290,7 @@ def _read(
     if not rows or (plain, rows) in seen:
         return
     seen.add((plain, rows))
-    tree = tree_of(plain)
-    if tree is None:
-        return
-    for node in ast.walk(tree):
+    for node in nodes_of(plain):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in rows:
             yield node.attr
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):

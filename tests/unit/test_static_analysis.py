@@ -1,0 +1,91 @@
+"""The analysis of hooks: shipped strategies and networks pass it, which a start takes for granted."""
+
+from __future__ import annotations
+
+import ast
+import linecache
+from dataclasses import replace
+
+import pytest
+
+from vibroswarm import networks, strategies
+from vibroswarm.errors import InputError
+from vibroswarm.strategies import place_options, places, soft, static_analysis
+from vibroswarm.strategies.static_analysis import check_function, fields_read, nodes_of
+
+SIZES = {"tiles": 25, "longest_mm": 1000}
+OPTIONS = [{"energies": True}, {"draws": 2}, {"share_map": True}]
+"""Options of ``places``, each of which gives a strategy of other hooks."""
+VARIANTS = [
+    place_options.with_options(places.places, places.places.params(**option), SIZES) for option in OPTIONS
+]
+
+
+@pytest.mark.parametrize("strategy", [*strategies.known().values(), *VARIANTS], ids=lambda one: one.name)
+def test_hooks_of_shipped_strategies_have_no_errors(strategy):
+    strategy.check_hooks()
+
+
+@pytest.mark.parametrize("network", networks.known().values(), ids=lambda one: one.name)
+def test_hooks_of_shipped_networks_have_no_errors(network):
+    network.check_hooks()
+
+
+def decision(s, a, p, w):
+    return s.no_such_field
+
+
+class State:
+    decided: int
+
+
+@pytest.mark.parametrize("part", [{"decision": decision}, {"state": State}, {"params": State}])
+def test_a_shipped_strategy_with_a_part_of_the_users_is_checked(part):
+    with pytest.raises(InputError, match="no such field"):
+        replace(soft.soft, **part)
+
+
+def test_a_file_is_parsed_once_for_all_hooks(monkeypatch):
+    parse, parsed = ast.parse, []
+    text = "".join(linecache.getlines(soft.__file__))
+    monkeypatch.setattr(ast, "parse", lambda given: parsed.append(given) or parse(given))
+    static_analysis._functions_in.cache_clear()
+    soft.soft.check_hooks()
+    fields_read(soft.soft)
+    assert parsed.count(text) == 1
+
+
+def typed(text, name="hook", **space):
+    """A function whose file is ``text``, as that of a notebook's cell."""
+    file = f"<typed {abs(hash(text))}>"
+    linecache.cache[file] = (len(text), None, text.splitlines(keepends=True), file)
+    exec(compile(text, file, "exec"), space)  # noqa: S102  (our own text)
+    return space[name]
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("\n\ndef hook(s, a, p, w):\n    return s.wrong\n", 4),
+        ("def hook(x): pass\n\ndef hook(s, a, p, w):\n    y = 1\n    return s.wrong\n", 5),
+        ("@staticmethod\ndef hook(s, a, p, w):\n    return s.wrong\nhook = hook.__wrapped__\n", 3),
+        ("if True:\n    def hook(s, a, p, w):\n        return s.wrong\n", 3),
+        ("hook = (\n    lambda s, a, p, w:\n    s.wrong)\n", 3),
+        (
+            "def made():\n    def hook(s, a, p, w):\n        return s.wrong\n    return hook\nhook = made()\n",
+            3,
+        ),
+    ],
+    ids=["function", "second of its name", "decorated", "indented", "lambda", "within another"],
+)
+def test_an_error_is_found_with_its_line(text, line):
+    hook = typed(text)
+    with pytest.raises(InputError, match=rf"line {line}, in .*s\.wrong: no such field"):
+        check_function("decision", hook, {"s": ("right",)})
+
+
+def test_a_function_without_a_source_has_no_nodes():
+    space = {}
+    exec("def hook(s, a, p, w): return s.wrong", space)  # noqa: S102  (our own text)
+    assert list(nodes_of(space["hook"])) == []
+    check_function("decision", space["hook"], {"s": ("right",)})
