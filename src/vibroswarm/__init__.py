@@ -9,6 +9,29 @@ The public names are those of ``__all__``; each is imported when it is first use
 package costs next to nothing.
 """
 
-import lazy_loader
+import os
+import sys
+
+
+def _leave_working_folder_out() -> None:
+    """Take the working folder off the search path where ``python -m vibroswarm`` has put it.
+
+    Otherwise a file such as ``numpy.py`` in a folder of somebody else's data would be executed. The folder stays if
+    this package itself was found in it, and for other programs, which may need modules of their own from there.
+    """
+    options = sys.orig_argv[1:]
+    # While ``python -m`` looks for the module, the first word of argv is "-m".
+    if sys.argv[:1] != ["-m"] or sys.flags.safe_path:
+        return
+    number = next((i for i, option in enumerate(options) if option.startswith("-m")), len(options))
+    module = options[number].removeprefix("-m") or (options[number + 1 :] or [""])[0]
+    own_folder = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))  # noqa: PTH100, PTH120 - pathlib is slow
+    if module.partition(".")[0] == __name__ and sys.path[:1] == [os.getcwd()] != [own_folder]:  # noqa: PTH109
+        del sys.path[0]
+
+
+_leave_working_folder_out()
+
+import lazy_loader  # noqa: E402 - it must not be a file of the working folder either
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

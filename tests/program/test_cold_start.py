@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import vibroswarm
+from helpers.hostile_files import executed, hostile_folder
 from vibroswarm.cli.background_compile import COMMAND
 from vibroswarm.core.jit import PLAIN
 
@@ -24,9 +25,11 @@ PROCESSORS = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") el
 
 
 def started(cache: Path, *arguments: str) -> subprocess.Popen[str]:
+    """In a working folder with hostile files (``nothing_hostile_ran``)."""
     source = str(Path(vibroswarm.__file__).parents[1])
     return subprocess.Popen(
-        [sys.executable, *arguments],
+        [sys.executable, "-P", *arguments],
+        cwd=cache / "working folder",
         env=os.environ | {"XDG_CACHE_HOME": str(cache), "HOME": str(cache), "PYTHONPATH": source},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
@@ -76,6 +79,14 @@ def test_without_the_other_process_the_first_run_gives_what_later_ones_give(tmp_
     assert other.returncode == 0
     assert set(tmp_path.rglob("*.nbc")) == kept
     assert not [path for path in tmp_path.rglob("*") if ".tmp." in path.name], "nothing half-written"
+
+
+@pytest.fixture(autouse=True)
+def nothing_hostile_ran(tmp_path):
+    """The process that compiles beside the first one executes no file of the working folder."""
+    folder = hostile_folder(tmp_path)
+    yield
+    assert executed(folder) == []
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])

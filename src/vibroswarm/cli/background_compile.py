@@ -35,6 +35,7 @@ def begin() -> bool:
         True if the second process was started. False if there is only one processor, if there is no kernel cache that
         both processes can use, or if the process cannot be started.
     """
+    from vibroswarm.core import child_python
     from vibroswarm.core.jit import add_compile_listener, cache_folder
 
     # the processors that this process may use, or on systems that do not report them, those of the machine
@@ -43,9 +44,8 @@ def begin() -> bool:
         return False
     try:
         process = subprocess.Popen(
-            [sys.executable, "-c", COMMAND],
-            # the same search path, so that the second process imports the same vibroswarm and Numba
-            env=os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            child_python.command("-c", COMMAND),
+            env=child_python.environment(),  # so that the second process imports the same vibroswarm and Numba
             # Nothing is written to this pipe. It closes when this process ends, and then the second process ends too
             # (``end_with_parent``).
             stdin=subprocess.PIPE,

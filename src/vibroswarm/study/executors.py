@@ -31,6 +31,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+from vibroswarm.core.child_python import safe_start
 from vibroswarm.errors import InputError, RunError, check_kind, nearest, whole_number_of
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
@@ -237,9 +238,9 @@ class SingleProcessPools(Executor):
         self._context = multiprocessing.get_context("spawn")  # a fork of a process with threads may hang
         self.cancel = _ProcessFlag()
         self._threads = ThreadPoolExecutor(count, thread_name_prefix="vibroswarm-process")
-        # In each thread, ``pool``: the pool of its process. Not set before the first call; None after a death.
+        # In each thread, ``process``: its own process. Not set before the first call; None after a death.
         self._own = threading.local()
-        self._pools: list[ProcessPoolExecutor] = []
+        self._processes: list[_OneProcess] = []
         self._lock = threading.Lock()
 
     def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
@@ -256,24 +257,59 @@ class SingleProcessPools(Executor):
         self.cancel.set()
         self._threads.shutdown(wait=wait, cancel_futures=cancel_futures)
         with self._lock:
-            for pool in self._pools:
-                # A pool has one call at most. Without ``wait`` this call may not have begun; then it is dropped.
-                pool.shutdown(wait=wait, cancel_futures=True)
+            for process in self._processes:
+                # It has one call at most. Without ``wait`` this call may not have begun; then it is dropped.
+                process.pool.shutdown(wait=wait, cancel_futures=True)
 
     def _in_process(self, function: Any, arguments: tuple[Any, ...], named: dict[str, Any]) -> Any:
-        """Run a function in this thread's own worker process. Raises ``WorkerDied`` if the process dies."""
+        """Run a function in this thread's own worker process.
+
+        Raises:
+            WorkerDied: the process died.
+            RunError: no process can be started.
+        """
         _hold_off_ctrl_c()
-        pool = getattr(self._own, "pool", None)
-        if pool is None:
-            pool = self._own.pool = ProcessPoolExecutor(1, self._context, _begin_process, (self.cancel,))
+        process = getattr(self._own, "process", None)
+        if process is None:
+            process = self._own.process = _OneProcess.start(self._context, self.cancel)
             with self._lock:
-                self._pools.append(pool)
+                self._processes.append(process)
         try:
-            return pool.submit(function, *arguments, **named).result()
+            return process.pool.submit(function, *arguments, **named).result()
         except BrokenProcessPool:
-            self._own.pool = None  # so that this thread's next call starts a new process
-            pool.shutdown(wait=False)
-            raise WorkerDied("the worker process died (out of memory, killed, or crashed)") from None
+            self._own.process = None  # so that this thread's next call starts a new process
+            process.pool.shutdown(wait=False)
+            if process.begun.is_set():
+                raise WorkerDied("the worker process died (out of memory, killed, or crashed)") from None
+            if any(other.begun.is_set() for other in self._processes):
+                raise WorkerDied("the worker process died while it started") from None
+            # None has started yet: another try would not help.
+            raise RunError(
+                "worker processes cannot start: see the error printed above. A script may start them only below "
+                'the line if __name__ == "__main__":'
+            ) from None
+
+
+@dataclass(frozen=True)
+class _OneProcess:
+    """A pool of a single process."""
+
+    pool: ProcessPoolExecutor
+    begun: _ProcessFlag
+    """Set by the process when it has imported what it needs and can take calls."""
+
+    @classmethod
+    def start(cls, context: Any, cancel: _ProcessFlag) -> _OneProcess:
+        """Start a process that stops its batch when ``cancel`` is set."""
+        begun = _ProcessFlag()
+        with safe_start():
+            pool = ProcessPoolExecutor(1, context, _begin_process, (cancel, begun))
+            pool.submit(_nothing)  # a pool starts its process at its first call
+        return cls(pool, begun)
+
+
+def _nothing() -> None:
+    """Do nothing: the first call of a process."""
 
 
 def _hold_off_ctrl_c() -> None:
@@ -289,14 +325,16 @@ _cancel: Any = None
 """In a worker process, the flag that stops its batch. It is replaced by the parent's when the process starts."""
 
 
-def _begin_process(cancel: _ProcessFlag) -> None:
+def _begin_process(cancel: _ProcessFlag, begun: _ProcessFlag) -> None:
     """Initialise a worker process: it saves the flag ``cancel``, ignores Ctrl-C, and ends when its parent ends.
 
     Args:
         cancel: flag that is set when running batches have to stop; it becomes ``_cancel`` of this module.
+        begun: set here.
     """
     global _cancel
     _cancel = cancel
+    begun.set()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 

@@ -9,7 +9,6 @@ import io
 import math
 import os
 import subprocess
-import sys
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
+from vibroswarm.core import child_python
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
@@ -93,21 +93,10 @@ def _drawn(xml: str, floor: NDArray[np.uint8]) -> tuple[NDArray[np.uint8], str]:
         (folder / "scene.xml").write_text(xml, encoding="utf-8")
         Image.fromarray(floor).save(folder / "floor.png")
         for way in (chosen,) if chosen else WAYS:
-            command = [
-                sys.executable,
-                "-m",
-                "vibroswarm.view.render",
-                "scene.xml",
-                str(WIDTH),
-                str(HEIGHT),
-                "out.rgb",
-            ]
-            environment = {
-                **os.environ,
-                "MUJOCO_GL": way,
-                # The folders of this process, so that the other process finds the same packages.
-                "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-            }
+            command = child_python.command(
+                "-m", "vibroswarm.view.render", "scene.xml", str(WIDTH), str(HEIGHT), "out.rgb"
+            )
+            environment = child_python.environment(MUJOCO_GL=way)
             environment.pop("PYOPENGL_PLATFORM", None)  # MuJoCo refuses a value other than that of MUJOCO_GL
             try:
                 done = subprocess.run(
