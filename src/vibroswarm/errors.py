@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import difflib
 import logging
+import math
 import multiprocessing
 import operator
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -104,6 +106,28 @@ def number_of(value: object, field: str, low: float = 0.0, high: float = 1e300) 
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
         raise InputError(f"{shown(value)} is wrong; give a number from {low:g} to {high:g}", field=field)
     return value
+
+
+def share_from(text: object, field: str) -> float:
+    """Parse a percentage: ``"2%"`` is 0.02.
+
+    Args:
+        field: name of the field or option, for the message.
+    Raises:
+        InputError: it is no number with a percent sign, or not between 0 % and 100 %.
+    """
+    from decimal import (  # only here: a command that reads no percentage starts faster
+        Decimal,
+        InvalidOperation,
+    )
+
+    share = math.nan
+    if isinstance(text, str) and text.strip().endswith("%"):
+        with suppress(InvalidOperation):  # divided as a decimal, so that 21.9 % is the float 0.219
+            share = float(Decimal(text.strip()[:-1]) / 100)
+    if not 0 < share < 1:
+        raise InputError(f"{text!r} is not a percentage; give one such as 2%", field=field)
+    return share
 
 
 def check_choice(value: object, field: str, choices: Iterable[str]) -> None:

@@ -176,13 +176,39 @@ def test_a_picture_with_a_size_is_divided(file):
     assert read_tiles(file(png(uneven)), (2, 3)).tolist() == tiles.tolist()
 
 
+def test_mean_brightness_decides_by_a_threshold(file, caplog):
+    levels = np.array([[0, 255], [130, 0]], dtype=np.uint8)  # 130 is 51 %
+    assert read_tiles(file(png(levels))).tolist() == [[0, 1], [1, 0]]
+    assert "of 1 of 4 tiles is within 15 percentage points of the threshold, 50 %" in caplog.text
+    assert read_tiles(file(png(levels)), threshold=0.52).tolist() == [[0, 1], [0, 0]]
+    fine = levels.astype(np.uint16) * 257
+    assert read_tiles(file(png(fine)), threshold=0.51).tolist() == [[0, 1], [0, 0]], "130/255 is 0.5098"
+    assert read_tiles(file(png(fine)), threshold=130 / 255).tolist() == [[0, 1], [1, 0]]
+
+
+def test_shapes_that_do_not_follow_the_grid_are_a_floor(file, caplog):
+    y, x = np.mgrid[:480, :480]
+    circle = (((x - 240) ** 2 + (y - 240) ** 2 < 150**2) * 255).astype(np.uint8)
+    tiles = read_tiles(file(png(circle)), (16, 16))
+    assert np.array_equal(tiles, tiles[::-1])
+    assert tiles.mean() == pytest.approx(np.pi * 150**2 / 480**2, abs=0.03)
+    assert 0 < int(caplog.text.split(" of 256 tiles")[0].split()[-1]) < 30
+    smaller, larger = (read_tiles(file(png(circle)), (16, 16), at).sum() for at in (0.9, 0.1))
+    assert smaller < tiles.sum() < larger
+    caplog.clear()
+    quarters = np.kron(np.eye(2, dtype=np.uint8), np.full((9, 9), 255, dtype=np.uint8))
+    assert read_tiles(file(png(quarters)), (2, 2)).tolist() == [[1, 0], [0, 1]]
+    assert caplog.text == "", "nothing is near"
+
+
+@pytest.mark.parametrize("threshold", [0.0, 1.0, -0.5, 50, float("nan"), "0.5", None, True])
+def test_thresholds_that_are_no_share(file, threshold):
+    with pytest.raises(InputError, match="--image-threshold"):
+        read_tiles(file(png(np.eye(2, dtype=np.uint8) * 255)), threshold=threshold)
+
+
 def test_what_a_picture_leaves_open_is_refused(file):
-    grey = np.array([[0, 255], [130, 0]], dtype=np.uint8)
-    with pytest.raises(InputError, match=r"row 2, column 1 is 51% bright, neither dark .* nor bright"):
-        read_tiles(file(png(grey)))
     halves = np.array([[0, 255], [255, 0]], dtype=np.uint8)
-    with pytest.raises(InputError, match="row 1, column 1 is 50% bright"):
-        read_tiles(file(png(halves)), (1, 1))
     with pytest.raises(InputError, match="has only 2 x 2 pixels"):
         read_tiles(file(png(halves)), (3, 3))
     clear = np.zeros((2, 2, 4), dtype=np.uint8)

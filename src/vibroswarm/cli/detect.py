@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.output import print_paragraph, print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.cli.studies import run_study_of
-    from vibroswarm.study.precision import share_from
+    from vibroswarm.errors import share_from
     from vibroswarm.study.spec import Study
 
     error = share_from(arguments.error, "--error")

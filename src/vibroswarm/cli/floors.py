@@ -7,7 +7,7 @@ import math
 import sys
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.options import add_json, add_out, whole
+from vibroswarm.cli.options import add_image_threshold, add_json, add_out, whole
 from vibroswarm.cli.output import print_json, print_paragraph, print_table
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast
@@ -70,6 +70,7 @@ def _add_tiles(parser: argparse.ArgumentParser) -> None:
         metavar="RxC",
         help="rows x columns of a random floor (default 5x5), coordinate list or picture",
     )
+    add_image_threshold(parser)
 
 
 def _add_seed(parser: argparse.ArgumentParser, help: str) -> None:
@@ -208,14 +209,19 @@ def _make(args: argparse.Namespace) -> int:
 
 
 def _resolved(spec: str, args: argparse.Namespace) -> tuple[NDArray[np.uint8], str]:
-    """Return the tiles (rows, columns) and the name of the floor that ``spec``, ``--tiles`` and ``--seed`` describe.
+    """Return the tiles (rows, columns) and the name of the floor that ``spec`` and the options describe.
 
     The seed selects one random floor; it has no effect on other floors.
     """
+    from vibroswarm.errors import share_from
     from vibroswarm.floors.grid_text import parse_tiles
+    from vibroswarm.floors.io import THRESHOLD
     from vibroswarm.floors.source import resolve
 
-    return resolve(spec, parse_tiles(args.tiles) if args.tiles is not None else None, args.seed)
+    size = None if args.tiles is None else parse_tiles(args.tiles)
+    given = args.image_threshold
+    threshold = THRESHOLD if given is None else share_from(given, "--image-threshold")
+    return resolve(spec, size, args.seed, threshold=threshold)
 
 
 def _print_measures(found: list[tuple[str, Difficulty]]) -> None:

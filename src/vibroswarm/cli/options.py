@@ -152,6 +152,15 @@ def add_out(
         )
 
 
+def add_image_threshold(parser: argparse._ActionsContainer) -> None:
+    """Add the option for the brightness from which a tile of a picture vibrates."""
+    parser.add_argument(
+        "--image-threshold",
+        metavar="P",
+        help="tiles of a picture vibrate from this mean brightness (default 50%%)",
+    )
+
+
 def add_settings(parser: argparse._ActionsContainer, help: str) -> None:
     """Add the option ``--set``, which sets fields of a scenario.
 
@@ -219,6 +228,7 @@ def add_scenario_options(
     group.add_argument(
         "--tiles", metavar="RxC", help="rows x columns of a random floor, coordinate list or picture"
     )
+    add_image_threshold(group)
     group.add_argument("--robots", metavar="N", type=robots, help="number of robots")
     group.add_argument(
         "--strategy",

@@ -6,12 +6,13 @@ import argparse
 from typing import Any
 
 from vibroswarm.cli.scenario_warnings import warn_of
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, nearest, share_from
 from vibroswarm.floors.grid_text import parse_tiles
+from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
-from vibroswarm.scenario.scenario import Scenario, parse_setting, preset
+from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_setting, preset
 
 
 def scenario_from(arguments: argparse.Namespace) -> Scenario:
@@ -53,8 +54,12 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
         InputError: a value is wrong.
     """
     values: dict[str, Any] = {}
+    settings = dict(parse_setting(text) for text in arguments.settings)
+    threshold = _image_threshold(arguments, settings)
     if arguments.floor is not None or arguments.tiles is not None:
-        values |= _floor_values(base, arguments.floor, arguments.tiles)
+        values |= _floor_values(base, arguments.floor, arguments.tiles, threshold)
+    if threshold is not None:
+        values["floor.image_threshold"] = threshold
     if arguments.robots is not None:
         values["swarm.robots"] = arguments.robots
     for kind in ("strategy", "network", "task"):
@@ -68,11 +73,13 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
             "sensor.vibrating_energies": vibrating,
             "sensor.still_energies": still,
         }
-    settings = dict(parse_setting(text) for text in arguments.settings)
     for kind in plugins.KINDS:  # user code may also be named by --set, as in strategy.name=FILE.py:NAME
         if plugins.is_code(settings.get(f"{kind}.name")):
             settings[f"{kind}.name"] = chosen(kind, settings[f"{kind}.name"])
-    return values | settings  # --set overrides other options
+    values |= settings  # --set overrides other options
+    if arguments.tiles is None and values.get("floor.tiles") is not None and is_picture(arguments.floor):
+        check_pixel_tiles(base.with_values(values), arguments.floor)
+    return values
 
 
 def chosen(kind: str, text: str) -> str:
@@ -104,7 +111,30 @@ def chosen(kind: str, text: str) -> str:
     return text
 
 
-def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[str, Any]:
+def _image_threshold(arguments: argparse.Namespace, settings: dict[str, Any]) -> float | None:
+    """Return the brightness from which tiles of the picture vibrate; None if no option sets it.
+
+    Args:
+        settings: values of ``--set``, which override other options.
+    Raises:
+        InputError: it is no share, or is given without a picture.
+    """
+    name = "floor.image_threshold"
+    field: str = "--image-threshold"
+    given: Any = arguments.image_threshold
+    if name in settings:
+        field, given = name, settings[name]
+        check_threshold(given, field)
+    elif given is not None:
+        given = share_from(given, field)
+    if given is not None and (arguments.floor is None or not is_picture(arguments.floor)):
+        raise InputError("applies to a picture; add --floor FILE.png", field=field)
+    return None if given is None else float(given)
+
+
+def _floor_values(
+    base: Scenario, spec: str | None, tiles: str | None, threshold: float | None
+) -> dict[str, Any]:
     """Return the fields of the floor that ``--floor`` and ``--tiles`` describe.
 
     A random floor is stored by name and size, a pattern by name. The tiles of a file are copied into the scenario, so
@@ -116,6 +146,7 @@ def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[s
             random floor has the base's size.
         spec: the text of ``--floor``; None if it is not given.
         tiles: the text of ``--tiles``; None if it is not given.
+        threshold: brightness from which tiles of a picture vibrate; None: the default.
     Raises:
         InputError: there is no such floor, or ``--tiles`` is wrong or does not apply to the floor.
     """
@@ -129,7 +160,7 @@ def _floor_values(base: Scenario, spec: str | None, tiles: str | None) -> dict[s
     if is_random(spec) and size is None:
         size = (base.floor.rows, base.floor.columns)
     # A random floor is drawn when it is simulated: here, only the size of its grid counts.
-    grid, name = resolve(spec, size)
+    grid, name = resolve(spec, size, threshold=THRESHOLD if threshold is None else threshold)
     name = "".join(c if c.isprintable() else "?" for c in name)  # file names may contain anything
     if is_random(spec):
         return {

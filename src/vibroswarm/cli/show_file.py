@@ -214,10 +214,9 @@ def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
     from vibroswarm.cli import terminal
     from vibroswarm.cli.floors import as_json, in_words
     from vibroswarm.floors.difficulty import measure
-    from vibroswarm.floors.io import can_draw_blocks, draw
-    from vibroswarm.floors.source import resolve
+    from vibroswarm.floors.io import can_draw_blocks, draw, read_tiles
 
-    tiles, name = resolve(str(path))
+    tiles, name = read_tiles(path), path.name
     if arguments.json:
         print_json(as_json(name, measure(tiles)))
         return

@@ -4,23 +4,24 @@ The kind of a file is recognised by its content, not by its name. A file is data
 gives tiles or an ``InputError``.
 
 In pictures dark is still (0), bright is vibrating (1). Without a size every pixel is a tile. With a size the
-picture is divided into that many rows and columns, and the mean brightness of each part decides. Parts that are
-neither clearly dark nor clearly bright are refused, not guessed.
+picture is divided into that many rows and columns. The mean brightness of each part is compared with a threshold, and
+a warning states how many parts were near it.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TextIO
+from typing import TYPE_CHECKING, Any, Final, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.untrusted_files import read_bytes
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, number_of, warn_once
 from vibroswarm.floors.floor import TILE_LIMIT, as_tiles
 from vibroswarm.floors.grid_text import MAX_LINES, Size, read_text
 
@@ -38,23 +39,38 @@ _OTHER_PICTURES: Final = ((b"\xff\xd8\xff", "JPEG"), (b"GIF8", "GIF"), (b"BM", "
 """First bytes and names of kinds of pictures that are recognised, but not read."""
 
 
-def read_tiles(path: Path | str, tiles: Size | None = None) -> NDArray[np.uint8]:
+THRESHOLD: Final = 0.5
+"""Share of full brightness from which a tile of a picture vibrates, unless another is given."""
+NEAR: Final = 0.15
+"""A tile whose brightness differs from the threshold by less than this is near it, and counted in a warning."""
+
+
+def read_tiles(
+    path: Path | str,
+    tiles: Size | None = None,
+    threshold: float = THRESHOLD,
+    *,
+    most_pixels: int = TILE_LIMIT,
+) -> NDArray[np.uint8]:
     """Read the floor in a file, uint8 of shape (rows, columns), top row first.
 
     Args:
         path: a text grid, CSV, list of coordinates or PNG picture.
         tiles: rows and columns of the floor. A list of coordinates cannot be read without them; a picture is divided
             into them; a grid must be of this size. None: not known; each pixel of a picture is then a tile.
+        threshold: share of full brightness, above 0 and below 1, from which a tile of a picture vibrates; not used for
+            other files.
+        most_pixels: a picture with more pixels is refused if ``tiles`` is None.
     Raises:
-        InputError: the file cannot be read or is not a floor. The message names the line or tile that is wrong, what it
-            holds, and what would be right.
+        InputError: the file cannot be read or is not a floor (the message names the line or tile that is wrong, what it
+            holds, and what would be right), or ``threshold`` is out of range.
     """
     name = str(path)
     data = read_bytes(Path(path), FILE_LIMIT, "a floor")
     if not data:
         raise InputError("is empty; a floor file has rows of 0 and 1", field=name)
     if data.startswith(PNG):
-        return read_png(data, name, tiles)
+        return read_png(data, name, tiles, threshold, most_pixels)
     for first, kind in _OTHER_PICTURES:
         if data.startswith(first):
             raise InputError(f"is a {kind} file; of pictures, only PNG can be read", field=name)
@@ -141,49 +157,65 @@ PNG: Final = b"\x89PNG\r\n\x1a\n"
 
 PIXEL_LIMIT: Final = 64_000_000
 """Maximum number of pixels of a picture."""
-_DARK: Final = 1 / 3
-"""A tile of at most this share of full brightness is still."""
-_BRIGHT: Final = 2 / 3
-"""A tile of at least this share of full brightness vibrates."""
 
 
-def read_png(data: bytes, name: str, size: Size | None = None) -> NDArray[np.uint8]:
+def is_picture(path: Path | str) -> bool:
+    """Return whether a file is a PNG picture, by its first bytes; False if it cannot be read."""
+    try:
+        return Path(path).is_file() and read_bytes(Path(path), FILE_LIMIT, "a floor").startswith(PNG)
+    except (OSError, ValueError):  # InputError is a ValueError
+        return False
+
+
+def read_png(
+    data: bytes,
+    name: str,
+    size: Size | None = None,
+    threshold: float = THRESHOLD,
+    most_pixels: int = TILE_LIMIT,
+) -> NDArray[np.uint8]:
     """Read the tiles of a PNG picture, uint8 of shape (rows, columns), top row first.
 
     Args:
         data: content of the file. name: name of the file, for messages.
         size: rows and columns to divide the picture into; None: each pixel is a tile.
+        threshold: share of full brightness, above 0 and below 1, from which a tile vibrates. A warning states how many
+            tiles are near it.
+        most_pixels: a picture with more pixels is refused if ``size`` is None.
     Raises:
-        InputError: the picture is incomplete, too large or transparent, has fewer pixels than tiles, or has a tile that
-            is neither dark nor bright.
+        InputError: the picture is incomplete, too large or transparent, or has fewer pixels than tiles; or
+            ``threshold`` is out of range.
     """
-    brightness = _brightness(data, name)
+    check_threshold(threshold)
+    levels, full = _grey_levels(data, name)
     if size is None:
-        if brightness.size > TILE_LIMIT:
+        if levels.size > most_pixels:
             raise InputError(
-                f"has {brightness.shape[0]} x {brightness.shape[1]} pixels, too many for one tile each (at "
-                f"most {TILE_LIMIT}); add --tiles ROWSxCOLUMNS",
+                f"has {levels.shape[0]} x {levels.shape[1]} pixels, too many for one tile each (at "
+                f"most {most_pixels:,}); add --tiles ROWSxCOLUMNS, into which the picture is divided",
                 field=name,
             )
-        size = (brightness.shape[0], brightness.shape[1])
-    if size[0] > brightness.shape[0] or size[1] > brightness.shape[1]:
+        size = (levels.shape[0], levels.shape[1])
+    if size[0] > levels.shape[0] or size[1] > levels.shape[1]:
         raise InputError(
-            f"has only {brightness.shape[0]} x {brightness.shape[1]} pixels for the {size[0]} x {size[1]} of "
+            f"has only {levels.shape[0]} x {levels.shape[1]} pixels for the {size[0]} x {size[1]} of "
             "--tiles; give at most as many tiles as pixels",
             field=name,
         )
-    means = _means(brightness, size)  # of each tile
-    unclear = (means > _DARK) & (means < _BRIGHT)
-    if unclear.any():
-        row, column = (int(index[0]) for index in np.nonzero(unclear))
-        divided = size != brightness.shape  # whether a tile has several pixels
-        raise InputError(
-            f"row {row + 1}, column {column + 1} is {means[row, column]:.0%} bright, neither dark (still, up "
-            f"to {_DARK:.0%}) nor bright (vibrating, from {_BRIGHT:.0%}); give a picture in black and white, "
-            + ("or the --tiles that it shows" if divided else "or add --tiles ROWSxCOLUMNS"),
-            field=name,
+    brightness = _means(levels, size) / full  # of each tile
+    near = int((np.abs(brightness - threshold) < NEAR).sum())
+    if near:
+        warn_once(
+            f"{name}: the brightness of {near:,} of {brightness.size:,} tiles is within {100 * NEAR:g} percentage "
+            f"points of the threshold, {100 * threshold:.4g} %; 'vibroswarm floors show' draws the floor"
         )
-    return (means >= _BRIGHT).astype(np.uint8)
+    return (brightness >= threshold).astype(np.uint8)
+
+
+def check_threshold(threshold: float, field: str = "--image-threshold") -> None:
+    """Refuse a threshold of brightness that is not above 0 and below 1; ``field`` names it in the message."""
+    least = math.nextafter(0.0, 1.0)
+    number_of(threshold, field, least, math.nextafter(1.0, 0.0))
 
 
 def write_png(path: Path, tiles: NDArray[np.uint8]) -> None:
@@ -193,8 +225,8 @@ def write_png(path: Path, tiles: NDArray[np.uint8]) -> None:
     Image.fromarray(tiles * np.uint8(255)).save(path, format="PNG")
 
 
-def _brightness(data: bytes, name: str) -> NDArray[np.float64]:
-    """Return the brightness of each pixel of a PNG file, from 0 to 1, shape (height, width).
+def _grey_levels(data: bytes, name: str) -> tuple[NDArray[Any], int]:
+    """Return the grey level of each pixel of a PNG file, integers of shape (height, width), and the level of white.
 
     Raises:
         InputError: the picture is incomplete, too large or transparent; ``name`` is the file's name in the message.
@@ -219,8 +251,8 @@ def _brightness(data: bytes, name: str) -> NDArray[np.float64]:
         ) from None
 
 
-def _grey(picture: Image.Image, name: str) -> NDArray[np.float64]:
-    """Return the grey levels of a picture, from 0 to 1, shape (height, width).
+def _grey(picture: Image.Image, name: str) -> tuple[NDArray[Any], int]:
+    """Return the grey levels of a picture, integers of shape (height, width), and the level of white.
 
     Raises:
         InputError: the picture is too large or has transparent pixels.
@@ -237,28 +269,29 @@ def _grey(picture: Image.Image, name: str) -> NDArray[np.float64]:
         # Such a picture may name one grey level that is transparent.
         if (levels == picture.info.get("transparency", -1)).any():
             raise InputError("has transparent pixels; give a picture without", field=name)
-        return levels.astype(np.float64) / 65535
+        return levels, 65535
     if picture.has_transparency_data:
         colours = picture.convert("RGBA")  # so that transparency stated in a palette is seen too
         if np.asarray(colours.getchannel("A")).min() < 255:
             raise InputError("has transparent pixels; give a picture without", field=name)
         picture = colours
-    return np.asarray(picture.convert("L"), dtype=np.float64) / 255
+    return np.asarray(picture.convert("L")), 255
 
 
-def _means(brightness: NDArray[np.float64], size: Size) -> NDArray[np.float64]:
-    """Return the mean brightness of each part of a picture that is divided into ``size`` (rows, columns).
+def _means(levels: NDArray[Any], size: Size) -> NDArray[np.float64]:
+    """Return the mean level of each part of a picture that is divided into ``size`` (rows, columns).
 
-    Borders between parts are rounded down to whole pixels.
+    Borders between parts are rounded down to whole pixels. Levels are added as integers, so that every machine gets the
+    same means.
 
     Args:
-        brightness: (height, width), at least one pixel per part.
+        levels: (height, width), at least one pixel per part.
     Returns: shape ``size``.
     """
-    height, width = brightness.shape
+    height, width = levels.shape
     tops = np.arange(size[0]) * height // size[0]
     lefts = np.arange(size[1]) * width // size[1]
-    sums = np.add.reduceat(np.add.reduceat(brightness, tops, axis=0), lefts, axis=1)
+    sums = np.add.reduceat(np.add.reduceat(levels, tops, axis=0, dtype=np.int64), lefts, axis=1)
     heights = np.diff(np.append(tops, height))
     widths = np.diff(np.append(lefts, width))
     return np.asarray(sums / np.outer(heights, widths))

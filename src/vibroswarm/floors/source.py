@@ -28,7 +28,7 @@ from vibroswarm.core.rng import SEED_LIMIT, shuffled
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import as_tiles, check_size
 from vibroswarm.floors.grid_text import Size
-from vibroswarm.floors.io import read_tiles
+from vibroswarm.floors.io import THRESHOLD, read_tiles
 
 _DIAGONAL: Final = (
     "1111000000 1111000000 1111100000 1111110000 0011111000 "
@@ -127,8 +127,12 @@ _FIELD: Final = "--floor"
 """Field of errors about the name of a floor."""
 
 
+MOST_UNSTATED: Final = 10_000
+"""Largest number of tiles of a file without the size being stated: more are rarely meant, and take long."""
+
+
 def resolve(
-    spec: str, tiles: Size | None = None, seed: int = 0, run: int = 0
+    spec: str, tiles: Size | None = None, seed: int = 0, run: int = 0, *, threshold: float = THRESHOLD
 ) -> tuple[NDArray[np.uint8], str]:
     """Return the floor called ``spec``, and its name.
 
@@ -138,12 +142,14 @@ def resolve(
         spec: a pattern (``diagonal:0.46``), a random floor (``random:0.48``), or the path of a file.
         tiles: rows and columns of the floor; a picture is divided into them. A pattern or a grid of another size is
             refused. If not given, a random floor has 5 x 5 tiles, each pixel of a picture is a tile, and a list of
-            coordinates cannot be read.
+            coordinates cannot be read; a file of more than ``MOST_UNSTATED`` tiles is refused.
         seed, run: select one random floor; not used for other floors.
+        threshold: share of full brightness from which a tile of a picture vibrates; not used for other floors.
     Returns: the tiles, uint8 of shape (rows, columns), top row first; the name of the floor in titles and results.
     Raises:
         InputError: there is no such pattern or file (the message names the most similar pattern), the file cannot be
-            read or is no floor, the fill ratio of a random floor is impossible, or the floor does not fit ``tiles``.
+            read or is no floor, the fill ratio of a random floor is impossible, the floor does not fit ``tiles``, or
+            it has too many tiles without ``tiles``.
     """
     if is_random(spec) or family(spec) is not None:
         rows, columns = tiles or DEFAULT_SIZE  # the size of a random floor; a pattern has its own
@@ -158,7 +164,15 @@ def resolve(
     # pattern.
     if not _is_there(spec) and not _looks_like_a_file(spec):
         raise InputError(_unknown(spec), field=_FIELD)
-    return read_tiles(spec, tiles), Path(spec).name
+    grid = read_tiles(spec, tiles, threshold, most_pixels=MOST_UNSTATED)
+    if tiles is None and grid.size > MOST_UNSTATED:
+        rows, columns = grid.shape
+        raise InputError(
+            f"holds {rows} x {columns} tiles, more than {MOST_UNSTATED:,}; add --tiles {rows}x{columns} if so many "
+            "are meant",
+            field=spec,
+        )
+    return grid, Path(spec).name
 
 
 def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:

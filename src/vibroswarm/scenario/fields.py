@@ -78,6 +78,8 @@ class FloorField(FrozenModel):
     """The floor itself, one string of 0 and 1 per row, top row first; takes precedence over ``source``."""
     redraw: Literal["run", "study"] = "run"
     """Draw a new random floor for each run, or once (that of run 0) for all."""
+    image_threshold: Annotated[float, Field(gt=0, lt=1)] | None = None
+    """If ``source`` names a picture: share of full brightness from which a tile vibrates; if omitted, 0.5."""
     tile_width_m: Length | None = None
     """Width of one tile; if omitted, the tiles are stretched over the arena."""
     tile_height_m: Length | None = None

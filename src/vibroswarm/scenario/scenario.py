@@ -26,6 +26,7 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.io import THRESHOLD, is_picture
 from vibroswarm.floors.source import family, is_random, resolve
 from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
@@ -86,10 +87,12 @@ class Scenario(Sections, NotebookView):
             values = tomllib.loads(text)
         except (ValueError, RecursionError) as error:  # not TOML or a number too long, or nested too deeply
             raise InputError(f"is not TOML: {error}", field=name) from None
-        if folder is not None:
-            _read_floor_file(values, Path(folder))
+        picture = None if folder is None else _read_floor_file(values, Path(folder))
         with plugins.search_beside(folder):
-            return cls.from_base(values)
+            scenario = cls.from_base(values)
+        if picture is not None:
+            check_pixel_tiles(scenario, picture)
+        return scenario
 
     @classmethod
     def from_base(cls, values: Mapping[str, Any]) -> Scenario:
@@ -351,30 +354,60 @@ def parse_setting(text: str) -> tuple[str, Any]:
     return name.strip(), parsed["value"]
 
 
-def _read_floor_file(values: dict[str, Any], folder: Path) -> None:
+def _read_floor_file(values: dict[str, Any], folder: Path) -> str | None:
     """Replace, in place, a floor file that ``floor.source`` names by the file's tiles and name.
 
     Nothing changes if ``source`` is a pattern or a random floor, or if ``values`` have tiles already. Values that are
     wrong are left to later checks.
+
+    Returns: the path of the file if it is a picture each of whose pixels became a tile, else None.
 
     Raises:
         InputError: there is no such file, or it is no floor.
     """
     floor = values.get("floor")
     if not isinstance(floor, dict) or "tiles" in floor or not isinstance(floor.get("source"), str):
-        return
+        return None
     source = floor["source"]
     if is_random(source) or family(source) is not None:
-        return
+        return None
     # Numbers of rows and columns: a file of coordinates needs them, and a picture is divided into them.
     size = (floor.get("rows"), floor.get("columns"))
     shape = size if isinstance(size[0], int) and isinstance(size[1], int) else None
     path = folder / source
     # If the folder has no such file, the source is taken as a path from the working directory; ``resolve`` raises the
     # error if there is no such file either.
-    grid, name = resolve(str(path) if path.is_file() else source, shape)  # type: ignore[arg-type]
+    file = str(path) if path.is_file() else source
+    grid, name = resolve(file, shape, threshold=threshold_of(floor))  # type: ignore[arg-type]
     floor["source"] = name
     floor["tiles"] = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
+    return file if shape is None and is_picture(file) else None
+
+
+def threshold_of(floor: Mapping[str, Any]) -> float:
+    """Return the brightness from which a tile of a picture vibrates, of the fields of a floor; unchecked."""
+    given = floor.get("image_threshold")
+    return THRESHOLD if given is None else given
+
+
+def check_pixel_tiles(scenario: Scenario, picture: str) -> None:
+    """Refuse a picture whose pixels became tiles that are smaller than a robot: it was hardly drawn pixel by pixel.
+
+    Args:
+        scenario: with the tiles of the picture. picture: its path, for the message.
+    Raises:
+        InputError: a tile is narrower or lower than a robot's body.
+    """
+    floor = scenario.floor_for(seed=0, run=0)
+    body_m = 2.0 * scenario.robot.body_radius_m
+    if min(floor.tile_width_m, floor.tile_height_m) < body_m:
+        rows, columns = floor.tiles.shape
+        raise InputError(
+            f"has {rows} x {columns} pixels, and one tile each would be {1000 * floor.tile_width_m:.3g} mm x "
+            f"{1000 * floor.tile_height_m:.3g} mm, smaller than a robot ({1000 * body_m:.3g} mm); add --tiles "
+            f"ROWSxCOLUMNS (in a file, floor.rows and floor.columns), or {rows}x{columns} if this is meant",
+            field=picture,
+        )
 
 
 def _nearest_field(name: str) -> str:

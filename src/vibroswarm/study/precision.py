@@ -11,16 +11,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView, html_view
-from vibroswarm.errors import InputError, check_choice, shown, whole_number_of
+from vibroswarm.errors import InputError, check_choice, share_from, shown, whole_number_of
 
 if TYPE_CHECKING:
     from vibroswarm.analysis.intervals import Interval
@@ -121,23 +120,6 @@ class Precision(NotebookView):
         """
         target = self.half_width * abs(estimate) if self.figure in TIMES else self.half_width
         return 0.0 < (high - low) / 2.0 <= target
-
-
-def share_from(text: Any, field: str) -> float:
-    """Parse a percentage: ``"2%"`` is 0.02.
-
-    Args:
-        field: name of the field or option, for the message.
-    Raises:
-        InputError: it is no number with a percent sign, or not between 0 % and 100 %.
-    """
-    share = math.nan
-    if isinstance(text, str) and text.strip().endswith("%"):
-        with suppress(InvalidOperation):  # divided as a decimal, so that 21.9 % is the float 0.219
-            share = float(Decimal(text.strip()[:-1]) / 100)
-    if not 0 < share < 1:
-        raise InputError(f"{text!r} is not a percentage; give one such as 2%", field=field)
-    return share
 
 
 class Settled(NamedTuple):

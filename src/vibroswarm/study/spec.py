@@ -36,11 +36,12 @@ from vibroswarm.errors import (
     shown,
     whole_number_of,
 )
+from vibroswarm.floors.io import is_picture
 from vibroswarm.floors.source import family, is_random, resolve
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, threshold_of
 from vibroswarm.study.factors import (
     BLOCKS,
     LABEL,
@@ -439,9 +440,24 @@ class Study(NotebookView):
                 rows, columns = floor_section.get("rows"), floor_section.get("columns")
                 shape = (rows, columns) if isinstance(rows, int) and isinstance(columns, int) else None
                 path = (self.folder or Path()) / name
-                tiles, _ = resolve(str(path) if path.is_file() else name, shape)
+                file = str(path) if path.is_file() else name
+                tiles, _ = resolve(file, shape, threshold=threshold_of(floor_section))
                 floors[name] = tuple("".join("1" if tile else "0" for tile in row) for row in tiles)
+                if shape is None and is_picture(file):
+                    check_pixel_tiles(self._with_floor(floors[name]), file)
         return floors
+
+    def _with_floor(self, rows: tuple[str, ...]) -> Scenario:
+        """Return a scenario with the arena, the robots and the places of tiles of the base, and with these tiles."""
+        floor = {
+            k: v
+            for k, v in self._sections.get("floor", {}).items()
+            if k.startswith(("tile_", "left", "bottom"))
+        }
+        parts = {
+            name: self._sections[name] for name in ("preset", "arena", "robot") if name in self._sections
+        }
+        return Scenario.from_base({**parts, "floor": {**floor, "tiles": rows}})
 
     @property
     def _sections(self) -> Mapping[str, Any]:

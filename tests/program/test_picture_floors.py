@@ -1,0 +1,124 @@
+"""Pictures as floors: how many tiles, and which of them vibrate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from vibroswarm import Study, preset
+from vibroswarm.cli import main
+from vibroswarm.errors import InputError
+from vibroswarm.scenario.scenario import Scenario
+
+
+@pytest.fixture
+def circle(tmp_path, monkeypatch):
+    """A picture in black and white whose shape does not follow any grid."""
+    y, x = np.mgrid[:480, :480]
+    Image.fromarray((((x - 240) ** 2 + (y - 240) ** 2 < 150**2) * 255).astype(np.uint8)).save(
+        tmp_path / "circle.png"
+    )
+    monkeypatch.chdir(tmp_path)
+    return "circle.png"
+
+
+def fine(path, side):
+    Image.fromarray((np.eye(side) * 255).astype(np.uint8)).save(path)
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["run", "evaluate --runs 2", "evaluate --runs 2 --vary preset=paper,text", "scenario", "floors show",
+     "floors measure", "detect", "tradeoff"],
+)  # fmt: skip
+def test_a_large_picture_needs_tiles_before_anything_runs(circle, command, capsys, tmp_path):
+    words = command.split()
+    given = [circle] if words[0] == "floors" else ["--floor", circle]
+    assert main([*words, *given]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert (
+        "has 480 x 480 pixels, too many for one tile each (at most 10,000); add --tiles ROWSxCOLUMNS" in err
+    )
+    assert [path.name for path in tmp_path.iterdir()] == [circle]
+
+
+@pytest.mark.parametrize(
+    "command", ["run", "evaluate --runs 2", "evaluate --runs 2 --vary preset=paper,text"]
+)
+def test_tiles_smaller_than_a_robot_are_asked_about(tmp_path, command, capsys):
+    fine(tmp_path / "fine.png", 60)
+    assert main([*command.split(), "--floor", str(tmp_path / "fine.png")]) == 2
+    assert (
+        "16.7 mm x 16.7 mm, smaller than a robot (30 mm); add --tiles ROWSxCOLUMNS" in capsys.readouterr().err
+    )
+
+
+def test_tiles_smaller_than_a_robot_are_made_if_they_are_meant(tmp_path, capsys):
+    path = tmp_path / "fine.png"
+    fine(path, 60)
+    assert main(["scenario", "--floor", str(path), "--tiles", "60x60"]) == 0
+    assert (
+        main(["scenario", "--floor", str(path), "--set", "arena.width_m=3", "--set", "arena.height_m=3"]) == 0
+    )
+    with pytest.raises(InputError, match="smaller than a robot"):
+        Scenario.from_toml('[floor]\nsource = "fine.png"\n', folder=tmp_path)
+    assert Scenario.from_toml('[floor]\nsource = "fine.png"\nrows = 60\ncolumns = 60', folder=tmp_path)
+    with pytest.raises(InputError, match="smaller than a robot"):
+        _ = Study({"floor": {"source": str(path)}}, runs=1).cells
+    assert Study({"floor": {"source": str(path)}, "arena": {"width_m": 2.0, "height_m": 2.0}}, runs=1).cells
+
+
+def test_large_grids_in_text_are_asked_about_too(tmp_path, capsys):
+    path = tmp_path / "grid.csv"
+    path.write_text(",".join("01" * 60) + "\n" + (",".join("10" * 60) + "\n") * 99)
+    assert main(["floors", "measure", str(path)]) == 2
+    assert (
+        "holds 100 x 120 tiles, more than 10,000; add --tiles 100x120 if so many are meant"
+        in capsys.readouterr().err
+    )
+    assert main(["floors", "measure", str(path), "--tiles", "100x120"]) == 0
+
+
+def test_the_threshold_is_part_of_the_scenario(circle, capsys, tmp_path):
+    options = ["--floor", circle, "--tiles", "16x16"]
+    texts = []
+    for threshold in ([], ["--image-threshold", "20%"], ["--set", "floor.image_threshold=0.2"]):
+        assert main(["scenario", *options, *threshold, "--out", f"{len(texts)}.toml"]) == 0
+        texts.append((tmp_path / f"{len(texts)}.toml").read_text())
+    assert texts[1] == texts[2] != texts[0]
+    assert "image_threshold = 0.2\n" in texts[1]
+    assert "image_threshold" not in texts[0]
+    (tmp_path / "short.toml").write_text(
+        f'[floor]\nsource = "{circle}"\nrows = 16\ncolumns = 16\nimage_threshold = 0.2\n'
+    )
+    assert (
+        Scenario.read(tmp_path / "short.toml").floor.tiles == Scenario.read(tmp_path / "1.toml").floor.tiles
+    )
+    study = Study({"floor": {"source": circle, "rows": 16, "columns": 16, "image_threshold": 0.2}}, runs=1)
+    assert study.cells[0].scenario.floor.tiles == Scenario.read(tmp_path / "1.toml").floor.tiles
+    assert main(["floors", "measure", circle, "--tiles", "16x16", "--image-threshold", "20%", "--json"]) == 0
+    ones = sum(row.count("1") for row in Scenario.read(tmp_path / "1.toml").floor.tiles or ())
+    assert f'"ones": {ones}' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--image-threshold", "0.5"], "--image-threshold: '0.5' is not a percentage"),
+        (["--image-threshold", "120%"], "--image-threshold: '120%' is not a percentage"),
+        (["--set", "floor.image_threshold=2"], "floor.image_threshold: 2 is wrong"),
+        (["--set", "floor.image_threshold=high"], "floor.image_threshold: 'high' is wrong"),
+    ],
+)
+def test_wrong_thresholds(circle, options, words, capsys):
+    assert main(["run", "--floor", circle, "--tiles", "5x5", *options]) == 2
+    assert words in capsys.readouterr().err
+
+
+def test_a_threshold_without_a_picture(tmp_path, capsys):
+    assert preset("paper").floor.image_threshold is None
+    for floor in ([], ["--floor", "diagonal:0.46"]):
+        assert main(["run", *floor, "--image-threshold", "40%"]) == 2
+        assert "--image-threshold: applies to a picture; add --floor FILE.png" in capsys.readouterr().err
