@@ -19,12 +19,13 @@ def _leave_working_folder_out() -> None:
     Otherwise a file such as ``numpy.py`` in a folder of somebody else's data would be executed. The folder stays if
     this package itself was found in it, and for other programs, which may need modules of their own from there.
     """
-    options = sys.orig_argv[1:]
-    # While ``python -m`` looks for the module, the first word of argv is "-m".
+    # While ``python -m`` looks for the module, argv is "-m" and the arguments.
     if sys.argv[:1] != ["-m"] or sys.flags.safe_path:
         return
-    number = next((i for i, option in enumerate(options) if option.startswith("-m")), len(options))
-    module = options[number].removeprefix("-m") or (options[number + 1 :] or [""])[0]
+    word = sys.orig_argv[
+        -len(sys.argv)
+    ]  # before the arguments: the module's name, or with its option, "-mNAME"
+    module = word.partition("m")[2] if word.startswith("-") else word
     own_folder = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))  # noqa: PTH100, PTH120 - pathlib is slow
     if module.partition(".")[0] == __name__ and sys.path[:1] == [os.getcwd()] != [own_folder]:  # noqa: PTH109
         del sys.path[0]

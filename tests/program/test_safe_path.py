@@ -35,10 +35,11 @@ def test_control_the_files_are_executed_without_the_safe_path(hostile):
     assert executed(hostile)
 
 
-def test_python_m_vibroswarm_leaves_the_working_folder_out(hostile):
+@pytest.mark.parametrize("option", [["-m", "vibroswarm"], ["-mvibroswarm"], ["-Bm", "vibroswarm"]])
+def test_python_m_vibroswarm_leaves_the_working_folder_out(option, hostile):
     """Of these, ``vibroswarm.py`` alone is Python's own choice: ``python -m`` looks for it before we are there."""
     (hostile / "vibroswarm.py").unlink()
-    done = ran(hostile, "-m", "vibroswarm", "floors", "list")
+    done = ran(hostile, *option, "floors", "list")
     assert done.returncode == 0, done.stderr
 
 
