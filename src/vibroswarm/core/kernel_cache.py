@@ -4,7 +4,7 @@ A damaged file is rewritten. A file that cannot be read or written is skipped. E
 content, since half a kernel might load without an error, and crash when it runs. A loaded kernel can do anything, so a
 folder that other users may write to is not used (``why_unsafe``). Each kernel's file has a unique name, so that two
 processes never write to the same file. (Numba numbers its files, and two processes that count at once give two
-kernels the same number.)
+kernels the same number.) Of several processes that need a kernel at once, one compiles it (``kernel_lock``).
 
 An overload is a kernel compiled for one signature (types of arguments).
 """
@@ -28,6 +28,7 @@ from numba.core.caching import (
     UserProvidedCacheLocator,
 )
 
+from vibroswarm.core.kernel_lock import KernelLock
 from vibroswarm.errors import warn_once
 
 BY_OTHERS: Final = stat.S_IWGRP | stat.S_IWOTH
@@ -173,9 +174,26 @@ class KernelCache(FunctionCache):
         # Replaces the ``IndexDataCacheFile`` that Numba has created with the same arguments.
         stamp = self._impl.locator.get_source_stamp()
         self._cache_file = _Files(self._cache_path, self._impl.filename_base, stamp)
+        cache_path = Path(self._cache_path)
+        self._lock = KernelLock(cache_path.parent, f"{cache_path.name}/{self._impl.filename_base}")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the compiled overload for the signature ``sig``, or None if it has to be compiled; never raise."""
+        """Return the compiled overload for the signature ``sig``, or None if it has to be compiled; never raise.
+
+        If it has to be compiled, the kernel stays locked for other processes until ``unlock``.
+        """
+        found = self._loaded(sig, target_context)
+        if found is not None:
+            return found
+        self._lock.acquire()
+        return self._loaded(sig, target_context)  # another process may have compiled it meanwhile
+
+    def unlock(self) -> None:
+        """Let other processes have the kernel, which is compiled or cannot be."""
+        self._lock.release()
+
+    def _loaded(self, sig: Any, target_context: Any) -> Any:
+        """Return the overload in the cache, or None."""
         try:
             return super().load_overload(sig, target_context)
         except OSError as error:
