@@ -18,6 +18,7 @@ import polars as pl
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import TILE_LIMIT
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies import known
 
 Frames = Mapping[str, pl.DataFrame | None]
 """Tables by name; None for an optional table that is absent."""
@@ -40,8 +41,8 @@ def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated:
     Args:
         frames: tables by name, each of its schema (``result.SCHEMAS``); None for an optional table that is absent.
         folder: the result's folder, for messages. simulated: whether the result is no recording; then the columns of
-            ``REQUIRED`` must have no nulls, except for beliefs of robots without samples, and for messages and
-            posteriors of a user's strategy.
+            ``REQUIRED`` must have no nulls, except for beliefs of robots without samples, and for columns that the
+            strategy does not have (``_not_given``).
     Raises:
         InputError: a table is wrong; the message names the file and the column.
     """
@@ -49,12 +50,11 @@ def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated:
     runs = tables["runs"]
     if runs.is_empty():
         raise InputError("holds no run", field=_file(folder, "runs"))
-    is_users = scenario.strategy.code is not None  # a user's strategy may have no posterior and send nothing
-    required = REQUIRED if simulated else {}
+    required, not_given = REQUIRED if simulated else {}, _not_given(scenario)
     for name, columns in required.items():
         for column in columns:
             table = tables[name]
-            if is_users and column in ("message", "alpha", "beta", "belief_below"):
+            if column in not_given:
                 continue
             if (name, column) == ("robots", "belief_below"):
                 table = table.filter(pl.col("samples") > 0)  # robots without samples have no belief yet
@@ -64,6 +64,23 @@ def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated:
     _check_samples(tables, scenario, folder)
     _check_floors(tables, folder)
     _check_outcomes(tables, scenario, folder)
+
+
+def _not_given(scenario: Scenario) -> set[str]:
+    """Return the columns of ``REQUIRED`` that may have nulls with a scenario's strategy.
+
+    A strategy may have no posterior or no belief, and send messages without a bit or not at every sample.
+    """
+    strategy = known().get(scenario.strategy.name)
+    if strategy is None:  # its code is not loaded
+        return {"message", "alpha", "beta", "belief_below"}
+    found = {"alpha", "beta"} - set(strategy.state_type.names or ())
+    if strategy.belief is None:
+        found.add("belief_below")
+    # Only the package's strategies that count bits are known to send one at every sample.
+    if strategy.on_counts is None or scenario.strategy.code is not None:
+        found.add("message")
+    return found
 
 
 def _file(folder: Path, name: str) -> str:

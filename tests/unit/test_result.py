@@ -10,6 +10,7 @@ from typing import Any
 import polars as pl
 import pytest
 
+from vibroswarm import strategies
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.motion.source import FAILURES
 from vibroswarm.result import SCHEMA_VERSION, TABLES, Result
@@ -53,6 +54,20 @@ def test_reading_gives_back_an_equal_result(result: Result, folder: Path) -> Non
     assert dict(again.versions) == versions()
     assert Result.read(str(folder)) == result
     assert without_leftovers(folder)
+
+
+QUICK = ("places", "dc")
+"""Strategies whose messages, posteriors or beliefs are not those of the study; all others take longer to compile."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[] if n in QUICK else pytest.mark.slow) for n in strategies.known()]
+)
+def test_a_result_of_every_strategy_is_read_back(name: str, tmp_path: Path) -> None:
+    """Many have no posterior, no belief, or messages without a bit: their columns are null."""
+    simulated = simulate(Scenario().with_values({"strategy.name": name, "run.t_end_s": 40.0}), 1, 1)
+    simulated.write(tmp_path / "one")
+    assert Result.read(tmp_path / "one").same_tables(simulated)
 
 
 def test_equality_sees_every_part(result: Result) -> None:
