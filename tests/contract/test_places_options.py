@@ -23,6 +23,7 @@ SEED = 31
 TRUE = Scenario().with_values(
     {
         "strategy.name": "places",
+        "localisation.method": "true",
         "run.t_end_s": 150.0,
         "strategy.places.min_samples": 10,
         "sensor.tile_spread": 0.1,

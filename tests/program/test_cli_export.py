@@ -139,7 +139,8 @@ def test_a_wrong_header_is_refused(
 def test_robots_that_know_their_places_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["export", "c", str(tmp_path / "x"), "--strategy", "places"]) == 2
+    true = ["--set", "localisation.method=true"]
+    assert main(["export", "c", str(tmp_path / "x"), "--strategy", "places", *true]) == 2
     said = capsys.readouterr().err
     assert "localisation.method: is 'true'" in said
     assert "localisation.method=mixture" in said
@@ -329,8 +330,7 @@ def documented() -> dict[str, tuple[int, int, int]]:
 
 
 def scenario_for(name: str) -> Any:
-    method = "mixture" if name in ("places", "explore", "field") else "true"
-    return preset("paper").with_values({"strategy.name": name, "localisation.method": method})
+    return preset("paper").with_values({"strategy.name": name})
 
 
 def test_every_shipped_strategy_is_exportable_as_documented() -> None:

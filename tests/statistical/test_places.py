@@ -23,7 +23,7 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import floors_of, simulate
 
 SEED, RUNS = 20_261, 24
-PAPER = Scenario().with_values({"strategy.name": "places"})
+PAPER = Scenario().with_values({"strategy.name": "places", "localisation.method": "true"})
 GOOD = PAPER.with_values({"localisation.method": "mixture"})
 
 

@@ -23,7 +23,7 @@ def print_standings(standings: Standings, tables: dict[str, pl.DataFrame]) -> No
     from vibroswarm.league.report import answers
 
     league, table = standings.league, tables["standings"]
-    for sentence in answers(table, tables):
+    for sentence in (*standings.notes, *answers(table, tables)):
         print_paragraph(sentence)
     print_line()
     print_table(

@@ -236,7 +236,7 @@ def _grid(arguments: argparse.Namespace) -> int:
     """
     from vibroswarm.cli.optimize_output import print_grid, print_truth
     from vibroswarm.cli.out_folder import claim, deliver
-    from vibroswarm.cli.output import print_saved
+    from vibroswarm.cli.output import print_paragraph, print_saved
     from vibroswarm.cli.progress import say_compiling, study_progress
     from vibroswarm.optimize.grid import FRESH, Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.objective import Objective
@@ -267,6 +267,8 @@ def _grid(arguments: argparse.Namespace) -> int:
         write_grid(nodes, arguments.out, style, truth)
 
     def show() -> None:
+        for note in nodes.notes:
+            print_paragraph(note)
         print_truth(truth, nodes.best.cell.point, objective)
         print_grid(nodes)
 

@@ -38,6 +38,8 @@ def print_found(found: Found, truth: Truth | None, front: Front | None) -> None:
         truth: the scores of the best candidate and of the starts on fresh runs; None with several objectives.
         front: the Pareto front, scored on fresh runs; None with one objective, or if the front is empty.
     """
+    for note in found.notes:
+        print_paragraph(note)
     if front is not None:
         _print_front(front)
     if truth is not None:

@@ -158,6 +158,7 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
     With ``--json``, print a document instead, which has no map.
     """
     from vibroswarm.analysis.decidability import decidability
+    from vibroswarm.analysis.true_places import true_places_notes
     from vibroswarm.analysis.verdict import verdict
     from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.cli.verdict_text import verdict_text
@@ -171,6 +172,7 @@ def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
                 "scenario_hash": result.scenario.hash,
                 "seed": result.seed,
                 "out": None if arguments.out is None else str(arguments.out),
+                "notes": true_places_notes([result.scenario]),
                 "verdict": summary.as_dict(),
                 # The table of faults is None if robots cannot fail, the table of failures if no run failed. The column
                 # "run" is left out, since there is only one run.

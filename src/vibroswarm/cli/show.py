@@ -136,18 +136,21 @@ def _show_result(folder: Path, arguments: argparse.Namespace) -> None:
 
         show_tables(folder, arguments)
         return
+    from vibroswarm.analysis.true_places import true_places_notes
     from vibroswarm.analysis.verdict import verdict
     from vibroswarm.cli.verdict_text import verdict_text
 
     result = read_result(folder)
-    runs = result.runs["run"].to_list()
+    runs, notes = result.runs["run"].to_list(), true_places_notes([result.scenario])
     verdicts = [verdict(result, run=run) for run in runs]
     if arguments.json:
-        print_json({"seed": result.seed, "verdicts": [one.as_dict() for one in verdicts]})
+        print_json({"seed": result.seed, "notes": notes, "verdicts": [one.as_dict() for one in verdicts]})
         return
     if len(runs) == 1:
         print_line(verdict_text(result, verdicts[0]).rstrip())
         return
+    for note in notes:
+        print_line(note)
     print_line(f"{len(runs)} runs, {_origin(result)}")
     print_table(
         ["run", "consensus", "at, s", "robots right", "wrong", "undecided"],

@@ -342,7 +342,9 @@ def _print_cells(outcome: Outcome) -> None:
 
 
 def print_answers(outcome: Outcome) -> None:
-    """Print the question of a study and the sentences of its answer."""
+    """Print the notes and the question of a study, and the sentences of its answer."""
+    for note in outcome.notes:
+        print_paragraph(note)
     print_paragraph(outcome.question)
     print()
     for sentence in answer_lines(outcome):

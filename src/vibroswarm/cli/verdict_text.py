@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable
 from typing import Final
 
+from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     RobotVerdict,
@@ -62,7 +63,8 @@ def failure_lines(result: Result) -> list[str]:
 def verdict_text(result: Result, found: Verdict) -> str:
     """Return the verdict on a run as text of several lines.
 
-    The lines are, in this order: failures of the physics simulator, if any; the outcome and its confidence; swarm,
+    The lines are, in this order: that robots knew their true places, if they used them; failures of the physics
+    simulator, if any; the outcome and its confidence; swarm,
     strategy and floor; the share of ones read, if it is known; the boundary of the share of ones, if it differs from
     the boundary of the fill ratio; faults, if robots can have any; a note if robots hold opinions; and the table of
     robots.
@@ -76,6 +78,7 @@ def verdict_text(result: Result, found: Verdict) -> str:
     origin = "as recorded" if result.seed is None else f"seed {result.seed}"
     robots = f"{len(found.robots)} robot{'' if len(found.robots) == 1 else 's'}"
     lines = [
+        *true_places_notes([scenario]),
         *failure_lines(result),
         headline(found),
         confidence(found),

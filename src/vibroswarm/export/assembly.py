@@ -78,14 +78,14 @@ def parts_of(scenario: Scenario) -> RobotParts:
     if read and not is_estimated(scenario):
         raise InputError(
             f"is 'true', but a real robot does not know where it is, and '{strategy.name}' reads "
-            f"{', '.join(sorted(read))}; use --set localisation.method=mixture",
+            f"{', '.join(sorted(read))}; leave it at auto, or use --set localisation.method=mixture",
             field="localisation.method",
         )
     if read:  # a strategy that reads no place needs no localisation
         localiser = program_of(scenario)
         lag = scenario.localisation.lag
         # The method "mixture" keeps several Gaussians, any other method one.
-        count = scenario.localisation.components if scenario.localisation.method == "mixture" else 1
+        count = scenario.localisation.components if scenario.place_method == "mixture" else 1
         mixture = empty_mixture(count, lag)
     setup = setup_of(scenario)
     return RobotParts(

@@ -79,7 +79,9 @@ def report_of(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> Repor
         "seed": str(league.seed),
         "base scenario": league.base.hash,
     }
-    return Report("League", lead=answers(table, tables), sections=sections, details=details)
+    return Report(
+        "League", lead=(*standings.notes, *answers(table, tables)), sections=sections, details=details
+    )
 
 
 def _time_and_error(table: pl.DataFrame) -> Section:

@@ -102,7 +102,7 @@ def place_frame(samples: pl.DataFrame, estimates: NDArray[np.float64]) -> pl.Dat
 
 def is_estimated(scenario: Scenario) -> bool:
     """Return whether robots estimate their places; if not, they know their true places."""
-    return scenario.localisation.method != "true"
+    return scenario.place_method != "true"
 
 
 def draws_read(scenario: Scenario) -> int:
@@ -153,7 +153,7 @@ def estimate(
     rows = np.argsort(whose, kind="stable")  # samples by agent and, for each agent, in order of time
     moved = odometer["run"].to_numpy().astype(np.int64) * robots + odometer["robot"].to_numpy()
     agents = starts["run"].to_numpy().astype(np.int64) * robots + starts["robot"].to_numpy()
-    method = scenario.localisation.method  # the methods other than "mixture" have a single Gaussian
+    method = scenario.place_method  # the methods other than "mixture" have a single Gaussian
     components = scenario.localisation.components if method == "mixture" else 1
     kind = odometer["kind"].to_physical().to_numpy().astype(np.int64)  # indices into walk.KINDS
     # The last arguments of ``locate_robots``, in its order.
@@ -264,7 +264,7 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
         # the way that a robot drives between two readings of its rays.
         seen_noise_m=told.ray_noise_m + 0.001,
         robots_per_m=told.robots_factor * density * 2.0 * half_width_m * 4.0 / math.pi,
-        corrects=told.method != "dead_reckoning",
+        corrects=scenario.place_method != "dead_reckoning",
         monitors=told.monitor,
     )
 

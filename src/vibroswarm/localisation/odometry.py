@@ -60,7 +60,7 @@ def known_moves(moves: pl.DataFrame | None) -> pl.DataFrame:
     if moves is None:
         raise InputError(
             "robots that estimate their places need the moves, which this motion lacks; "
-            "simulate with moves, or leave it at 'true'",
+            "simulate with moves, or set it to 'true' (true places: an upper bound)",
             field="localisation.method",
         )
     return moves

@@ -32,7 +32,7 @@ class OnlineLocalisation:
             seed: seed of the runs.
         """
         robots, told = scenario.swarm.robots, scenario.localisation  # told: the fields of what robots assume
-        components = told.components if told.method == "mixture" else 1
+        components = told.components if scenario.place_method == "mixture" else 1
         program, forward_m = program_of(scenario), ray_forward_m(scenario)
         self.programs = [program._replace(ray_forward_m=float(each_m)) for each_m in forward_m]
         draws = draws_read(scenario)

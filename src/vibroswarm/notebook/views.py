@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     RobotVerdict,
@@ -162,7 +163,7 @@ def _result(value: Result) -> str:
     if value.runs.is_empty():
         return card(type(value).__name__, paragraph(repr(value)))
     run = int(value.runs["run"][0])
-    parts = [paragraph(repr(value))]
+    parts = [*map(paragraph, true_places_notes([value.scenario])), paragraph(repr(value))]
     if value.runs.height > 1:
         parts += [_runs_table(value), paragraph(f"Below: run {run}.")]
     opinions = holds_opinions(value.scenario)
@@ -242,7 +243,7 @@ def _study_result(value: StudyResult) -> str:
 
 @view_of.register
 def _comparison(value: Comparison) -> str:
-    return card(value.outcome.question, *(paragraph(line) for line in value.sentences))
+    return card(value.outcome.question, *map(paragraph, [*value.outcome.notes, *value.sentences]))
 
 
 @view_of.register

@@ -24,6 +24,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.intervals import Interval
+from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
@@ -163,6 +164,11 @@ class Nodes(NotebookView):
     def best(self) -> Node:
         """The cell with the lowest score, the first of equals."""
         return min(self.nodes, key=lambda node: (node.scored.score.estimate, node.cell.number))
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences to be read before the result: that robots knew their true places, if they used them."""
+        return true_places_notes(node.cell.scenario for node in self.nodes)
 
     @property
     def table(self) -> pl.DataFrame:

@@ -93,8 +93,8 @@ def _lead(nodes: Nodes, truth: Truth | None) -> tuple[str, ...]:
     runs = count_range(node.scored.score.n for node in nodes.nodes)
     first = f"{len(nodes.nodes)} cells over {varied}, {runs} runs per cell, {aim}."
     if truth is None:
-        return first, QUOTE
-    return first, best_words(nodes.best.cell.point, truth, grid.objective.unit), QUOTE
+        return *nodes.notes, first, QUOTE
+    return *nodes.notes, first, best_words(nodes.best.cell.point, truth, grid.objective.unit), QUOTE
 
 
 def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, str]]) -> list[str]:

@@ -55,7 +55,7 @@ def warnings_of(
     found: Found, truth: Truth | None, front: Front | None, made_by: Sequence[Mapping[str, str]]
 ) -> list[str]:
     """List the warnings that apply to a search, as sentences, the most serious first."""
-    words = warnings_of_runs(found, truth, front)
+    words = [*found.notes, *warnings_of_runs(found, truth, front)]
     if truth is not None:
         words += [
             luck_words(truth),

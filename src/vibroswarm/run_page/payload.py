@@ -156,6 +156,8 @@ class RunRecord:
     """Distance at which a robot avoids an obstacle, m."""
     truth: int | None = None
     """The right decision, None if neither is; used only with ``answers``, since else the fill ratio gives it."""
+    notes: tuple[str, ...] = ()
+    """Sentences to be read before the question, such as that robots knew their true places."""
     answers: tuple[str, str] | None = None
     """Meaning of decisions 0 and 1, if the question is not about the fill ratio."""
     faults: tuple[tuple[int, str, float, bool], ...] = ()
@@ -298,6 +300,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
             "ones": float(record.fill_ratio if record.expected_ones is None else record.expected_ones),
             "decision": record.true_decision,
         },
+        "notes": list(record.notes),
         "outcome": {"consensus": record.consensus, "time_s": record.consensus_time_s},
         "robots": record.robots.select(COLUMNS["robots"]).sort("robot").to_dicts(),
         "samples": {name: packed_column(column) for name, column in _samples(record).items()},

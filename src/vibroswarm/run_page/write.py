@@ -17,6 +17,7 @@ import polars as pl
 
 from vibroswarm.analysis.floor_maps import WITH_MAP, maps_over_time
 from vibroswarm.analysis.message_log import MessageLog, log_size, message_log
+from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError, check_kind, path_of
@@ -201,6 +202,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         ray_disc_radius_m=rays.disc_radius_m,
         avoidance_threshold_m=scenario.walk.avoidance_threshold_mm / 1000.0,
         truth=summary["truth"],
+        notes=tuple(true_places_notes([scenario])),
         answers=None if scenario.task.name == "fill_ratio" else answers_of(scenario),
         details={
             "scenario": scenario.hash,

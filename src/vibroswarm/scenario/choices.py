@@ -19,6 +19,7 @@ from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.networks import known as known_networks
 from vibroswarm.scenario import plugins
 from vibroswarm.strategies import known as known_strategies
+from vibroswarm.strategies.static_analysis import reads_places
 from vibroswarm.tasks import known as known_tasks
 
 
@@ -249,6 +250,12 @@ class StrategyChoice(Choice):
     name: str = "none"
     """A robot sends its reading (none), its decision once it has one (positive), or a bit drawn between its
     reading and its belief (soft); or as published elsewhere."""
+
+    @property
+    def reads_places(self) -> bool:
+        """Whether the strategy reads where robots believe they are; False if its code is not loaded."""
+        known = known_strategies().get(self.name)
+        return known is not None and reads_places(known)
 
 
 class NetworkChoice(Choice):

@@ -34,7 +34,7 @@ from vibroswarm.floors.floor import Floor, as_tiles
 from vibroswarm.floors.source import is_random, named_tiles
 from vibroswarm.scenario.choices import NetworkChoice, StrategyChoice, TaskChoice
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
-from vibroswarm.scenario.localisation_fields import Localisation, Odometry
+from vibroswarm.scenario.localisation_fields import Localisation, Odometry, PlaceMethod
 
 # ``strict=False`` lets a tuple be given as a list, as TOML gives it; the models themselves are strict.
 Length = Annotated[float, Field(gt=0, le=1e4)]
@@ -378,6 +378,19 @@ class Sections(FrozenModel):
     def tick_s(self) -> float:
         """The control period, s."""
         return self.run.control_period_ms / 1000.0
+
+    @property
+    def place_method(self) -> PlaceMethod:
+        """How robots find their places: ``localisation.method``, or what its default "auto" means here."""
+        method = self.localisation.method
+        if method != "auto":
+            return method
+        return "mixture" if self.strategy.reads_places else "true"
+
+    @property
+    def reads_true_places(self) -> bool:
+        """Whether the strategy reads places, and they are the true ones, which no real robot knows."""
+        return self.strategy.reads_places and self.place_method == "true"
 
     @property
     def motion_faults(self) -> MotionFaults:

@@ -9,9 +9,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, Literal, NamedTuple
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 
@@ -36,6 +36,9 @@ GYRO_LEVELS: Final = {
 }
 """Errors of each level; ``Odometry.level`` describes the levels."""
 Level = Literal["good", "poor", "bought"]
+
+PlaceMethod = Literal["true", "mixture", "kalman", "dead_reckoning"]
+"""How robots find their places; see ``Localisation.method``."""
 
 
 class Odometry(FrozenModel):
@@ -76,9 +79,11 @@ class Odometry(FrozenModel):
 class Localisation(FrozenModel):
     """Where robots believe they are: what a strategy that reads places is told."""
 
-    method: Literal["true", "mixture", "kalman", "dead_reckoning"] = "true"
-    """"true": robots know their true places. "mixture": each estimates its own, by ``robot.localisation``, from its
-    moves and rays. For comparison, "kalman": the same with one component; "dead_reckoning": from its moves alone."""
+    method: Literal["auto", "mixture", "true", "kalman", "dead_reckoning"] = "auto"
+    """"mixture": each robot estimates its place, by ``robot.localisation``, from its moves and rays. "true": robots
+    know their true places, which no real robot does: an upper bound. "auto": "mixture" if the strategy reads places,
+    "true" if it reads none. For comparison, "kalman": as "mixture", with one component; "dead_reckoning": from moves
+    alone."""
     components: Annotated[int, Field(ge=1, le=1000)] = 16
     """Components of the mixture."""
     lag: Annotated[int, Field(ge=1, le=24)] = 4
@@ -103,3 +108,9 @@ class Localisation(FrozenModel):
     monitor: bool = True
     """Whether a robot that meets more than it expects (walls that are not there, "robots" where walls are) states wider
     spreads of its places, and looks for itself further away. With "dead_reckoning" it meets nothing."""
+
+    @field_validator("method", mode="before")
+    @classmethod
+    def _true_as_text(cls, method: Any) -> Any:
+        """Take the truth value, which is what ``--set localisation.method=true`` gives, for the text "true"."""
+        return "true" if method is True else method

@@ -233,6 +233,10 @@ class Scenario(Sections, NotebookView):
         data = {"schema": SCHEMA_VERSION, **_without_empty(self.model_dump(mode="json", exclude_none=True))}
         # In the sections of strategy, network and task, only the table of the selected entry has an effect.
         data |= {choice.kind: choice.effective for choice in self.choices}
+        # "auto" has the hash of what it means. Of a user's code that is known only while the code is loaded, and the
+        # hash must not depend on that.
+        if self.strategy.code is None:
+            data["localisation"] |= {"method": self.place_method}
         text = json.dumps(_infinite_as_text(data), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 

@@ -16,7 +16,7 @@ import ast
 import inspect
 import linecache
 from collections.abc import Callable, Iterator, Mapping
-from functools import lru_cache
+from functools import cache, lru_cache
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -251,6 +251,34 @@ def told(strategy: Strategy, boundary_of: str) -> tuple[str, ...]:
     if read & set(PLACE):
         found.append("place of each reading")
     return (*found, *strategy.told)
+
+
+@cache
+def reads_places(strategy: Strategy) -> bool:
+    """Return whether the hooks of a strategy read where a reading was taken (``PLACE``)."""
+    # Names are looked up in compiled code first, because parsing the source takes a hundred times as long.
+    seen: set[Any] = set()
+    hooks = (getattr(strategy, hook) for hook in STRATEGY_HOOKS)
+    if not any(_names_place(hook, seen) for hook in hooks if hook is not None):
+        return False
+    return not fields_read(strategy).isdisjoint(PLACE)
+
+
+def _names_place(function: Callable[..., Any], seen: set[Any]) -> bool:
+    """Return whether a function, or one that it may call, uses a name of ``PLACE``, whatever it means there.
+
+    Args:
+        seen: functions looked at already; it grows in place.
+    """
+    plain = _plain(function)
+    if plain in seen:
+        return False
+    seen.add(plain)
+    names = plain.__code__.co_names
+    if not set(PLACE).isdisjoint(names):
+        return True
+    used = (plain.__globals__.get(name) for name in names)
+    return any(_names_place(one, seen) for one in used if isinstance(_plain(one), FunctionType))
 
 
 def fields_read(strategy: Strategy) -> set[str]:

@@ -13,6 +13,7 @@ from typing import Final
 
 import polars as pl
 
+from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.plots.curves import draw_detection
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of
@@ -49,7 +50,7 @@ def best(distinguished: pl.DataFrame) -> pl.DataFrame:
 
 
 def answer(distinguished: pl.DataFrame, scenario: Scenario, error: float, false_alarms: float) -> list[str]:
-    """Return the question, and for each number of robots a sentence on the fill ratios that they recognise.
+    """Return notes, the question, and for each number of robots a sentence on the fill ratios that they recognise.
 
     A sentence names, of the recognised fill ratios above the boundary, the nearest to the boundary and the farthest
     from it; then the fill ratios that are not recognised by the end. If all floors are on one side of the boundary,
@@ -60,16 +61,18 @@ def answer(distinguished: pl.DataFrame, scenario: Scenario, error: float, false_
         error, false_alarms: tolerated probabilities of a miss and of a false alarm.
     """
     boundary, t_end_s = scenario.decision.decision_boundary, scenario.run.t_end_s
+    notes = true_places_notes([scenario])
     question = (
         f"Does more than {100 * boundary:g} % vibrate? With at most {100 * error:g} % misses and "
         f"{100 * false_alarms:g} % false alarms (upper limits, 95 %)."
     )
     if distinguished.is_empty():
         return [
+            *notes,
             question,
             f"All floors are on one side of {100 * boundary:g} %: no pairs of misses and false alarms.",
         ]
-    sentences = [question]
+    sentences = [*notes, question]
     for (robots,), rows in best(distinguished).group_by("robots", maintain_order=True):
         who = f"{robots} robots find" if robots != 1 else "1 robot finds"
         found = rows.filter(pl.col("time_s").is_not_null()).sort("fill_ratio")

@@ -61,7 +61,7 @@ class Comparison(NotebookView):
         return comparison_table(self.outcome.comparisons)
 
     def __repr__(self) -> str:
-        return "\n".join([self.outcome.question, *self.sentences])
+        return "\n".join([*self.outcome.notes, self.outcome.question, *self.sentences])
 
 
 @dataclass(frozen=True)

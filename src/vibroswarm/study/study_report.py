@@ -146,10 +146,11 @@ def count_range(counts: Iterable[int]) -> str:
 
 
 def _lead(outcome: Outcome) -> tuple[str, ...]:
-    """Return the study's question; if no cells are compared, also a sentence about each of the first cells."""
+    """Return notes and the study's question; if no cells are compared, also a sentence about each of the first."""
     if outcome.answers:
-        return (outcome.question,)
+        return (*outcome.notes, outcome.question)
     return (
+        *outcome.notes,
         outcome.question,
         *(minus_signs(words) for words in cell_sentences(outcome.cells[:MOST_SENTENCES])),
     )

@@ -20,6 +20,7 @@ from vibroswarm.analysis.cell_summary import CellSummary, summary
 from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.forced_error import forced_error_by_run
 from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
@@ -107,6 +108,11 @@ class Outcome(NotebookView):
         """The question that the study asks: what is compared, in which setting, in how many runs."""
         return question(self.result, self.comparisons)
 
+    @cached_property
+    def notes(self) -> list[str]:
+        """Sentences to be read before the answer: that robots knew their true places, if they used them."""
+        return true_places_notes(one.cell.scenario for one in self.cells)
+
     @property
     def warnings(self) -> list[str]:
         """Sentences on what may invalidate the figures, such as failed or missing runs; empty if all is well."""
@@ -174,6 +180,7 @@ class Outcome(NotebookView):
             ],
             "equal_error": [answer.as_row() for answer in self.answers if answer.matched is not None],
             "second_block_seed": None if self.replicate is None else self.replicate.study.seed,
+            "notes": self.notes,
             "warnings": self.warnings,
             "versions": self.result.store.made_by,
         }

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of
@@ -50,21 +51,22 @@ def front_picture(curve: pl.DataFrame, style: str) -> Picture:
 
 
 def answer(curve: pl.DataFrame, scenario: Scenario) -> list[str]:
-    """Return the question, and sentences on the two ends of the front: the fastest setting, and the least often wrong.
+    """Return notes, the question, and sentences on the ends of the front: the fastest, and the least often wrong.
 
     Args:
         curve: as in ``front_picture``. scenario: the scenario whose settings are varied.
     """
     front = curve.filter("pareto").sort("decision_time_s").to_dicts()
+    notes = true_places_notes([scenario])
     question = (
         f"How much time do fewer wrong decisions cost? {scenario.strategy.name}, {scenario.swarm.robots} robots, floor "
         f"{scenario.floor.source}, up to {scenario.run.t_end_s:g} s; {curve.height} settings of p_c and O_c, replayed "
         f"on the same {curve['runs'][0]:,} runs."  # all settings have the same runs
     )
     if not front:
-        return [question, "No setting has both a time and a share of wrong decisions."]
+        return [*notes, question, "No setting has both a time and a share of wrong decisions."]
     fastest, surest = front[0], front[-1]  # on the front, slower settings are wrong less often
-    sentences = [question, f"Fastest: {_setting(fastest)}, {_figures(fastest)}."]
+    sentences = [*notes, question, f"Fastest: {_setting(fastest)}, {_figures(fastest)}."]
     if len(front) > 1:
         sentences.append(f"Least often wrong: {_setting(surest)}, {_figures(surest)}.")
         sentences.append(
@@ -102,7 +104,6 @@ def report_of(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Report:
     Args:
         curve: as in ``front_picture``. scenario, seed: of the replayed runs.
     """
-    question, *sentences = answer(curve, scenario)
     picture = picture_of(front_picture(curve, "page"), "front")
     front = curve.filter("pareto").sort("decision_time_s")
     text = (
@@ -110,7 +111,7 @@ def report_of(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Report:
     )
     return Report(
         title=f"Time against wrong decisions: {scenario.strategy.name}",
-        lead=(question, *map(minus_signs, sentences)),
+        lead=tuple(map(minus_signs, answer(curve, scenario))),
         sections=(
             Section("The front", text=text, parts=(picture, _table(front, "front"))),
             Section("All settings", parts=(_table(curve, "tradeoff"),), folded=True),

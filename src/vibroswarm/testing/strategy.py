@@ -37,8 +37,11 @@ def check_strategy(name: str) -> list[Finding]:
 
 
 def _scenarios(name: str) -> Iterator[tuple[str, Scenario]]:
-    """Yield the scenarios in which the strategy ``name`` is checked, each with its description."""
-    base = preset("paper").with_values({**SHORT, "strategy.name": name})
+    """Yield the scenarios in which the strategy ``name`` is checked, each with its description.
+
+    Robots know their true places, because ``plain_run`` does not replay localisation.
+    """
+    base = preset("paper").with_values({**SHORT, "strategy.name": name, "localisation.method": "true"})
     for words, values in SETTINGS.items():
         yield words, base.with_values(values)
 

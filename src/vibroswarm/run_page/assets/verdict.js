@@ -89,7 +89,7 @@ function buildVerdict() {
   byId("run-name").textContent = run.title;
   byId("verdict-badge").replaceChildren(signOf(outcome), BADGES[outcome]);
   say(byId("verdict-line"), verdictLine());
-  say(byId("task"), taskLine());
+  say(byId("task"), [...run.notes, taskLine()].join(" "));
   say(byId("outcome-time"), `Outcome, at the end of the run (${minutes(END_S)})`);
   say(byId("verdict-more"), verdictMore());
   byId("facts").replaceChildren(...verdictFacts().map(([term, value, name, more]) => {
