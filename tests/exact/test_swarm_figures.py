@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from vibroswarm.analysis.agreement import AGREEMENTS
 from vibroswarm.analysis.cell_summary import icc, icc_of_counts, run_figures, summary
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.analysis.intervals import generator, mean_interval, wilson
@@ -62,6 +63,10 @@ def test_four_runs_by_hand() -> None:
     shares = (s.swarm_right, s.swarm_wrong, s.swarm_split, s.swarm_incomplete, s.swarm_truth_undefined)
     assert [i.estimate for i in shares] == [0.25, 0.25, 0.25, 0.25, 0.0]
     assert s.swarm_right == wilson(1, 4)
+    assert (s.agreed_on_0, s.agreed_on_1) == (wilson(1, 4), wilson(1, 4))
+    assert math.isnan(s.agreement_lasted.estimate)  # decisions are final
+    agreements = pl.DataFrame({"run": [0, 2], "holds": [True, False]}, schema=AGREEMENTS)
+    assert summary(*FOUR, T_END, agreements=agreements).agreement_lasted == wilson(1, 2)
     assert s.swarm_error == wilson(1, 2)
     assert s.consensus_time_s == mean_interval([20.0, 100.0, 60.0, 100.0])
     assert s.consensus_median_s.estimate == math.inf  # only two of four runs ever got there
@@ -89,6 +94,7 @@ def test_on_the_boundary_nothing_is_right_or_wrong() -> None:
     on = cell([[0, 0], [1, -1]], [[10.0, 20.0], [30.0, None]], fill=0.5)
     s = summary(*on, T_END)
     assert s.swarm_truth_undefined.estimate == 0.5
+    assert (s.agreed_on_0, s.agreed_on_1) == (wilson(1, 2), wilson(0, 2))
     assert s.robots_undecided.estimate == 0.25
     undefined = (
         s.swarm_right,

@@ -11,6 +11,7 @@
 | right_share, wrong_share, undecided_share | right, wrong, undecided / robots |
 | swarm_right, swarm_wrong | 1 if all robots decided right (wrong), else 0; null if the run has no truth |
 | swarm_time_s | min(consensus time, t_end), s; t_end if the run has no consensus |
+| agreed_on_0, agreed_on_1 | 1 if all robots made this decision, else 0; null if decisions are not logged |
 
 A run has no truth if its fill ratio lies on the boundary, so that neither decision is right.
 
@@ -19,6 +20,8 @@ The figures of a cell (one scenario, many runs) have intervals that treat the ru
 | name | what it is | interval |
 |---|---|---|
 | swarm_right, _wrong, _split, _incomplete, _truth_undefined | share of runs with this consensus | Wilson |
+| agreed_on_0, agreed_on_1 | share of all runs in which every robot made this decision, right or not | Wilson |
+| agreement_lasted | share of the runs with an agreement in which opinions agree with it at the end | Wilson |
 | swarm_error | share of runs with a wrong consensus among those with a right or wrong one | Wilson |
 | consensus_time_s | mean of min(consensus time, t_end): a run without consensus counts with t_end | t |
 | consensus_median_s | median consensus time; a run without consensus counts as infinitely late | order statistics |
@@ -29,8 +32,9 @@ The figures of a cell (one scenario, many runs) have intervals that treat the ru
 | icc | r = (B - W) / (B + (m - 1) W): intra-run correlation; B, W: mean squares between, within runs | - |
 | design effect | 1 + (m - 1) r: number of robots, in runs of m, that inform as much as one independent robot | - |
 
-Right and wrong are shares of the runs with a truth; without such runs they are undefined. The median consensus time is
-undefined (None) if fewer than half of the runs reach a consensus.
+Right and wrong are shares of the runs with a truth; without such runs they are undefined. Whether agreement lasted is
+known only of strategies whose opinions may change after the swarm has decided (``analysis.agreement``). The median
+consensus time is undefined (None) if fewer than half of the runs reach a consensus.
 """
 
 from __future__ import annotations
@@ -70,6 +74,7 @@ FIGURES: Final = (
     *COUNTS,
     *("decision_time_s", "belief_in_truth", "consensus_time_s"),
     *("right_share", "wrong_share", "undecided_share", "swarm_right", "swarm_wrong", "swarm_time_s"),
+    *("agreed_on_0", "agreed_on_1"),
 )
 """Columns that ``run_figures`` computes, in order."""
 
@@ -124,9 +129,17 @@ def run_figures(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> pl.
     if not t_end_s > 0:
         raise InputError(f"{t_end_s!r} cannot be the end of a run; give a time above 0, s", field="t_end_s")
     by_run = ByRun(robots)
+    decision = numbers(by_run.robots["decision"])
     means = {
         "decision_time_s": by_run.mean(by_run.capped_time_s(t_end_s)),
         "belief_in_truth": by_run.mean(numbers(by_run.robots["belief_in_truth"])),
+        **{
+            # The sum is nan if the decision of a robot is not logged.
+            f"agreed_on_{answer}": np.where(
+                np.isnan(by_run.sum(decision)), np.nan, by_run.sum(1.0 * (decision == answer)) == by_run.count
+            )
+            for answer in (0, 1)
+        },
     }
     of_robots = pl.DataFrame({"run": by_run.runs, "robots": by_run.count})
     by_number = runs.sort("run")
@@ -162,6 +175,9 @@ class CellSummary(NotebookView):
     swarm_split: Interval
     swarm_incomplete: Interval
     swarm_truth_undefined: Interval
+    agreed_on_0: Interval
+    agreed_on_1: Interval
+    agreement_lasted: Interval
     swarm_error: Interval
     consensus_time_s: Interval
     consensus_median_s: Interval
@@ -210,13 +226,20 @@ class CellSummary(NotebookView):
 
 
 def summary(
-    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, level: float = 0.95, seed: int = 0
+    robots: pl.DataFrame,
+    runs: pl.DataFrame,
+    t_end_s: float,
+    level: float = 0.95,
+    seed: int = 0,
+    *,
+    agreements: pl.DataFrame | None = None,
 ) -> CellSummary:
     """Compute all figures of a cell.
 
     Args:
         robots, runs: tables of one scenario's runs, as a ``Result`` has them. t_end_s: the end of a run, s.
         level: confidence level of each single interval. seed: seed of the bootstrap.
+        agreements: table of agreements (``analysis.agreement.AGREEMENTS``); None: decisions are final.
     Raises:
         InputError: the tables have different runs, a run occurs twice, t_end is not above 0, or the level is not
             between 0 and 1.
@@ -250,8 +273,15 @@ def summary(
         level=level,
         consensus_median_s=quantile_interval(consensus_s, 0.5, level),
         robot_error=cluster_share(count=wrong, of=right + wrong, level=level, seed=seed),
+        agreement_lasted=_lasted(agreements, level),
         **named,
     )
+
+
+def _lasted(agreements: pl.DataFrame | None, level: float) -> Interval:
+    """Return the share of agreements that held at the end of the run; undefined (nan) without a table or rows."""
+    holds = np.zeros(0) if agreements is None else agreements["holds"].to_numpy()
+    return wilson(int(holds.sum()), holds.size, level)
 
 
 MEANS: Final = {
@@ -262,7 +292,7 @@ MEANS: Final = {
 """Means over runs: name of the mean, and the column of ``run_figures`` that is averaged."""
 SHARES_OF_ROBOTS: Final = {f"robots_{name}": name for name in ("right", "wrong", "undecided")}
 """Shares of robots: name of the share, and the column of ``run_figures`` that counts the robots."""
-SHARES_OF_RUNS: Final = ("swarm_right", "swarm_wrong")
+SHARES_OF_RUNS: Final = ("swarm_right", "swarm_wrong", "agreed_on_0", "agreed_on_1")
 """Shares of runs: columns of ``run_figures`` that are 1 or 0."""
 INTERVALS: Final = (*MEANS, *SHARES_OF_ROBOTS, *SHARES_OF_RUNS)
 """Figures of the summary that ``interval`` computes; it also accepts any column of 0 and 1."""

@@ -20,6 +20,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm import strategies, tasks
+from vibroswarm.analysis.agreement import Agreement, agreements_over_time
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_kind, shown
@@ -100,6 +101,8 @@ class Verdict(NotebookView):
     """Probability that a sample at a uniformly random place in the arena reads as vibrating, with the sensor's errors
     and what vibration does across tile edges."""
     share_of_ones_read: float | None
+    agreements: tuple[Agreement, ...]
+    """When the robots' opinions agreed; more than one if opinions changed."""
     robots: tuple[RobotVerdict, ...]
 
     def __repr__(self) -> str:
@@ -115,8 +118,8 @@ class Verdict(NotebookView):
         return f"Verdict({outcome}; {', '.join([*counts, f'of {robots}'])}; fill ratio {self.fill_ratio:.4g})"
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields for JSON, robots as a list of dictionaries."""
-        return asdict(self)
+        """Return the fields for JSON, robots and agreements as lists of dictionaries."""
+        return asdict(self) | {"agreements": [agreement._asdict() for agreement in self.agreements]}
 
 
 def verdict(result: Result, run: int | None = None) -> Verdict:
@@ -158,6 +161,7 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         readings_boundary=readings_boundary(result.scenario),
         share_of_ones_expected=expected_ones_on(result.scenario.sensor, result.floor(run), size),
         share_of_ones_read=float(bits.cast(pl.Float64).mean()) if bits.len() else None,  # type: ignore[arg-type]
+        agreements=tuple(agreements_over_time(result, run)),
         robots=robots,
     )
 
@@ -239,11 +243,36 @@ def headline(found: Verdict) -> str:
     if found.consensus == "truth_undefined":
         reason = "the fill ratio equals the boundary, neither" if found.of_shares else "neither answer"
         return f"CONSENSUS: {together} '{answer}'{at}; {reason} is right."
-    decided = robots - found.undecided
-    sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else f"{decided} decided"
+    sides = f"{found.right} right, {found.wrong} wrong" if found.truth is not None else _sides(found)
     if found.consensus == "split":
         return f"SPLIT: all {robots} robots decided, but differently: {sides}."
     return f"INCOMPLETE: {found.undecided} of {robots} robots undecided after {found.end_s:g} s ({sides})."
+
+
+def _sides(found: Verdict) -> str:
+    """Return how many robots decided what, where no answer is right, such as "3 'less than ...', 1 'more than ...'"."""
+    counts = [sum(robot.decision == answer for robot in found.robots) for answer in (0, 1)]
+    sides = zip(counts, found.answers, strict=True)
+    return ", ".join(f"{count} '{answer}'" for count, answer in sides if count) or "none decided"
+
+
+def agreement_words(found: Verdict) -> str:
+    """Return a sentence on agreements that did not last; empty if there is none.
+
+    An agreement that ended before the swarm decided (it was shorter than ``decision.hold_s``) does not count.
+    """
+    since_s = 0.0 if found.consensus_time_s is None else found.consensus_time_s
+    ended = [one for one in found.agreements if one.until_s is not None and one.until_s > since_s]
+    if not ended:
+        return ""
+    first, last = ended[0], found.agreements[-1]
+    more = "" if len(ended) == 1 else f", and {len(ended) - 1} more time{'s' * (len(ended) > 2)}"
+    now = "; opinions agree at the end" if last.until_s is None else "; opinions differ at the end"
+    answer = decision_words(first.answer, found.answers)
+    return (
+        f"Agreement did not last: all agreed on '{answer}' from {first.since_s:.1f} to {first.until_s:.1f} s"
+        f"{more}{now}."
+    )
 
 
 def confidence(found: Verdict) -> str:

@@ -289,6 +289,7 @@ def print_tables(outcome: Outcome) -> None:
         f"{count} runs per cell; in brackets 95 % intervals over runs (Wilson, t). An undecided run counts with its "
         "whole time."
     )
+    _print_agreements(outcome)
     # With --until, intervals are computed several times (looks), and the study ends when one is narrow enough. So that
     # the last interval holds at the study's level (95 %), the interval of each look has a higher level.
     until = outcome.result.study.until
@@ -338,6 +339,44 @@ def _print_cells(outcome: Outcome) -> None:
             for cell_outcome in outcome.cells
         ],
         more=("split, %", "incomplete, %", "belief in the truth"),  # printed with --wide only
+    )
+
+
+def _print_agreements(outcome: Outcome) -> None:
+    """Print on what swarms agreed, and whether agreement lasted, for cells with runs in which no answer is right.
+
+    Nothing is printed if there are no such cells. A dash: decisions are final, or no swarm agreed.
+    """
+    from vibroswarm.study.answers import lacks_truth
+
+    cells = [cell_outcome for cell_outcome in outcome.cells if lacks_truth(cell_outcome.summary)]
+    if not cells:
+        return
+    rows = []
+    for cell_outcome in cells:
+        figures = cell_outcome.summary
+        shares = (
+            figures.agreed_on_0, figures.agreed_on_1, figures.swarm_split, figures.swarm_incomplete,
+            figures.agreement_lasted,
+        )  # fmt: skip
+        texts = [with_interval(share, ".1f", scale=100.0) for share in shares]
+        rows.append([cell_outcome.cell.name, *texts, with_interval(figures.consensus_time_s, ".0f")])
+    print_table(
+        [
+            "cell",
+            "agreed on 0, %",
+            "agreed on 1, %",
+            "split, %",
+            "incomplete, %",
+            "lasted, %",
+            "agreement, s",
+        ],
+        rows,
+    )
+    print_paragraph(
+        "Runs without a right answer: on what their swarms agreed (0: less, 1: more), as a share of all runs. Lasted: "
+        "share of the agreements that held at the end, where opinions may change. Runs without agreement count with "
+        "their whole time."
     )
 
 

@@ -14,6 +14,7 @@ from vibroswarm.analysis.verdict import (
     OPINION_NOTE,
     RobotVerdict,
     Verdict,
+    agreement_words,
     confidence,
     headline,
     holds_opinions,
@@ -64,10 +65,9 @@ def verdict_text(result: Result, found: Verdict) -> str:
     """Return the verdict on a run as text of several lines.
 
     The lines are, in this order: that robots knew their true places, if they used them; failures of the physics
-    simulator, if any; the outcome and its confidence; swarm,
-    strategy and floor; the share of ones read, if it is known; the boundary of the share of ones, if it differs from
-    the boundary of the fill ratio; faults, if robots can have any; a note if robots hold opinions; and the table of
-    robots.
+    simulator, if any; the outcome; whether agreement lasted, if it did not; the confidence; swarm, strategy and floor;
+    the share of ones read, if it is known; the boundary of the share of ones, if it differs from the boundary of the
+    fill ratio; faults, if robots can have any; a note if robots hold opinions; and the table of robots.
 
     Args:
         result: a result of a single run, whose number need not be 0: floor, faults and failures are taken from it.
@@ -81,6 +81,7 @@ def verdict_text(result: Result, found: Verdict) -> str:
         *true_places_notes([scenario]),
         *failure_lines(result),
         headline(found),
+        *([agreement_words(found)] if agreement_words(found) else []),
         confidence(found),
         "",
         f"{robots}, {strategy_name(scenario.strategy.name)}, on '{floor.name}' "

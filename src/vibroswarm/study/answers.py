@@ -20,6 +20,7 @@ from vibroswarm.analysis.cell_summary import CellSummary
 from vibroswarm.analysis.forced_error import MatchedError
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import DIRECTIONS, side
+from vibroswarm.analysis.verdict import answers_of as answers_in_words
 from vibroswarm.study.cell_comparison import Compared
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
@@ -402,9 +403,10 @@ class Figures(Protocol):
 
 
 def cell_sentences(cells: Sequence[Figures]) -> list[str]:
-    """Return one sentence for each cell: its shares of right, wrong and undecided robots, and its decision time.
+    """Return the figures of each cell in words: its shares of right, wrong and undecided robots, and its decision time.
 
-    The shares right and wrong are left out if they are undefined, and limits are left out if they are not finite.
+    The shares right and wrong are left out if they are undefined, and limits are left out if they are not finite. If no
+    answer is right in some runs, a second sentence says on what the swarms agreed.
     """
     sentences = []
     for one in cells:
@@ -419,8 +421,28 @@ def cell_sentences(cells: Sequence[Figures]) -> list[str]:
         limits = f" [{time.low:.0f}, {time.high:.0f}]" if math.isfinite(time.low) else ""
         sentences.append(
             f"{one.cell.name}: robots {', '.join(words)}; decision time {time.estimate:.0f} s{limits}."
+            + (f" {_agreement(one)}" if lacks_truth(figures) else "")
         )
     return sentences
+
+
+def lacks_truth(figures: CellSummary) -> bool:
+    """Return whether no answer is right in some runs of a cell: then its outcome is on what its swarms agreed."""
+    return figures.swarm_right.n < figures.runs
+
+
+def _agreement(one: Figures) -> str:
+    """Write on what the swarms of a cell agreed, in a sentence; whether agreement lasted if opinions may change."""
+    figures = one.summary
+    less, more = answers_in_words(one.cell.scenario)
+    lasted = ""
+    if figures.agreement_lasted.n:
+        lasted = f"; {_percent(figures.agreement_lasted)} of the agreements lasted to the end"
+    return (
+        f"Swarms agreed on '{less}' in {_percent(figures.agreed_on_0)} of the runs, on '{more}' in "
+        f"{_percent(figures.agreed_on_1)}; {_percent(figures.swarm_split)} split, {_percent(figures.swarm_incomplete)} "
+        f"incomplete{lasted}."
+    )
 
 
 def _percent(share: Interval) -> str:

@@ -20,6 +20,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.agreement import agreements_in, agreements_of, may_change
 from vibroswarm.analysis.sampling import Walk
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import Schema, check_table, read_frame
@@ -43,12 +44,15 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import check_scenario, floors_of, simulate, steers, versions
 from vibroswarm.study.batch_table import (
+    AGREED_ROWS,
+    AGREED_TABLE,
     FAILED_ROWS,
     FAILED_TABLE,
     ROWS,
     WALK,
     BatchRows,
     Columns,
+    agreed_rows,
     columns_of,
     failed_rows,
     walked,
@@ -82,6 +86,8 @@ class BatchOutcomes(NamedTuple):
     """The table of samples of each cell; empty unless samples are saved."""
     failures: list[pl.DataFrame]
     """The failed runs of each cell; empty if no run failed."""
+    agreements: list[pl.DataFrame]
+    """The agreements of each cell whose opinions may change after the swarm has decided."""
 
 
 class BatchRequest(NamedTuple):
@@ -152,7 +158,9 @@ def _closed_loop(scenario: Scenario, cells: Sequence[int], request: BatchRequest
     tables = (result.motion, result.observations, result.inference)
     samples = samples_of(*tables, cells) if request.samples else []
     failures = failed_rows(result.failures, [cells], scenario.run.t_end_s)
-    return BatchOutcomes([cells], robots, {**of_runs, **walked(walk, request.runs)}, samples, failures)
+    agreements = agreed_rows(agreements_in(result), cells) if may_change(scenario) else []
+    of_runs = {**of_runs, **walked(walk, request.runs)}
+    return BatchOutcomes([cells], robots, of_runs, samples, failures, agreements)
 
 
 class _SharedMotion:
@@ -184,10 +192,13 @@ class _SharedMotion:
         readings = self.places.read(common, floors, with_energies)
         energy = energies_read(common, readings) if with_energies else None
         finals_by_scenario = []  # for each scenario, the columns of its robots at the end, (runs * robots,) each
-        for scenario in scenarios:
+        agreements: list[pl.DataFrame] = []
+        for scenario, equal_cells in zip(scenarios, cells, strict=True):
             self.request.check()
             swarm = replay_to_end(scenario, seed, self.timeline, readings.observation, energy)
             finals_by_scenario.append(final_columns(swarm))
+            if may_change(scenario):
+                agreements += agreed_rows(agreements_of(swarm, runs), equal_cells)
         # The same columns, (scenarios, runs, robots) each.
         shape = (len(runs), self.timeline.robots)
         finals = {
@@ -205,7 +216,7 @@ class _SharedMotion:
         }
         samples = self._samples(scenarios, cells, readings) if self.request.samples else []
         failures = failed_rows(self.motion.failures, cells, common.run.t_end_s)
-        return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples, failures)
+        return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples, failures, agreements)
 
     def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
         """Return the floors by number of the run; cached by the scenario's floor, which several sensors may share."""
@@ -385,7 +396,8 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
 
     Args:
         cancelled: called between two steps; if it returns true, the batch is given up.
-    Returns: the tables as Parquet files: ``robots``, ``samples`` if the study saves them, ``failures`` if runs failed.
+    Returns: the tables as Parquet files: ``robots``, ``samples`` if the study saves them, ``failures`` if runs failed,
+        ``agreements`` if opinions of a cell may change after its swarms have decided.
     Raises:
         Cancelled: ``cancelled`` returned true.
         RunError: this process was forked after polars had begun its threads.
@@ -404,6 +416,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     rows = BatchRows(cells, range(work.first, work.last), first.swarm.robots)
     samples: list[pl.DataFrame] = []
     failures: list[pl.DataFrame] = []
+    agreements: list[pl.DataFrame] = []
     for low in range(work.first, work.last, runs_at_a_time):
         request = BatchRequest(
             runs=range(low, min(low + runs_at_a_time, work.last)),
@@ -416,12 +429,15 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
             rows.put(outcomes.cells, low, outcomes.robots, outcomes.runs)
             samples += outcomes.samples
             failures += outcomes.failures
+            agreements += outcomes.agreements
     tables = {"robots": rows.table()}
     if "samples" in work.keep:
         order = ["cell", "run", "time_s", "robot"]
         tables["samples"] = pl.concat(samples).sort(order, maintain_order=True)
     if failures:
         tables[FAILED_TABLE] = pl.concat(failures).sort("cell", "run")
+    if agreements:
+        tables[AGREED_TABLE] = pl.concat(agreements).sort("cell", "run")
     files = {name: _parquet(table, work) for name, table in tables.items()}
     return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=versions())
 
@@ -456,7 +472,8 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
             error names the file.
     """
     required = {"robots", *study.keep}  # ``keep`` names the further tables that the study saves
-    if set(files) - {FAILED_TABLE} != required:  # the table of failures exists only if a run failed
+    # The table of failures exists only if a run failed, that of agreements only if opinions may change.
+    if set(files) - {FAILED_TABLE, AGREED_TABLE} != required:
         raise InputError(
             f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
         )
@@ -468,13 +485,16 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
         )
     for table, path in files.items():
         # After the check of names above, any other table is ``samples``.
-        schema = {"robots": ROBOTS, FAILED_TABLE: FAILED_ROWS}.get(table, SAMPLE_ROWS)
+        schemas = {"robots": ROBOTS, FAILED_TABLE: FAILED_ROWS, AGREED_TABLE: AGREED_ROWS}
+        schema = schemas.get(table, SAMPLE_ROWS)
         frame = read_frame(path, table)
         frame = check_table(frame, schema, path.name, table)
         if table == "robots" and frame.height != expected:
             raise InputError(f"has {frame.height} rows, not {expected}", field=path.name)
         for column, allowed in (("cell", set(cells)), ("run", set(runs)), ("robot", set(range(robots)))):
-            if column not in frame.columns:  # the table of failures has no column ``robot``
+            if (
+                column not in frame.columns
+            ):  # the tables of failures and of agreements have no column ``robot``
                 continue
             foreign = set(frame[column].unique().to_list()) - allowed
             if foreign:

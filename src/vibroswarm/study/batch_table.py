@@ -18,6 +18,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.agreement import AGREEMENTS
 from vibroswarm.analysis.sampling import WALK as OF_WALK
 from vibroswarm.core.tables import Schema
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
@@ -164,12 +165,25 @@ def walked(figures: Columns, runs: range) -> dict[str, NDArray[np.float64]]:
     return columns
 
 
+AGREED_TABLE: Final = "agreements"
+"""Name of the table of agreements in a shard; only groups with cells whose opinions may change have it."""
+AGREED_ROWS: Final = Schema({"cell": pl.UInt32, **AGREEMENTS}, frozenset(), ("cell", "run"))
+"""Schema of the table of agreements of a shard; no column may be null."""
 FAILED_TABLE: Final = "failures"
 """Name of the table in a shard."""
 FAILED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **FAILURES}
 """Columns of the table of failures, one row per cell and failed run: since when the robots stand, and why."""
 FAILED_ROWS: Final = Schema(FAILED_RUNS, frozenset(), ("cell", "run"))
 """Schema of the table of failures of a shard; no column may be null."""
+
+
+def agreed_rows(agreements: pl.DataFrame, cells: Sequence[int]) -> list[pl.DataFrame]:
+    """Return the table of agreements for each of several cells with equal scenarios.
+
+    Args:
+        agreements: of one scenario, ``analysis.agreement.AGREEMENTS``. cells: numbers of the cells.
+    """
+    return [agreements.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *AGREEMENTS) for cell in cells]
 
 
 def failed_rows(

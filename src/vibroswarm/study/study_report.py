@@ -26,7 +26,7 @@ from vibroswarm.report.html import (
 )
 from vibroswarm.report.markup import minus_signs
 from vibroswarm.report.parts import ReportAnswer, ReportEffect
-from vibroswarm.study.answers import EFFECTS, Answer, cell_sentences, title
+from vibroswarm.study.answers import EFFECTS, Answer, cell_sentences, lacks_truth, title
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import comparison_table
 from vibroswarm.study.pictures import NamedPicture, pictures_of
@@ -113,7 +113,7 @@ def report_of(
     equal = (_equal_error_table(outcome.answers),) if matched else ()
     reference_tables = (_reference_table(references),) if references else ()
     sections = [
-        Section("Outcome", parts=(_outcome_table(outcome),), sections=outcomes),
+        Section("Outcome", parts=(_outcome_table(outcome), *_agreement_tables(outcome)), sections=outcomes),
         Section("Decisions over time", sections=shown("incidence", "consensus", "belief")),
         Section("Compared run by run", text=_COMPARISON_TEXT, parts=compared, sections=shown("compared")),
         Section("At equal error", text=_EQUAL_ERROR_TEXT, parts=equal),
@@ -232,6 +232,35 @@ def _outcome_table(outcome: Outcome) -> ReportTable:
         caption=_OUTCOME_TEXT,
         name="outcome",
     )
+
+
+_AGREEMENTS: Final = {
+    "agreed_on_0": "agreed on 0 (less)",
+    "agreed_on_1": "agreed on 1 (more)",
+    "swarm_split": "split",
+    "swarm_incomplete": "incomplete",
+    "agreement_lasted": "lasted",
+}
+"""Shares of runs in the table of agreements, with their headings."""
+
+
+def _agreement_tables(outcome: Outcome) -> list[ReportTable]:
+    """Return a table of what the swarms agreed on, of the cells with runs in which no answer is right; [] if none."""
+    lacking = [
+        cell_outcome.cell.number for cell_outcome in outcome.cells if lacks_truth(cell_outcome.summary)
+    ]
+    if not lacking:
+        return []
+    columns = {name: Column(words, percent=True, limits=_limits(name)) for name, words in _AGREEMENTS.items()}
+    columns["consensus_time_s"] = Column("agreement", "s", decimals=0, limits=_limits("consensus_time_s"))
+    figures = [column for name in columns for column in (name, *_limits(name))]
+    rows = outcome.table.filter(pl.col("cell").is_in(lacking)).select("name", "runs", *figures)
+    caption = (
+        "Runs without a right answer: on what their swarms agreed, as a share of all runs; 95 % intervals over runs. "
+        "Lasted: share of the agreements that held at the end, where opinions may change (a dash: decisions are "
+        "final). Runs without agreement count with their whole time."
+    )
+    return [ReportTable(rows, {"name": Column("cell"), **columns}, caption=caption, name="agreement")]
 
 
 _OUTCOME_TEXT: Final = (

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.agreement import may_change
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown, whole_number_of
@@ -26,7 +27,7 @@ from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
-from vibroswarm.study.batch_table import FAILED_RUNS, FAILED_TABLE
+from vibroswarm.study.batch_table import AGREED_TABLE, FAILED_RUNS, FAILED_TABLE
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.precision import Settled, runs_that_count, settled
 from vibroswarm.study.spec import MOST_RUNS, Cell, Study
@@ -211,7 +212,8 @@ class StudyResult(NotebookView):
         """Return a table of the store, not read yet, for some cells.
 
         Args:
-            table: ``robots``, ``samples`` or ``failures``. cells: by number; if empty, all selected cells.
+            table: ``robots``, ``samples``, ``failures`` or ``agreements``.
+            cells: by number; if empty, all selected cells.
         Raises:
             InputError: none of these cells has runs yet.
         """
@@ -223,7 +225,8 @@ class StudyResult(NotebookView):
         """Return a lazy table of the store for each group with stored rows, limited to the cells with these numbers.
 
         Args:
-            table: ``robots``, ``samples`` or ``failures``. cells: by number; if empty, all selected cells.
+            table: ``robots``, ``samples``, ``failures`` or ``agreements``.
+            cells: by number; if empty, all selected cells.
         """
         chosen, frames = cells or self.selected, []
         for group in self.plan.groups:
@@ -284,6 +287,14 @@ class StudyResult(NotebookView):
         return self._with_varied(
             pl.concat(scans).sort("cell", "run").collect() if scans else pl.DataFrame(schema=FAILED_RUNS)
         )
+
+    def agreements(self, cell: int) -> pl.DataFrame | None:
+        """Return the table of agreements of one cell (``analysis.agreement.AGREEMENTS``), sorted by run.
+
+        It is None if the decisions of this cell's robots are final, or if its runs were made before the table existed.
+        """
+        scans = self._scans(AGREED_TABLE, (cell,)) if may_change(self.cell(cell).scenario) else []
+        return pl.concat(scans).drop("cell").sort("run").collect() if scans else None
 
     def result(self, cell: int, runs: int | Sequence[int], *, segments: bool = False) -> Result:
         """Simulate runs of a cell again from the seed, with all their samples; runs of a slow source are cached.

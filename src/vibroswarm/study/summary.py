@@ -218,7 +218,7 @@ def outcome_of(
         cell = result.study.cells[number]
         robots, runs = result.tables(number)
         settled = result.settled(number)
-        plain_figures = summary(robots, runs, cell.scenario.run.t_end_s)
+        plain_figures = summary(robots, runs, cell.scenario.run.t_end_s, agreements=result.agreements(number))
         figures = _with_corrected_interval(plain_figures, result, number, settled)
         error = mean_interval(numbers(forced_error_by_run(robots, runs)["forced_error"]))
         failed, decidable = result.failed_runs(number), decidability(cell.scenario)
