@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.source import MOTION
 from vibroswarm.observation.decision_boundary import sensed_shares_on
-from vibroswarm.observation.edge_response import Place, nearest_of_kind
+from vibroswarm.observation.edge_response import Place, nearest_of_kind, response_of
 from vibroswarm.observation.energy_model import error_rates, shares_below
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.fields import Sensor
@@ -210,3 +211,73 @@ def test_too_many_factors_are_refused() -> None:
         )
     with pytest.raises(InputError, match=r"sensor\.edge_blur_m"):
         Scenario().with_values({"sensor.edge_blur_m": -0.1})
+
+
+SIDE_M = 0.5
+PLAIN = dict.fromkeys(
+    ("sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread", "sensor.robot_spread")
+)
+
+
+def chance_of_one(
+    s: Sensor, tiles: np.ndarray, x: float, y: float, tile_factors: np.ndarray, robot_factor: float
+) -> float:
+    """P(1), computed independently: distances to rectangles, scipy's distributions; tile factors as the tiles lie."""
+    rows = tiles.shape[0]
+    below = (rows - 1 - math.floor(y / SIDE_M), math.floor(x / SIDE_M))
+    kind = int(tiles[below])
+    others = []
+    for (i, j), other in np.ndenumerate(tiles):
+        dx = max(j * SIDE_M - x, x - (j + 1) * SIDE_M, 0.0)
+        dy = max((rows - 1 - i) * SIDE_M - y, y - (rows - i) * SIDE_M, 0.0)
+        if other != kind:
+            others.append((math.hypot(dx, dy), (i, j)))
+
+    def reads_one(of: int, factor: float) -> float:
+        shape, scale, location = (
+            (s.vibrating_shape, s.vibrating_scale, s.vibrating_location)
+            if of
+            else (s.still_shape, s.still_scale, s.still_location)
+        )
+        return float(stats.gamma.sf(s.rms_threshold / factor, shape, loc=location, scale=scale))
+
+    own = tile_factors[below] * robot_factor
+    reach, blur = s.edge_reach_m, s.edge_blur_m
+    if reach is None or blur is None:
+        return reads_one(kind, own)
+    distance, nearest = min(others)
+    past = reach + distance if kind else reach - distance
+    vibrates = stats.norm.cdf(past / blur)
+    of_kind = {kind: own, 1 - kind: tile_factors[nearest] * robot_factor}
+    return float(vibrates * reads_one(1, of_kind[1]) + (1 - vibrates) * reads_one(0, of_kind[0]))
+
+
+def test_bits_are_drawn_as_often_as_edges_and_factors_say() -> None:
+    """At 30 places, of two robots: shares of ones by chi-squared; the same shares without edges fail."""
+    scenario = preset("calibrated").with_values(
+        {"floor.rows": 2, "floor.columns": 2, "floor.source": "random:0.5", "swarm.robots": 2}
+    )
+    floor = Floor(np.array([[1, 0], [0, 1]], dtype=np.uint8), SIDE_M, SIDE_M)
+    random, each, count = np.random.default_rng(2), 2000, 30
+    x, y = 0.5 + random.uniform(-0.05, 0.05, count), random.uniform(0.0, 1.0, count)
+    robot = random.integers(0, 2, count)
+    samples = samples_at(np.repeat(x, each), np.repeat(y, each)).with_columns(
+        robot=pl.Series(np.repeat(robot, each).astype(np.uint16))
+    )
+    bits = observe(scenario, 3, samples, {0: floor}, energies=False)["observation"].to_numpy()
+    ones = bits.reshape(count, each).sum(axis=1)
+    factors = response_of(scenario, 3, np.array([0]), [4]).factors.reshape(2, 5)
+    of_robot, of_tile = factors[:, 0], (factors[0] / factors[0, 0])[1:].reshape(2, 2)
+
+    def p_value(sensor: Sensor) -> float:
+        share = np.array(
+            [
+                chance_of_one(sensor, floor.tiles, x[k], y[k], of_tile, of_robot[robot[k]])
+                for k in range(count)
+            ]
+        )
+        z = (ones - each * share) / np.sqrt(each * share * (1 - share))
+        return float(stats.chi2.sf(z @ z, count))
+
+    assert p_value(scenario.sensor) > 0.005
+    assert p_value(scenario.with_values(PLAIN).sensor) < 1e-6

@@ -218,8 +218,6 @@ def test_claimed_errors_are_those_that_happen(paper: Result) -> None:
     """Over both sides the share wrong is the mean of the claimed errors, at most alpha."""
     found = could_be_known(on_both_sides(paper), "mirror", alpha=0.2)
     assert found.claimed.high < 0.2
-    assert found.how == "exact"
-    assert (found.monte_carlo_error, found.unsettled) == (0.0, 0)
     n, wrong = found.wrong.n, round(found.wrong.estimate * found.wrong.n)
     assert stats.binomtest(wrong, n, found.claimed.estimate).pvalue > 0.01
     # Negative control: counts claims less than happens.

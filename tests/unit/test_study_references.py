@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import pytest
-
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.study import baselines
 from vibroswarm.study.baselines import References, references_of
 from vibroswarm.study.spec import Study
 
@@ -47,14 +44,12 @@ def test_what_is_said_where_there_is_none() -> None:
     assert "cuts some of the tiles" in cut.says[0]
 
 
-def test_where_edges_are_felt_fewer_runs_are_sampled(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(baselines, "RUNS_BY_CHAINS", 4)
-    edges = found({"sensor.edge_blur_m": [0.01]})[0]
-    assert edges.known is not None
-    assert (edges.known.how, edges.known.runs.height, edges.runs) == ("chains", 4, RUNS)
-    row = edges.as_row()
-    assert (row["known_how"], row["known_runs"]) == ("chains", 4)
-    assert row["known_claimed"] is None or row["known_claimed"] <= 0.05
+def test_no_reference_where_a_reading_depends_on_more_than_the_tile_below() -> None:
+    edges, tiles = found({"sensor.edge_blur_m": [0.01]}) + found({"sensor.tile_spread": [0.2]})
+    for reference in (edges, tiles):
+        assert reference.known is None
+        assert reference.pooled is not None
+        assert "does not depend on the tile below alone" in reference.says[0]
 
 
 def test_cells_that_steer_alike_have_references() -> None:

@@ -17,13 +17,9 @@ A bit is the 0 or 1 that a sample reads. x is the decision boundary.
 | ``mirror`` | 1/2 each for the run's own number k of vibrating tiles and its mirror across the boundary, 2xN - k |
 | (N + 1,) numbers | as given |
 
-| sensor | posterior |
-|---|---|
-| a reading depends only on the tile below | exact: ``tile_posterior`` |
-| vibration crosses tile edges, or tiles or robots differ | Markov chains over floors, with a Monte Carlo error |
-
-Edges are set by ``sensor.edge_reach_m`` and ``edge_blur_m``, differences by ``tile_spread`` and ``robot_spread``. The
-chains are those of ``vibroswarm.posterior``.
+The posterior is exact (``tile_posterior``), which requires that a reading depends only on the tile below it. A sensor
+that feels across tile edges (``sensor.edge_reach_m``, ``edge_blur_m``), or tiles or robots that differ
+(``tile_spread``, ``robot_spread``), are refused.
 
 **What it bounds.** With these bits, their places, the sensor's model and this prior, no observer can be surer. A rule
 that decides only when its posterior error is at most alpha decides no sooner in any run. Two kinds of rule may decide
@@ -45,7 +41,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -56,14 +52,11 @@ from vibroswarm.analysis.tile_posterior import Prior, Values, log_prior, log_rat
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor, sides_inside
-from vibroswarm.posterior.boundary_side import SMALL, needs_chains, sides_until_known
 from vibroswarm.result import Result
 from vibroswarm.simulation import replay
 
 POINTS: Final = 241
 """Number of times in the default grid from 0 to t_end."""
-UNSETTLED: Final = 0.05
-"""If Markov chains do not converge in a larger share of the runs, no figure is returned."""
 
 
 @dataclass(frozen=True)
@@ -77,15 +70,12 @@ class Known(NotebookView):
     """Name of the prior; "given" for a prior of N + 1 weights."""
     alpha: float
     """Posterior error at which a side counts as known."""
-    how: Literal["exact", "chains"]
-    """How the posterior was computed."""
     runs: pl.DataFrame
     """One row per run: run, known_s (null: not by the end), decision (-1: not known), truth, claimed_error (when
-    known), monte_carlo_error (standard error of claimed_error), belief_in_truth (posterior of the true side at the end;
-    null with chains, which stop when the side is known)."""
+    known), belief_in_truth (posterior of the true side at the end)."""
     over_time: pl.DataFrame
     """One row per time: time_s, known (share of runs known by then), known_low, known_high, wrong (share of runs known
-    and wrong), belief_in_truth (mean posterior of the true side; null with chains)."""
+    and wrong), belief_in_truth (mean posterior of the true side)."""
     known: Interval
     """Share of runs in which the side of the boundary could be known by the end."""
     wrong: Interval
@@ -96,11 +86,6 @@ class Known(NotebookView):
     alpha."""
     time_s: Interval
     """Mean of min(time known, t_end)."""
-    monte_carlo_error: float
-    """Largest Monte Carlo standard error of a posterior at a decision; 0 if it is exact."""
-    unsettled: int
-    """Number of runs in which the Monte Carlo error was too large, at one time or more, to compare the posterior with
-    1 - alpha. At such a time the side counts as not known; it may still be known at a later one."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields for JSON, with the figures over time but without the table of runs."""
@@ -112,10 +97,7 @@ class Known(NotebookView):
         return {
             "prior": self.prior,
             "alpha": self.alpha,
-            "how": self.how,
             **{name: getattr(self, name).as_dict() for name in intervals},
-            "monte_carlo_error": plain(self.monte_carlo_error),
-            "unsettled": self.unsettled,
             "over_time": curve,
         }
 
@@ -130,8 +112,7 @@ def could_be_known(
 ) -> Known:
     """Compute for each run the first of the times ``times_s`` at which the side of the boundary is known.
 
-    The side is known if the posterior of one side is at least 1 - ``alpha``. Where the posterior needs Markov chains
-    (vibration crosses tile edges, or tiles or robots differ), this takes some tenths of a second per run.
+    The side is known if the posterior of one side is at least 1 - ``alpha``.
 
     Args:
         result: runs to t_end. prior: "tiles", "counts", "mirror" or N + 1 weights. alpha: posterior error, below 1/2.
@@ -140,10 +121,9 @@ def could_be_known(
         level: confidence level of the limits.
     Raises:
         InputError: runs that stopped early; an alpha outside (0, 1/2); a level outside (0, 1); times that do not
-            increase; an unknown prior, or one of other length than N + 1; energies that the result does not hold, or
-            whose densities are not known or depend on more than the tile below; no tile in the arena, or tiles that
-            its border cuts; with chains, a tile outside the arena, or edges that reach over too many tiles; or too
-            many runs in which the chains do not converge.
+            increase; an unknown prior, or one of other length than N + 1; readings that depend on more than the tile
+            below; energies that the result does not hold, or whose densities are not known; no tile in the arena, or
+            tiles that its border cuts.
     """
     if result.runs["stopped_early"].any():
         raise InputError(
@@ -155,41 +135,20 @@ def could_be_known(
         )
     t_end_s = result.scenario.run.t_end_s
     times = _times(t_end_s, times_s)
-    chains = needs_chains(result.scenario.sensor)
-    if chains:
-        if energies:
-            raise InputError(
-                "the posterior from energies is not computed where edges are felt or tiles or robots differ; "
-                "leave energies out",
-                field="energies",
-            )
-        posteriors = _by_chains(result, prior, alpha, times)
-    else:
-        posteriors = _exactly(result, prior, alpha, times, energies)
+    posteriors = _exactly(result, prior, alpha, times, energies)
     runs = pl.DataFrame([p.row for p in posteriors], schema=_RUNS, orient="row")
     # A side can be right or wrong only in a run with a truth.
     decided = runs.filter((pl.col("decision") != -1) & pl.col("truth").is_not_null())
     wrong = decided.filter(pl.col("decision") != pl.col("truth")).height
-    unsettled = sum(not p.settled for p in posteriors)
-    if unsettled > UNSETTLED * len(posteriors):
-        raise InputError(
-            f"the chains that sample the posterior did not converge in {unsettled} of {len(posteriors)} runs "
-            f"(Monte Carlo error over {SMALL:g} near 1 - alpha): no figure is given",
-            field="result",
-        )
     return Known(
         prior=prior if isinstance(prior, str) else "given",
         alpha=alpha,
-        how="chains" if chains else "exact",
         runs=runs,
         over_time=_over_time(runs, [p.in_truth for p in posteriors], times, level),
         known=wilson(runs.filter(pl.col("decision") != -1).height, runs.height, level),
         wrong=wilson(wrong, decided.height, level),
         claimed=mean_interval(decided["claimed_error"].to_numpy(), level),
         time_s=mean_interval(runs["known_s"].fill_null(t_end_s).to_numpy(), level),
-        # ``or 0.0``: the largest error of no runs is None.
-        monte_carlo_error=float(runs["monte_carlo_error"].fill_null(0.0).max() or 0.0),  # type: ignore[arg-type]
-        unsettled=unsettled,
     )
 
 
@@ -199,7 +158,6 @@ _RUNS: Final[dict[str, Any]] = {
     "decision": pl.Int8,
     "truth": pl.Int8,
     "claimed_error": pl.Float64,
-    "monte_carlo_error": pl.Float64,
     "belief_in_truth": pl.Float64,
 }
 """Columns of ``Known.runs``."""
@@ -207,7 +165,6 @@ _NOT_KNOWN: Final[dict[str, Any]] = {
     "known_s": None,
     "decision": -1,
     "claimed_error": None,
-    "monte_carlo_error": None,
 }
 """Values of a run in which the side of the boundary is not known by the end."""
 
@@ -219,9 +176,7 @@ class _RunPosterior:
     row: tuple[Any, ...]
     """One value for each column of ``_RUNS``, in that order."""
     in_truth: Values | None
-    """Posterior of the true side at each time; None without a truth, and with chains."""
-    settled: bool
-    """Whether the Monte Carlo error was small enough, wherever needed, to compare the posterior with 1 - alpha."""
+    """Posterior of the true side at each time; None without a truth."""
 
 
 def _times(t_end_s: float, times_s: ArrayLike | None) -> Values:
@@ -277,50 +232,8 @@ def _exactly(
         if sure.size:
             k = sure[0]  # the first time at which a side is known
             row["known_s"], row["decision"] = times[k], int(above[k] > under[k])
-            row["claimed_error"], row["monte_carlo_error"] = 1.0 - max(above[k], under[k]), 0.0
-        posteriors.append(_RunPosterior(tuple(row[name] for name in _RUNS), in_truth, settled=True))
-    return posteriors
-
-
-def _by_chains(result: Result, prior: Prior, alpha: float, times: Values) -> list[_RunPosterior]:
-    """Estimate the posterior of each run with Markov chains, at one time after the other until a side is known.
-
-    Args:
-        prior: "tiles", "counts", "mirror" or N + 1 weights. alpha: posterior error at which a side counts as known.
-        times: at which the posterior is estimated, increasing, s.
-    Returns: one element per run, in the order of ``result.runs``. ``in_truth`` is None: the posterior of the true side
-        is not estimated at the times after the side is known. ``settled`` is whether the Monte Carlo error was small
-        enough at each time up to the one at which the side is known, or up to the last time.
-    Raises:
-        InputError: tiles outside the arena, or chains that cannot be computed for this scenario.
-    """
-    scenario = result.scenario
-    run_of_sample, boundary = result.motion["run"].to_numpy(), scenario.decision.decision_boundary
-    posteriors = []
-    for run, truth in result.runs.select("run", "truth").iter_rows():
-        # Samples are sorted by run: those of this run have the indices from ``low`` to ``high`` - 1.
-        low, high = (int(k) for k in np.searchsorted(run_of_sample, [run, run + 1]))
-        floor = result.floor(run)
-        inside = tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m)
-        if inside.size < floor.tiles.size:
-            raise InputError(
-                "tiles outside the arena may be sensed from inside; give a floor that ends with the arena",
-                field="floor",
-            )
-        known = sides_until_known(
-            scenario, floor, result.motion[low:high], result.observations["observation"][low:high].to_numpy(),
-            _log_prior_of_run(prior, floor, inside, boundary), alpha, times,
-            result.seed or 0,  # seed of the chains' random numbers: a recording has none, so 0 is taken
-            run,
-        )  # fmt: skip
-        # Chains stop when the side is known, so there is no posterior at the end: ``belief_in_truth`` is null.
-        row: dict[str, Any] = {"run": run, "truth": truth, **_NOT_KNOWN, "belief_in_truth": None}
-        if known.time_s is not None:
-            look = known.look  # the estimate of the posterior at ``known.time_s``
-            row["known_s"], row["decision"] = known.time_s, int(look.above > look.under)
-            row["claimed_error"], row["monte_carlo_error"] = 1.0 - look.larger, look.error
-        values = tuple(row[name] for name in _RUNS)
-        posteriors.append(_RunPosterior(values, in_truth=None, settled=known.settled))
+            row["claimed_error"] = 1.0 - max(above[k], under[k])
+        posteriors.append(_RunPosterior(tuple(row[name] for name in _RUNS), in_truth))
     return posteriors
 
 

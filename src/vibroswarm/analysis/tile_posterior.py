@@ -26,8 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from vibroswarm.errors import InputError
+from vibroswarm.observation.edge_response import factors_differ
 from vibroswarm.observation.energy_model import error_rates, gamma_of
-from vibroswarm.posterior.boundary_side import needs_chains
 from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 
@@ -53,7 +53,7 @@ def log_ratios(result: Result, energies: bool = False) -> Values:
         InputError: readings depend on more than the tile below, or energies are missing or have no density.
     """
     sensor = result.scenario.sensor
-    if needs_chains(sensor):
+    if sensor.edge_reach_m is not None or sensor.edge_blur_m is not None or factors_differ(sensor):
         raise InputError(
             "where edges are felt, or tiles or robots differ, a reading does not depend on the tile below alone",
             field="sensor",

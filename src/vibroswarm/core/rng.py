@@ -31,7 +31,7 @@ SEED_LIMIT: Final = 2**63
 
 
 class Purpose(IntEnum):
-    """What a number is used for; each purpose has its own numbers."""
+    """What a number is used for; each purpose has its own numbers. A value that was once used is never used again."""
 
     PLACEMENT = 0
     HARDWARE = 1
@@ -44,7 +44,6 @@ class Purpose(IntEnum):
     FLOOR = 8
     OPTIMIZER = 9
     BOOTSTRAP = 10
-    POSTERIOR = 11
     HEARING = 12
     TIMER = 13
     BEGINNING = 14
@@ -82,7 +81,6 @@ MESSAGE: Final = _number(Purpose.MESSAGE)
 LOSS: Final = _number(Purpose.LOSS)
 """Purpose of the numbers that decide which messages are lost."""
 FLOOR: Final = _number(Purpose.FLOOR)
-POSTERIOR: Final = _number(Purpose.POSTERIOR)
 HEARING: Final = _number(Purpose.HEARING)
 """Purpose of the numbers that a strategy uses for a message that a robot receives."""
 TIMER: Final = _number(Purpose.TIMER)

@@ -15,7 +15,7 @@ why. See ``analysis.oracle_posterior``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Final
 
 import polars as pl
@@ -26,7 +26,6 @@ from vibroswarm.analysis.oracle_posterior import Known, could_be_known, on_both_
 from vibroswarm.analysis.sampling import lag_one, packet_loss
 from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import needs_moves
-from vibroswarm.posterior.boundary_side import needs_chains
 from vibroswarm.result import Result
 from vibroswarm.simulation import replay, steers
 from vibroswarm.study.plan import Group
@@ -37,10 +36,6 @@ RUNS: Final = 200
 """Runs simulated again for each cell."""
 MIN_RUNS: Final = 20
 """With fewer runs, the half on which pooled counting is tuned and the half on which it is judged are too small."""
-RUNS_BY_CHAINS: Final = 40
-"""Runs if the posterior must be sampled by Markov chains, some tenths of a second per run; half on large floors."""
-LARGE_FLOOR: Final = 50
-"""Number of tiles from which on sampling a posterior takes seconds per run."""
 MOST_CELLS: Final = 60
 """No references are computed for a study with more selected cells."""
 
@@ -85,8 +80,7 @@ class References:
                 "known_wrong": self.known.wrong,
                 "known_claimed": self.known.claimed,
             }
-            row |= {"known_runs": self.known.runs.height, "known_how": self.known.how}
-            row["known_monte_carlo_error"] = self.known.monte_carlo_error
+            row["known_runs"] = self.known.runs.height
         for name, interval in figures.items():
             row[name], row[f"{name}_low"], row[f"{name}_high"] = (plain(value) for value in interval[:3])
         return row
@@ -190,34 +184,22 @@ def _could_be_known(result: Result) -> tuple[Known | None, tuple[str, ...]]:
     """
     if result.runs["truth"].null_count():
         return None, ("What could be known is not computed: the fill ratio is on the boundary.",)
-    floor, sensor = result.scenario.floor, result.scenario.sensor
+    floor = result.scenario.floor
     try:
         # Under the prior "mirror" the fill ratio lies on either side with equal probability. Half of the runs get a
         # floor of the mirrored fill ratio, so that the floors agree with the prior; only drawn floors can be mirrored.
         result = on_both_sides(result) if floor.drawn_by_run else result
-        # Chains are slow, so they are run for fewer runs: those that remain in the table of runs. The other tables may
-        # keep all runs, since ``could_be_known`` computes only the runs in this table.
-        if needs_chains(sensor):
-            is_large = result.floor(int(result.runs["run"][0])).tiles.size >= LARGE_FLOOR
-            most_runs = RUNS_BY_CHAINS // 2 if is_large else RUNS_BY_CHAINS
-            result = replace(result, runs=result.runs.sort("run").head(most_runs))
         known = could_be_known(result, prior="mirror")
     except InputError as error:
         return None, (f"What could be known is not computed: {error}.",)
-    notes = []
-    if not floor.drawn_by_run:
-        notes.append(
-            "The prior takes all floors of this fill ratio as equally likely, which these floors are not: what could "
-            "be known is no bound here (knowing the pattern may help), its error may exceed 5 %, and "
-            "`known wrong` covers floors on this side of the boundary only."
-        )
-    elif sensor.tile_spread is not None or sensor.robot_spread is not None:
-        notes.append("Tiles and robots are new in each run; their factors are not known, their spread is.")
-    if known.unsettled:
-        notes.append(
-            f"In {known.unsettled} of {known.runs.height} runs a posterior stayed too uncertain to be used."
-        )
-    return known, tuple(notes)
+    if floor.drawn_by_run:
+        return known, ()
+    note = (
+        "The prior takes all floors of this fill ratio as equally likely, which these floors are not: what could "
+        "be known is no bound here (knowing the pattern may help), its error may exceed 5 %, and "
+        "`known wrong` covers floors on this side of the boundary only."
+    )
+    return known, (note,)
 
 
 def reference_table(references: list[References]) -> pl.DataFrame:

@@ -391,17 +391,6 @@ def _reference_table(references: Sequence[References]) -> ReportTable:
     caption = (
         f"From {runs} runs per cell, simulated again from the seed; half of them tuned the pooled threshold."
     )
-    # The references "known" whose posterior was sampled by Markov chains: they are computed from fewer runs.
-    chains = [
-        reference.known for reference in references if reference.known and reference.known.how == "chains"
-    ]
-    if chains:
-        chain_runs = max(known.runs.height for known in chains)
-        error = max(known.monte_carlo_error for known in chains)
-        caption += (
-            f" What could be known: from {chain_runs} of them if robots sense across tile edges or tiles or robots "
-            f"differ; there the posterior is sampled, with a Monte Carlo error of at most {error:.3f} at a decision."
-        )
     columns = {"name": Column("cell"), **{name: _REFERENCE_COLUMNS[name] for name in names}}
     return ReportTable(figures, columns, caption=caption, name="references")
 
