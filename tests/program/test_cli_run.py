@@ -98,7 +98,7 @@ def test_a_scenario_is_written_down_and_runs(tmp_path, capsys):
 
 
 def test_json_is_one_document_with_the_verdict(capsys):
-    assert run(*SHORT, "--json", "--watch") == 0
+    assert run(*SHORT, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     verdict = told["verdict"]
     assert verdict["consensus"] in ("right", "wrong", "split", "incomplete")
@@ -108,7 +108,6 @@ def test_json_is_one_document_with_the_verdict(capsys):
 
 
 def test_robots_that_fail_are_named(capsys):
-    """In the verdict, and from then on in the playback."""
     faults = [
         "--set",
         "faults.stopped=[3]",
@@ -117,12 +116,8 @@ def test_robots_that_fail_are_named(capsys):
         "--set",
         "faults.stuck_at_1=0.2",
     ]
-    assert run(*SHORT, *faults, "--watch") == 0
-    lines = capsys.readouterr().out.splitlines()
-    counts = [line.count("!") for line in lines if line.startswith("t=")]
-    assert counts[0] == 2, "the one that is stuck, and the note"
-    assert counts[-1] >= 2
-    said = " ".join(lines)
+    assert run(*SHORT, *faults) == 0
+    said = " ".join(capsys.readouterr().out.splitlines())
     assert "of 5 robots failed" in said
     assert "robot 3 stopped from 30 s" in said
     assert "stuck at 1" in said
@@ -138,28 +133,8 @@ def test_robots_that_fail_are_named(capsys):
     assert "more than the whole swarm" in capsys.readouterr().err
 
 
-def test_watch_without_a_terminal_gives_plain_lines(capsys):
-    assert run(*SHORT, "--watch") == 0
-    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("t=")]
-    assert len(lines) == 20
-    assert lines[-1].startswith("t=   60.0 s")
-    assert "\x1b" not in "".join(lines)
-
-
-@pytest.mark.parametrize("strategy", ["dmmd", "three_valued"])
-def test_robots_without_beliefs_are_watched(strategy, capsys):
-    from vibroswarm.cli.watch import Playback, belief_rows
-    from vibroswarm.simulation import simulate
-
-    assert run(*SHORT, "--strategy", strategy, "--watch") == 0
-    assert "belief in 'less' 0:-" in capsys.readouterr().out
-    scenario = preset("paper").with_values({"strategy.name": strategy, "run.t_end_s": 60.0})
-    playback = Playback(simulate(scenario, 1, 1, segments=True))
-    assert all(row.split()[2] == "-" for row in belief_rows(playback, playback.at(60.0))[1:])
-
-
 def test_nothing_is_sampled_before_the_first_stop(capsys):
-    assert run("--set", "run.t_end_s=2", "--watch", "--robots", "1") == 0
+    assert run("--set", "run.t_end_s=2", "--robots", "1") == 0
     said = capsys.readouterr().out
     assert "INCOMPLETE: 1 of 1 robots undecided" in said
     assert "No robot took a sample." in said
@@ -207,8 +182,6 @@ BAD = {
     "--set swarm.robots=2.5": ("swarm.robots", "2.5"),
     "--set arena.width_m=0.02": ("arena.width_m", "does not fit"),
     "--set floor.left_m=3": ("floor.left_m", "outside the arena"),
-    "--watch fast": ("--watch", "'fast' is not a number"),
-    "--watch 0": ("--watch", "'0' is not above 0"),
     "--force": ("--force", "has no effect without --out"),
 }
 
@@ -314,7 +287,7 @@ def test_ctrl_c_ends_with_130_and_leaves_nothing_half_written(tmp_path):
 
 
 def test_a_reader_that_has_had_enough_is_no_error():
-    process = command("run", *SHORT, "--watch")
+    process = command("run", *SHORT)
     assert process.stdout is not None
     process.stdout.close()
     process.wait(timeout=60)

@@ -140,10 +140,8 @@ def small(command: list[str]) -> list[str]:
     skip = False
     for word in command:
         if not skip and word not in dropped:
-            kept.append("1e6" if kept[-1:] == ["--watch"] else word)
+            kept.append(word)
         skip = word in dropped and not word.startswith("--no-")
-    if kept[-1:] == ["--watch"]:
-        kept.append("1e6")
     return kept + changes
 
 

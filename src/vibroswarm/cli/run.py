@@ -6,9 +6,8 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.cli.options import add_json, add_motion, add_out, add_scenario_options, add_seed, real
+from vibroswarm.cli.options import add_json, add_motion, add_out, add_scenario_options, add_seed
 from vibroswarm.cli.output import add_open
-from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.result import Result
@@ -18,21 +17,9 @@ EPILOG = """\
 examples:
   vibroswarm run                                        the paper's setting, no feedback
   vibroswarm run --strategy soft --seed 2 --out first   save tables, picture and page in 'first'
-  vibroswarm run --floor diagonal:0.46 --robots 8 --watch
+  vibroswarm run --floor diagonal:0.46 --robots 8
   vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03 --set decision.boundary_of=tiles
 """
-
-
-def speed(text: str) -> float:
-    """Convert the text of an option to a speed of playback, above 0 and up to a million.
-
-    Raises:
-        argparse.ArgumentTypeError: the text is no such number.
-    """
-    value = real(text, low=0, high=1e6)
-    if value == 0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not above 0")
-    return value
 
 
 def add_parser(commands: Any) -> None:
@@ -49,14 +36,6 @@ def add_parser(commands: Any) -> None:
     out = parser.add_argument_group("output")
     add_out(out, "save scenario, tables, picture and page here", force=True)
     add_open(out, "open the page in the browser")
-    out.add_argument(
-        "--watch",
-        metavar="SPEED",
-        type=speed,
-        nargs="?",
-        const=60.0,
-        help="play the run back in the terminal, SPEED times as fast (default 60)",
-    )
     add_json(out)
     parser.set_defaults(run=run)
 
@@ -66,10 +45,7 @@ WIDEST_MAP: Final = 15
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Simulate one run, save it and play it back if requested, and print its verdict; return the exit code.
-
-    With ``--json``, nothing is played back, since stdout gets the document only.
-    """
+    """Simulate one run, save it if requested, and print its verdict; return the exit code."""
     from vibroswarm.cli.out_folder import claim, refuse_other_run
     from vibroswarm.cli.output import check_open, print_paragraph, print_saved
     from vibroswarm.cli.scenario_options import chosen, scenario_from
@@ -77,42 +53,19 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = scenario_from(arguments)
     check_open(arguments)
     motion = chosen("motion", arguments.motion)
-    if arguments.watch is not None:
-        _refuse_without_segments(scenario, arguments.seed, motion)
     # An existing folder is accepted only if it holds the same run, or with --force. at_once=False: the older folder
     # stays until the new one is complete and replaces it.
     claim(arguments, lambda: refuse_other_run(arguments.out, scenario, arguments.seed, motion), at_once=False)
-    # Segments are the positions between samples. They are recorded only for the page and the playback, which need them.
-    with_segments = arguments.out is not None or arguments.watch is not None
-    result = _simulate(scenario, arguments.seed, motion, with_segments)
+    # Segments are the positions between samples. They are recorded only for the page, which needs them.
+    result = _simulate(scenario, arguments.seed, motion, segments=arguments.out is not None)
     if arguments.out is not None:
         _save(result, arguments.out)
-    if arguments.watch is not None and not arguments.json:
-        from vibroswarm.cli.watch import play
-
-        play(result, arguments.watch)
     _print_verdict(result, arguments)
     has_page = result.segments is not None  # None: not recorded, or a user's motion source does not have them
     print_saved(arguments, "scenario, tables, picture and page", "run.html" if has_page else None)
     if arguments.out is not None and not has_page and not arguments.json:
         print_paragraph(f"No page: '{arguments.motion}' has no positions between samples")
     return 0
-
-
-def _refuse_without_segments(scenario: Scenario, seed: int, motion: str) -> None:
-    """Refuse ``--watch`` before the run is simulated if the motion source has no positions between samples.
-
-    The engines of this package all have them. For a user's source, a run is created and advanced to 0 s, which
-    simulates nothing but shows whether the source returns segments.
-
-    Raises:
-        InputError: the source has no positions between samples.
-    """
-    from vibroswarm.motion.source import source
-
-    found = source(motion)
-    if not found.is_ours and found.init(scenario, seed, 0, segments=True).advance(0.0).segments is None:
-        raise InputError(f"'{motion}' has no positions between samples; cannot play back", field="--watch")
 
 
 def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Result:
