@@ -66,7 +66,6 @@ robots = 2
 {more}
 [search]
 method = "{method}"
-dashboard = true
 budget = {budget}
 """
 

@@ -12,19 +12,15 @@ import pytest
 
 from vibroswarm.cli import main
 from vibroswarm.core.atomic_io import LOCK_FILE, folder_lock
-from vibroswarm.errors import InputError, warn_once
-from vibroswarm.optimize import optuna_samplers
+from vibroswarm.errors import InputError
 from vibroswarm.optimize.journal import JOURNAL, held
 from vibroswarm.optimize.loop import run_search
-from vibroswarm.optimize.optuna_samplers import DAMAGED, Dashboard
-from vibroswarm.optimize.optuna_samplers import FILE as OPTUNA
 from vibroswarm.optimize.search_report import candidate_table
 from vibroswarm.optimize.spec import Search
 
 SMALL = (
     Path(__file__).parents[1] / "helpers" / "small_search.toml"
 ).read_text() + "iterations = 2\n[search]\nfinal = 0\n"
-SHOWN = SMALL + "dashboard = true\n"
 
 
 def hold(folder: Path, ready: object) -> None:
@@ -124,93 +120,6 @@ def test_a_torn_last_line_is_dropped_and_said(tmp_path: Path, caplog: pytest.Log
         run_search(search, tmp_path)
     assert [f"{journal}: the last line is incomplete" in r.getMessage() for r in caplog.records] == [True]
     assert journal.read_bytes() == data
-
-
-@pytest.mark.parametrize("left", ["to nowhere", "to the journal", "file"])
-def test_a_lock_left_behind_is_taken_over(left: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("optuna")
-    monkeypatch.setattr(optuna_samplers, "LOCK_S", 0.2)
-    monkeypatch.chdir(tmp_path)
-    search = Search.from_toml(SHOWN)
-    run_search(search, "out/s")
-    lock = tmp_path / "out" / "s" / f"{OPTUNA}.lock"
-    if left == "file":
-        lock.touch()
-    else:
-        lock.symlink_to(lock.with_suffix("") if left == "to the journal" else Path("out/s") / OPTUNA)
-    (tmp_path / "out" / "s" / JOURNAL).write_bytes(b"")
-    began_s, busy_s = time.monotonic(), time.process_time()
-    run_search(search, "out/s")
-    assert time.monotonic() - began_s < 30
-    assert time.process_time() - busy_s < 20
-    assert not os.path.lexists(lock)
-
-
-def test_a_lock_that_is_held_is_waited_for(tmp_path: Path) -> None:
-    """Negative control: only what does not change is taken over."""
-    first, second = optuna_samplers.Lock(tmp_path / OPTUNA), optuna_samplers.Lock(tmp_path / OPTUNA)
-    assert first.acquire()
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(optuna_samplers, "LOCK_S", 0.4)
-        began_s = time.monotonic()
-        assert second.acquire()
-        assert time.monotonic() - began_s >= 0.4
-    second.release()
-    first.release()
-
-
-def test_a_torn_or_damaged_copy_for_optuna_does_not_stop_a_search(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
-    optuna = pytest.importorskip("optuna")
-    warn_once.cache_clear()
-    search = Search.from_toml(SHOWN)
-    found = run_search(search, tmp_path)
-    copy = tmp_path / OPTUNA
-    data = copy.read_bytes()
-    middle = data.index(b"\n", len(data) // 2) + 1
-
-    def keys() -> list[int]:
-        backend = optuna.storages.journal.JournalFileBackend(str(copy))
-        (study,) = optuna.get_all_study_names(storage := optuna.storages.JournalStorage(backend))
-        trials = optuna.load_study(study_name=study, storage=storage).trials
-        return sorted(trial.user_attrs["key"] for trial in trials)
-
-    whole = keys()
-    assert len(whole) == len(found.archive)
-    for torn in (data[:-5], data[: middle + 20], b"", data[:middle]):
-        copy.write_bytes(torn)
-        run_search(search, tmp_path)
-        assert keys() == whole
-        assert not (tmp_path / DAMAGED).exists()
-    for damaged in (
-        data[:middle] + b"{\n" + data[middle:],
-        b"\x00\n" * 9,
-        b'{"op_code": 99}\n' + data,
-        b"[]\n",
-    ):
-        copy.write_bytes(damaged)
-        with caplog.at_level(logging.WARNING):
-            run_search(search, tmp_path)
-        assert keys() == whole
-        assert (tmp_path / DAMAGED).read_bytes() == damaged
-    assert "optuna.journal is damaged" in caplog.text
-
-
-def test_a_dashboard_knows_its_file_by_its_whole_path(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A working folder that changes under it, as notebooks do, changes nothing."""
-    pytest.importorskip("optuna")
-    found = run_search(Search.from_toml(SMALL))
-    (tmp_path / "a").mkdir()
-    (tmp_path / "b").mkdir()
-    monkeypatch.chdir(tmp_path / "a")
-    shown = Dashboard(Path(), found.archive, "x")
-    monkeypatch.chdir(tmp_path / "b")
-    shown.show()
-    assert (tmp_path / "a" / OPTUNA).stat().st_size > 1000
-    assert not list((tmp_path / "b").iterdir())
 
 
 @pytest.mark.parametrize("name", ["search.toml", JOURNAL])

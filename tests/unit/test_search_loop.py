@@ -351,7 +351,7 @@ def test_starts_that_do_not_fit_into_the_budget_are_refused() -> None:
 def test_settings_without_a_default_rule_cannot_be_none(name: str) -> None:
     with pytest.raises(InputError, match=rf"search\.{name}: None is wrong"):
         SearchSettings(**{name: None})
-    assert SearchSettings(budget=None, final=None, dashboard=None) == SearchSettings()
+    assert SearchSettings(budget=None, final=None) == SearchSettings()
 
 
 def test_worst_case_over_floors() -> None:

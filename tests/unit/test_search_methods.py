@@ -167,26 +167,6 @@ def test_several_objectives_take_the_method_for_them() -> None:
             Search.from_toml(text, method=method)
 
 
-def test_a_search_is_visible_in_optunas_storage(tmp_path: Path) -> None:
-    optuna = pytest.importorskip("optuna")
-    from vibroswarm.optimize.optuna_samplers import ignore_warnings
-
-    search = Search.from_toml(SMALL.replace("[search]", '[search]\nmethod = "tpe"'))
-    found = run_search(search, tmp_path / "s")
-    run_search(search, tmp_path / "s")  # again: nothing is there twice
-    with ignore_warnings():
-        backend = optuna.storages.journal.JournalFileBackend(str(tmp_path / "s" / "optuna.journal"))
-        study = optuna.load_study(study_name="vibroswarm", storage=optuna.storages.JournalStorage(backend))
-        trials = study.trials
-    assert len(trials) == len(found.archive)
-    assert sorted(t.user_attrs["key"] for t in trials) == list(range(len(trials)))
-    for trial in trials:
-        key = trial.user_attrs["key"]
-        assert trial.params == found.archive[key].values
-        if trial.user_attrs["origin"].startswith("tpe"):  # finalists get further runs
-            assert trial.value == pytest.approx(found.archive.score(key))
-
-
 def test_methods_that_cannot_be(tmp_path: Path) -> None:
     one = SMALL.replace("[search]", '[search]\nmethod = "cmaes"')
     one = "\n".join(line for line in one.splitlines() if "min_obs" not in line and "strategy" not in line)
@@ -197,7 +177,7 @@ def test_methods_that_cannot_be(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("method", "module", "extra"),
     [("tpe", "optuna", "optimize"), ("cmaes", "cmaes", "optimize"), ("nsga2", "optuna", "optimize"),
-     ("gp", "torch", "gp"), ("random", "optuna", "optimize")],
+     ("gp", "torch", "gp")],
 )  # fmt: skip
 def test_a_library_that_is_not_there_is_told_before_a_folder_is_made(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, method: str, module: str, extra: str
@@ -206,7 +186,6 @@ def test_a_library_that_is_not_there_is_told_before_a_folder_is_made(
         need("tpe")
     monkeypatch.setitem(sys.modules, module, None)
     search = Search.from_toml(SMALL.replace("[search]", f'[search]\nmethod = "{method}"'))
-    search = search.with_settings(dashboard=True if method == "random" else None)
     with pytest.raises(InputError, match=rf"pip install 'vibroswarm\[{extra}\]'"):
         run_search(search, tmp_path / "s")
     assert not (tmp_path / "s").exists()

@@ -59,14 +59,9 @@ def check_libraries(search: Search) -> None:
     """Check that a search can begin with the installed libraries; called before anything is written.
 
     Raises:
-        InputError: the method or the copy for Optuna's dashboard needs a library that is not installed, or the method
-            cannot search over these fields.
+        InputError: the method needs a library that is not installed, or cannot search over these fields.
     """
     method_of(search, Archive(search.space, search.objectives))  # made only for its checks
-    if search.has_dashboard:
-        from vibroswarm.optimize.optuna_samplers import optuna
-
-        optuna("search.dashboard")
 
 
 Progress = Callable[[SearchProgress], None]
@@ -188,12 +183,6 @@ class _Loop:
         self.recorded: Iterator[Step] = iter(()) if journal is None else journal.steps()
         self.replaying = journal is not None
         """Whether steps of the journal may still have to be replayed; false from the first step that is run."""
-        self.show: Callable[[], None] = lambda: None
-        """Copies new candidates for Optuna's dashboard; does nothing without a dashboard."""
-        if journal is not None and search.has_dashboard:
-            from vibroswarm.optimize.optuna_samplers import Dashboard
-
-            self.show = Dashboard(journal.folder, self.archive, search.study.name).show
         self.best = math.inf
         """The best score so far, for progress."""
 
@@ -210,7 +199,6 @@ class _Loop:
             # Every step was in the journal. So ``_run_step`` has run no new step, before which it would have cut off
             # an incomplete last line.
             self.journal.cut()
-        self.show()
         last = race or method
         # With several objectives, the finalists are the candidates on the Pareto front. All are requested: the number
         # is larger than that of the candidates.
@@ -251,9 +239,6 @@ class _Loop:
         while asks := method.ask():
             self._run_step(asks, method, stage, wanted)
             method.tell()
-            # Candidates of replayed steps are copied together, after the first new step or at the end of the search.
-            if not self.replaying:
-                self.show()
             if method.history:
                 self.best = method.history[-1].best
             self._report_progress(method, stage, wanted, done=0)  # the archive has all runs of the step now

@@ -1,4 +1,4 @@
-"""Wrap the methods of Optuna and cmaes in the protocol of ``methods``; copy a search for Optuna's dashboard.
+"""Wrap the methods of Optuna and cmaes in the protocol of ``methods``.
 
 | method | library | what |
 |---|---|---|
@@ -8,171 +8,27 @@
 | cmaes | cmaes | covariance matrix adaptation (Hansen 2016), bounded |
 
 Samplers are kept in memory only and rebuilt from the history when a search is resumed.
-
-A search can be copied into Optuna's storage, for Optuna's dashboard:
-
-    optuna-dashboard out/search/optuna.journal
-
-The copy is a journal of JSON lines, safe on shared file systems. All that the search reads from it is which candidates
-the copy has. A damaged copy can therefore be renamed and written again. The lock of a killed process is taken over.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import os
-import time
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from contextlib import contextmanager
 from typing import Any, Final
 
 import numpy as np
 
 from vibroswarm.analysis.tradeoff import pareto_front
-from vibroswarm.errors import InputError, RunError, warn_once
+from vibroswarm.errors import InputError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import BATCH, BatchSampler, chance
 from vibroswarm.optimize.space import Dimension, Point
 
-FILE: Final = "optuna.journal"
-"""Name of the copy in the folder of the search."""
-DAMAGED: Final = "optuna.journal.damaged"
-"""Name that a damaged copy gets before the copy is written again."""
-LOCK_S: Final = 5.0
-"""A lock is held while a line is written; one that is older than this belongs to a killed process."""
-
-
-class Lock:
-    """The lock file of Optuna's journal, which is taken over if its process was killed.
-
-    Optuna's default lock is a symbolic link to the journal's path as it was given; a link to a relative path usually
-    dangles. Optuna's own locks check the age of the link's target, so that they wait for ever on a dangling link.
-    """
-
-    def __init__(self, journal: Path) -> None:
-        self.path = Path(f"{journal}.lock")
-
-    def acquire(self) -> bool:
-        """Wait for the lock and take it by creating the lock file; return True, as Optuna expects.
-
-        A lock file that exists unchanged for ``LOCK_S`` is deleted, since the process that created it was killed.
-        """
-        seen_ns: int | None = None  # modification time of the lock file that exists now
-        since_s = time.monotonic()  # when that file was seen first
-        while True:
-            try:
-                os.close(os.open(self.path, os.O_CREAT | os.O_EXCL | os.O_WRONLY))
-                return True
-            except FileExistsError:
-                pass
-            with suppress(FileNotFoundError):  # raised if its owner has deleted the lock file meanwhile
-                modified_ns = self.path.lstat().st_mtime_ns
-                if modified_ns != seen_ns:  # another lock file than before: wait LOCK_S from now
-                    seen_ns, since_s = modified_ns, time.monotonic()
-                elif time.monotonic() - since_s > LOCK_S:
-                    self.path.unlink()
-                    continue
-            time.sleep(0.01)
-
-    def release(self) -> None:
-        """Release the lock."""
-        self.path.unlink(missing_ok=True)
-
-
-class Dashboard:
-    """A copy of a search's candidates as Optuna's journal, in the folder of the search."""
-
-    def __init__(self, folder: Path, archive: Archive, name: str) -> None:
-        """Open Optuna's journal in ``folder``, or make it. A damaged journal is renamed to ``DAMAGED`` and made again.
-
-        Args:
-            folder: of the search. archive: has the candidates. name: of the search, for the dashboard.
-        Raises:
-            InputError: Optuna is not installed. RunError: the journal cannot be written.
-        """
-        self.library, self.archive = optuna(), archive
-        self.shown: set[int]
-        """Keys of the candidates that the copy has."""
-        path = folder.absolute() / FILE
-        try:
-            _cut(path)
-            self.study, self.shown = self._open(path, name)
-        except OSError as error:
-            raise RunError(f"could not write '{path}': {error.strerror or error}") from error
-        except Exception as error:  # Optuna may raise any exception for a damaged file
-            path.replace(folder / DAMAGED)
-            warn_once(
-                f"{path} is damaged ({type(error).__name__}); it is renamed to {DAMAGED} and written again"
-            )
-            self.study, self.shown = self._open(path, name)
-        self.distributions = {d.name: distribution_of(self.library, d) for d in archive.space}
-
-    def _open(self, path: Path, name: str) -> tuple[Any, set[int]]:
-        """Open or create Optuna's study ``name`` in the file ``path``.
-
-        Returns:
-            The study, and the keys of the candidates that it has.
-        """
-        storages = self.library.storages
-        with ignore_warnings():
-            backend = storages.journal.JournalFileBackend(str(path), Lock(path))
-            study = self.library.create_study(
-                storage=storages.JournalStorage(backend),
-                study_name=name or "vibroswarm",
-                directions=["minimize"] * len(self.archive.objectives),
-                load_if_exists=True,
-            )
-            return study, {int(t.user_attrs["key"]) for t in study.trials if "key" in t.user_attrs}
-
-    def show(self) -> None:
-        """Add the candidates that have runs and are not in the copy yet.
-
-        A candidate is added once, with its scores at that time. A candidate with a score that is not finite is added as
-        a failed trial.
-        """
-        for candidate in self.archive.candidates:
-            if candidate.key in self.shown or not candidate.count:
-                continue
-            scores = self.archive.scores(candidate.key)
-            complete = all(math.isfinite(score) for score in scores)
-            state = self.library.trial.TrialState
-            with ignore_warnings():
-                trial = self.library.trial.create_trial(
-                    params=dict(candidate.values),
-                    distributions=self.distributions,
-                    values=scores if complete else None,
-                    state=state.COMPLETE if complete else state.FAIL,
-                    user_attrs={
-                        "key": candidate.key,
-                        "origin": candidate.origin,
-                        "runs": candidate.count,
-                        "failed": candidate.failed,
-                    },
-                )
-                self.study.add_trial(trial)
-            self.shown.add(candidate.key)
-
-
-def _cut(path: Path) -> None:
-    """Cut off an incomplete last line of Optuna's journal at ``path``, which a killed process leaves."""
-    if not path.exists():
-        return
-    lock = Lock(path)
-    lock.acquire()
-    try:
-        data = path.read_bytes()
-        end = data.rfind(b"\n") + 1
-        if end < len(data):
-            os.truncate(path, end)
-    finally:
-        lock.release()
-
-
 def distribution_of(library: Any, dimension: Dimension) -> Any:
-    """Return the Optuna distribution that describes a field for the dashboard: its choices, or its range and scale."""
+    """Return the Optuna distribution that describes a field: its choices, or its range and scale."""
     distributions = library.distributions
     if dimension.choices:
         return distributions.CategoricalDistribution(dimension.choices)
@@ -188,10 +44,8 @@ STARTUP_TRIALS: Final = 25
 """Random candidates before tpe and gp use their model."""
 
 
-def optuna(wanted_by: str = "search.method") -> Any:
+def optuna() -> Any:
     """Import Optuna and turn off its log messages.
-
-    ``wanted_by`` is the setting that needs Optuna; an error names this setting.
 
     Raises:
         InputError: Optuna is not installed.
@@ -199,7 +53,7 @@ def optuna(wanted_by: str = "search.method") -> Any:
     try:
         import optuna as library
     except ImportError:
-        raise InputError("needs Optuna: pip install 'vibroswarm[optimize]'", field=wanted_by) from None
+        raise InputError("needs Optuna: pip install 'vibroswarm[optimize]'", field="search.method") from None
     library.logging.set_verbosity(library.logging.ERROR)
     return library
 

@@ -48,7 +48,6 @@ from vibroswarm.study.spec import Cell, Study
 FORMAT: Final = 2
 """Version of the files in a search's folder."""
 METHODS: Final = ("pso", "random", "sobol", "tpe", "gp", "cmaes", "nsga2")
-OF_OPTUNA: Final = ("tpe", "gp", "nsga2")
 KEYS: Final = ("space", "objective", "search", "pso", "start")
 """Keys that a search adds to those of a study."""
 START: Final = "paper-empirical"
@@ -82,8 +81,6 @@ class SearchSettings(NotebookView):
     """``independent`` runs for each evaluation, or ``common`` runs for all candidates (see ``evaluate``)."""
     fresh: int = 2000
     """Runs on which the winner is validated, in addition to the budget."""
-    dashboard: bool | None = None
-    """Whether a copy for Optuna's dashboard is written; by default only for Optuna's methods."""
 
     def __post_init__(self) -> None:
         """Check all settings.
@@ -93,11 +90,8 @@ class SearchSettings(NotebookView):
         """
         check_choice(self.method, "search.method", METHODS)
         check_choice(self.numbers, "search.numbers", NUMBERS)
-        for name in ("surface", "dashboard"):
-            value = getattr(self, name)
-            # ``dashboard`` may be None: ``Search.has_dashboard`` then depends on the method.
-            if not isinstance(value, bool) and not (value is None and name == "dashboard"):
-                raise InputError(f"{value!r} is wrong; give true or false", field=f"search.{name}")
+        if not isinstance(self.surface, bool):
+            raise InputError(f"{self.surface!r} is wrong; give true or false", field="search.surface")
         for name, low in (("evaluations", 1), ("budget", 1), ("final", 0), ("finalists", 1), ("fresh", 2)):
             value = getattr(self, name)
             # ``budget`` and ``final`` may be None: ``Search`` computes their defaults from its other parts.
@@ -388,12 +382,6 @@ class Search(NotebookView):
     def is_as_ran(self) -> bool:
         """Whether the search runs as the paper's program did."""
         return self.settings.method == "pso" and self.pso.noise == "as-ran"
-
-    @property
-    def has_dashboard(self) -> bool:
-        """Whether a copy for Optuna's dashboard is written."""
-        requested = self.settings.dashboard
-        return self.settings.method in OF_OPTUNA if requested is None else requested
 
     @property
     def pso_settings(self) -> PsoSettings:
