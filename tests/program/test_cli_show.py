@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shutil
 import webbrowser
-import zipfile
 from pathlib import Path
 
 import polars as pl
@@ -177,14 +176,6 @@ def test_an_error_without_words_is_told_by_its_type(tmp_path, monkeypatch, capsy
     monkeypatch.setattr(pl, "read_csv", fail)
     assert main(["show", str(tmp_path / "a.csv")]) == 2
     assert "a.csv: cannot be read: ComputeError" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("claims", [b"", b"item,claim\na,b,c\n"])
-def test_an_archive_with_damaged_verdicts_is_refused(claims, tmp_path, capsys):
-    with zipfile.ZipFile(tmp_path / "paper.zip", "w") as file:
-        file.writestr("claims.csv", claims)
-    assert main(["show", str(tmp_path / "paper.zip")]) == 2
-    assert "paper.zip: 'claims.csv' cannot be read: " in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

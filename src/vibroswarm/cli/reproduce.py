@@ -8,9 +8,9 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.options import add_out, between, list_of, whole
+from vibroswarm.cli.options import add_out, list_of, whole
 from vibroswarm.cli.output import add_open
-from vibroswarm.errors import InputError, RunError, nearest
+from vibroswarm.errors import InputError, nearest
 
 if TYPE_CHECKING:
     from vibroswarm.paper.item import Settings
@@ -20,8 +20,7 @@ EPILOG = """\
 examples:
   vibroswarm reproduce --out out/paper                          everything; run again to resume
   vibroswarm reproduce --only fill-ratios swarm-sizes --runs 200 --out out/some
-  vibroswarm reproduce --out out/paper --archive paper.zip      to be verified elsewhere
-  vibroswarm reproduce --from paper.zip --check
+  vibroswarm reproduce --out out/paper --archive paper.zip      one file to publish
 """
 RECORDINGS = "VIBROSWARM_RUGBOT"
 """The environment variable with the folder of the recordings, used if ``--recordings`` is not given."""
@@ -59,15 +58,6 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--archive", metavar="ZIP", type=Path, help="also write scenarios, seeds, versions and results to ZIP"
     )
-    parser.add_argument("--from", metavar="ZIP", type=Path, dest="archived", help="archive for --check")
-    parser.add_argument(
-        "--check",
-        metavar="N",
-        type=between(whole, 1),
-        nargs="?",
-        const=8,
-        help="recompute N cells of the archive (default 8) and report whether it is confirmed",
-    )
     parser.add_argument("--no-pictures", action="store_true", help="tables and verdicts only")
     # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
@@ -77,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Compute the requested figures and tables (items), write the report and print the verdicts; return the exit code.
 
     Items whose results are in the folder ``--out`` already are not computed again. With ``--only list``, the items are
-    listed instead; with ``--from`` and ``--check``, an archive is checked instead.
+    listed instead.
     """
     from vibroswarm.cli.out_folder import claim, deliver
     from vibroswarm.cli.output import check_open, print_saved
@@ -92,10 +82,6 @@ def run(arguments: argparse.Namespace) -> int:
         for item in all_items():
             print(f"{item.name:<16} {item.title}")
         return 0
-    if (arguments.archived is None) != (arguments.check is None):
-        raise InputError("needs --check, and --check needs --from", field="--from")
-    if arguments.archived is not None:
-        return check(arguments)
     if arguments.out is None:
         raise InputError("is required", field="--out")
     items, settings = items_named(arguments.only), settings_of(arguments)
@@ -144,41 +130,6 @@ def _refuse_other(folder: Path, archive: Path | None) -> None:
     ]
     if other:
         raise InputError(f"exists but is not a reproduction: it holds '{other[0]}'", field=str(folder))
-
-
-def check(arguments: argparse.Namespace) -> int:
-    """Recompute some cells of an archive, check its other contents, print the result, and return exit code 0.
-
-    A cell is one scenario with its engine and seed, simulated many times. The other contents are checked for
-    consistency: the hashes of the files, the tables, and the verdicts.
-
-    Raises:
-        InputError: the file is not an archive, is damaged, or would take too long to check.
-        RunError: a cell differs, or the archive is inconsistent; the differences are printed first.
-    """
-    from vibroswarm.cli.progress import progress_bar
-    from vibroswarm.paper.verify_archive import verify
-
-    with progress_bar("checking") as progress:
-        verification = verify(
-            arguments.archived, count=arguments.check, workers=arguments.workers, progress=progress
-        )
-    # If the versions are the same, results are compared bit by bit, otherwise event by event: `how` names the way, and
-    # `why` says which versions differ.
-    reason = (
-        f", since versions differ ({verification.why})" if verification.why else ", with the same versions"
-    )
-    if not verification.wrong and not verification.checked:
-        print("All files have the hashes of the archive, which has no cells that could be recomputed.")
-    elif not verification.wrong:
-        print(f"Confirmed {verification.how}{reason}: {len(verification.checked)} cells recomputed.")
-    for difference in verification.wrong:
-        print(f"DIFFERS: {difference}")
-    for command in verification.checked:
-        print(f"recomputed: {command}")
-    if verification.wrong:
-        raise RunError(f"the archive is not confirmed; it was compared {verification.how}{reason}")
-    return 0
 
 
 def settings_of(arguments: argparse.Namespace) -> Settings:

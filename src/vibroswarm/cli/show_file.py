@@ -1,4 +1,4 @@
-"""``vibroswarm show`` for a file: a scenario, settings of strategies, study, search, floor, table or archive."""
+"""``vibroswarm show`` for a file: a scenario, settings of strategies, study, search, floor or table."""
 
 from __future__ import annotations
 
@@ -36,11 +36,9 @@ def show_file(path: Path, arguments: argparse.Namespace) -> None:
         _show_table(path, arguments)
     elif path.suffix in (*FLOORS, ".csv"):
         _show_floor(path, arguments)
-    elif path.suffix == ".zip":
-        _show_archive(path, arguments)
     else:
         raise InputError(
-            "is neither a folder nor a file that vibroswarm shows (.toml, .csv, .parquet, .txt, .png, .zip)",
+            "is neither a folder nor a file that vibroswarm shows (.toml, .csv, .parquet, .txt, .png)",
             field=str(path),
         )
 
@@ -222,29 +220,6 @@ def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
         return
     print_line(draw(tiles, blocks=can_draw_blocks(sys.stdout), width=terminal.width()))
     print_paragraph(in_words(measure(tiles)))
-
-
-def _show_archive(path: Path, arguments: argparse.Namespace) -> None:
-    """Print the verdicts on the paper's claims in an archive that ``reproduce`` wrote.
-
-    Raises:
-        InputError: the file is no such archive, or its table of verdicts is damaged.
-    """
-    import io
-
-    import polars as pl
-
-    from vibroswarm.paper.archive import Zipped
-
-    with Zipped(path) as archive:
-        data = io.BytesIO(archive.read("claims.csv"))
-    try:
-        claims = pl.read_csv(data)
-    except pl.exceptions.PolarsError as error:
-        raise InputError(f"'claims.csv' cannot be read: {_first_line(error)}", field=str(path)) from None
-    _print_frame(claims, arguments)
-    if not arguments.json:
-        print_paragraph(f"To check it: vibroswarm reproduce --from {path} --check")
 
 
 def _show_table(path: Path, arguments: argparse.Namespace) -> None:

@@ -27,6 +27,7 @@ from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import BATCH, BatchSampler, chance
 from vibroswarm.optimize.space import Dimension, Point
 
+
 def distribution_of(library: Any, dimension: Dimension) -> Any:
     """Return the Optuna distribution that describes a field: its choices, or its range and scale."""
     distributions = library.distributions
