@@ -55,7 +55,6 @@ def test_a_study_keeps_numbers_pictures_and_a_report(swept: Path) -> None:
         "decision_time_s",
         "incidence-robots-1",
         "consensus-box",
-        "consensus-violin",
         "detection",
     }
     assert wanted | {"front-1", "compared-decision-time-s", "density", "belief"} <= set(captions["name"])

@@ -32,7 +32,6 @@ from vibroswarm.plots import (
     draw_heat,
     draw_incidence,
     draw_outcomes,
-    draw_violins,
 )
 from vibroswarm.plots.front import on_front
 from vibroswarm.plots.inputs import Group, quantile
@@ -171,10 +170,6 @@ PICTURES: dict[str, Callable[[str], Picture]] = {
     "boxes, no spread": lambda style: draw_boxes(
         runs(["a", "b"]).with_columns(value=pl.lit(7.0)), t_end=1200, style=style
     ),
-    "violins": lambda style: draw_violins(runs(["none", "soft"]), t_end=1200, style=style),
-    "violins, long names": lambda style: draw_violins(runs(LONG, 9, LONG[:3]), t_end=1200, style=style),
-    "violins, one run": lambda style: draw_violins(runs(["one"], 1, undecided=0), t_end=1200, style=style),
-    "violins, all undecided": lambda style: draw_violins(runs(["one"], undecided=1), t_end=1200, style=style),
     "outcomes": lambda style: draw_outcomes(counts(["none", "soft"]), style=style),
     "outcomes, long names": lambda style: draw_outcomes(counts(LONG), title=LONG[3], unit="robot", style=style),
     "outcomes, forty": lambda style: draw_outcomes(counts(FORTY), style=style),
@@ -340,15 +335,14 @@ def test_undecided_runs_are_never_dropped_in_silence():
         value=pl.when(pl.col("cell") == "all").then(None).otherwise(pl.col("value"))
     )
     lost = frame["value"].null_count()
-    for draw in (draw_boxes, draw_violins):
-        for t_end in (None, 1200.0):
-            picture = draw(frame, t_end=t_end)
-            told = [words for words, _ in texts_of(picture.figure)]
-            assert {"undecided", "100 %"} <= set(told)
-            assert f"{lost} of 80 are undecided" in picture.caption
-            by_cell = picture.numbers.group_by("cell", maintain_order=True).first()
-            assert by_cell["undecided"].sum() == lost
-            assert by_cell["runs"].to_list() == [40, 40]
+    for t_end in (None, 1200.0):
+        picture = draw_boxes(frame, t_end=t_end)
+        told = [words for words, _ in texts_of(picture.figure)]
+        assert {"undecided", "100 %"} <= set(told)
+        assert f"{lost} of 80 are undecided" in picture.caption
+        by_cell = picture.numbers.group_by("cell", maintain_order=True).first()
+        assert by_cell["undecided"].sum() == lost
+        assert by_cell["runs"].to_list() == [40, 40]
     box = draw_boxes(frame, t_end=1200).numbers.row(1, named=True)
     assert box["median"] is None
 
@@ -362,18 +356,6 @@ def test_few_runs_are_drawn_one_by_one():
     picture = draw_boxes(runs(["a"], 3, undecided=0), t_end=1200)
     assert picture.numbers["mark"].to_list() == ["run"] * 3
     assert holds(lines_of(picture), [(value, 0) for value in picture.numbers["value"]])
-
-
-def test_a_violins_area_is_the_share_decided():
-    frame = runs(["a"], 4000, undecided=0.3)
-    picture = draw_violins(frame, t_end=1200)
-    value, density = (picture.numbers[name].to_numpy() for name in ("value", "density"))
-    decided = 1 - frame["value"].null_count() / frame.height
-    assert np.trapezoid(density, value) == pytest.approx(decided, abs=0.01)
-    outline = picture.figure.axes[0].collections[0].get_paths()[0].vertices
-    assert np.ptp(outline[:, 0]) == pytest.approx(np.ptp(value))
-    peak = value[np.argmax(density)]
-    assert outline[np.argmax(outline[:, 1]), 0] == pytest.approx(peak)
 
 
 def test_outcome_bars_are_the_shares_and_fill_the_row():
@@ -671,12 +653,11 @@ def test_odd_numbers_and_names_are_drawn(rows, title, style):
     title = title or ""
     numbered = pl.Series([f"{name}{at}" for at, name in enumerate(names)])
     pictures = [
-        draw(
+        draw_boxes(
             pl.DataFrame({"cell": pl.Series(names, dtype=pl.String), "value": value}),
             title=title,
             style=style,
         )
-        for draw in (draw_boxes, draw_violins)
     ]
     lost = value.fill_nan(None).null_count()
     for picture in pictures:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
 from vibroswarm.plots.curves import draw_belief, draw_detection, draw_incidence
-from vibroswarm.plots.distributions import draw_boxes, draw_violins
+from vibroswarm.plots.distributions import draw_boxes
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
@@ -29,6 +29,5 @@ __all__ = [
     "draw_outcomes",
     "draw_parameters",
     "draw_search",
-    "draw_violins",
     "write_picture",
 ]

@@ -1,4 +1,4 @@
-"""Checks of the frames that pictures draw, and values of runs by cell and series, for boxes and violins.
+"""Checks of the frames that pictures draw, and values of runs by cell and series, for boxes.
 
 The runs of one cell and series are a group. A run without a value is undecided. If the end of the runs is known, an
 undecided run counts as later than the end. A quantile is then exact if it falls among the decided runs; if it falls
@@ -227,10 +227,10 @@ def quantile(group: Group, q: float, *, censored: bool) -> float | None:
 def plane_of(
     style: Style, frame: pl.DataFrame, label: str, t_end: float | None, missing: str, title: str
 ) -> Plane:
-    """Make the figure for boxes or violins, and split the runs into groups.
+    """Make the figure for boxes, and split the runs into groups.
 
     The rows, the axis, the band for undecided runs and the shares of undecided runs are drawn; the caller draws the
-    boxes or violins. ``style`` has the sizes of the picture; the other arguments are those of ``draw_boxes``.
+    boxes. ``style`` has the sizes of the picture; the other arguments are those of ``draw_boxes``.
 
     Raises:
         InputError: the frame is not as ``draw_boxes`` describes it, or a value is later than ``t_end``.

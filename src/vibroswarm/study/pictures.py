@@ -20,7 +20,7 @@ from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
 from vibroswarm.plots.curves import draw_belief, draw_detection, draw_incidence
-from vibroswarm.plots.distributions import draw_boxes, draw_violins
+from vibroswarm.plots.distributions import draw_boxes
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
@@ -57,8 +57,8 @@ class NamedPicture:
 def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
     """Yield all pictures that fit the study, the most informative first.
 
-    A picture with a row for each cell is left out if there are more than ``MOST_ROWS`` cells, boxes and violins at more
-    than half as many. Figures along a numeric field are always yielded: ``_bars`` limits their lines and rows. The name
+    A picture with a row for each cell is left out if there are more than ``MOST_ROWS`` cells, boxes at more than half
+    as many. Figures along a numeric field are always yielded: ``_bars`` limits their lines and rows. The name
     of a picture is its file name without a suffix; ``StudyResult.plot`` takes it too.
     """
     cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
@@ -70,8 +70,7 @@ def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
     yield from _planes(cells)
     yield from _incidences(outcome, layout)
     if len(cells) <= MOST_ROWS // 2:
-        yield NamedPicture("consensus-box", "Time of consensus, run by run", _spread(outcome, draw_boxes))
-        yield NamedPicture("consensus-violin", "The same, as violins", _spread(outcome, draw_violins))
+        yield NamedPicture("consensus-box", "Time of consensus, run by run", _spread(outcome))
     yield from _fronts(cells)
     yield from _forests(outcome.comparisons)
     # ``swarm_right.n`` counts the runs with a truth: those in which one of the two decisions is right.
@@ -248,13 +247,10 @@ def _incidence(
     )
 
 
-def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Picture]:
+def _spread(outcome: Outcome) -> Callable[..., Picture]:
     """Return the function that draws the distribution of consensus times for each cell.
 
     A run without consensus has no such time (null); it is counted as "without consensus".
-
-    Args:
-        draw: ``draw_boxes`` or ``draw_violins``.
     """
     frames = []
     for cell_outcome in outcome.cells:
@@ -262,7 +258,11 @@ def _spread(outcome: Outcome, draw: Callable[..., Picture]) -> Callable[..., Pic
         frames.append(runs.select(cell=pl.lit(name_of(cell_outcome.cell)), value="consensus_time_s"))
     t_end_s = max(cell_outcome.summary.t_end_s for cell_outcome in outcome.cells)
     return partial(
-        draw, pl.concat(frames), label="time of consensus (s)", t_end=t_end_s, missing="without consensus"
+        draw_boxes,
+        pl.concat(frames),
+        label="time of consensus (s)",
+        t_end=t_end_s,
+        missing="without consensus",
     )
 
 
