@@ -1,6 +1,6 @@
 """Measure the tracking of a rendered video against the truth: 1080p, 15 frames/s, another lens than is fitted.
 
-    python benchmarks/tracking_error.py --seconds 90 --seed 3
+    PYTHONPATH=tests python benchmarks/tracking_error.py --seconds 90 --seed 3
 
 Lines: of a camera whose lens is fitted to a chessboard, of one fitted to the video itself, the same told its height,
 and two controls: without the markers' height, and with a lens without distortion.
@@ -17,11 +17,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import polars as pl
 
+from helpers.rehearsal import write_rehearsal
+from helpers.scene import Look
 from vibroswarm import preset, simulate
 from vibroswarm.tracking.camera import Lens, lens_from_chessboard
 from vibroswarm.tracking.markers import Markers, usual_markers
-from vibroswarm.tracking.rehearsal import write_rehearsal
-from vibroswarm.tracking.scene import Look
 from vibroswarm.tracking.track import Tracking, read_robot_log, track, with_positions
 
 RATE, OFFSET_S = 15.0, 12.345

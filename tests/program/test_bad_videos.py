@@ -150,9 +150,6 @@ def test_what_is_there_of_a_truncated_video_is_used_if_asked(folder: Path, tmp_p
 def test_a_folder_and_a_missing_file_are_named(folder: Path, tmp_path: Path, capsys: Any) -> None:
     assert tracked(folder, folder, tmp_path / "out") == 2
     assert "is a folder; give a video" in " ".join(capsys.readouterr().err.split())
-    twice = ["lab", "track", *[str(folder / "good.mp4")] * 2, "--markers", str(folder / "markers.toml")]
-    assert main([*twice, "--out", str(tmp_path / "out")]) == 2
-    assert "the same video is given twice" in " ".join(capsys.readouterr().err.split())
     assert tracked(folder, folder / "there is none.mp4", tmp_path / "out") == 2
     assert "there is none.mp4: does not exist" in " ".join(capsys.readouterr().err.split())
 

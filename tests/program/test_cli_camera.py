@@ -1,4 +1,4 @@
-"""``lab video`` and ``lab track``: from a result to a video and back, against where the robots were."""
+"""``lab track``: from a result to a rendered video and back, against where the robots were."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
+from helpers.rehearsal import write_rehearsal
+from helpers.scene import Look
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.tracking.camera import square_of
-from vibroswarm.tracking.markers import read_markers
+from vibroswarm.tracking.markers import read_markers, usual_markers
 from vibroswarm.tracking.review import write_review
-from vibroswarm.tracking.stitch import stitch
 from vibroswarm.tracking.track import track
 
 pytest.importorskip("cv2")
 pytestmark = pytest.mark.slow
 OFFSET_S = 12.3
-CAMERA = ["--size", "720x540", "--frames-per-second", "10", "--marker-size", "50", "--hands", "0"]
+LOOK = Look(size_px=(720, 540), frames_per_s=10.0, hands_per_min=0.0)
+ROBOTS = usual_markers(5, 1.0, 1.0, size_mm=50.0)
 
 
 @pytest.fixture(scope="module")
@@ -38,8 +40,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     result.write(folder / "run")
     rows = ["".join(map(str, row)) for row in result.floor(0).tiles.tolist()]
     (folder / "floor.txt").write_text("\n".join(rows) + "\n", encoding="utf-8")
-    wanted = ["--out", str(folder / "v.avi"), "--chessboard", "--clock-offset", str(OFFSET_S)]
-    assert main(["lab", "video", str(folder / "run"), *wanted, *CAMERA]) == 0
+    write_rehearsal(result, folder / "v.avi", ROBOTS, LOOK, clock_offset_s=OFFSET_S, chessboard=True)
     return folder
 
 
@@ -109,7 +110,7 @@ def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.Captu
 def test_the_review_page_answers_and_fits(
     browser: Any, session: Path, tmp_path: Path, width: int, scheme: str
 ) -> None:
-    seen = stitch([track(session / "v.avi", read_markers(session / "v.markers.toml"))])
+    seen = track(session / "v.avi", read_markers(session / "v.markers.toml"))
     write_review(tmp_path / "review.html", seen)
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
     page = context.new_page()
@@ -174,59 +175,10 @@ def test_markers_that_are_not_there_are_named(session: Path, tmp_path: Path, cap
 
 
 def test_the_same_video_is_drawn_again(session: Path, tmp_path: Path) -> None:
-    assert (
-        main(["lab", "video", str(session / "run"), "--out", str(tmp_path / "w.avi"), "--for", "1", *CAMERA])
-        == 0
-    )
-    assert (
-        main(["lab", "video", str(session / "run"), "--out", str(tmp_path / "x.avi"), "--for", "1", *CAMERA])
-        == 0
-    )
+    result = Result.read(session / "run")
+    for name in ("w.avi", "x.avi"):
+        write_rehearsal(result, tmp_path / name, ROBOTS, LOOK, duration_s=1.0, clock_offset_s=OFFSET_S)
     assert (tmp_path / "w.avi").read_bytes() == (tmp_path / "x.avi").read_bytes()
-
-
-def test_two_cameras_are_joined_by_the_robots_that_both_see(
-    session: Path, tmp_path: Path, capsys: Any
-) -> None:
-    """Crosswise cameras with other lenses, tilts and clocks; against where the robots were."""
-    video, name = tmp_path / "two cameras.avi", "two cameras"
-    wanted = ["--out", str(video), "--cameras", "2", "--for", "25", "--chessboard", "--size", "640x480"]
-    assert main(["lab", "video", str(session / "run"), *wanted, *CAMERA[2:], "--json"]) == 0
-    files = json.loads(capsys.readouterr().out)["files"]
-    assert [Path(file).name for file in files][-2:] == [f"{name}.2.avi", f"{name}.2.chessboard.avi"]
-    out = tmp_path / "tracked"
-    other = str(tmp_path / f"{name}.2.avi")
-    given = [
-        "lab",
-        "track",
-        str(video),
-        other,
-        "--out",
-        str(out),
-        "--markers",
-        str(tmp_path / f"{name}.markers.toml"),
-    ]
-    boards = ["--lens", str(tmp_path / f"{name}.chessboard.avi"), str(tmp_path / f"{name}.2.chessboard.avi")]
-    assert main([*given, *boards, "--json"]) == 0
-    second = json.loads(capsys.readouterr().out)["cameras"][1]
-    assert second["offset_s"] == pytest.approx(1.44, abs=0.01)
-    assert second["offset_error_s"] < 0.005
-    assert second["apart_median_mm"] < 1.5
-    truth = pl.read_parquet(tmp_path / f"{name}.truth.parquet")
-    found, errors = pl.read_parquet(out / "positions.parquet"), []
-    for robot in range(5):
-        own, true = (table.filter(pl.col("robot") == robot) for table in (found, truth))
-        x, y = (np.interp(own["time_s"], true["time_s"], true[of]) for of in ("x_m", "y_m"))
-        errors.append(1000 * np.hypot(own["x_m"] - x, own["y_m"] - y))
-        assert own.height > 0.9 * true.height
-    assert np.quantile(np.concatenate(errors), 0.95) < 1.5  # 1.2 mm/px; 1 mm at 1080p: the benchmark
-    page = (out / "review.html").read_text(encoding="utf-8")
-    assert "Where views overlap" in page
-    assert "Lens and markers of the floor of camera 2" in page
-    # A video of another size than its lens, and three lenses for two videos.
-    assert main([*given[:3], str(session / "v.avi"), *given[4:], *boards[:2], "--force"]) == 2
-    assert main([*given, *boards, "--lens", boards[1], "--force"]) == 2
-    assert "3 given for 2 videos; give one for all, or one each" in " ".join(capsys.readouterr().err.split())
 
 
 def test_markers_may_be_given_by_their_numbers(session: Path, tmp_path: Path, capsys: Any) -> None:

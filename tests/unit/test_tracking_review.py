@@ -12,6 +12,7 @@ import numpy as np
 import polars as pl
 import pytest
 
+from helpers.video_writer import VideoWriter
 from vibroswarm.errors import InputError
 from vibroswarm.report.html import Report, Section, report_html
 from vibroswarm.report.parts import ReportFrame, ReportFrames
@@ -21,10 +22,8 @@ from vibroswarm.tracking.doubts import ADVICE, TITLES, Doubt, doubts_of
 from vibroswarm.tracking.marker_detection import Detections
 from vibroswarm.tracking.markers import Markers, corners_at, usual_markers
 from vibroswarm.tracking.review import REVIEW, answer, write_review
-from vibroswarm.tracking.stitch import stitch
 from vibroswarm.tracking.stops import ClockOffset, match_samples, stops_of
 from vibroswarm.tracking.track import POSITIONS, TrackedLog, Tracking
-from vibroswarm.tracking.video_file import VideoWriter
 
 cv2 = pytest.importorskip("cv2")
 SIZE, RATE, SECONDS = (640, 480), 10.0, 20.0
@@ -72,13 +71,13 @@ def tracking_of(
 
 
 def kinds_of(tracking: Tracking) -> list[str]:
-    return list(dict.fromkeys(doubt.kind for doubt in doubts_of(stitch([tracking]))))
+    return list(dict.fromkeys(doubt.kind for doubt in doubts_of(tracking)))
 
 
 def test_a_tracking_without_problems_has_no_doubts(tmp_path: Path) -> None:
     good = tracking_of(tmp_path)
     assert kinds_of(good) == []
-    assert answer(stitch([good]), []).endswith("Nothing is doubtful.")
+    assert answer(good, []).endswith("Nothing is doubtful.")
     assert good.stops.height == 2
 
 
@@ -118,7 +117,7 @@ DROPPED = pl.DataFrame([(1, 3.0, 0.9, 0.9, 0.0)], schema=POSITIONS, orient="row"
 )
 def test_each_doubt_is_found_with_its_place(tmp_path: Path, kinds: list[str], given: Any, words: str) -> None:
     tracking = tracking_of(tmp_path, **given)
-    found = doubts_of(stitch([tracking]))
+    found = doubts_of(tracking)
     assert list(dict.fromkeys(doubt.kind for doubt in found)) == kinds
     assert any(words in doubt.words for doubt in found), [doubt.words for doubt in found]
     assert all(doubt.kind in ADVICE and doubt.kind in TITLES for doubt in found)
@@ -134,14 +133,14 @@ def test_samples_and_stops_are_matched_once_each_and_the_others_are_named(tmp_pa
     assert matched.drop_nulls().select("robot", "stop_end_s").rows() == [(0, ends[0])]
     assert matched.drop_nulls()["residual_s"][0] == pytest.approx(0.02)
     assert lone["robot"].to_list() == [1]
-    found = {doubt.kind: doubt.words for doubt in doubts_of(stitch([tracking]), matched, lone)}
+    found = {doubt.kind: doubt.words for doubt in doubts_of(tracking, matched, lone)}
     assert found["late"].startswith("Robot 1 logged a sample at 6.5 s, in a stop that was seen to end at 8.")
     assert [
-        doubt.time_s for doubt in doubts_of(stitch([tracking]), matched, lone) if doubt.kind == "sample"
+        doubt.time_s for doubt in doubts_of(tracking, matched, lone) if doubt.kind == "sample"
     ] == pytest.approx([2.0, ends[0] + 0.3])
     assert "stop" not in found
     matched, lone = match_samples(tracking.stops, samples.filter(pl.col("time_s") != 106.5), offset)
-    assert {doubt.kind for doubt in doubts_of(stitch([tracking]), matched, lone)} == {"sample", "stop"}
+    assert {doubt.kind for doubt in doubts_of(tracking, matched, lone)} == {"sample", "stop"}
 
 
 def test_frames_are_bounded_and_every_kind_has_some() -> None:
@@ -162,15 +161,15 @@ def white_video(path: Path, frames: int) -> None:
 def test_frames_are_cut_where_they_should_be(tmp_path: Path) -> None:
     tracking = tracking_of(tmp_path, hide)
     white_video(tracking.video, 200)
-    doubts = doubts_of(stitch([tracking]))
-    shots = shots_of(stitch([tracking]), doubts)
+    doubts = doubts_of(tracking)
+    shots = shots_of(tracking, doubts)
     assert [shot.words for shot in shots] == ["9.9 s, seen last", "11.4 s, in between", "13.0 s, seen again"]
     for shot, grey in zip(shots, (99, 114, 130), strict=True):
         picture = cv2.imdecode(np.frombuffer(shot.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
         assert picture.shape == (300, 300)
         assert abs(int(np.median(picture)) - grey) <= 3  # the grey level is the frame's number
     tracking.video.unlink()
-    assert shots_of(stitch([tracking]), doubts) == []
+    assert shots_of(tracking, doubts) == []
 
 
 def test_the_page_begins_with_the_answer_and_escapes_names(tmp_path: Path) -> None:
@@ -179,7 +178,7 @@ def test_the_page_begins_with_the_answer_and_escapes_names(tmp_path: Path) -> No
     samples = pl.DataFrame({"robot": [0, 1], "time_s": [108.0, 108.0]})
     log: Any = None
     tracked = TrackedLog(log, ClockOffset(100.0, 0.004, 2, 2), 0, 0)
-    doubts = write_review(tmp_path / REVIEW, stitch([tracking]), tracked, samples)
+    doubts = write_review(tmp_path / REVIEW, tracking, tracked, samples)
     assert [doubt.kind for doubt in doubts] == ["gap"]
     page = (tmp_path / REVIEW).read_text(encoding="utf-8")
     assert "<b>video" not in page

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli import lab_replay, lab_threshold, lab_track, lab_video
+from vibroswarm.cli import lab_replay, lab_threshold, lab_track
 from vibroswarm.cli.options import add_json, add_scenario_options, between, list_of, whole
 from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError
@@ -37,7 +37,6 @@ def add_parser(commands: Any) -> None:
     lab_replay.add_parser(tasks)
     lab_threshold.add_parser(tasks)
     lab_track.add_parser(tasks)
-    lab_video.add_parser(tasks)
     parser.set_defaults(run=lambda arguments: parser.print_help() or 0)  # without a task: help, exit code 0
 
 

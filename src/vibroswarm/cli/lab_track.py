@@ -1,4 +1,4 @@
-"""``vibroswarm lab track``: find robots in videos of overhead cameras; with the robots' log, make a recording."""
+"""``vibroswarm lab track``: find robots in the video of an overhead camera; with the robots' log, make a recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
 
     from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.tracking.markers import Markers
-    from vibroswarm.tracking.stitch import Overlap, Stitched
     from vibroswarm.tracking.track import TrackedLog, Tracking
 
 EPILOG = """\
@@ -33,19 +32,13 @@ def add_parser(tasks: Any) -> None:
         description="Find where the robots were in a video; with their log, make a recording.",
         epilog=EPILOG,
     )
-    parser.add_argument(
-        "videos",
-        metavar="VIDEO",
-        nargs="+",
-        type=Path,
-        help="video of one session; several: of cameras whose views overlap",
-    )
+    parser.add_argument("video", metavar="VIDEO", type=Path, help="video of one session")
     parser.add_argument(
         "--markers",
         metavar="FILE|IDS",
         required=True,
         help="which markers are where (TOML, docs/camera.md); or ids on robots 0, 1, ..., such as 0,1,2,3,4, with "
-        "floor markers as lab video has them",
+        "floor markers in the usual places",
     )
     parser.add_argument(
         "--marker-size", metavar="MM", type=between(real, 2, 1000), help="of the robots, with IDS: outer edge"
@@ -61,24 +54,15 @@ def add_parser(tasks: Any) -> None:
     parser.add_argument("--partial", action="store_true", help="use a video that ends too early")
     parser.add_argument("--any-floor", action="store_true", help="continue if the floor does not fit the log")
     camera = parser.add_argument_group("camera")
-    camera.add_argument(
-        "--lens",
-        metavar="VIDEO",
-        nargs="+",
-        action="extend",
-        type=Path,
-        help="of a chessboard, by the same camera; several in the order of the videos, or one for all",
-    )
+    camera.add_argument("--lens", metavar="VIDEO", type=Path, help="of a chessboard, by the same camera")
     camera.add_argument(
         "--board", metavar="WxH", type=_board, default=(9, 6), help="its inner corners (default 9x6)"
     )
     camera.add_argument(
         "--camera-height",
         metavar="M",
-        nargs="+",
-        action="extend",
         type=between(real, 0.1, 100),
-        help="of the lens above the floor, if measured, m; several in the order of the videos",
+        help="of the lens above the floor, if measured, m",
     )
     add_json(parser)
     add_scenario_options(parser)
@@ -99,28 +83,6 @@ def _board(text: str) -> tuple[int, int]:
             f"'{text}' is not two numbers of inner corners from 3 to 50, such as 9x6"
         )
     return int(across), int(down)
-
-
-def _for_each(given: list[Any] | None, videos: int, option: str) -> list[Any]:
-    """Return a list with the value of an option for each video.
-
-    Args:
-        given: values of the option: one for all videos, or one for each video in their order. None if the option is not
-            given; the result then holds None for each video.
-        videos: number of videos.
-        option: name of the option, for the error message.
-
-    Raises:
-        InputError: the number of values is neither 1 nor the number of videos.
-    """
-    if given is None:
-        return [None] * videos
-    if len(given) not in (1, videos):
-        raise InputError(
-            f"{len(given)} given for {videos} video{'s' * (videos > 1)}; give one for all, or one each in their order",
-            field=option,
-        )
-    return given * videos if len(given) == 1 else given
 
 
 def _markers(arguments: argparse.Namespace, arena_m: tuple[float, float]) -> Markers:
@@ -172,7 +134,7 @@ def _samples(arguments: argparse.Namespace, scenario: Scenario) -> pl.DataFrame 
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Track the robots in the videos, save and print the results; with a log, also save a recording.
+    """Track the robots in the video, save and print the results; with a log, also save a recording.
 
     Returns the exit code.
     """
@@ -191,25 +153,20 @@ def run(arguments: argparse.Namespace) -> int:
     scenario = scenario_from(arguments)
     markers = _markers(arguments, (scenario.arena.width_m, scenario.arena.height_m))
     samples = _samples(arguments, scenario)
-    videos: list[Path] = arguments.videos
-    if len({video.resolve() for video in videos}) < len(videos):
-        raise InputError("the same video is given twice", field="VIDEO")
-    boards = _for_each(arguments.lens, len(videos), "--lens")
-    heights = _for_each(arguments.camera_height, len(videos), "--camera-height")
     # The names of the fields that options set. ``recording_of`` stores them in the recording, and prefers their values
     # to those that the log states or implies. So they are also part of the hash that identifies this work.
     stated = [parse_setting(text)[0] for text in arguments.settings]
     stated += ["strategy.name"] if arguments.strategy is not None else []
-    # Videos are identified by their paths, not by their content; the log by its samples.
+    # The video is identified by its path, not by its content; the log by its samples.
     work = hash_of(
-        scenario.hash, stated, markers.to_toml(), [str(video.resolve()) for video in videos],
-        [str(board) for board in boards], heights, None if samples is None else samples.to_dicts(),
+        scenario.hash, stated, markers.to_toml(), str(arguments.video.resolve()), str(arguments.lens),
+        arguments.camera_height, None if samples is None else samples.to_dicts(),
         arguments.board, arguments.partial, arguments.any_floor,
     )  # fmt: skip
-    # An existing folder is accepted only if it holds results of the same videos and settings, or with --force.
+    # An existing folder is accepted only if it holds results of the same video and settings, or with --force.
     # at_once=False: older results stay until the new ones are complete and replace them.
     claim(arguments, lambda: refuse_other(arguments.out, "lab track", work), at_once=False)
-    tracking = _tracking(arguments, markers, boards, heights)
+    tracking = _tracking(arguments, markers)
     # A robot samples at one control tick and drives on at the next. So its stop, as the camera sees it, ends one
     # control period after the sample; ``with_positions`` needs this to match samples with stops.
     period_s = scenario.run.control_period_ms / 1000.0
@@ -238,48 +195,29 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _tracking(
-    arguments: argparse.Namespace, markers: Markers, boards: list[Path | None], heights: list[float | None]
-) -> Stitched:
-    """Track the robots in each video, and stitch the results of all cameras into one session.
-
-    Args:
-        boards: for each video, the video of a chessboard by the same camera; None if it is not given.
-        heights: for each video, the measured height of the camera above the floor, m; None if it is not given.
-    """
+def _tracking(arguments: argparse.Namespace, markers: Markers) -> Tracking:
+    """Track the robots in the video, with the lens of a chessboard's video if one is given."""
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.tracking.camera import lens_from_chessboard
-    from vibroswarm.tracking.stitch import stitch
     from vibroswarm.tracking.track import track
 
-    videos: list[Path] = arguments.videos
-    lens_by_board = {  # a chessboard that several cameras share is evaluated once
-        board: lens_from_chessboard(board, arguments.board) for board in dict.fromkeys(boards) if board
-    }
+    # Without a chessboard, `track` fits the lens to the markers in the video itself.
+    lens, lens_size_px = None, None
+    if arguments.lens is not None:
+        lens, lens_size_px = lens_from_chessboard(arguments.lens, arguments.board)
     with progress_bar("tracking") as progress:
-        cameras = []
-        # `before` is the number of finished videos. As a default argument it gets its value now; `number` itself would
-        # be read when the lambda is called.
-        for number, (video, board, height) in enumerate(zip(videos, boards, heights, strict=True)):
-            # Without a chessboard, `track` fits the lens to the markers in the video itself.
-            lens, lens_size_px = lens_by_board[board] if board is not None else (None, None)
-            cameras.append(
-                track(
-                    video,
-                    markers,
-                    lens=lens,
-                    lens_size_px=lens_size_px,
-                    camera_height_m=height,
-                    partial=arguments.partial,
-                    progress=lambda done, total, before=number: progress(
-                        (before + done / total) / len(videos)
-                    ),  # type: ignore[misc]
-                )
-            )
-        return stitch(cameras)
+        return track(
+            arguments.video,
+            markers,
+            lens=lens,
+            lens_size_px=lens_size_px,
+            camera_height_m=arguments.camera_height,
+            partial=arguments.partial,
+            progress=lambda done, total: progress(done / total),
+        )
 
 
-def _write_tables(folder: Path, tracking: Stitched) -> None:
+def _write_tables(folder: Path, tracking: Tracking) -> None:
     """Write positions, stops and gaps as CSV, rounded to 6 decimals (micrometres and microseconds).
 
     The positions are also written unrounded, as Parquet.
@@ -294,29 +232,25 @@ def _write_tables(folder: Path, tracking: Stitched) -> None:
         (folder / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))
 
 
-def document(session: Stitched, tracked: TrackedLog | None) -> dict[str, Any]:
+def document(tracking: Tracking, tracked: TrackedLog | None) -> dict[str, Any]:
     """Return the results of the tracking as plain values for JSON.
 
-    The values of the first camera are at the top level. If there are several cameras, the list "cameras" has the values
-    of each of them, the first included.
-
     Args:
-        session: what all cameras saw of the session.
         tracked: the robots' log with positions; None without a log.
     """
-    first = session.cameras[0]
-    found: dict[str, Any] = _about(first) | {
-        "positions": session.positions.height,
-        "gaps": session.gaps().height,
-        "jumps": session.jumps,
-        "stops": session.stops.height,
-        "warnings": session.warnings(),
+    camera = tracking.camera
+    found: dict[str, Any] = {
+        "video": str(tracking.video),
+        "frames": int(tracking.detections.time_s.size),
+        "camera_height_m": float(camera.position_m[2]),
+        "lens": "chessboard" if camera.calibrated else "the video itself",
+        "floor_error_px": camera.floor_error_px,
+        "positions": tracking.positions.height,
+        "gaps": tracking.gaps().height,
+        "jumps": tracking.jumps,
+        "stops": tracking.stops.height,
+        "warnings": tracking.warnings(),
     }
-    if len(session.cameras) > 1:
-        found["cameras"] = [  # the first camera has no overlap: None
-            _about(camera) | (_about_overlap(overlap) if overlap is not None else {})
-            for camera, overlap in zip(session.cameras, session.overlaps, strict=True)
-        ]
     if tracked is not None:
         found |= {
             "clock_offset_s": tracked.offset.offset_s,
@@ -328,75 +262,31 @@ def document(session: Stitched, tracked: TrackedLog | None) -> dict[str, Any]:
     return found
 
 
-def _about(tracking: Tracking) -> dict[str, Any]:
-    """Return for JSON: the video of one camera, the camera's height, and how well the camera's model fits."""
-    camera = tracking.camera
-    return {
-        "video": str(tracking.video),
-        "frames": int(tracking.detections.time_s.size),
-        "camera_height_m": float(camera.position_m[2]),
-        "lens": "chessboard" if camera.calibrated else "the video itself",
-        "floor_error_px": camera.floor_error_px,
-    }
-
-
-def _about_overlap(overlap: Overlap) -> dict[str, Any]:
-    """Return for JSON how a camera agrees with the cameras before it where their views overlap.
-
-    ``offset_s`` is the time on the first camera's clock when this camera's video begins. The distances "apart" are
-    between the positions at which this camera and the others saw the same robot at the same time.
-    """
-    return {
-        "offset_s": overlap.offset_s,
-        "offset_error_s": overlap.error_s,
-        "seen_by_both": overlap.pairs,
-        "apart_median_mm": 1000 * overlap.disagreement_m(share=0.5),
-        "apart_95_mm": 1000 * overlap.disagreement_m(share=0.95),
-    }
-
-
-def _print_tracking(session: Stitched, tracked: TrackedLog | None) -> None:
-    """Print how completely robots were tracked, each camera's fit, the match with the log, and warnings.
+def _print_tracking(tracking: Tracking, tracked: TrackedLog | None) -> None:
+    """Print how completely robots were tracked, the camera's fit, the match with the log, and warnings.
 
     Args:
-        session: what all cameras saw of the session.
         tracked: the robots' log with positions; None without a log.
     """
     from vibroswarm.cli.output import print_paragraph
 
-    several = len(session.cameras) > 1
-    robots = len(session.markers.robots)
-    first_s, last_s = session.span_s
-    seen = (
-        f"by {len(session.cameras)} cameras"
-        if several
-        else f"in {session.cameras[0].detections.time_s.size} frames"
+    camera = tracking.camera
+    first_s, last_s = tracking.span_s
+    print_paragraph(
+        f"{100 * tracking.share_found():.1f} % of positions found: {len(tracking.markers.robots)} robots in "
+        f"{tracking.detections.time_s.size} frames ({last_s - first_s:.0f} s); {tracking.gaps().height} gaps of more "
+        f"than a second; {tracking.stops.height} stops; {tracking.jumps} positions dropped because a robot cannot move "
+        "so fast."
+    )
+    lens = (
+        f"fitted to a chessboard (to {camera.lens.error_px:.2f} px)"
+        if camera.calibrated
+        else "fitted to the markers of the video itself; a chessboard (--lens) is more exact"
     )
     print_paragraph(
-        f"{100 * session.share_found():.1f} % of positions found: {robots} robots {seen} ({last_s - first_s:.0f} s); "
-        f"{session.gaps().height} gaps of more than a second; {session.stops.height} stops; {session.jumps} positions "
-        "dropped because a robot cannot move so fast."
+        f"Camera {camera.position_m[2]:.2f} m above the floor; lens {lens}; "
+        f"its model fits the corners of the floor's markers to {camera.floor_error_px:.2f} px."
     )
-    for number, (tracking, overlap) in enumerate(
-        zip(session.cameras, session.overlaps, strict=True), start=1
-    ):
-        camera = tracking.camera
-        lens = (
-            f"fitted to a chessboard (to {camera.lens.error_px:.2f} px)"
-            if camera.calibrated
-            else "fitted to the markers of the video itself; a chessboard (--lens) is more exact"
-        )
-        print_paragraph(
-            f"Camera {f'{number} ' if several else ''}{camera.position_m[2]:.2f} m above the floor; lens {lens}; "
-            f"its model fits the corners of the floor's markers to {camera.floor_error_px:.2f} px."
-        )
-        if overlap is not None:  # None for the first camera, with whose clock the others are matched
-            print_paragraph(
-                f"{tracking.video.name} begins {overlap.offset_s:+.3f} s after {session.video.name} (standard error "
-                f"{1000 * overlap.error_s:.1f} ms); {overlap.pairs} positions seen by both are "
-                f"{1000 * overlap.disagreement_m(share=0.5):.1f} mm apart (median; 95 %: "
-                f"{1000 * overlap.disagreement_m(share=0.95):.1f} mm)."
-            )
     if tracked is not None:
         offset = tracked.offset
         print_paragraph(
@@ -404,5 +294,5 @@ def _print_tracking(session: Stitched, tracked: TrackedLog | None) -> None:
             f"{1000 * offset.error_s:.0f} ms; {offset.pairs} of {offset.samples} matched with stops). Left out: "
             f"{tracked.outside} samples before or after the video, {tracked.unseen} in gaps of the tracking."
         )
-    for words in session.warnings():
+    for words in tracking.warnings():
         print_paragraph(words)

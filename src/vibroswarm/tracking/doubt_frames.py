@@ -1,4 +1,4 @@
-"""Small pictures of doubtful moments in a tracking (see ``doubts``), cut out of the videos in a second pass.
+"""Small pictures of doubtful moments in a tracking (see ``doubts``), cut out of the video in a second pass.
 
 A doubt has up to three *shots*, which are moments that show it: "seen last", "in between", "seen again". Each shot of a
 chosen doubt becomes a picture; their number is limited.
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.doubts import Doubt, place_px
-from vibroswarm.tracking.stitch import Stitched
 from vibroswarm.tracking.track import Tracking
 from vibroswarm.tracking.video_file import frames_at
 
@@ -73,35 +72,17 @@ def chosen(doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[int]:
     return sorted(found)
 
 
-def shots_of(session: Stitched, doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[Shot]:
-    """Cut the pictures of the chosen doubts out of the videos.
+def shots_of(tracking: Tracking, doubts: Sequence[Doubt], most: int = FRAMES_UP_TO) -> list[Shot]:
+    """Cut the pictures of the chosen doubts out of the video.
 
     Only the cut pictures are held in memory, not the frames. A video that can no longer be read gives no pictures.
 
     Returns: at most ``most`` pictures, in the order of the doubts and their shots.
     """
-    numbers = chosen(doubts, most)
-    cut: dict[tuple[int, int], Shot] = {}  # by the indices of doubt and shot
-    for camera_number, camera in enumerate(session.cameras):
-        own = [number for number in numbers if doubts[number].camera == camera_number]
-        cut |= _cuts_of(camera, doubts, own, f" of {camera.video.name}" if len(session.cameras) > 1 else "")
-    return [cut[key] for key in sorted(cut)]
-
-
-def _cuts_of(
-    tracking: Tracking, doubts: Sequence[Doubt], numbers: Sequence[int], name: str
-) -> dict[tuple[int, int], Shot]:
-    """Cut the pictures of one camera out of its video.
-
-    Args:
-        tracking: of this camera. numbers: indices of the doubts that it shows.
-        name: text that is added to the time in a picture's words, such as " of left.mp4"; may be empty.
-    Returns: pictures by the indices of doubt and shot; empty if the video cannot be read.
-    """
     time_s = tracking.detections.time_s
     # For each frame to cut from: indices of doubt and shot. A shot is cut from the frame nearest in time.
     wanted: dict[int, list[tuple[int, int]]] = {}
-    for number in numbers:
+    for number in chosen(doubts, most):
         for k, (at_s, _) in enumerate(doubts[number].shots):
             wanted.setdefault(int(np.argmin(np.abs(time_s - at_s))), []).append((number, k))
     cut: dict[tuple[int, int], Shot] = {}
@@ -111,11 +92,11 @@ def _cuts_of(
                 doubt = doubts[number]
                 jpeg = _cut(tracking, doubt, doubt.shots[k][0], picture)
                 if jpeg is not None:
-                    words = f"{time_s[frame]:.1f} s{name}, {doubt.shots[k][1]}"
+                    words = f"{time_s[frame]:.1f} s, {doubt.shots[k][1]}"
                     cut[number, k] = Shot(number, words, jpeg)
     except InputError:
-        return {}
-    return cut
+        return []
+    return [cut[key] for key in sorted(cut)]
 
 
 def _cut(tracking: Tracking, doubt: Doubt, at_s: float, picture: Gray) -> bytes | None:
@@ -124,7 +105,7 @@ def _cut(tracking: Tracking, doubt: Doubt, at_s: float, picture: Gray) -> bytes 
     The place is given by the doubt, or else it is where the doubt's robot was seen nearest in time.
 
     Args:
-        at_s: time of the shot, s, on the camera's clock. picture: the frame nearest to it in time.
+        at_s: time of the shot, s. picture: the frame nearest to it in time.
     Returns: the square as JPEG; None if the doubt has no place in the frame, or the JPEG cannot be written.
     """
     cv2: Any = opencv()

@@ -14,14 +14,13 @@
 | stop | the robot stopped, and the log has no sample of it |
 | late | a sample was logged during a stop, but the stop ends at another time than it should after the sample |
 
-A session is filmed by one camera or several. Each camera has its own clock; the session's clock is that of the first
-camera. The log is written by the robots, with a row per sample (see ``stops``). A robot is called by its name, the
-number that it has in the log.
+The log is written by the robots, with a row per sample (see ``stops``). A robot is called by its name, the number that
+it has in the log.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -29,7 +28,6 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.tracking.camera import outwards, square_errors
-from vibroswarm.tracking.stitch import Stitched
 from vibroswarm.tracking.track import FASTEST_M_S, GAP_S, SMALL_PX, Tracking
 from vibroswarm.tracking.video_file import UNEVEN, uneven_frames
 
@@ -87,98 +85,47 @@ class Doubt:
     robot: int | None = None
     """The robot's name; None: the doubt is not about one robot."""
     time_s: float | None = None
-    """When it happens: for the kinds gap, sample, stop and late on the session's clock, for all others on the camera's
-    clock. None: it is there all the time."""
+    """When it happens, on the video's clock. None: it is there all the time."""
     shots: tuple[tuple[float, str], ...] = ()
-    """Frames that show it: the time on the camera's clock, and a few words, of each."""
+    """Frames that show it: the time and a few words of each."""
     at_px: tuple[float, float] | None = None
     """Its place in the frame; None: where the robot was seen nearest in time."""
     weight: float = 0.0
     """How much it matters; doubts of a kind are sorted by descending weight."""
-    camera: int = 0
-    """Index of the camera whose video shows it."""
 
 
 def doubts_of(
-    session: Stitched, samples: pl.DataFrame | None = None, lone_stops: pl.DataFrame | None = None
+    tracking: Tracking, samples: pl.DataFrame | None = None, lone_stops: pl.DataFrame | None = None
 ) -> list[Doubt]:
-    """Return what is doubtful in a session, in the order of ``TITLES``; doubts of a kind by descending weight.
+    """Return what is doubtful in a tracking, in the order of ``TITLES``; doubts of a kind by descending weight.
 
     Args:
         samples: the log's samples with the stops that they match, ``stops.SAMPLES_MATCHED``; None without a log.
         lone_stops: the stops that no sample matches, ``stops.STOPS``; None without a log.
     """
-    found = _gaps(session)
-    # These kinds are found for each camera by itself.
-    for number, tracking in enumerate(session.cameras):
-        # The doubts of this camera. Their words begin with the video's name if there are several cameras.
-        own = [
-            *_moved(tracking), *_dropped(tracking), *_twice(tracking), *_floor(tracking),
-            *_sizes(tracking), *_frames(tracking),
-        ]  # fmt: skip
-        name = f"{tracking.video.name}: " if len(session.cameras) > 1 else ""
-        found += [replace(doubt, camera=number, words=name + doubt.words) for doubt in own]
-    found += _floor_never_seen(session)
+    found = [
+        *_gaps(tracking), *_moved(tracking), *_dropped(tracking), *_twice(tracking), *_floor(tracking),
+        *_sizes(tracking), *_frames(tracking), *_floor_never_seen(tracking),
+    ]  # fmt: skip
     if samples is not None and lone_stops is not None:
-        found += _unmatched(session, samples, lone_stops)
+        found += _unmatched(tracking, samples, lone_stops)
     order = list(TITLES)
     return sorted(found, key=lambda doubt: (order.index(doubt.kind), -doubt.weight))
 
 
-def _shown_by(session: Stitched, robot: int, at_s: float) -> int:
-    """Return the index of the camera that saw a robot nearest in time to ``at_s``, a time on the session's clock.
-
-    It is 0, the first camera, if no camera ever saw the robot.
-    """
-    apart_s = []  # for each camera, time between ``at_s`` and the nearest detection of the robot
-    for number, camera in enumerate(session.cameras):
-        own = camera.positions.filter(pl.col("robot") == robot)["time_s"].to_numpy()
-        apart_s.append(float(np.abs(own + session.offset_s(number) - at_s).min()) if own.size else np.inf)
-    return int(np.argmin(apart_s))
-
-
-def _gaps(session: Stitched) -> list[Doubt]:
-    """Return a doubt for each gap in which no camera saw a robot.
-
-    A gap before all cameras run, or after one of them has stopped, is no fault of the tracking: it has no shots and no
-    weight.
-    """
-    first_s, last_s = session.span_s
-    # When each camera begins and ends, on the session's clock.
-    spans = [
-        (camera.span_s[0] + session.offset_s(k), camera.span_s[1] + session.offset_s(k))
-        for k, camera in enumerate(session.cameras)
-    ]
-    all_run_from_s, all_run_to_s = max(first for first, _ in spans), min(last for _, last in spans)
+def _gaps(tracking: Tracking) -> list[Doubt]:
+    """Return a doubt for each gap in which a robot was not seen."""
+    first_s, last_s = tracking.span_s
     found = []
-    for robot, start_s, end_s in session.gaps().iter_rows():
-        # The part of such a gap in which all cameras ran lasts ``GAP_S`` at most, which alone would be no gap. A single
-        # camera runs throughout the session.
-        if len(session.cameras) > 1 and (end_s <= all_run_from_s + GAP_S or start_s >= all_run_to_s - GAP_S):
-            words = (
-                f"Robot {robot} was not seen from {start_s:.1f} to {end_s:.1f} s, while not every camera ran."
-            )
-            found.append(Doubt("gap", words, robot=robot, time_s=start_s))
-            continue
-        # A gap at the beginning of the session has no frame with the robot before it; one at the end, none after it.
-        # The gap of a robot that was never seen is the whole session, and has neither.
-        was_seen_before, is_seen_again = start_s > first_s, end_s < last_s
-        camera = _shown_by(session, robot, start_s if was_seen_before else end_s)
-        shots = [(start_s, "seen last")] if was_seen_before else []
+    for robot, start_s, end_s in tracking.gaps().iter_rows():
+        # A gap at the beginning of the video has no frame with the robot before it; one at the end, none after it.
+        # The gap of a robot that was never seen is the whole video, and has neither.
+        shots = [(start_s, "seen last")] if start_s > first_s else []
         shots += [((start_s + end_s) / 2, "in between")]
-        shots += [(end_s, "seen again")] if is_seen_again else []
-        on_camera_clock = tuple((at_s - session.offset_s(camera), words) for at_s, words in shots)
+        shots += [(end_s, "seen again")] if end_s < last_s else []
         words = f"Robot {robot} was not seen from {start_s:.1f} to {end_s:.1f} s ({end_s - start_s:.1f} s)."
         found.append(
-            Doubt(
-                "gap",
-                words,
-                robot=robot,
-                time_s=start_s,
-                shots=on_camera_clock,
-                weight=end_s - start_s,
-                camera=camera,
-            )
+            Doubt("gap", words, robot=robot, time_s=start_s, shots=tuple(shots), weight=end_s - start_s)
         )
     return found
 
@@ -255,10 +202,9 @@ def _floor(tracking: Tracking) -> list[Doubt]:
     return found
 
 
-def _floor_never_seen(session: Stitched) -> list[Doubt]:
-    """Return one doubt about all markers of the floor that no camera saw; empty if all were seen."""
-    seen = {marker for camera in session.cameras for marker in camera.detections.floor_px}
-    missing = [marker for marker in session.markers.floor if marker not in seen]
+def _floor_never_seen(tracking: Tracking) -> list[Doubt]:
+    """Return one doubt about all markers of the floor that were never seen; empty if all were seen."""
+    missing = [marker for marker in tracking.markers.floor if marker not in tracking.detections.floor_px]
     if not missing:
         return []
     listed = ", ".join(map(str, missing))
@@ -309,7 +255,7 @@ def _frames(tracking: Tracking) -> list[Doubt]:
     return [Doubt("frames", words, time_s=float(time_s[longest]), weight=float(steps[longest]))]
 
 
-def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFrame) -> list[Doubt]:
+def _unmatched(tracking: Tracking, samples: pl.DataFrame, lone_stops: pl.DataFrame) -> list[Doubt]:
     """Return doubts about samples and stops that do not match: the kinds sample, late and stop.
 
     There is no doubt about a sample at a time at which the robot was not seen, about a stop whose end was not seen, and
@@ -322,7 +268,7 @@ def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFram
     found = []
     explained = set()  # robot and end of each stop during which a late sample was logged
     for robot, time_s in samples.filter(pl.col("stop_end_s").is_null()).select("robot", "time_s").iter_rows():
-        seen_s = session.positions.filter(pl.col("robot") == robot)["time_s"]
+        seen_s = tracking.positions.filter(pl.col("robot") == robot)["time_s"]
         nearest_s = (seen_s - time_s).abs().min()
         if nearest_s is None or float(nearest_s) > GAP_S:
             continue  # before or after the video, or in a gap, which has a doubt of its own
@@ -338,7 +284,6 @@ def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFram
             continue
         words = f"Robot {robot} logged a sample at {time_s:.1f} s, where no stop was seen."
         found.append(Doubt("sample", words, robot=robot, time_s=time_s, shots=((time_s, "the sample"),)))
-    found = [_on_camera(session, doubt) for doubt in found]
     # When the first and the last sample of the log were taken; an empty log has no times (None), for which 0 is taken.
     first_s, last_s = (samples["time_s"].min() or 0.0), (samples["time_s"].max() or 0.0)
     for robot, start_s, end_s in (
@@ -349,24 +294,10 @@ def _unmatched(session: Stitched, samples: pl.DataFrame, lone_stops: pl.DataFram
                 f"Robot {robot} stood from {start_s:.1f} to {end_s:.1f} s, and the log has no sample of it."
             )
             shots = (((start_s + end_s) / 2, "it stands"),)
-            doubt = Doubt("stop", words, robot=robot, time_s=start_s, shots=shots, weight=end_s - start_s)
-            found.append(_on_camera(session, doubt))
+            found.append(
+                Doubt("stop", words, robot=robot, time_s=start_s, shots=shots, weight=end_s - start_s)
+            )
     return found
-
-
-def _on_camera(session: Stitched, doubt: Doubt) -> Doubt:
-    """Return a doubt with the camera that saw its robot nearest in time, and its shots on that camera's clock.
-
-    A doubt without a robot or a time is returned as it is.
-
-    Args:
-        doubt: with the times of its shots on the session's clock.
-    """
-    if doubt.robot is None or doubt.time_s is None:
-        return doubt
-    camera = _shown_by(session, doubt.robot, doubt.time_s)
-    shots = tuple((at_s - session.offset_s(camera), words) for at_s, words in doubt.shots)
-    return replace(doubt, camera=camera, shots=shots)
 
 
 def floor_residuals(tracking: Tracking) -> dict[int, Floats]:

@@ -105,28 +105,20 @@ def corners_at(x_m: float, y_m: float, up_rad: float, size_m: float, z_m: float)
     return np.column_stack([flat, np.full(4, z_m)])
 
 
-def usual_floor(
-    width_m: float, height_m: float, last: int, cameras: int = 1
-) -> dict[int, tuple[float, float, float]]:
-    """Return the default floor markers, which ``lab video`` draws: four beside the arena's corners.
+FLOOR_MARKERS: Final = 4
+"""Number of default floor markers."""
 
-    Several cameras in a row along x divide the arena into equal parts. At each seam, where the parts of two neighbours
-    meet, there are two more markers, one below and one above the arena.
+
+def usual_floor(width_m: float, height_m: float, last: int) -> dict[int, tuple[float, float, float]]:
+    """Return the default floor markers: four beside the arena's corners.
 
     Args:
         width_m, height_m: of the arena. last: number of the last marker; the others have the numbers just below it.
-        cameras: how many cameras film side by side.
     Returns: x, y and angle of each marker, as ``Markers.floor`` has them.
     """
-    # Numbers are given downwards from ``last``: the four markers at the corners have ``last`` - 3 to ``last``, and the
-    # two of each seam have the next two numbers below.
     left, right, low, high = -ASIDE_M, width_m + ASIDE_M, INWARD_M, height_m - INWARD_M
     places = ((left, low), (right, low), (right, high), (left, high))
-    found = {last - 3 + k: (x, y, 0.0) for k, (x, y) in enumerate(places)}
-    for seam in range(1, cameras):
-        for k, y in enumerate((-ASIDE_M, height_m + ASIDE_M)):
-            found[last - 3 - 2 * seam + k] = (width_m * seam / cameras, y, 0.0)
-    return dict(sorted(found.items()))
+    return {last - 3 + k: (x, y, 0.0) for k, (x, y) in enumerate(places)}
 
 
 def usual_markers(
@@ -136,7 +128,6 @@ def usual_markers(
     *,
     size_mm: float | None = None,
     height_mm: float | None = None,
-    cameras: int = 1,
 ) -> Markers:
     """Return the default markers for an arena, from the smallest dictionary of 4 by 4 squares that has enough.
 
@@ -145,7 +136,6 @@ def usual_markers(
     Args:
         robots: number of robots, or the markers of robots 0, 1, ... width_m, height_m: of the arena.
         size_mm, height_mm: edge and height of robots' markers; None: the default ones.
-        cameras: how many cameras film side by side.
     Raises:
         InputError: there are no robots; or robots' markers repeat, are negative, or are so large that no dictionary has
             room for the floor's markers above them.
@@ -153,19 +143,18 @@ def usual_markers(
     ids = list(range(robots)) if isinstance(robots, int) else list(robots)
     if len(set(ids)) != len(ids) or not ids or min(ids) < 0:
         raise InputError(f"{shown(ids)} must be different numbers from 0 on", field="--markers")
-    floor_markers = 2 + 2 * cameras  # four, and two for each further camera
     # Sizes of dictionaries in which the floor's markers, the last ones, are above all robots' markers.
-    counts = [count for count in (50, 100, 250, 1000) if max(ids) < count - floor_markers]
+    counts = [count for count in (50, 100, 250, 1000) if max(ids) < count - FLOOR_MARKERS]
     if not counts:
         raise InputError(
-            f"{max(ids)} is too large; give numbers below {1000 - floor_markers}", field="--markers"
+            f"{max(ids)} is too large; give numbers below {1000 - FLOOR_MARKERS}", field="--markers"
         )
     return Markers(
         dictionary=f"4X4_{counts[0]}",
         robots={marker: robot for robot, marker in enumerate(ids)},
         size_m=(SIZE_MM if size_mm is None else size_mm) / 1000,
         height_m=(HEIGHT_MM if height_mm is None else height_mm) / 1000,
-        floor=usual_floor(width_m, height_m, counts[0] - 1, cameras),
+        floor=usual_floor(width_m, height_m, counts[0] - 1),
         floor_size_m=FLOOR_SIZE_MM / 1000,
     )
 

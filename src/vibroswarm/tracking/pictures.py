@@ -296,38 +296,3 @@ def draw_lens(
         "square. Circles that grow towards the edge are a lens that does not fit there."
     )
     return Picture(figure, pl.DataFrame(rows, schema=schema, orient="row"), caption, style)
-
-
-@drawn
-def draw_overlap(places_m: Floats, apart_m: Floats, *, most: int = 400, style: str = "page") -> Picture:
-    """Draw by how much the positions of two cameras differ, on the part of the floor that both see.
-
-    Args:
-        places_m: positions by the first camera, at times at which both saw a robot, (pairs, 2); at least one pair.
-        apart_m: position by the second camera minus position by the first, (pairs, 2).
-        most: how many arrows are drawn at most, evenly chosen.
-    Returns: the picture; its numbers are ``x_m, y_m, dx_mm, dy_mm`` of the arrows.
-    """
-    sizes = style_named(style)
-    step = -(-len(places_m) // most)  # rounded up
-    at, by = places_m[::step], 1000 * apart_m[::step]  # start of each arrow, m, and its length in x and y, mm
-    figure = new_figure(sizes, height_in=0.75 * sizes.width_in)
-    axes: Any = figure.add_subplot()
-    name_axes(axes, sizes, "x (m)", "y (m)")
-    size_mm = float(np.quantile(np.hypot(by[:, 0], by[:, 1]), 0.95))
-    # Width or height of the places, whichever is larger; at least 5 cm, since all pairs may be at one place.
-    span_m = float(max(np.ptp(at[:, 0]), np.ptp(at[:, 1]), 0.05))
-    # Arrows are magnified (m per mm) so that 95 % of them are shorter than 8 % of the picture.
-    magnified = 0.08 * span_m / max(size_mm, 1e-9)
-    axes.quiver(
-        at[:, 0], at[:, 1], by[:, 0] * magnified, by[:, 1] * magnified, angles="xy", scale_units="xy", scale=1,
-        color=INK, width=0.002,
-    )  # fmt: skip
-    axes.set(aspect="equal")
-    axes.margins(0.12)
-    numbers = pl.DataFrame({"x_m": at[:, 0], "y_m": at[:, 1], "dx_mm": by[:, 0], "dy_mm": by[:, 1]})
-    caption = (
-        f"{len(at)} of {len(places_m)} positions that two cameras saw: from the place by the first to that by the "
-        f"second, {1000 * magnified:.0f} times as long (95 % are shorter than {size_mm:.2f} mm)."
-    )
-    return Picture(figure, numbers, caption, style)

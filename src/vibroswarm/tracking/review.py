@@ -1,7 +1,7 @@
-"""The review page of a tracking: how well it went, what is doubtful and what to do about it, and how cameras fit.
+"""The review page of a tracking: how well it went, what is doubtful and what to do about it, and how the camera fits.
 
-What is doubtful comes from ``doubts``, and its pictures (shots) from ``doubt_frames``. A session is what one camera or
-several saw (``stitch.Stitched``). With the robots' log, the page also shows how well the clocks match.
+What is doubtful comes from ``doubts``, and its pictures (shots) from ``doubt_frames``. With the robots' log, the page
+also shows how well the clocks match.
 """
 
 from __future__ import annotations
@@ -27,8 +27,7 @@ from vibroswarm.tracking.doubts import (
     mm_per_px,
     square_residuals,
 )
-from vibroswarm.tracking.pictures import draw_clock, draw_lens, draw_overlap, draw_time_line, draw_tracks
-from vibroswarm.tracking.stitch import Stitched
+from vibroswarm.tracking.pictures import draw_clock, draw_lens, draw_time_line, draw_tracks
 from vibroswarm.tracking.stops import match_samples
 from vibroswarm.tracking.track import TrackedLog, Tracking
 
@@ -39,7 +38,7 @@ LISTED: Final = 200
 
 
 def write_review(
-    path: Path, session: Stitched, tracked: TrackedLog | None = None, samples: pl.DataFrame | None = None
+    path: Path, tracking: Tracking, tracked: TrackedLog | None = None, samples: pl.DataFrame | None = None
 ) -> list[Doubt]:
     """Write the page, and return the doubts that it shows.
 
@@ -51,14 +50,14 @@ def write_review(
     """
     matched, lone_stops = None, None
     if tracked is not None and samples is not None:
-        matched, lone_stops = match_samples(session.stops, samples, tracked.offset)
-    doubts = doubts_of(session, matched, lone_stops)
-    write_report(path, review_of(session, doubts, shots_of(session, doubts), tracked, matched))
+        matched, lone_stops = match_samples(tracking.stops, samples, tracked.offset)
+    doubts = doubts_of(tracking, matched, lone_stops)
+    write_report(path, review_of(tracking, doubts, shots_of(tracking, doubts), tracked, matched))
     return doubts
 
 
 def review_of(
-    session: Stitched,
+    tracking: Tracking,
     doubts: Sequence[Doubt],
     shots: Sequence[Shot],
     tracked: TrackedLog | None = None,
@@ -70,48 +69,38 @@ def review_of(
         shots: pictures of some of the doubts. tracked: the robots' log with positions; None without a log.
         matched: the log's samples with their stops, ``stops.SAMPLES_MATCHED``; None without a log.
     """
-    sections = [_doubtful(doubts, shots), *_seen(session, doubts)]
+    sections = [_doubtful(doubts, shots), *_seen(tracking, doubts)]
     if tracked is not None and matched is not None:
         sections.append(_clock(tracked, matched))
-    if len(session.cameras) > 1:
-        sections.append(overlap_section(session))
-    details = {}
-    for number, camera in enumerate(session.cameras, start=1):
-        several = f" of camera {number}" if len(session.cameras) > 1 else ""
-        sections.append(camera_section(camera, several))
-        size, time_s = camera.detections.size_px, camera.detections.time_s
-        details[f"video{several}"] = str(camera.video)
-        details[f"picture{several}"] = f"{size[0]} x {size[1]} px, {time_s.size} frames, {time_s[-1]:.1f} s"
-    markers = session.markers
-    details["markers"] = (
-        f"dictionary {markers.dictionary}, {1000 * markers.size_m:g} mm, {1000 * markers.height_m:g} mm above the floor"
-    )
+    sections.append(camera_section(tracking))
+    size, time_s, markers = tracking.detections.size_px, tracking.detections.time_s, tracking.markers
+    details = {
+        "video": str(tracking.video),
+        "picture": f"{size[0]} x {size[1]} px, {time_s.size} frames, {time_s[-1]:.1f} s",
+        "markers": f"dictionary {markers.dictionary}, {1000 * markers.size_m:g} mm, "
+        f"{1000 * markers.height_m:g} mm above the floor",
+    }
     return Report(
-        title=f"Tracking of {' and '.join(camera.video.name for camera in session.cameras)}",
-        lead=(answer(session, doubts, tracked),),
-        warnings=tuple(session.warnings()),
+        title=f"Tracking of {tracking.video.name}",
+        lead=(answer(tracking, doubts, tracked),),
+        warnings=tuple(tracking.warnings()),
         sections=tuple(sections),
         details=details | versions(),
     )
 
 
-def answer(session: Stitched, doubts: Sequence[Doubt], tracked: TrackedLog | None = None) -> str:
+def answer(tracking: Tracking, doubts: Sequence[Doubt], tracked: TrackedLog | None = None) -> str:
     """Return a summary in sentences: how much was found, how exact it is, and what is doubtful.
 
     Args:
         tracked: the robots' log with positions; the sentence on the robots' clock is left out if it is None.
     """
-    robots = len(session.markers.robots)
+    robots, error_px = len(tracking.markers.robots), tracking.camera.floor_error_px
     text = (
-        f"{100 * session.share_found():.1f} % of the positions of {robots} robots were found, and "
-        f"{session.stops.height} stops. "
+        f"{100 * tracking.share_found():.1f} % of the positions of {robots} robots were found, and "
+        f"{tracking.stops.height} stops. The camera's model fits the floor's markers to "
+        f"{error_px * mm_per_px(tracking):.1f} mm ({error_px:.2f} px). "
     )
-    # The camera that fits the floor's markers worst, by its error in mm.
-    worst = max(session.cameras, key=lambda tracking: tracking.camera.floor_error_px * mm_per_px(tracking))
-    error_px = worst.camera.floor_error_px
-    text += f"The camera's model fits the floor's markers to {error_px * mm_per_px(worst):.1f} mm ({error_px:.2f} px). "
-    for overlap in filter(None, session.overlaps):
-        text += f"Where views overlap, cameras agree to {1000 * overlap.disagreement_m():.1f} mm (median). "
     if tracked is not None:
         offset = tracked.offset
         text += f"The robots' clock is {offset.offset_s:+.3f} s ahead (standard error {1000 * offset.error_s:.0f} ms). "
@@ -184,28 +173,17 @@ def _rows_of_frames(
     ]
 
 
-def _seen(session: Stitched, doubts: Sequence[Doubt]) -> list[Section]:
-    """Lay out the sections on where and when robots were seen, with a table by robot.
-
-    With one camera, the share seen is that of its frames. With several, whose frames are taken at different times, it
-    is the share of time outside gaps.
-    """
-    gaps = session.gaps()
-    names = list(session.markers.robots.values())
-    first_s, last_s = session.span_s
-    frames = session.cameras[0].detections.time_s.size  # used only if there is one camera
-    # The largest edge of each robot's marker in any camera; 0 if no camera saw it.
-    edges = np.stack([camera.detections.edge_px() for camera in session.cameras])
+def _seen(tracking: Tracking, doubts: Sequence[Doubt]) -> list[Section]:
+    """Lay out the sections on where and when robots were seen, with a table by robot."""
+    gaps = tracking.gaps()
+    names = list(tracking.markers.robots.values())
+    frames = tracking.detections.time_s.size
     rows = []
-    for name, edge in zip(names, np.nan_to_num(edges).max(axis=0).tolist(), strict=True):
+    for name, edge in zip(names, np.nan_to_num(tracking.detections.edge_px()).tolist(), strict=True):
         own = gaps.filter(pl.col("robot") == name)
-        lengths = own["end_s"] - own["start_s"]
-        if len(session.cameras) > 1:
-            seen = 1.0 - float(lengths.sum()) / (last_s - first_s)
-        else:
-            seen = session.positions.filter(pl.col("robot") == name).height / frames
-        stops = session.stops.filter(pl.col("robot") == name).height
-        longest = float(lengths.max()) if own.height else 0.0  # type: ignore[arg-type]
+        seen = tracking.positions.filter(pl.col("robot") == name).height / frames
+        stops = tracking.stops.filter(pl.col("robot") == name).height
+        longest = float((own["end_s"] - own["start_s"]).max()) if own.height else 0.0  # type: ignore[arg-type]
         rows.append((name, seen, own.height, longest, stops, edge))
     table = pl.DataFrame(
         rows, schema=["robot", "seen", "gaps", "longest_gap_s", "stops", "edge_px"], orient="row"
@@ -215,15 +193,13 @@ def _seen(session: Stitched, doubts: Sequence[Doubt]) -> list[Section]:
         "longest_gap_s": Column("longest gap", "s", decimals=1),
         "edge_px": Column("width of the marker", "px", decimals=0),
     }
-    moments = []  # of doubts other than gaps, on the session's clock
-    for doubt in doubts:
-        # Doubts about the log have times on the session's clock, all others on their camera's (``Doubt.time_s``).
-        if doubt.kind != "gap" and doubt.robot is not None and doubt.time_s is not None:
-            is_on_session_clock = doubt.kind in ("sample", "stop", "late")
-            offset_s = 0.0 if is_on_session_clock else session.offset_s(doubt.camera)
-            moments.append((doubt.robot, doubt.time_s + offset_s))
-    tracks = draw_tracks(session.positions, session.stops, session.markers.floor)
-    line = draw_time_line(names, gaps, session.stops, (first_s, last_s), moments)
+    moments = [
+        (doubt.robot, doubt.time_s)
+        for doubt in doubts
+        if doubt.kind != "gap" and doubt.robot is not None and doubt.time_s is not None
+    ]
+    tracks = draw_tracks(tracking.positions, tracking.stops, tracking.markers.floor)
+    line = draw_time_line(names, gaps, tracking.stops, tracking.span_s, moments)
     by_robot = ReportTable(table, columns, caption="By robot", name="robots")
     return [
         Section("Where robots were seen", parts=(picture_of(tracks, "tracks"),)),
@@ -266,60 +242,8 @@ def _clock(tracked: TrackedLog, matched: pl.DataFrame) -> Section:
     )
 
 
-def overlap_section(session: Stitched) -> Section:
-    """Lay out the section on how well the clocks and positions of several cameras agree.
-
-    Each camera but the first has a row in the table: the offset of its clock, and the differences between its positions
-    and those by the cameras that were joined before it (``stitch.Overlap``), which need not be those before it in the
-    table. The picture shows these differences as arrows over the floor.
-    """
-    rows, places, apart = [], [], []
-    for number, (camera, overlap) in enumerate(zip(session.cameras, session.overlaps, strict=True), start=1):
-        if overlap is None:  # the first camera, whose clock is the session's
-            continue
-        x_mm, y_mm = (1000 * np.median(overlap.apart_m, axis=0)).tolist()  # the shift of its positions
-        rows.append(
-            {
-                "camera": number,
-                "video": camera.video.name,
-                "offset_s": overlap.offset_s,
-                "error_ms": 1000 * overlap.error_s,
-                "pairs": overlap.pairs,
-                "median_mm": 1000 * overlap.disagreement_m(),
-                "most_mm": 1000 * overlap.disagreement_m(0.95),
-                "x_mm": x_mm,
-                "y_mm": y_mm,
-            }
-        )
-        places.append(overlap.places_m)
-        apart.append(overlap.apart_m)
-    columns = {
-        "offset_s": Column("begins later than the first", "s", decimals=3),
-        "error_ms": Column("standard error", "ms", decimals=1),
-        "pairs": Column("positions seen by both"),
-        "median_mm": Column("apart (median)", "mm", decimals=2),
-        "most_mm": Column("apart (95 %)", "mm", decimals=2),
-        "x_mm": Column("shift in x", "mm", decimals=2),
-        "y_mm": Column("shift in y", "mm", decimals=2),
-    }
-    text = (
-        "Offsets are from robots that two cameras saw at once. Where both see a robot its place is their mean, "
-        "weighted by resolution and by the distance to the picture's edge.",
-        "A shift that is the same everywhere comes from a marker of the floor whose place was measured wrongly; a "
-        "shift that turns or grows comes from the lens: calibrate it with a chessboard (`--lens`).",
-    )
-    picture = picture_of(draw_overlap(np.concatenate(places), np.concatenate(apart)), "overlap")
-    caption = "Each camera against those before it"
-    table = ReportTable(pl.DataFrame(rows), columns, caption=caption, name="cameras")
-    return Section("Where views overlap", text=text, parts=(picture, table))
-
-
-def camera_section(tracking: Tracking, name: str = "") -> Section:
-    """Lay out the section on how well the lens and pose of a camera fit.
-
-    Args:
-        name: added to headings and names of files, such as " of camera 2"; empty if there is one camera.
-    """
+def camera_section(tracking: Tracking) -> Section:
+    """Lay out the section on how well the lens and pose of the camera fit."""
     camera, residuals = tracking.camera, floor_residuals(tracking)
     lens = (
         f"fitted to a chessboard (to {camera.lens.error_px:.2f} px)"
@@ -358,11 +282,11 @@ def camera_section(tracking: Tracking, name: str = "") -> Section:
         "error_mm": Column("the same", "mm", decimals=2),
     }
     caption = "Markers of the floor, and how well the fitted camera meets their corners; a dash: never seen"
-    by_marker = ReportTable(table, columns, caption=caption, name=f"floor-markers{name}")
+    by_marker = ReportTable(table, columns, caption=caption, name="floor-markers")
     return Section(
-        f"Lens and markers of the floor{name}",
+        "Lens and markers of the floor",
         text=text,
-        parts=(picture_of(drawing, f"lens{name}"), by_marker),
+        parts=(picture_of(drawing, "lens"), by_marker),
     )
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -69,13 +69,13 @@ class Tracking:
         """Return the gaps of more than ``GAP_S`` in which a robot was not seen, see ``gaps_in``."""
         return gaps_in(self.positions, list(self.markers.robots.values()), self.span_s)
 
-    def warnings(self, alone: bool = True) -> list[str]:
-        """Return sentences on what a user should know of this video, such as markers that are too small.
+    def share_found(self) -> float:
+        """Return the share of frames in which robots were found, averaged over robots."""
+        frames, robots = self.detections.corners_px.shape[:2]
+        return float(self.positions.height / (frames * robots))
 
-        Args:
-            alone: whether this is the only camera. If not, robots that it never sees are not reported, since another
-                camera may see them.
-        """
+    def warnings(self) -> list[str]:
+        """Return sentences on what a user should know of this video, such as markers that are too small."""
         found = []
         smallest_px = float(np.nanmin(self.detections.edge_px()))
         if smallest_px < SMALL_PX:
@@ -89,7 +89,7 @@ class Tracking:
             for name, edge in zip(self.markers.robots.values(), self.detections.edge_px(), strict=True)
             if np.isnan(edge)
         ]
-        if never and alone:
+        if never:
             found.append(f"Never seen: robots {', '.join(map(str, never))}.")
         uneven = uneven_frames(self.detections.time_s)
         if uneven is not None:
@@ -292,21 +292,8 @@ class TrackedLog:
     """Number of samples that are left out since they were taken in a gap of the tracking."""
 
 
-class Seen(Protocol):
-    """What one camera (``Tracking``) or several (``stitch.Stitched``) saw of a session; they explain the properties."""
-
-    @property
-    def markers(self) -> Markers: ...  # noqa: D102
-    @property
-    def positions(self) -> pl.DataFrame: ...  # noqa: D102
-    @property
-    def stops(self) -> pl.DataFrame: ...  # noqa: D102
-    @property
-    def span_s(self) -> tuple[float, float]: ...  # noqa: D102
-
-
 def with_positions(
-    tracking: Seen, samples: pl.DataFrame, name: str, control_period_s: float = 0.0
+    tracking: Tracking, samples: pl.DataFrame, name: str, control_period_s: float = 0.0
 ) -> TrackedLog:
     """Join the samples of a robots' log with the poses at which the camera saw the robots.
 
@@ -315,7 +302,7 @@ def with_positions(
     Those before time 0 of the robots' clock are left out, since a log has no negative times.
 
     Args:
-        tracking: what the cameras saw. samples: result of ``read_robot_log``.
+        tracking: what the camera saw. samples: result of ``read_robot_log``.
         name: path of the log, for messages; the last part of the path becomes the name of the result's log.
         control_period_s: time from a sample to the end of its stop, s. A robot samples at one control tick and drives
             on at the next.

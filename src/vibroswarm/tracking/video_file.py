@@ -1,4 +1,4 @@
-"""Write and read videos, and refuse files that are damaged, cut off or no videos.
+"""Read videos, and refuse files that are damaged, cut off or no videos.
 
 A picture is a frame as it was decoded; a grey picture is its brightness. A file's head (its header) states size, rate
 and number of frames. OpenCV does not compare the head with the frames that follow it. So the number of frames that were
@@ -10,13 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
 
 Gray = NDArray[np.uint8]
@@ -24,59 +23,10 @@ Gray = NDArray[np.uint8]
 Picture = NDArray[np.uint8]
 """(height, width, 3) as it was decoded, or (height, width)."""
 
-CODECS: Final = {".avi": "MJPG", ".mp4": "mp4v"}
-"""The codec of a video that is written, by its suffix; both are in OpenCV's own wheel."""
-QUALITY: Final = 92
-"""Quality that OpenCV is to use for the video, 0 to 100; OpenCV's FFmpeg backend ignores it."""
 MISSING_FRAMES: Final = 2
 """The head of an intact file may state a frame or two too many; if more are missing, the video was cut off."""
 UNEVEN: Final = 0.2
 """A step between frames that differs by this share from the usual one is uneven."""
-
-
-def check_suffix(path: Path, field: str = "--out") -> None:
-    """Check that the name of a video to be written ends in .avi or .mp4, which sets its codec.
-
-    Raises:
-        InputError: it has another suffix.
-    """
-    if path.suffix.lower() not in CODECS:
-        raise InputError(f"'{path.name}' must end in {' or '.join(CODECS)}", field=field)
-
-
-class VideoWriter:
-    """Context manager that writes grey frames to a video.
-
-    Args:
-        size_px: width and height of the frames.
-    Raises:
-        InputError: the path does not end in .avi or .mp4. RunError: the file cannot be written.
-    """
-
-    def __init__(self, path: Path, size_px: tuple[int, int], frames_per_s: float) -> None:
-        cv2 = opencv()
-        check_suffix(path)
-        code = cv2.VideoWriter_fourcc(*CODECS[path.suffix.lower()])
-        self._writer = cv2.VideoWriter(str(path), code, frames_per_s, size_px)
-        if not self._writer.isOpened():
-            raise RunError(f"the video '{path}' cannot be written")
-        self._writer.set(cv2.VIDEOWRITER_PROP_QUALITY, QUALITY)
-
-    def __enter__(self) -> VideoWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._writer.release()
-
-    def write(self, frame: Gray) -> None:
-        """Write a frame, uint8 of shape (height, width).
-
-        The frame must have the writer's size: OpenCV leaves out other frames without an error.
-        """
-        cv2 = opencv()
-        self._writer.write(cv2.cvtColor(frame, cv2.COLOR_GRAY2BGR))
 
 
 @dataclass(frozen=True)

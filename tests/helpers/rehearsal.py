@@ -1,16 +1,13 @@
 """Rehearse a session with a camera: write the files that it would leave, from a simulated run.
 
 These are the video, the robots' log and the file of markers; also the true poses, which a real session does not give,
-and a video of a chessboard for the calibration of the lens. With several cameras, each has a video of its own. Now and
-then a person's hand reaches into the picture and hides robots, as in a real session (``scene``).
+and a video of a chessboard for the calibration of the lens. Now and then a person's hand reaches into the picture and
+hides robots, as in a real session (``scene``).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from dataclasses import replace as replaced
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -18,6 +15,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from helpers.scene import BLACK, OF_BOARD, PAPER, SAMPLES, Look, Scene, poses_at, scene_of
+from helpers.video_writer import VideoWriter
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.core.tables import csv_bytes
@@ -25,8 +24,6 @@ from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 from vibroswarm.tracking import opencv
 from vibroswarm.tracking.markers import Markers
-from vibroswarm.tracking.scene import BLACK, OF_BOARD, PAPER, SAMPLES, Look, Scene, poses_at, scene_of
-from vibroswarm.tracking.video_file import VideoWriter, check_suffix
 
 Floats = NDArray[np.float64]
 
@@ -35,23 +32,6 @@ TRUTH: Final = {
     "y_m": pl.Float64, "heading_rad": pl.Float64, "hidden": pl.Boolean,
 }  # fmt: skip
 """Columns of the truth: each robot's centre in each frame (time in the video), and whether a hand covers it."""
-
-
-OVERLAP: Final = 0.2
-"""Share of the arena's width that two neighbouring cameras both see."""
-LATER_S: Final = 1.37
-"""Time by which each further camera is switched on later than the one before it."""
-
-
-@dataclass(frozen=True)
-class View:
-    """What one camera recorded."""
-
-    video: Path
-    chessboard: Path | None
-    """Its video of a chessboard, if one was written."""
-    start_s: float
-    """Time on the first camera's clock when this one begins."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +46,6 @@ class Rehearsal:
     frames: int
     marker_px: float
     """Edge of a robot's marker in the middle of the image."""
-    others: tuple[View, ...] = ()
-    """What the cameras after the first recorded."""
 
 
 def write_rehearsal(
@@ -82,9 +60,7 @@ def write_rehearsal(
     duration_s: float | None = None,
     clock_offset_s: float = 0.0,
     chessboard: bool = False,
-    cameras: int = 1,
     replace: bool = False,
-    progress: Callable[[int, int], None] | None = None,
 ) -> Rehearsal:
     """Render a run of a result as a video, and write the files that go with it.
 
@@ -94,41 +70,19 @@ def write_rehearsal(
         look: how the video is recorded. run, seed: number of the run, and seed of what is random in the video.
         start_s, duration_s: beginning and length of the part of the run that is filmed; None: to the run's end.
         clock_offset_s: time on the robots' clock when the time of the run is 0.
-        chessboard: whether a video of a chessboard, seen by the same camera, is written too, for each camera.
-        cameras: how many cameras hang side by side, turned by 90 degrees, each with its own tilt, lens and clock.
-            Two neighbours both see ``OVERLAP`` of the arena's width.
+        chessboard: whether a video of a chessboard, seen by the same camera, is written too.
         replace: whether files that exist are replaced.
-        progress: called with the frames done and the number of frames, see ``_report``.
     Raises:
-        InputError: ``out`` does not end in .avi or .mp4; the result has no paths or no such run; a camera has fewer
-            than two frames in that time; or a file exists. RunError: a file cannot be written.
+        InputError: the result has no paths or no such run; there are fewer than two frames in that time; or a file
+            exists. RunError: a file cannot be written.
     """
-    check_suffix(out)
     names = {
         kind: out.with_name(f"{out.stem}.{kind}") for kind in ("markers.toml", "log.csv", "truth.parquet")
     }
-    times, until_s = _frame_times(result, run, look, start_s, duration_s)
-    views: list[View] = []
-    for number in range(cameras):
-        # A single camera sees the whole arena. Each of several cameras sees a part of it, with its own look and times.
-        own_look, own_times, part_m = look, times, None
-        if cameras > 1:
-            own_look = _look_of(look, number)
-            own_times = _times_of(number, times, until_s, look.frames_per_s)
-            part_m = _part_of(number, cameras, result.scenario.arena.width_m)
-        own_seed = seed + number  # so that each camera has different noise
-        scene = scene_of(result, run, markers, own_look, own_seed, part_m)
-        video = out if number == 0 else out.with_name(f"{out.stem}.{number + 1}{out.suffix}")
-        report = None
-        if progress is not None:
-            report = partial(_report, progress, number * times.size, cameras * times.size)
-        middle, hidden = _render(scene, result, run, own_times, video, replace, report)
-        board = _write_board(scene, video, replace) if chessboard else None
-        views.append(View(video=video, chessboard=board, start_s=float(own_times[0] - times[0])))
-        # The true poses are at the times of the first camera's frames, and the size of a marker is that in its image.
-        if number == 0:
-            _write_truth(names["truth.parquet"], times - times[0], middle, hidden, markers, replace)
-            marker_px = _px_per_m(scene) * markers.size_m
+    times = _frame_times(result, run, look, start_s, duration_s)
+    scene = scene_of(result, run, markers, look, seed)
+    middle, hidden = _render(scene, result, run, times, out, replace)
+    _write_truth(names["truth.parquet"], times - times[0], middle, hidden, markers, replace)
     with whole_file(names["markers.toml"], replace=replace) as part:
         part.write_text(markers.to_toml(), encoding="utf-8")
     with whole_file(names["log.csv"], replace=replace) as part:
@@ -138,17 +92,14 @@ def write_rehearsal(
         markers=names["markers.toml"],
         log=names["log.csv"],
         truth=names["truth.parquet"],
-        chessboard=views[0].chessboard,
+        chessboard=_write_board(scene, out, replace) if chessboard else None,
         frames=times.size,
-        marker_px=marker_px,
-        others=tuple(views[1:]),
+        marker_px=_px_per_m(scene) * markers.size_m,
     )
 
 
-def _frame_times(
-    result: Result, run: int, look: Look, start_s: float, duration_s: float | None
-) -> tuple[Floats, float]:
-    """Return when the first camera takes its frames, (frames,), s, and the time from which no camera takes frames, s.
+def _frame_times(result: Result, run: int, look: Look, start_s: float, duration_s: float | None) -> Floats:
+    """Return when the camera takes its frames, (frames,), s.
 
     Times are those of the run. The last exposure ends before the end of the run.
 
@@ -156,66 +107,13 @@ def _frame_times(
         InputError: there is no such run, or it has fewer than two frames in that time.
     """
     if result.runs.filter(pl.col("run") == run).is_empty():
-        # The user counts runs (sessions) from 1, the result from 0.
-        raise InputError(f"there is no run {run + 1} in this result", field="--session")
+        raise InputError(f"there is no run {run} in this result", field="run")
     end_s = float(result.ends.filter(pl.col("run") == run)["end_s"].max() or 0.0)  # type: ignore[arg-type]
     last_s = end_s if duration_s is None else min(start_s + duration_s, end_s)
-    until_s = last_s - look.exposure_s
-    times = np.arange(start_s, until_s, 1.0 / look.frames_per_s)
+    times: Floats = np.arange(start_s, last_s - look.exposure_s, 1.0 / look.frames_per_s)
     if times.size < 2:
-        raise InputError(f"the run lasts {end_s:g} s; there is nothing from {start_s:g} s", field="--start")
-    return times, until_s
-
-
-def _times_of(number: int, times: Floats, until_s: float, frames_per_s: float) -> Floats:
-    """Return when one of several cameras takes its frames, (frames,), s.
-
-    Each camera begins ``LATER_S`` later than the camera before it. Frames of different cameras are not simultaneous.
-
-    Args:
-        number: of the camera, from 0. times, until_s: results of ``_frame_times``.
-    Raises:
-        InputError: fewer than two frames are left.
-    """
-    # The frames are shifted against those of the camera before by 0.4 of the time between two frames.
-    own: Floats = times[times >= times[0] + number * LATER_S] + 0.4 * number / frames_per_s
-    own = own[own < until_s]
-    if own.size < 2:
-        raise InputError("is too short for so many cameras", field="--for")
-    return own
-
-
-def _report(progress: Callable[[int, int], None], before: int, total: int, frames: int) -> None:
-    """Report progress over all cameras.
-
-    Each camera is counted with as many frames as the first one has, which is a little too many: the others begin later.
-
-    Args:
-        before, total: number of frames of the cameras before, and of all cameras.
-        frames: number of frames of the current camera that are done.
-    """
-    progress(before + frames, total)
-
-
-def _look_of(look: Look, number: int) -> Look:
-    """Return how one of several cameras records: turned by 90 degrees, with a lens of its own.
-
-    Every second camera is turned and tilted to the other side.
-
-    Args:
-        number: of the camera, from 0.
-    """
-    sign = 1 - 2 * (number % 2)  # 1, -1, 1, ...
-    # The distortion k1 is 15 % less from camera to camera.
-    lens_k = (look.lens_k[0] * 0.85**number, look.lens_k[1])
-    return replaced(look, tilt_deg=sign * look.tilt_deg, turned_deg=sign * 90.0, lens_k=lens_k)
-
-
-def _part_of(number: int, cameras: int, width_m: float) -> tuple[float, float]:
-    """Return the range of x in the arena that one of several cameras sees, m."""
-    half_m = 0.5 * OVERLAP * width_m
-    low, high = width_m * number / cameras - half_m, width_m * (number + 1) / cameras + half_m
-    return max(low, 0.0), min(high, width_m)
+        raise InputError(f"the run lasts {end_s:g} s; there is nothing from {start_s:g} s", field="start_s")
+    return times
 
 
 def _render(
@@ -225,13 +123,12 @@ def _render(
     times: Floats,
     out: Path,
     replace: bool,
-    progress: Callable[[int], None] | None,
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Write the video of one camera.
 
     Args:
         times: middles of the exposures, on the clock of the run, (frames,), s. out: the video.
-        replace: whether an existing video is replaced. progress: called with the number of frames done.
+        replace: whether an existing video is replaced.
     Returns: the pose (x, y, heading) of each robot in the middle of each exposure, (frames, robots, 3); and whether the
         hand that now and then reaches into the picture covers the robot's marker in the frame, (frames, robots).
     """
@@ -251,8 +148,6 @@ def _render(
             # The picture, and whether the hand covers each robot's marker.
             frame, hidden[k] = scene.frame(time_s, poses=before[k], end_poses=after[k])
             writer.write(frame)
-            if progress is not None:
-                progress(k + 1)
     return middle, hidden
 
 
@@ -267,8 +162,7 @@ def _write_board(scene: Scene, video: Path, replace: bool) -> Path:
 def _px_per_m(scene: Scene) -> float:
     """Return the length in px of a metre at the height of robots' markers, in the middle of what is filmed."""
     width_m, height_m = scene.arena_m
-    low_m, high_m = (0.0, width_m) if scene.part_m is None else scene.part_m
-    x_m = 0.5 * (low_m + high_m)
+    x_m = 0.5 * width_m
     # Two points a short distance apart are projected; over this distance the lens is practically linear.
     short_m = 0.001 * width_m
     points = np.array([[x_m + shift_m, 0.5 * height_m, scene.markers.height_m] for shift_m in (0.0, short_m)])
@@ -358,29 +252,22 @@ def _board_frame(scene: Scene, k: int) -> NDArray[np.uint8]:
     """Draw frame ``k`` of the video: a chessboard with a white rim, at a random place above the floor and tilted."""
     cv2 = opencv()
     draws = uniforms(scene.seed, 0, OF_BOARD, Purpose.VIDEO, 6, first=6 * k)
-    # The middle of the filmed part of the arena and its size, m, and by how much the image is turned in the arena, rad.
     width, height = scene.arena_m
-    middle, turned_by = np.array([width, height]) / 2, 0.0
-    if scene.part_m is not None:  # a camera that is turned by 90 degrees: its image's height runs along x
-        low, high = scene.part_m
-        middle, turned_by = np.array([(low + high) / 2, height / 2]), np.radians(scene.look.turned_deg)
-        width = height = high - low  # only the side along the image's height: its width is allowed for below
     camera_m = float(scene.camera.position_m[2])
     square = SQUARE_MM / 1000  # m
     half = np.array([BOARD[0] + 1, BOARD[1] + 1]) * square / 2  # half the board's width and height
     # The board is at most 1.35 m below the camera, so that it fills about a third of the image's height, and at least a
     # quarter of the camera's height above the floor. ``above`` is the height of the board's middle above the floor, m.
     above = max(camera_m - 1.35, 0.25 * camera_m) + 0.15 * draws[0] * camera_m
-    # The view narrows towards the camera: this is the size, at the board's height, of the view of the filmed part.
+    # The view narrows towards the camera: this is the size, at the board's height, of the view of the arena.
     room = np.array([width, height]) * (camera_m - above) / camera_m
     # Places are spread over 62 % of this, and 1.75 times as far along the image's width, as it is wider than high.
     aside = (draws[1:3] - 0.5) * np.array([1.75, 1.0]) * room * 0.62
-    cos, sin = np.cos(turned_by), np.sin(turned_by)
-    at = middle + np.array([[cos, -sin], [sin, cos]]) @ aside
+    at = np.array([width, height]) / 2 + aside
     # Tilts about the horizontal axes, up to half a radian, and a turn in the plane of the board.
     tilt_x, tilt_y, turn = (draws[3:6] - 0.5) * np.array([1.0, 1.0, 0.8])
     tilted, _ = cv2.Rodrigues(np.array([tilt_x, tilt_y, 0.0]))
-    turned, _ = cv2.Rodrigues(np.array([0.0, 0.0, turn + turned_by]))
+    turned, _ = cv2.Rodrigues(np.array([0.0, 0.0, turn]))
     axes = (tilted @ turned).astype(np.float32)  # columns: the board's axes in the world
     centre = np.array([*at, above], dtype=np.float32)
     rim = half + square * 0.6  # half the size with the white rim, which is 0.6 squares wide

@@ -17,13 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from helpers.fisheye import Fisheye, overhead
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.pose import pose
 from vibroswarm.result import Result
 from vibroswarm.tracking import opencv
-from vibroswarm.tracking.fisheye import Fisheye, overhead
 from vibroswarm.tracking.markers import Markers, corners_at, dictionary_of
 
 Floats = NDArray[np.float64]
@@ -53,8 +53,6 @@ class Look:
     camera_height_m: float = 1.5
     tilt_deg: float = 5.0
     """Tilt of the camera about the horizontal axis of its image; 0: it looks straight down."""
-    turned_deg: float = 0.0
-    """Turn of the camera about its own axis."""
     lens_k: tuple[float, float] = (-0.09, 0.02)
     """Distortion of the rendering camera (``fisheye``)."""
     blur_px: float = 0.6
@@ -86,8 +84,6 @@ class Scene:
     look: Look
     seed: int
     camera: Fisheye
-    part_m: tuple[float, float] | None = None
-    """The range of x of the arena that the camera sees; None: all of it."""
     background: Gray = field(init=False)
     _tangents: NDArray[np.float32] = field(init=False)
     """x / z and y / z of each pixel's ray in camera axes, (height, width, 2)."""
@@ -348,35 +344,26 @@ def scene_of(
     markers: Markers,
     look: Look,
     seed: int,
-    part_m: tuple[float, float] | None = None,
 ) -> Scene:
     """Return the scene of a run, with a camera that sees the arena and its floor markers.
 
-    Args:
-        part_m: the range of x of the arena that the camera sees, with the floor markers there; None: all of it.
     Raises:
         InputError: the result has no paths.
     """
     if result.segments is None:
         raise InputError("needs paths; simulate with segments=True", field="RESULT")
     arena = result.scenario.arena
-    low, high = (0.0, arena.width_m) if part_m is None else part_m
-    # If the part begins or ends at an end of the arena, it includes the markers beyond that end.
-    left = -np.inf if low <= 0.0 else low
-    right = np.inf if high >= arena.width_m else high
-    seen = [marker for marker, (x, _, _) in markers.floor.items() if left <= x <= right]
-    corners = [markers.floor_corners(marker) for marker in seen]
-    # The image must contain the floor markers, and the part of the arena with 5 mm around it. The x of the markers is
+    corners = [markers.floor_corners(marker) for marker in markers.floor]
+    # The image must contain the floor markers, and the arena with 5 mm around it. The x of the markers is
     # made 1.2 % larger, which leaves some room to the right of them; those on the left, near x = 0, hardly move.
     points = [(float(x), float(y)) for corner in corners for x, y, _ in corner * np.array([1.012, 1.0, 1.0])]
-    points += [(x, y) for x in (low - 0.005, high + 0.005) for y in (-0.005, arena.height_m + 0.005)]
+    points += [(x, y) for x in (-0.005, arena.width_m + 0.005) for y in (-0.005, arena.height_m + 0.005)]
     camera = overhead(
         look.size_px,
         points,
         height_m=look.camera_height_m,
         tilt_deg=look.tilt_deg,
         k=look.lens_k,
-        turned_deg=look.turned_deg,
     )
     return Scene(
         markers=markers,
@@ -386,7 +373,6 @@ def scene_of(
         look=look,
         seed=seed,
         camera=camera,
-        part_m=part_m,
     )
 
 
