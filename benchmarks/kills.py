@@ -98,6 +98,7 @@ def commands(folder: Path, runs: int) -> list[Attacked]:
     sessions = [str(lab / f"session-{k}.csv") for k in (1, 2)]
     numbers = ["--no-pictures", "--no-confirm"]
     sweep = ["sweep", str(study), *numbers, "--workers", "2"]
+    drawn = ["sweep", str(study), "--runs", "40", "--no-confirm", "--pictures"]
     searched = ["--fresh", "50", "--no-pictures", "--workers", "2"]
     search = ("best.toml", "candidates.csv", "history.csv", "journal.jsonl")
     imported = ["lab", "import", *sessions, "--floor", str(lab / "floor.txt"), "--tiles", "5x5"]
@@ -106,7 +107,7 @@ def commands(folder: Path, runs: int) -> list[Attacked]:
         Attacked("sweep", sweep, "sweep", study=True),
         Attacked("sweep, processes", [*sweep, "--executor", "processes"], "processes", study=True),
         Attacked("sweep until", ["sweep", str(until), *numbers], "until", study=True),
-        Attacked("sweep, drawn", ["sweep", str(study), "--runs", "40", "--no-confirm"], "drawn", study=True),
+        Attacked("sweep, drawn", drawn, "drawn", study=True),
         Attacked("evaluate", ["evaluate", "--runs", str(runs), *numbers], "evaluate", study=True),
         Attacked("optimize pso", ["optimize", str(folder / "pso.toml"), *searched], "pso", compared=search),
         Attacked("optimize tpe", ["optimize", str(folder / "tpe.toml"), *searched], "tpe", compared=search),

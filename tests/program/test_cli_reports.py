@@ -38,7 +38,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("my studies") / "first one"
     file = folder.with_suffix(".toml")
     file.write_text(STUDY, encoding="utf-8")
-    assert main(["sweep", str(file), "--out", str(folder)]) == 0
+    assert main(["sweep", str(file), "--out", str(folder), "--pictures"]) == 0
     return folder
 
 
@@ -81,6 +81,34 @@ def test_a_second_time_in_the_same_folder_simulates_nothing_and_draws_the_same(
     assert "Nothing to do: all runs exist." in err
     after = {path: path.read_bytes() for path in before}
     assert {str(path) for path in before if before[path] != after[path]} == set()
+
+
+FEW = ["evaluate", "--runs", "4", "--no-confirm", *SMALL]
+
+
+def test_pictures_are_files_on_request_and_in_the_report_anyway(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = told(capsys, *FEW, "--out", tmp_path / "a")
+    assert code == 0
+    assert "(shards) and a report" in " ".join(out.split())
+    assert not (tmp_path / "a" / "pictures").exists()
+    page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
+    assert page.count("<svg") > 5
+    code, out, _ = told(capsys, *FEW, "--out", tmp_path / "a", "--pictures")
+    assert code == 0
+    assert "(shards), pictures and a report" in " ".join(out.split())
+    outcomes = tmp_path / "a" / "pictures" / "outcomes.csv"
+    assert pl.read_csv(outcomes)["runs"].unique().to_list() == [4]
+    # Pictures that exist do not stay behind when the study grows.
+    assert main([*FEW[:2], "6", *FEW[3:], "--out", str(tmp_path / "a")]) == 0
+    assert pl.read_csv(outcomes)["runs"].unique().to_list() == [6]
+
+
+def test_pictures_and_none_conflict(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main([*FEW, "--pictures", "--no-pictures"])
+    assert "not allowed with argument" in capsys.readouterr().err
 
 
 def test_references_stand_beside_every_strategy(swept: Path) -> None:

@@ -24,21 +24,36 @@ def run(*arguments: str) -> int:
     return main(["run", *arguments])
 
 
-def test_a_folder_with_scenario_tables_picture_and_page(tmp_path, capsys):
+def test_a_folder_with_scenario_tables_and_page(tmp_path, capsys):
     out = tmp_path / "a folder" / "first"
     assert run(*SHORT, "--strategy", "soft", "--seed", "7", "--out", str(out)) == 0
     said = capsys.readouterr().out
     files = {path.name for path in out.iterdir()}
-    assert files == {"scenario.toml", "result.json", "run.png", "run.html"} | {
+    assert files == {"scenario.toml", "result.json", "run.html"} | {
         f"{name}.parquet" for name in TABLES if name not in ("moves", "faults", "places", "failures")
     }
     assert str(out / "run.html") in said
     assert "5 robots, soft feedback" in said
-    assert (out / "run.png").read_bytes().startswith(b"\x89PNG")
     assert list(tmp_path.glob("**/.*")) == [], "nothing half-written is left"
     kept = Result.read(out)
     assert kept.scenario.strategy.name == "soft"
     assert kept.seed == 7
+
+
+def test_pictures_are_drawn_on_request(tmp_path, capsys):
+    out, short = tmp_path / "first", [*SHORT, "--set", "run.t_end_s=20"]
+    assert run(*short, "--strategy", "places", "--out", str(out)) == 0
+    assert {path.name for path in out.glob("*.png")} == set()
+    assert "tables and page" in capsys.readouterr().out
+    assert run(*short, "--strategy", "places", "--out", str(out), "--pictures") == 0
+    assert {path.name for path in out.glob("*.png")} == {"run.png", "maps.png"}
+    assert (out / "run.png").read_bytes().startswith(b"\x89PNG")
+    assert "tables, pictures and page" in capsys.readouterr().out
+
+
+def test_pictures_need_a_folder(capsys):
+    assert run(*SHORT, "--pictures") == 2
+    assert "--pictures: needs --out DIR" in capsys.readouterr().err
 
 
 def test_the_same_seed_gives_equal_tables_and_another_does_not(tmp_path):
@@ -253,7 +268,7 @@ def test_a_disk_that_fills_up_leaves_nothing_and_ends_with_1(where, tmp_path, mo
         monkeypatch.setattr(pl.DataFrame, "write_parquet", full)
     else:
         monkeypatch.setattr("matplotlib.figure.Figure.savefig", full)
-    assert run(*SHORT, "--out", str(tmp_path / "out")) == 1
+    assert run(*SHORT, "--pictures", "--out", str(tmp_path / "out")) == 1
     assert "No space left on device" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
 
@@ -301,7 +316,7 @@ def test_a_reader_that_has_had_enough_is_no_error():
 def test_no_display_and_no_home_are_needed(tmp_path):
     bare = {"PATH": os.environ["PATH"], "HOME": str(tmp_path / "nobody"), "VIBROSWARM_PLAIN": "1"}
     tiny = ["--set", "run.t_end_s=6", "--robots", "2"]
-    process = command("run", *tiny, "--out", str(tmp_path / "out"), env=bare)
+    process = command("run", *tiny, "--pictures", "--out", str(tmp_path / "out"), env=bare)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 0, err
     assert Path(tmp_path / "out" / "run.png").stat().st_size > 1000

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 EPILOG = """\
 examples:
   vibroswarm run                                        the paper's setting, no feedback
-  vibroswarm run --strategy soft --seed 2 --out first   save tables, picture and page in 'first'
+  vibroswarm run --strategy soft --seed 2 --out first   save tables and page in 'first'
   vibroswarm run --floor diagonal:0.46 --robots 8
   vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03 --set decision.boundary_of=tiles
 """
@@ -34,7 +34,10 @@ def add_parser(commands: Any) -> None:
     add_seed(scenario)
     add_motion(scenario)
     out = parser.add_argument_group("output")
-    add_out(out, "save scenario, tables, picture and page here", force=True)
+    add_out(out, "save scenario, tables and page here", force=True)
+    out.add_argument(
+        "--pictures", action="store_true", help="also draw run.png, and maps.png if robots keep maps"
+    )
     add_open(out, "open the page in the browser")
     add_json(out)
     parser.set_defaults(run=run)
@@ -52,6 +55,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     scenario = scenario_from(arguments)
     check_open(arguments)
+    if arguments.pictures and arguments.out is None:
+        raise InputError("needs --out DIR, where the pictures are saved", field="--pictures")
     motion = chosen("motion", arguments.motion)
     # An existing folder is accepted only if it holds the same run, or with --force. at_once=False: the older folder
     # stays until the new one is complete and replaces it.
@@ -59,10 +64,11 @@ def run(arguments: argparse.Namespace) -> int:
     # Segments are the positions between samples. They are recorded only for the page, which needs them.
     result = _simulate(scenario, arguments.seed, motion, segments=arguments.out is not None)
     if arguments.out is not None:
-        _save(result, arguments.out)
+        _save(result, arguments.out, pictures=arguments.pictures)
     _print_verdict(result, arguments)
     has_page = result.segments is not None  # None: not recorded, or a user's motion source does not have them
-    print_saved(arguments, "scenario, tables, picture and page", "run.html" if has_page else None)
+    saved = "scenario, tables, pictures and page" if arguments.pictures else "scenario, tables and page"
+    print_saved(arguments, saved, "run.html" if has_page else None)
     if arguments.out is not None and not has_page and not arguments.json:
         print_paragraph(f"No page: '{arguments.motion}' has no positions between samples")
     return 0
@@ -82,27 +88,31 @@ def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Res
         return simulate(scenario, seed, runs=1, motion=motion, segments=segments, progress=progress)
 
 
-def _save(result: Result, out: Path) -> None:
-    """Write a result with its picture, page and maps into the folder ``out``, completely or not at all.
+def _save(result: Result, out: Path, *, pictures: bool) -> None:
+    """Write a result with its page and maps, and with ``pictures`` their pictures, into the folder ``out``.
 
-    An older result in that folder is replaced. The page is written only if the result has the positions between
-    samples, and maps only if the robots' strategy keeps a map of the floor.
+    The folder is written completely or not at all; an older result in it is replaced. The page is written only if the
+    result has the positions between samples, and maps only if the robots' strategy keeps a map of the floor.
     """
     from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
     from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.plots.run import write_maps_picture, write_run_picture
     from vibroswarm.run_page.write import write_run_page
-    from vibroswarm.study.summary import write_table
 
     with whole_folder(out, replace=True) as part:
         result.write_into(part)
-        write_run_picture(result, part / "run.png")
         if result.segments is not None:
             write_run_page(result, part / "run.html")
-        if result.scenario.strategy.name in WITH_MAP:
-            maps = floor_maps(result)
+        maps = floor_maps(result) if result.scenario.strategy.name in WITH_MAP else None
+        if maps is not None:
+            from vibroswarm.study.summary import write_table
+
             write_table(maps, part / "maps")
-            write_maps_picture(maps, part / "maps.png")
+        if pictures:
+            from vibroswarm.plots.run import write_maps_picture, write_run_picture
+
+            write_run_picture(result, part / "run.png")
+            if maps is not None:
+                write_maps_picture(maps, part / "maps.png")
 
 
 def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:

@@ -40,7 +40,13 @@ def add_outcome_options(parser: argparse.ArgumentParser, *, confirms: bool = Tru
     add_json(output)
     add_style(output)
     add_open(output)
-    output.add_argument("--no-pictures", action="store_true", help="numbers only: no pictures, no report")
+    drawn = output.add_mutually_exclusive_group()
+    drawn.add_argument(
+        "--pictures",
+        action="store_true",
+        help="also write the report's pictures as files: SVG, PDF and PNG, and their numbers as CSV",
+    )
+    drawn.add_argument("--no-pictures", action="store_true", help="numbers only: no pictures, no report")
     if confirms:
         output.add_argument(
             "--no-confirm",
@@ -210,7 +216,7 @@ def duration(seconds: float) -> str:
 
 
 def print_outcome(result: StudyResult, second: StudyResult | None, arguments: argparse.Namespace) -> int:
-    """Summarise a study and print its tables; with ``--out``, save numbers, pictures and report; return the exit code.
+    """Summarise a study and print its tables; with ``--out``, save numbers and report; return the exit code.
 
     Args:
         result: the study with its finished runs; without any, ``outcome_of`` raises ``InputError``.
@@ -229,7 +235,7 @@ def print_outcome(result: StudyResult, second: StudyResult | None, arguments: ar
         print_json(outcome.as_dict())
     else:
         print_tables(outcome)
-    sys.stdout.flush()  # the tables are seen before the pictures are drawn, which takes a while
+    sys.stdout.flush()  # the tables are seen before the report's pictures are drawn, which takes a while
     if arguments.out is not None and not arguments.no_pictures:
         _draw(outcome, arguments)
     _print_saved(arguments)
@@ -237,22 +243,25 @@ def print_outcome(result: StudyResult, second: StudyResult | None, arguments: ar
 
 
 def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
-    """Write the pictures and the report of a study, and its table of references.
+    """Write the report of a study and its table of references; and its pictures, if requested or written before.
+
+    Pictures that an earlier command has written are drawn again, since they may show fewer runs.
 
     A reference of a cell is how fast a decision could have been made if all samples had been known in one place at
     once. References are computed for studies with few cells only.
     """
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.study.baselines import reference_table, references_of
-    from vibroswarm.study.study_report import write_pictures_and_report
+    from vibroswarm.study.study_report import has_pictures, write_pictures_and_report
     from vibroswarm.study.summary import write_table
 
     with progress_bar("references") as progress:
         references = references_of(outcome.result, progress=progress)
     if references:
         write_table(reference_table(references), arguments.out / "references")
+    style = arguments.style if arguments.pictures or has_pictures(arguments.out) else None
     with progress_bar("drawing") as progress:
-        write_pictures_and_report(outcome, references, arguments.out, arguments.style, progress)
+        write_pictures_and_report(outcome, references, arguments.out, style, progress)
 
 
 def _print_saved(arguments: argparse.Namespace) -> None:
@@ -265,8 +274,10 @@ def _print_saved(arguments: argparse.Namespace) -> None:
         tables = tuple(name for name in tables if (arguments.out / name).is_file())
     saved = ", ".join(tables)
     page = None if arguments.no_pictures else "report.html"
-    report_words = "" if arguments.no_pictures else ", pictures and a report"
-    print_saved(arguments, f"{saved}, the runs (shards){report_words}", page)
+    drawn = (
+        "" if arguments.no_pictures else ", pictures and a report" if arguments.pictures else " and a report"
+    )
+    print_saved(arguments, f"{saved}, the runs (shards){drawn}", page)
 
 
 MOST_SENTENCES: Final = 12

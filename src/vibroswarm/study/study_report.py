@@ -6,6 +6,7 @@ decisions over time, comparisons, comparisons at equal error, references, how ro
 
 from __future__ import annotations
 
+import itertools
 import shlex
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -62,28 +63,42 @@ def write_pictures_and_report(
     outcome: Outcome,
     references: Sequence[References],
     folder: Path,
-    style: str,
+    style: str | None,
     progress: Callable[[float], None] | None = None,
 ) -> None:
-    """Write the folder ``pictures`` (SVG, PDF, PNG, CSV) and ``report.html`` into a study's folder, each atomically.
+    """Write ``report.html`` and the folder ``pictures`` (SVG, PDF, PNG, CSV) into a study's folder, each atomically.
 
     Args:
-        style: of the picture files; the pictures of the page are drawn again in the style ``page``.
+        style: of the picture files, which are not written if it is None; the page has its pictures in any case, drawn
+            in the style ``page``.
         progress: called with the share of pictures done.
     """
-    drawn, named = [], list(pictures_of(outcome))
-    with whole_folder(folder / PICTURES, replace=True, marker=MARKER) as part:
-        for done, named_picture in enumerate(named):
-            named_picture.draw(style=style).write(part / named_picture.name)
-            drawn.append((named_picture, picture_of(named_picture.draw(style="page"), named_picture.name)))
-            if progress is not None:
-                progress((done + 1) / len(named))
-        rows = [
-            (named_picture.name, named_picture.title, picture.caption) for named_picture, picture in drawn
-        ]
-        captions = pl.DataFrame(rows, schema=["name", "title", "caption"], orient="row")
-        (part / MARKER).write_bytes(csv_bytes(captions))
+    named = list(pictures_of(outcome))
+    steps = len(named) * (1 if style is None else 2)
+    done = itertools.count(1)
+
+    def one_more() -> None:
+        if progress is not None:
+            progress(next(done) / steps)
+
+    drawn = []
+    for picture in named:
+        drawn.append((picture, picture_of(picture.draw(style="page"), picture.name)))
+        one_more()
+    if style is not None:
+        with whole_folder(folder / PICTURES, replace=True, marker=MARKER) as part:
+            for picture in named:
+                picture.draw(style=style).write(part / picture.name)
+                one_more()
+            rows = [(picture.name, picture.title, of_page.caption) for picture, of_page in drawn]
+            captions = pl.DataFrame(rows, schema=["name", "title", "caption"], orient="row")
+            (part / MARKER).write_bytes(csv_bytes(captions))
     write_report(folder / REPORT, report_of(outcome, references, drawn))
+
+
+def has_pictures(folder: Path) -> bool:
+    """Return whether a study's folder holds pictures that ``write_pictures_and_report`` has written."""
+    return (folder / PICTURES / MARKER).is_file()
 
 
 def report_of(
