@@ -198,6 +198,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         code = _command(argv)
         sys.stdout.flush()
+        if argv is None:  # the process ends now: its exit need not search all that is loaded for garbage
+            gc.freeze()
         return code
     except (Exception, KeyboardInterrupt) as error:
         # After Ctrl-C, any error counts as a result of the interruption: a KeyboardInterrupt that is raised while LLVM

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli.options import add_json, add_motion, add_out, add_scenario_options, add_seed
 from vibroswarm.cli.output import add_open
+from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.result import Result
