@@ -33,3 +33,27 @@ def test_the_printed_similarities_come_out_and_say_little(tmp_path: Path) -> Non
     assert len(pictures) == 8
     for name in ("calibration-still", "calibration-places"):
         assert pictures[name].draw().numbers.height > 0
+
+
+@pytest.mark.slow
+def test_a_session_that_no_fit_has_seen_is_predicted(tmp_path: Path) -> None:
+    """The number of samples, and not with the timer of other experiments: the negative control."""
+    settings = Settings(runs=9, columns=("calibrated",), recordings=Path(FOLDER))
+    made = reproduce(settings, tmp_path, items_named(["unseen-session"])).made[0]
+    verdicts = {one.claim.id: one for one in decide(made.tables[CLAIMS])}
+    turned = {one.claim.id: one for one in decide(made.tables["control"])}
+    assert verdicts["unseen-samples"].verdict == "reproduced"
+    assert turned["unseen-samples"].verdict == "not reproduced"
+    assert (turned["unseen-samples"].cells["high"] < -0.15).all()  # a fifth fewer samples
+    holds = verdicts["unseen-similarity"].cells["holds"].to_list()
+    assert holds.count("holds") >= 6
+    assert "fails" not in holds
+    lost = turned["unseen-similarity"].cells.filter(pl.col("holds") == "fails")["cell"].to_list()
+    assert lost == ["distance and angle, session 2", "distance and angle, session 3"]
+
+
+def test_without_its_preset_or_the_recordings_it_is_skipped() -> None:
+    (item,) = items_named(["unseen-session"])
+    assert "calibrated" in str(item.skipped(Settings(columns=("paper",), recordings=Path(FOLDER))))
+    assert "--recordings" in str(item.skipped(Settings(columns=("calibrated",))))
+    assert item.skipped(Settings(columns=("calibrated",), recordings=Path(FOLDER))) is None

@@ -15,7 +15,7 @@ from vibroswarm.paper.cells import READ, Cell, CellResult, CellResults, summaris
 from vibroswarm.paper.claims import all_claims, decide
 from vibroswarm.paper.columns import COLUMNS, published, scenario_of
 from vibroswarm.paper.item import CLAIMS, Settings, Tables, Work
-from vibroswarm.paper.items import all_items, experiment_times, search
+from vibroswarm.paper.items import all_items, experiment_times, items_named, search
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.paper.reproduction_report import write_all
 from vibroswarm.scenario.scenario import preset
@@ -57,7 +57,7 @@ def _made_up(cells: list[Cell], template: CellResult) -> CellResults:
 
 @pytest.fixture(scope="module")
 def tables(template: CellResult, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Tables]:
-    """The tables of all items but the calibration, which needs recordings."""
+    """The tables of all items but those that need recordings."""
     folder = tmp_path_factory.mktemp("work")
     found = {}
     for item in all_items():
@@ -79,11 +79,15 @@ def test_every_claim_is_measured_in_every_column_it_is_asked_in(tables: dict[str
     assert measured.height == sum(c.cells * len(c.columns) for c in all_claims() if c.item in tables)
 
 
-def test_calibration_alone_is_skipped_without_recordings(tables: dict[str, Tables]) -> None:
-    assert {item.name for item in all_items()} - set(tables) == {"calibration"}
-    item = next(item for item in all_items() if item.name == "calibration")
-    assert "recordings" in str(item.skipped(SETTINGS))
-    assert "lacks CAL_1.csv" in str(item.skipped(Settings(recordings=Path("no such folder"))))
+RECORDED = ("calibration", "unseen-session")
+"""Items that need recordings."""
+
+
+def test_two_items_alone_are_skipped_without_recordings(tables: dict[str, Tables]) -> None:
+    assert {item.name for item in all_items()} - set(tables) == set(RECORDED)
+    for item in items_named(list(RECORDED)):
+        assert "recordings" in str(item.skipped(SETTINGS))
+        assert "lacks CAL_1.csv" in str(item.skipped(Settings(recordings=Path("no such folder"))))
 
 
 def test_the_tables_that_are_shown_are_there_with_their_columns(tables: dict[str, Tables]) -> None:
@@ -94,7 +98,7 @@ def test_the_tables_that_are_shown_are_there_with_their_columns(tables: dict[str
             assert not missing, (item.name, shown.table)
 
 
-@pytest.mark.parametrize("name", [item.name for item in all_items() if item.name != "calibration"])
+@pytest.mark.parametrize("name", [item.name for item in all_items() if item.name not in RECORDED])
 def test_pictures_have_names_of_their_own_and_can_be_drawn(name: str, tables: dict[str, Tables]) -> None:
     item = next(item for item in all_items() if item.name == name)
     pictures = list(item.pictures(tables[name], SETTINGS))

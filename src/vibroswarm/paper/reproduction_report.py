@@ -77,8 +77,9 @@ def command_of(settings: Settings, item: str | None = None) -> str:
     words += [f"--runs {settings.runs}", f"--seed {settings.seed}"]
     words += [f"--columns {','.join(settings.columns)}"] if settings.columns != COLUMNS else []
     words += [f"--control {settings.control}"] if settings.control else []
-    # Only the item "calibration" needs the recordings.
-    words += ["--recordings DIR"] if settings.recordings and item in (None, "calibration") else []
+    # Only these items need the recordings.
+    recorded = item in (None, "calibration", "unseen-session")
+    words += ["--recordings DIR"] if settings.recordings and recorded else []
     return " ".join([*words, "--out DIR"])
 
 

@@ -25,6 +25,7 @@ def all_items() -> tuple[Item, ...]:
         readings,
         search,
         side_claims,
+        unseen_session,
     )
 
     return (
@@ -45,6 +46,7 @@ def all_items() -> tuple[Item, ...]:
         readings.TIMER,
         experiment_accuracy.ITEM,
         hidden_threshold.ITEM,
+        unseen_session.ITEM,
     )
 
 
