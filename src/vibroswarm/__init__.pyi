@@ -9,6 +9,7 @@ from .floors.floor import Floor as Floor
 from .motion.pose import pose as pose
 from .result import Result as Result
 from .run_page.write import write_run_page as write_run_page
+from .scenario.plugins import load_code as load_code
 from .scenario.scenario import Scenario as Scenario
 from .scenario.scenario import fields as fields
 from .scenario.scenario import preset as preset

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import polars as pl
 import pytest
 
+import vibroswarm
 from vibroswarm import preset, replay, simulate
 from vibroswarm.cli import main
 from vibroswarm.errors import CodeError, InputError
@@ -15,7 +19,7 @@ from vibroswarm.optimize.journal import HEAD, JOURNAL, SEARCH, Journal
 from vibroswarm.optimize.sensitivity import sobol_indices
 from vibroswarm.optimize.spec import Search
 from vibroswarm.result import Result, write_code
-from vibroswarm.scenario.plugins import trust_code
+from vibroswarm.scenario.plugins import load_code, trust_code
 from vibroswarm.strategies.base import forget
 from vibroswarm.study.study_result import StudyResult
 
@@ -344,3 +348,87 @@ def test_a_result_whose_strategy_is_not_loaded_is_not_replayed(tmp_path: Path) -
     forget("voter")
     with pytest.raises(InputError, match=r"'voter' is not loaded, .* import 'voter\.py' first"):
         replay(kept, other)
+
+
+def test_a_run_shorter_than_a_control_period_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "--set", "run.t_end_s=1e-9"]) == 2
+    assert "run.t_end_s: 1e-09 s has no control period (20 ms)" in capsys.readouterr().err
+    assert preset("paper").with_values({"run.t_end_s": 0.001}).ticks == 1
+
+
+ARRAYS = """
+from vibroswarm.strategies import array, strategy_in
+class State:
+    ones: int
+class Arrays:
+    heard = array("int32", {size})
+def begin(s, a, d, p, w):
+    a.heard[0] = 1
+def on_sample(s, a, x, out, d, p, w):
+    a.heard[2] += x.reading
+    out.bit = x.reading
+    return True
+def decision(s, a, p, w):
+    return -1
+sized = strategy_in(__name__, "sized")
+"""
+
+
+@pytest.mark.parametrize(
+    ("size", "words"),
+    [("2.5", "give a whole number"), ("-1", "-1 is wrong"), ("None", "give a whole number"),
+     ("10**12", "is wrong; give a whole number from 0 to 100000000"), ("'²'", "is not a size"), ("''", "is not a size"),
+     ("'9' * 5000", "is not a size"), ("'10000*10000*10000'", "elements; a robot has at most 100,000,000")],
+)  # fmt: skip
+@pytest.mark.parametrize("command", ["run --strategy", "check"])
+def test_sizes_of_arrays_that_are_wrong(
+    size: str, words: str, command: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "sized.py"
+    path.write_text(ARRAYS.format(size=size), encoding="utf-8")
+    assert main([*command.split(), f"{path}:sized"]) in (1, 2)
+    out, err = capsys.readouterr()
+    assert words in " ".join((out + err).split())
+    assert "Error" not in out + err
+
+
+def test_a_size_of_an_array_may_be_a_number(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "sized.py"
+    path.write_text(ARRAYS.format(size="400"), encoding="utf-8")
+    assert main(["run", "--strategy", f"{path}:sized", "--set", "run.t_end_s=30", "--json"]) == 0
+
+
+def test_code_is_loaded_in_python(tmp_path: Path) -> None:
+    path = tmp_path / "sized.py"
+    path.write_text(ARRAYS.format(size="'robots'"), encoding="utf-8")
+    code = load_code("sized.py:sized", folder=tmp_path)
+    short = preset("text").with_values({"strategy.name": code, "run.t_end_s": 20.0})
+    assert short.strategy.code == code
+    assert simulate(short, seed=1).runs.height == 1
+    for wrong in ("sized", "sized.py", str(path), 3, None):
+        with pytest.raises(InputError, match="code"):
+            load_code(wrong)  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="there is no such file"):
+        load_code("another.py:sized", folder=tmp_path)
+
+
+@pytest.mark.slow
+def test_a_file_that_another_program_has_imported_is_compiled_once(tmp_path: Path) -> None:
+    (tmp_path / "sized.py").write_text(ARRAYS.format(size="3"), encoding="utf-8")
+    program = (
+        "import sized; from vibroswarm import preset, simulate; from vibroswarm.strategies import register\n"
+        "register(sized.sized)\n"
+        "simulate(preset('text').with_values({'strategy.name': 'sized', 'run.t_end_s': 20.0}), seed=1)\n"
+    )
+    environment = os.environ | {"PYTHONPATH": str(Path(vibroswarm.__file__).parents[1])}
+    run = ["-P", "-m", "vibroswarm", "run", "--strategy", "sized.py:sized", "--set", "run.t_end_s=20"]
+    for arguments in (["-c", program], run):
+        done = subprocess.run(
+            [sys.executable, *arguments],
+            cwd=tmp_path,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert "cannot be used" not in done.stderr

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import importlib
 import linecache
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 from numba import njit
 
 from vibroswarm.inference.generated_kernels import _text_of, key_of
+from vibroswarm.scenario.plugins import load_code
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.base import Strategy
 
@@ -71,3 +74,17 @@ def test_a_function_without_a_module_and_an_unassigned_variable_of_a_closure_hav
         "    if False:\n        later = 1\n    return decision\ndecision = made()\n"
     )
     assert key_of(cell(empty.format(3))) != key_of(cell(empty.format(4)))
+
+
+def test_a_file_that_is_imported_and_loaded_by_name_has_two_keys(tmp_path, monkeypatch):
+    """A cached kernel refers to the modules of its functions, and a later process may not have them."""
+    text = (Path(__file__).parents[2] / "examples" / "strategies" / "voter.py").read_text(encoding="utf-8")
+    (tmp_path / "voter_of_a_test.py").write_text(text.replace('"voter"', '"voter_of_a_test"').replace(
+        "voter = ", "voter_of_a_test = "), encoding="utf-8")  # fmt: skip
+    monkeypatch.syspath_prepend(tmp_path)
+    imported = importlib.import_module("voter_of_a_test").voter_of_a_test
+    code = load_code("voter_of_a_test.py:voter_of_a_test", tmp_path)
+    loaded = strategy("voter_of_a_test")
+    assert code.startswith("voter_of_a_test.py:voter_of_a_test sha256:")
+    assert loaded.source == _text_of(imported)
+    assert key_of(loaded) != key_of(imported)

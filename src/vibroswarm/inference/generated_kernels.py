@@ -103,10 +103,16 @@ def uses_uniforms(strategy: Strategy) -> bool:
 
 
 def key_of(*declared: Strategy | Network) -> str:
-    """Return a hash, 12 hexadecimal digits, of all code from which the kernels of a strategy and a network are made."""
+    """Return a hash, 12 hexadecimal digits, of all code from which the kernels of a strategy and a network are made.
+
+    The names of the modules of that code are part of it: a cached kernel refers to them. A user's file has one name if
+    it is imported, and another if it is loaded by name.
+    """
     # ``source`` is the text of a user's file that was loaded by name (``scenario.plugins``). It is empty for strategies
     # and networks of this package, of installed packages and of a user's own program.
     texts = [item.source or _text_of(item) for item in declared]
+    modules = {function.__module__ for item in declared for function in _functions_of(item)}
+    texts += sorted(str(name) for name in modules if not str(name).startswith("vibroswarm."))
     # ``source_hash`` is that of this package's own source, which includes the templates.
     text = "\0".join((source_hash(), *texts))
     return hashlib.sha256(text.encode()).hexdigest()[:12]

@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple
 
 from vibroswarm import networks, strategies, tasks
 from vibroswarm.core.untrusted_files import read_text
-from vibroswarm.errors import InputError, nearest
+from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown
 from vibroswarm.networks import Network
 from vibroswarm.strategies import Strategy
 from vibroswarm.tasks import Task
@@ -176,6 +176,24 @@ def resolve_codes(values: Any, path: str = "") -> Any:
     if isinstance(values, list | tuple):
         return [resolve_codes(value, path) for value in values]
     return values
+
+
+def load_code(code: str, folder: str | Path | None = None) -> str:
+    """Run a file of your own, and register the strategy, network, task or source of motion in it that ``code`` names.
+
+    Args:
+        code: ``counter.py:counter``, the file and the object in it. folder: folder that a relative path starts from;
+            None: the working directory.
+    Returns:
+        The reference for scenarios (``strategy.name``, ``network.name``, ``task.name``) or for ``motion``: ``code``
+        with a hash of the file.
+    Raises:
+        InputError: there is no such file or object, or the file cannot be run.
+    """
+    check_kind(code, str, "code", "text such as counter.py:counter")
+    if not is_code(code):
+        raise InputError(f"{shown(code)} is not of the form FILE.py:NAME", field="code")
+    return str(load_file(None, code, None if folder is None else path_of(folder, "folder")).code)
 
 
 def load_file(kind: str | None, spec: str, folder: Path | None = None) -> Any:

@@ -132,14 +132,19 @@ def longest_step_m(s: Sections) -> float:
 def _check_time(s: Sections) -> None:
     """Refuse times that do not fit together.
 
-    The battery must last longer than the run, the number of ticks must fit into 32 bits, time between two samples must
-    be at least one tick, and a robot must not drive farther than its radius in one tick.
+    The battery must last longer than the run, the number of ticks must be above 0 and fit into 32 bits, time between
+    two samples must be at least one tick, and a robot must not drive farther than its radius in one tick.
     """
     if s.run.t_end_s >= s.robot.battery_life_s:
         raise InputError(
             f"{s.robot.battery_life_s:g} s is not longer than the run ({s.run.t_end_s:g} s): "
             "the battery would be empty",
             field="robot.battery_life_s",
+        )
+    if s.ticks < 1:
+        raise InputError(
+            f"{s.run.t_end_s:g} s has no control period ({s.run.control_period_ms} ms); give a longer run",
+            field="run.t_end_s",
         )
     # The tick of the end, and the one after it, must fit into 32 bits.
     if s.ticks > 2**31 - 2:

@@ -43,7 +43,7 @@ from pydantic import BaseModel, create_model
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
-from vibroswarm.errors import InputError, shown
+from vibroswarm.errors import InputError, shown, whole_number_of
 from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, check_function, is_shipped
 from vibroswarm.strategies.world import DetailedReading, Reading, World
 
@@ -252,31 +252,43 @@ class Array:
         count = 1
         for factor in self.of.split("*"):
             word = factor.strip()
-            if not word.isdigit() and word not in sizes:
+            # isascii, because isdecimal is true for digits of other scripts too
+            is_number = word.isascii() and word.isdecimal() and len(word) < 20
+            if not is_number and word not in sizes:
                 factors = ", ".join(["whole numbers", *sizes])
                 raise InputError(f"{shown(word)} is not a size; use a product of {factors}", field="arrays")
-            count *= int(word) if word.isdigit() else sizes[word]
+            count *= int(word) if is_number else sizes[word]
+        if count > MOST_ELEMENTS:
+            raise InputError(
+                f"{shown(self.of)} is {count:,} elements; a robot has at most {MOST_ELEMENTS:,}",
+                field="arrays",
+            )
         return count
 
 
+MOST_ELEMENTS: Final = 100_000_000
+"""Largest number of elements of an array of one robot."""
 ARRAY_KINDS: Final = ("float64", "float32", "int64", "int32", "int16", "uint8")
 """Types that elements of arrays may have."""
 
 
-def array(kind: str, of: str) -> Array:
+def array(kind: str, of: str | int) -> Array:
     """Declare an array of a robot (in its class ``Arrays``), a message or a network.
 
     Args:
-        kind: type of its elements, one of ``ARRAY_KINDS``. of: number of its elements, a product such as
-            "robots*tiles", in a message a number; arrays have one dimension.
+        kind: type of its elements, one of ``ARRAY_KINDS``. of: number of its elements, a whole number or a product such
+            as "robots*tiles", in a message a number; arrays have one dimension.
     Raises:
-        InputError: ``kind`` is another type. ``of`` is checked later, by ``Array.size``.
+        InputError: ``kind`` is another type, or ``of`` is neither text nor a number of elements. Words in ``of`` are
+            checked later, by ``Array.size``.
     """
     if kind not in ARRAY_KINDS:
         raise InputError(
             f"{shown(kind)} is not a number type (there are {', '.join(ARRAY_KINDS)})", field="arrays"
         )
-    return Array(kind, of)
+    if isinstance(of, str):
+        return Array(kind, of)
+    return Array(kind, str(whole_number_of(of, "arrays", 0, MOST_ELEMENTS)))
 
 
 def arrays_of(declared: type) -> dict[str, Array]:
