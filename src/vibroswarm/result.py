@@ -20,7 +20,7 @@ from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.core.tables import Schema, read_table
+from vibroswarm.core.tables import Schema, read_table, write_frame
 from vibroswarm.core.untrusted_files import entry, read_json, texts, words
 from vibroswarm.errors import InputError, RunError, check_format, path_of, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
@@ -304,7 +304,7 @@ def _write_table(frame: pl.DataFrame, path: Path, metadata: dict[str, str]) -> N
     """
     check_threads()  # polars, which starts threads, would hang in a forked process
     try:
-        frame.write_parquet(path, compression="zstd", metadata=metadata)
+        write_frame(frame, path, metadata)
     except pl.exceptions.PolarsError as error:  # such as a full disk
         raise RunError(f"could not write '{path.name}': {str(error).splitlines()[0]}") from error
 

@@ -56,6 +56,7 @@ def test_it_sets_style_and_workers_and_options_count_more(config):
         ("style = 3", ("config.toml: style",)),
         ("workers = 0", ("config.toml: workers", "whole number from 1")),
         ("workers = true", ("config.toml: workers",)),
+        ("workers = 999999", ("config.toml: workers: 999999 is wrong; give a whole number from 1 to 4096",)),
         ("workers = '4'", ("config.toml: workers",)),
         ("workers = ", ("config.toml", "TOML")),
     ],

@@ -109,12 +109,6 @@ def test_evaluate_varies_presets(capsys):
     assert "--preset: conflicts with --vary preset" in capsys.readouterr().err
 
 
-def test_merge_has_no_option_without_effect(capsys):
-    with pytest.raises(SystemExit):
-        main(["merge", "out", "shard", "--no-confirm"])
-    assert "unrecognized arguments: --no-confirm" in capsys.readouterr().err
-
-
 def test_evaluate_warns_only_of_scenarios_of_the_study(monkeypatch):
     warned = []
     monkeypatch.setattr(scenario_warnings, "warn_of", warned.extend)
@@ -160,6 +154,20 @@ def test_shares_are_merged(study, tmp_path, capsys):
     assert_frame_equal(a.robots(), b.robots(), check_exact=True)
     assert_frame_equal(a.runs(), b.runs(), check_exact=True)
     assert (out / "summary.csv").read_bytes() == (tmp_path / "whole" / "summary.csv").read_bytes()
+
+
+def test_merged_shards_are_confirmed_as_a_sweep_is(study, tmp_path):
+    common = ["--no-pictures", "-q"]
+    assert main(["sweep", str(study), "--out", str(tmp_path / "whole"), "--runs", "20", *common]) == 0
+    shares = [str(tmp_path / f"share {k}") for k in (1, 2)]
+    for k, folder in enumerate(shares, 1):
+        assert sweep(study, "--out", folder, "--runs", "20", "--shard", f"{k}/2") == 0
+    for out, options in (("joined", []), ("alone", ["--no-confirm"])):
+        assert main(["merge", str(tmp_path / out), *shares, *common, *options]) == 0
+    joined, alone, whole = (
+        (tmp_path / name / "comparisons.csv").read_text() for name in ("joined", "alone", "whole")
+    )
+    assert joined == whole != alone
 
 
 def test_force_removes_nothing_if_the_shards_are_of_two_studies(study, tmp_path, capsys):
@@ -228,7 +236,7 @@ BAD = {
     "sweep newer.toml": ("is of format", "update vibroswarm"),
     "sweep one.toml --runs 0": ("runs: 0 is wrong",),
     "sweep one.toml --runs many": ("--runs", "'many' is not a whole number"),
-    "sweep one.toml --workers 0": ("workers: 0 is wrong; give a whole number from 1",),
+    "sweep one.toml --workers 0": ("--workers: 0 is not from 1 to 4096",),
     "sweep one.toml --workers x": ("--workers", "not a whole number"),
     "sweep one.toml --executor thread": ("executor", "did you mean 'threads'?"),
     "sweep one.toml --executor dask://127.0.0.1:1": ("no Dask scheduler answers at 'dask://127.0.0.1:1'",),

@@ -98,3 +98,14 @@ def test_a_report_comes_of_it(
     assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "report.html").is_file()
     assert "A - A" not in capsys.readouterr().out
+
+
+def test_long_labels_keep_their_beginning() -> None:
+    long = "soft feedback with a threshold of the kind that the second experiment had, version"
+    first, second = names(
+        {"list": [{"label": f"{long} 1", STRATEGY: "none"}, {"label": f"{long} 2", STRATEGY: "soft"}]}
+    )
+    assert first != second
+    assert first.startswith("soft feedback with a threshold of the kind that th... ")
+    assert len(first) == len(second) <= 60
+    assert names({"list": [{"label": long[:60], STRATEGY: "none"}]}) == [long[:60]]

@@ -224,9 +224,9 @@ def _write_tables(folder: Path, tracking: Tracking) -> None:
     """
     from polars.selectors import float as float_columns
 
-    from vibroswarm.core.tables import csv_bytes
+    from vibroswarm.core.tables import csv_bytes, write_frame
 
-    tracking.positions.write_parquet(folder / "positions.parquet")
+    write_frame(tracking.positions, folder / "positions.parquet")
     tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
     for name, table in tables.items():
         (folder / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))

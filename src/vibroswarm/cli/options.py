@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from vibroswarm.core.child_python import MOST_WORKERS
+
 if TYPE_CHECKING:
     from vibroswarm.result import Result
 
@@ -186,12 +188,17 @@ def add_motion(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def add_workers(parser: argparse._ActionsContainer, help: str, default: int | None = None) -> None:
+    """Add the option for the number of workers; ``help`` says what they are."""
+    parser.add_argument(
+        "--workers", metavar="N", type=between(whole, 1, MOST_WORKERS), default=default, help=help
+    )
+
+
 def add_execution_options(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
     """Add the options for workers, executor and results of other versions; return their group."""
     group = parser.add_argument_group("execution")
-    group.add_argument(
-        "--workers", metavar="N", type=whole, help="threads or processes (default: all processors)"
-    )
+    add_workers(group, "threads or processes (default: all processors)")
     group.add_argument(
         "--executor",
         metavar="WHERE",

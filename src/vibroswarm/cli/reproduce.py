@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.options import add_out, list_of, whole
+from vibroswarm.cli.options import add_out, add_workers, list_of, whole
 from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError, nearest
 
@@ -42,7 +42,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--columns", metavar="A,B", type=list_of(), help="only these presets: paper, text, calibrated"
     )
-    parser.add_argument("--workers", metavar="N", type=whole, help="threads (default: all processors)")
+    add_workers(parser, "threads (default: all processors)")
     parser.add_argument(
         "--recordings",
         metavar="DIR",

@@ -222,9 +222,24 @@ def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
     print_paragraph(in_words(measure(tiles)))
 
 
+MOST_ROWS: Final = 1_000
+"""Number of rows of a table that are printed, unless all are requested."""
+MOST_COLUMNS: Final = 10_000
+"""Largest number of columns of a table in CSV."""
+MOST_CSV: Final = 2**30
+"""Size limit of a table in CSV, bytes."""
+
+
 def _show_table(path: Path, arguments: argparse.Namespace) -> None:
-    """Print a table."""
-    _print_frame(_frame(path), arguments)
+    """Print a table: of a long one only the first rows, unless all are requested."""
+    from vibroswarm.cli import terminal
+
+    table = _frame(path)
+    if arguments.json or terminal.printing.wide or table.height <= MOST_ROWS:
+        _print_frame(table, arguments)
+        return
+    _print_frame(table.head(MOST_ROWS), arguments)
+    print_paragraph(f"These are the first {MOST_ROWS:,} of {table.height:,} rows; --wide prints all.")
 
 
 def _frame(path: Path) -> pl.DataFrame:
@@ -233,12 +248,25 @@ def _frame(path: Path) -> pl.DataFrame:
     Raises:
         InputError: it cannot be read.
     """
+    import io
+
     import polars as pl
 
+    from vibroswarm.core.tables import read_frame
+    from vibroswarm.core.untrusted_files import read_bytes
+
+    if path.suffix != ".csv":
+        return read_frame(path, path.stem)
+    data = read_bytes(path, MOST_CSV, "a table")
+    head = data.partition(b"\n")[0]
+    if head.count(b",") >= MOST_COLUMNS:
+        raise InputError(f"has more than {MOST_COLUMNS:,} columns; that is not a table", field=str(path))
     try:
-        return pl.read_csv(path) if path.suffix == ".csv" else pl.read_parquet(path)
+        return pl.read_csv(io.BytesIO(data))
     except (pl.exceptions.PolarsError, OSError) as error:
         raise InputError(f"cannot be read: {_first_line(error)}", field=str(path)) from None
+    except pl.exceptions.PanicException as error:  # a BaseException, so it is not caught above
+        raise InputError(f"cannot be read: {str(error)[:80]}", field=str(path)) from None
 
 
 def _first_line(error: Exception) -> str:

@@ -34,8 +34,8 @@ def add_running_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_outcome_options(parser: argparse.ArgumentParser, *, confirms: bool = True) -> None:
-    """Add options for what is printed and drawn; ``confirms``: whether the command repeats comparisons."""
+def add_outcome_options(parser: argparse.ArgumentParser) -> None:
+    """Add options for what is printed and drawn, and for whether comparisons are repeated."""
     output = parser.add_argument_group("output")
     add_json(output)
     add_style(output)
@@ -47,12 +47,11 @@ def add_outcome_options(parser: argparse.ArgumentParser, *, confirms: bool = Tru
         help="also write the report's pictures as files: SVG, PDF and PNG, and their numbers as CSV",
     )
     drawn.add_argument("--no-pictures", action="store_true", help="numbers only: no pictures, no report")
-    if confirms:
-        output.add_argument(
-            "--no-confirm",
-            action="store_true",
-            help="do not repeat comparisons on other seeds (saves up to 1000 runs)",
-        )
+    output.add_argument(
+        "--no-confirm",
+        action="store_true",
+        help="do not repeat comparisons on other seeds (saves up to 1000 runs)",
+    )
     output.add_argument(
         "--reference",
         metavar="NAME",
@@ -69,12 +68,25 @@ def do_study(study: Study, arguments: argparse.Namespace) -> int:
         RunError: runs failed. The error is raised at the end, when all other runs are finished, saved and printed.
     """
     from vibroswarm.study.cell_comparison import pairs_of
-    from vibroswarm.study.runner import failures_in_words
 
     pairs_of(study, arguments.reference)  # refuses an unknown reference before anything is simulated
     result = run_study_of(study, arguments, allow_failures=True)
     if result is None:  # only a shard or a batch was requested
         return 0
+    return confirm_and_print(result, arguments)
+
+
+def confirm_and_print(result: StudyResult, arguments: argparse.Namespace) -> int:
+    """Repeat the comparisons of a finished study on other seeds, then summarise, print and draw it.
+
+    If no run finished, nothing is repeated or printed.
+
+    Returns: the exit code.
+    Raises:
+        RunError: runs failed. The error is raised at the end, when everything is saved and printed.
+    """
+    from vibroswarm.study.runner import failures_in_words
+
     second = None
     if result.cells["there"].sum():
         second = None if arguments.no_confirm else _second_block(result, arguments)

@@ -17,6 +17,7 @@ from vibroswarm.cli.options import (
     add_scenario_options,
     add_seed,
     add_style,
+    add_workers,
     list_of,
     real,
     whole,
@@ -57,7 +58,7 @@ def add_parser(commands: Any) -> None:
         help=f"O_c (default {OBSERVATIONS})",
     )
     options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs (default 300)")
-    options.add_argument("--workers", metavar="N", type=whole, default=2, help="threads (default 2)")
+    add_workers(options, "threads (default 2)", default=2)
     add_json(options)
     add_out(options, "save table, picture, report and scenario here", force=True)
     add_style(options)

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from vibroswarm.cli.options import STYLES
-from vibroswarm.errors import InputError, check_choice, nearest, shown
+from vibroswarm.core.child_python import MOST_WORKERS
+from vibroswarm.errors import InputError, check_choice, nearest, whole_number_of
 
 NAMES: Final = ("style", "workers")
 """Keys of the file, each the name of an option."""
@@ -57,9 +58,8 @@ def read() -> dict[str, Any]:
             )
         if name == "style":
             check_choice(value, field, STYLES)
-        # Python counts True as an int, but it is no number of workers
-        elif isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise InputError(f"{shown(value)} is not a whole number from 1", field=field)
+        else:
+            whole_number_of(value, field, 1, MOST_WORKERS)
     return settings
 
 

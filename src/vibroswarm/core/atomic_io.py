@@ -274,8 +274,9 @@ def temporary_stem(name: str) -> str:
 
     A name that ends in ``.old`` gets a hyphen, so that its temporary name is not that of a folder that was moved aside.
     """
-    # "ignore" drops half a character at the end.
-    beginning = os.fsencode(name)[:MAX_BYTES_IN_NAME].decode(errors="ignore")
+    # In ASCII, which every file system and every locale can encode; other bytes are written as %xx.
+    letters = [chr(byte) if 32 <= byte < 127 else f"%{byte:02x}" for byte in os.fsencode(name)]
+    beginning = "".join(letters)[:MAX_BYTES_IN_NAME]
     return f".{beginning}{'-' if beginning.endswith('.old') else ''}."
 
 

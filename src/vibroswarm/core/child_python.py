@@ -15,6 +15,8 @@ from typing import Final
 
 VARIABLE: Final = "PYTHONSAFEPATH"
 """Environment variable that makes Python leave the working folder out, as option -P does."""
+MOST_WORKERS: Final = 4096
+"""Largest number of workers, threads or processes, that is accepted."""
 _lock: Final = threading.Lock()
 """Held while ``VARIABLE`` is set, so that threads which start processes at once do not reset it for each other."""
 

@@ -22,7 +22,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, wraps
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, ParamSpec, TypeVar, cast
@@ -286,6 +286,20 @@ def _is_changed(source: str) -> bool:
     return _hashed_at_s < path.stat().st_mtime <= time.time()
 
 
+def _quiet(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a function that computes as ``function`` does, without NumPy's warnings, as its compiled form would.
+
+    Kernels rely on infinity and nan: places without a robot are infinitely far away.
+    """
+
+    @wraps(function)
+    def quiet(*arguments: P.args, **named: P.kwargs) -> R:
+        with np.errstate(all="ignore"):
+            return function(*arguments, **named)
+
+    return quiet
+
+
 def _compile(
     function: Callable[P, R],
     from_python: bool = True,
@@ -306,7 +320,7 @@ def _compile(
             inlined too.
     """
     if not compiles():
-        return function
+        return _quiet(function) if from_python else function
     import numba
 
     from vibroswarm.core import kernel_cache

@@ -12,6 +12,7 @@ restores the texts.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,10 @@ from vibroswarm.errors import InputError
 
 MAX_BYTES: Final = 64 * 2**30
 """Size limit of a table's file."""
+MANY_CELLS: Final = 50_000_000
+"""A table of at most this many cells is read, however small its file."""
+MOST_CELLS_PER_BYTE: Final = 100
+"""Largest number of cells per byte of the file of a larger table; those of results have about 1."""
 FAR_M: Final = 1e5
 LONG_S: Final = 1e7 + 1e5
 """A run lasts up to 1e7 s; a sample under way may end after it."""
@@ -100,14 +105,59 @@ def read_frame(path: Path, what: str) -> pl.DataFrame:
     """
     if not path.exists():
         raise InputError("is missing", field=str(path))
-    check_plain(path, MAX_BYTES, f"the table '{what}'")
+    size = check_plain(path, MAX_BYTES, f"the table '{what}'")
     try:
-        return pl.read_parquet(path, glob=False)  # a * in the path is part of the file's name, not a pattern
+        lazy = scan_frame(path)
+        _check_cells(lazy, size, str(path))
+        return lazy.collect()
+    except InputError:
+        raise
     except (OSError, ValueError, OverflowError, pl.exceptions.PolarsError) as error:
         first_line = (str(error).splitlines() or [type(error).__name__])[0]
         raise InputError(f"is damaged ({first_line[:120]})", field=str(path)) from None
     except pl.exceptions.PanicException as error:  # a BaseException, so it is not caught above
         raise InputError(f"is damaged ({str(error)[:80]})", field=str(path)) from None
+
+
+def scan_frame(path: Path) -> pl.LazyFrame:
+    """Return a lazy table of a Parquet file of any name; polars itself takes only names that are valid Unicode."""
+    source = path if is_unicode(path) else io.BytesIO(path.read_bytes())
+    return pl.scan_parquet(source, glob=False)  # a * in the path is part of the file's name, not a pattern
+
+
+def write_frame(frame: pl.DataFrame, path: Path, metadata: dict[str, str] | None = None) -> None:
+    """Write a table as a Parquet file of any name, with ``metadata`` (texts by name) as the file's own metadata."""
+    if is_unicode(path):
+        frame.write_parquet(path, compression="zstd", metadata=metadata)
+        return
+    with path.open("wb") as stream:
+        frame.write_parquet(stream, compression="zstd", metadata=metadata)
+
+
+def is_unicode(path: Path) -> bool:
+    """Return whether a path is valid Unicode; names of files on Linux may be any bytes."""
+    try:
+        str(path).encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _check_cells(lazy: pl.LazyFrame, size: int, name: str) -> None:
+    """Refuse a table that states far more cells than a file of its size holds: reading it would fill the memory.
+
+    Args:
+        lazy: the table, of which only the head is read. size: of the file, bytes. name: of the file, for errors.
+    Raises:
+        InputError: there are too many cells.
+    """
+    rows = int(lazy.select(pl.len()).collect().item())
+    cells = rows * len(lazy.collect_schema())
+    if cells > MANY_CELLS and cells > MOST_CELLS_PER_BYTE * size:
+        raise InputError(
+            f"states {rows:,} rows, too many for a file of {size:,} bytes: it is damaged, or made to fill the memory",
+            field=name,
+        )
 
 
 def check_table(frame: pl.DataFrame, schema: Schema, name: str, what: str) -> pl.DataFrame:

@@ -28,6 +28,7 @@ from vibroswarm.analysis.decidability import decidability, decidability_of_share
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.core.code_version import syntax_hash
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.tables import write_frame
 from vibroswarm.core.untrusted_files import entry, read_bytes, read_json, texts
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -378,7 +379,7 @@ def save_tables(folder: Path, fingerprint: str, tables: Tables) -> None:
     """
     with whole_folder(folder, replace=True, marker=MARKER) as part:
         for name, table in tables.items():
-            table.write_parquet(part / f"{name}.parquet")
+            write_frame(table, part / f"{name}.parquet")
         digests = {
             name: hashlib.sha256((part / f"{name}.parquet").read_bytes()).hexdigest() for name in tables
         }

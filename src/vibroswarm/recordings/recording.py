@@ -23,7 +23,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.tables import Schema, read_table
+from vibroswarm.core.tables import Schema, read_table, write_frame
 from vibroswarm.core.untrusted_files import entry, number, read_json, words
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
@@ -117,7 +117,7 @@ class Recording(Result):
         text = json.dumps(head, indent=2, allow_nan=False) + "\n"
         (folder / "recording.json").write_text(text, encoding="utf-8")
         for name in _EXTRA_TABLES:
-            getattr(self, name).write_parquet(folder / f"{name}.parquet", compression="zstd")
+            write_frame(getattr(self, name), folder / f"{name}.parquet")
 
     @classmethod
     def read(cls, path: str | Path) -> Recording:

@@ -31,7 +31,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
-from vibroswarm.core.child_python import safe_start
+from vibroswarm.core.child_python import MOST_WORKERS, safe_start
 from vibroswarm.errors import InputError, RunError, check_kind, nearest, whole_number_of
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, do_batch
@@ -41,8 +41,6 @@ R = TypeVar("R")
 
 NAMES: Final = ("threads", "processes")
 """Executors that are given by a name."""
-MOST_WORKERS: Final = 4096
-"""Largest number of workers that is accepted."""
 CONNECT_S: Final = 10.0
 """Time limit for a Dask scheduler to answer."""
 CLOSE_S: Final = 5.0

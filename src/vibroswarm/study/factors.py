@@ -345,7 +345,7 @@ DIGITS: Final = 6
 MOST_DIGITS: Final = 17
 """Significant digits with which different floats are always written differently."""
 LONGEST: Final = 60
-"""Longer values are written as a hash."""
+"""Longer values are not written in full."""
 
 
 def fields_in_words(words: Mapping[str, str]) -> str:
@@ -354,9 +354,9 @@ def fields_in_words(words: Mapping[str, str]) -> str:
 
 
 def value_in_words(value: Any, digits: int = DIGITS) -> str:
-    """Write one value; if its text has more than ``LONGEST`` characters, write its length and a hash instead.
+    """Write one value; if its text has more than ``LONGEST`` characters, write less, and a hash of all of it.
 
-    The length is the number of elements, or of characters of a string; a value without a length has only the hash.
+    Of a string its beginning is written, such as of a long label; of other values the number of elements, if they have.
 
     Args:
         digits: number of significant digits of a float.
@@ -366,8 +366,11 @@ def value_in_words(value: Any, digits: int = DIGITS) -> str:
     text = f"{value:.{digits}g}" if isinstance(value, float) else str(value)
     if len(text) <= LONGEST:
         return text
-    count = f"{len(value)} " if isinstance(value, str | list | tuple | dict) else ""
-    return f"{count}values {hashlib.sha256(text.encode('utf-8', 'replace')).hexdigest()[:6]}"
+    digest = hashlib.sha256(text.encode("utf-8", "replace")).hexdigest()[:6]
+    if isinstance(value, str):
+        return f"{text[: LONGEST - len(digest) - 4]}... {digest}"
+    count = f"{len(value)} " if isinstance(value, list | tuple | dict) else ""
+    return f"{count}values {digest}"
 
 
 def words_of_points(points: Sequence[Point]) -> list[dict[str, str]]:

@@ -27,6 +27,7 @@ import polars as pl
 
 from vibroswarm.core.atomic_io import remove_leftovers, write_file, write_files
 from vibroswarm.core.fork_guard import check_threads
+from vibroswarm.core.tables import scan_frame
 from vibroswarm.core.untrusted_files import entry, read_json, read_text, texts
 from vibroswarm.errors import InputError, RunError, check_format, shown
 from vibroswarm.result import write_code
@@ -322,7 +323,7 @@ class Store:
             # A shard has ``failures`` only if the source of motion gave up a run, and ``samples`` only if the study
             # saves them.
             if table in shard.files:
-                frame = pl.scan_parquet(shard.files[table], glob=False)
+                frame = scan_frame(shard.files[table])
                 if (first, last) != (shard.first, shard.last):
                     frame = frame.filter(pl.col("run").is_between(first, last, closed="left"))
                 frames.append(frame)
