@@ -28,7 +28,13 @@ class InputError(ValueError):
 
     def __init__(self, message: str, *, field: str | None = None) -> None:
         self.field = field
-        super().__init__(f"{field}: {message}" if field else message)
+        super().__init__(f"{shown_name(field)}: {message}" if field else message)
+
+
+def shown_name(name: object) -> str:
+    """Return a name for a message; of more than 300 characters, only the first 200 and their number."""
+    text = str(name)
+    return text if len(text) <= 300 else f"{text[:200]}... ({len(text)} characters)"
 
 
 class RunError(RuntimeError):

@@ -33,7 +33,7 @@ from vibroswarm.view.scene import (
     floor_picture,
     words_of,
 )
-from vibroswarm.view.server import HOST, Server, write_html
+from vibroswarm.view.server import HOST, Server, free_port, write_html
 
 QUICK = {
     "run.t_end_s": 40.0,
@@ -140,6 +140,46 @@ def test_the_server_is_for_this_machine_only_and_prints_nothing(
     assert capsys.readouterr().out == ""
 
 
+def answered(port: int, *headers: str) -> int:
+    """Status of the answer to a request with these headers."""
+    with socket.create_connection((HOST, port), timeout=10.0) as connection:
+        lines = ("GET / HTTP/1.1", *headers, "Connection: close", "", "")
+        connection.sendall("\r\n".join(lines).encode())
+        return int(connection.recv(100).split()[1])
+
+
+WEBSOCKET = (
+    "Upgrade: websocket", "Sec-WebSocket-Version: 13", "Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==",
+)  # fmt: skip
+
+
+def test_only_requests_for_this_machine_are_answered(result: Result) -> None:
+    server = Server(result, 2)
+    try:
+        port = server.server.get_port()
+        own, upgraded = f"Host: localhost:{port}", ("Connection: Upgrade", *WEBSOCKET)
+        assert answered(port, own) == 200
+        assert answered(port, f"Host: 127.0.0.1:{port}", f"Origin: http://127.0.0.1:{port}") == 200
+        assert answered(port, "Host: localhost:9000", "Origin: http://localhost:9000") == 200, "a tunnel"
+        assert answered(port, own, *upgraded) == 101
+        for headers in (
+            (f"Host: evil.example:{port}",), ("Host: 127.0.0.1.evil.example",),
+            (f"Host: localhost:{port}@evil.example",),
+            (own, "Host: evil.example"), (own, "Origin: http://evil.example"), (own, "Origin: null"),
+            (own, f"Origin: http://localhost:{port + 1}"), ("X: y",),
+        ):  # fmt: skip
+            assert answered(port, *headers) == 403, headers
+            assert answered(port, *headers, *upgraded) == 403, headers
+    finally:
+        server.stop()
+
+
+@pytest.mark.parametrize("port", [65536, 10**9, -1, 0.5, None])
+def test_numbers_that_are_no_ports(port: Any) -> None:
+    with pytest.raises(InputError, match=r"--port: .* is wrong; give a whole number from 0 to 65535"):
+        free_port(port)
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -147,7 +187,7 @@ def test_the_server_is_for_this_machine_only_and_prints_nothing(
         (["DIR", "--run", "7"], "there is no run 7"),
         (["DIR", "--speed", "0"], "--speed: 0 is not from 1 to 200"),
         (["DIR", "--html", "page.txt"], "does not end in .html"),
-        (["DIR", "--port", "70000"], "--port: 70000 is not free"),
+        (["DIR", "--port", "70000"], "--port: 70000 is not from 0 to 65535"),
     ],
 )
 def test_bad_input(

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 from vibroswarm.cli import interruption
-from vibroswarm.errors import InputError, RunError, nearest
+from vibroswarm.errors import InputError, RunError, nearest, shown_name
 
 
 class _Formatter(argparse.HelpFormatter):
@@ -281,12 +281,6 @@ def _failed_with(error: OSError) -> int:
     # `atomic_io` names the files it writes, so an error without a name is about this process's output.
     _silence_stdout()
     return _failed(f"the output could not be written: {cause}", 1)
-
-
-def shown_name(name: object) -> str:
-    """Return a file name or path for a message; of more than 300 characters, only the first 200 and their number."""
-    text = str(name)
-    return text if len(text) <= 300 else f"{text[:200]}... ({len(text)} characters)"
 
 
 def _command(argv: Sequence[str] | None) -> int:

@@ -222,8 +222,6 @@ def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
     print_paragraph(in_words(measure(tiles)))
 
 
-MOST_ROWS: Final = 1_000
-"""Number of rows of a table that are printed, unless all are requested."""
 MOST_COLUMNS: Final = 10_000
 """Largest number of columns of a table in CSV."""
 MOST_CSV: Final = 2**30
@@ -231,15 +229,16 @@ MOST_CSV: Final = 2**30
 
 
 def _show_table(path: Path, arguments: argparse.Namespace) -> None:
-    """Print a table: of a long one only the first rows, unless all are requested."""
+    """Print a table: of a long one only the first rows, unless all are requested; the others are not formatted."""
     from vibroswarm.cli import terminal
+    from vibroswarm.cli.output import MOST_ROWS
 
     table = _frame(path)
     if arguments.json or terminal.printing.wide or table.height <= MOST_ROWS:
         _print_frame(table, arguments)
         return
     _print_frame(table.head(MOST_ROWS), arguments)
-    print_paragraph(f"These are the first {MOST_ROWS:,} of {table.height:,} rows; --wide prints all.")
+    print_paragraph(f"... and {table.height - MOST_ROWS} more rows (--wide prints all).")
 
 
 def _frame(path: Path) -> pl.DataFrame:

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from vibroswarm.cli.options import read_result, real, whole
+from vibroswarm.cli.options import between, read_result, real, whole
 
 EPILOG = """\
 examples:
@@ -34,7 +34,11 @@ def add_parser(commands: Any) -> None:
         "--speed", metavar="X", type=real, default=20.0, help="simulated seconds a second (default 20)"
     )
     parser.add_argument(
-        "--port", metavar="P", type=whole, default=8080, help="port (default 8080; 0: any free one)"
+        "--port",
+        metavar="P",
+        type=between(whole, 0, 65535),
+        default=8080,
+        help="port (default 8080; 0: any free one)",
     )
     parser.add_argument(
         "--html", metavar="FILE", type=Path, help="write one file that plays the run back, and end"

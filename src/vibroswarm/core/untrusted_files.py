@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import stat
 import tomllib
 from pathlib import Path
@@ -106,13 +107,39 @@ def parsed_toml(text: str, name: str) -> dict[str, Any]:
     """Parse a TOML text and return its table; ``name`` is the name of its file, for errors.
 
     Raises:
-        InputError: the text is not TOML.
+        InputError: the text is not TOML, or a key has more than ``MOST_PARTS`` parts.
     """
+    check_keys(text, name)
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         # The text is not TOML, is nested too deeply, or holds a number of thousands of digits.
         raise InputError(f"is not TOML: {error}", field=name) from None
+
+
+def check_keys(text: str, name: str) -> None:
+    """Refuse a TOML text with a key of very many parts, ``a.b.c``, for which Python's parser takes minutes.
+
+    Args:
+        text: TOML; it may be wrong in any way. name: of its file, for errors.
+    Raises:
+        InputError: a key has more than ``MOST_PARTS`` parts.
+    """
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") <= MOST_PARTS:
+            continue
+        # Points of numbers have no quotes beside them, and separators between them.
+        quoted = len(_BESIDE_QUOTES.findall(line))
+        if quoted > MOST_PARTS or any(part.count(".") > MOST_PARTS for part in _BETWEEN.split(line)):
+            raise InputError(f"line {number} has a key of more than {MOST_PARTS} parts", field=name)
+
+
+MOST_PARTS: Final = 200
+"""Largest number of parts of a key in TOML, as in ``a.b.c``."""
+_BESIDE_QUOTES: Final = re.compile(r"""["'][ \t]*\.|\.[ \t]*["']""")
+"""A point between parts of a key of which one is in quotes."""
+_BETWEEN: Final = re.compile(r"""[,=\[\]{}#"']""")
+"""What separates keys without quotes from each other and from values."""
 
 
 def entry(about: Any, key: str, kind: type[T], path: Path | str) -> T:

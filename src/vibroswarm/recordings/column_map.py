@@ -25,7 +25,6 @@ is the number at which a counter starts again from 0. A map may also have the ke
 from __future__ import annotations
 
 import csv
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -37,7 +36,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.untrusted_files import read_bytes
+from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.recordings.log import COUNTERS, REQUIRED, SAMPLES, TRACKS, Log, log_frame
 
@@ -263,10 +262,7 @@ def column_map(text: str, name: str) -> ColumnMap:
     Raises:
         InputError: invalid TOML, an unknown key or column, a value of another kind, or a required column missing.
     """
-    try:
-        values = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"is not TOML: {error}", field=name) from None
+    values = parsed_toml(text, name)
     unknown = set(values) - {"missing", "columns", "settings", "name", "about"}
     if unknown:
         raise InputError(f"unknown key '{min(unknown)}' of a column map", field=name)

@@ -30,7 +30,7 @@ from pydantic import Field, model_validator
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor, as_tiles
+from vibroswarm.floors.floor import TILE_LIMIT, Floor, as_tiles
 from vibroswarm.floors.source import is_random, named_tiles
 from vibroswarm.scenario.choices import NetworkChoice, StrategyChoice, TaskChoice
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
@@ -128,6 +128,8 @@ class FloorField(FrozenModel):
             InputError: ``tiles`` is not a grid of 0 and 1, or ``source`` names no floor.
         """
         if self.tiles is not None:
+            if sum(map(len, self.tiles)) > TILE_LIMIT:
+                raise InputError(f"is too large; at most {TILE_LIMIT:,} tiles", field="floor.tiles")
             if len({len(row) for row in self.tiles}) > 1:
                 raise InputError("the rows differ in length; give rows of equal length", field="floor.tiles")
             if set("".join(self.tiles)) - {"0", "1"}:

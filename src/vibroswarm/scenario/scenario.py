@@ -23,7 +23,7 @@ from pydantic import BaseModel, ValidationError, model_validator
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
-from vibroswarm.core.untrusted_files import read_text
+from vibroswarm.core.untrusted_files import check_keys, parsed_toml, read_text
 from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown, whole_number_of
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import THRESHOLD, is_picture
@@ -83,10 +83,7 @@ class Scenario(Sections, NotebookView):
             InputError: the text is not TOML, there is no such field, or a value or the floor is wrong.
         """
         check_kind(text, str, name, "TOML text")
-        try:
-            values = tomllib.loads(text)
-        except (ValueError, RecursionError) as error:  # not TOML or a number too long, or nested too deeply
-            raise InputError(f"is not TOML: {error}", field=name) from None
+        values = parsed_toml(text, name)
         picture = None if folder is None else _read_floor_file(values, Path(folder))
         with plugins.search_beside(folder):
             scenario = cls.from_base(values)
@@ -349,6 +346,7 @@ def parse_setting(text: str) -> tuple[str, Any]:
     name, separator, value = text.partition("=")
     if not separator or not name.strip():
         raise InputError(f"'{text}' is not of the form section.field=value", field="--set")
+    check_keys(value, "--set")
     try:
         parsed = tomllib.loads(f"value = {value.strip()}")
     except (ValueError, RecursionError):  # not TOML or a number too long, or nested too deeply

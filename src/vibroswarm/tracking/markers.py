@@ -20,7 +20,6 @@ robot's name is the number by which its log calls it.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +28,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.untrusted_files import read_bytes
+from vibroswarm.core.untrusted_files import parsed_toml, read_bytes
 from vibroswarm.errors import InputError, check_choice, nearest, shown
 from vibroswarm.tracking import opencv
 
@@ -174,9 +173,10 @@ def read_markers(path: Path) -> Markers:
     name = str(path)
     data = read_bytes(path, most=2**20, what="a file of markers")  # 1 MiB is more than any such file needs
     try:
-        values = tomllib.loads(data.decode("utf-8-sig"))  # some editors write a byte order mark
-    except (ValueError, RecursionError) as error:
+        text = data.decode("utf-8-sig")  # some editors write a byte order mark
+    except ValueError as error:
         raise InputError(f"is not TOML: {error}", field=name) from None
+    values = parsed_toml(text, name)
     _known(values, ("dictionary", "robots", "floor"), name)
     robots, floor = _table(values, "robots", name), _table(values, "floor", name)
     _known(robots, ("size_mm", "height_mm", "forward_deg", "ids"), f"{name}, [robots]")

@@ -8,21 +8,27 @@ from __future__ import annotations
 
 import io
 import socket
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
 from vibroswarm.core.atomic_io import whole_file
-from vibroswarm.errors import InputError
+from vibroswarm.errors import InputError, RunError, whole_number_of
 from vibroswarm.result import Result
 from vibroswarm.view.scene import Playback, Scene
 
 HOST: Final = "127.0.0.1"
 """Loopback address, which other machines cannot reach."""
+NAMES: Final = (HOST, "localhost")
+"""Names under which a browser on this machine may request the page."""
+MOST_PORT: Final = 65535
+"""Largest number of a port."""
 FRAME_S: Final = 0.05
 """Real time between updates of a server."""
 MOST_FRAMES: Final = 6000
@@ -50,12 +56,13 @@ def free_port(port: int) -> int:
     Raises:
         InputError: another program uses the port, or it is not a port.
     """
+    whole_number_of(port, "--port", 0, MOST_PORT)
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         # A port whose last connection was closed a moment ago counts as free.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))
-        except (OSError, OverflowError):  # OSError: in use, or not allowed; OverflowError: no port number
+        except OSError:  # in use, or not allowed
             raise InputError(
                 f"{port} is not free on {HOST}; choose another, or 0 for any that is free", field="--port"
             ) from None
@@ -157,9 +164,63 @@ def write_html(result: Result, run: int, path: Path, speed: float = 20.0, frame_
 
 
 def _started(module: Any, port: int) -> Any:
-    """Start and return a viser server without its printed messages."""
-    with redirect_stdout(io.StringIO()):
-        return module.ViserServer(HOST, free_port(port), verbose=False)
+    """Start and return a viser server without its printed messages.
+
+    It answers requests for its own names only (``is_own_request``). viser has no option for that, so the function of
+    the library websockets with which it starts its server is replaced while it starts.
+
+    Raises:
+        RunError: this version of viser starts its server in another way.
+    """
+    from websockets.asyncio import server as sockets
+
+    serve = sockets.serve
+    checked = False
+
+    def serve_own(*arguments: Any, process_request: Any = None, **options: Any) -> Any:
+        nonlocal checked
+        checked = True
+
+        def answer(connection: Any, request: Any) -> Any:
+            hosts, origins = (request.headers.get_all(name) for name in ("Host", "Origin"))
+            if not is_own_request(hosts, origins):
+                return connection.respond(HTTPStatus.FORBIDDEN, "This page is for this machine only.\n")
+            return None if process_request is None else process_request(connection, request)
+
+        return serve(*arguments, process_request=answer, **options)
+
+    with _starting, redirect_stdout(io.StringIO()):
+        sockets.serve = serve_own  # type: ignore[assignment,misc]
+        try:
+            started = module.ViserServer(HOST, free_port(port), verbose=False)
+        finally:
+            sockets.serve = serve  # type: ignore[misc]
+    if not checked:
+        _stop(started)
+        raise RunError("this version of viser does not let its requests be checked; install viser 1.1")
+    return started
+
+
+_starting: Final = threading.Lock()
+"""Held while a server starts, since the function that is replaced meanwhile is one for all threads."""
+
+
+def is_own_request(hosts: Sequence[str], origins: Sequence[str]) -> bool:
+    """Return whether a request is for this machine's own names, and from a page of the same server.
+
+    A page of another site may have the browser request this server: under a name of its own that leads to the loopback
+    address (DNS rebinding), or by a WebSocket, which browsers open across sites.
+
+    Args:
+        hosts, origins: values of the request's headers ``Host`` and ``Origin``. The port may be another one, as through
+            a tunnel.
+    """
+    if len(hosts) != 1 or len(origins) > 1:
+        return False
+    name, _, port = hosts[0].partition(":")
+    # A page's own requests have its address as origin, or none.
+    own = (f"http://{hosts[0]}", f"https://{hosts[0]}")
+    return name.lower() in NAMES and (port.isdecimal() or not port) and (not origins or origins[0] in own)
 
 
 def _stop(server: Any) -> None:

@@ -1,0 +1,95 @@
+"""Small files that state much: each is refused, or shown in part, before it takes minutes or fills the memory."""
+
+from __future__ import annotations
+
+import time
+
+import polars as pl
+import pytest
+
+from vibroswarm.cli import main
+from vibroswarm.core.untrusted_files import parsed_toml
+from vibroswarm.errors import InputError
+from vibroswarm.scenario.scenario import Scenario, parse_setting
+
+MOST_CPU_S = 30.0
+"""Far more than any of these needs, and far less than each took."""
+MANY = 100_000
+
+
+@pytest.fixture(autouse=True)
+def soon():
+    before = time.process_time()
+    yield
+    assert time.process_time() - before < MOST_CPU_S
+
+
+KEYS = [
+    "a" + ".a" * MANY + " = 1\n",
+    "[" + "a." * MANY + "a]\n",
+    "[[ " + "1 . " * MANY + "1 ]]\n",
+    "x = {" + '"a,b".' * MANY + "a = 1}\n",
+    "x = {" + "'a=b' .b." * MANY + "a = 1}\n",
+    "{a = '''\n \" ''', " + "b." * MANY + 'b = 1, c = " "}\n',
+]
+
+
+@pytest.mark.parametrize("text", KEYS, ids=range(len(KEYS)))
+def test_keys_of_very_many_parts(text, tmp_path, capsys):
+    path = tmp_path / "keys.toml"
+    path.write_text(f"runs = 3\n{text}")
+    with pytest.raises(InputError, match="has a key of more than 200 parts"):
+        parsed_toml(text, "text")
+    with pytest.raises(InputError, match="has a key of more than 200 parts"):
+        Scenario.from_toml(text)
+    for command in (["show"], ["run", "--scenario"], ["sweep"], ["optimize"]):
+        assert main([*command, str(path)]) == 2
+
+
+def test_settings_of_very_many_parts(capsys):
+    with pytest.raises(InputError, match="more than 200 parts"):
+        parse_setting("a={" + "b." * MANY + "b=1}")
+    assert main(["run", "--set", "a." * MANY + "a=1"]) == 2
+    assert len(capsys.readouterr().err) < 1000
+
+
+def test_lists_of_numbers_and_long_texts_are_no_keys():
+    numbers = ", ".join(f"{k}.5" for k in range(5000))
+    text = f"a = [{numbers}]\nb = ['{'x.' * 150}', '{'y.' * 150}']\n"
+    assert len(parsed_toml(text, "text")["a"]) == 5000
+    assert parse_setting(f"a=[{numbers}]")[1][-1] == 4999.5
+
+
+def test_a_table_with_more_rows_than_its_file_can_hold(tmp_path, capsys):
+    path = tmp_path / "rows.parquet"
+    pl.select(pl.repeat(0, 60_000_000, dtype=pl.Int64).alias("a")).write_parquet(path)
+    assert path.stat().st_size < 600_000
+    assert main(["show", str(path)]) == 2
+    assert "states 60,000,000 rows, too many for a file of" in capsys.readouterr().err
+
+
+def test_a_long_table_is_shown_in_part(tmp_path, capsys):
+    for name in ("rows.parquet", "rows.csv"):
+        table = pl.DataFrame({"a": range(100_000)})
+        table.write_parquet(tmp_path / name) if "parquet" in name else table.write_csv(tmp_path / name)
+        assert main(["show", str(tmp_path / name)]) == 0
+        out = capsys.readouterr().out
+        assert "... and 99940 more rows (--wide prints all)." in out
+        assert len(out.splitlines()) == 62
+
+
+def test_a_table_of_very_many_columns(tmp_path, capsys):
+    path = tmp_path / "columns.csv"
+    path.write_text(",".join(f"c{k}" for k in range(300_000)) + "\n" + "1," * 299_999 + "1\n")
+    assert main(["show", str(path)]) == 2
+    assert "has more than 10,000 columns" in capsys.readouterr().err
+
+
+def test_a_row_of_very_many_tiles(tmp_path, capsys):
+    row = "01" * 5_000_000
+    (tmp_path / "row.toml").write_text(f'[floor]\ntiles = ["{row}"]\n')
+    (tmp_path / "row.txt").write_text(row)
+    assert main(["show", str(tmp_path / "row.toml")]) == 2
+    assert "floor.tiles: is too large; at most 4,000,000 tiles" in capsys.readouterr().err
+    assert main(["run", "--floor", str(tmp_path / "row.txt")]) == 2
+    assert "line 1 is too long" in capsys.readouterr().err
