@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import vibroswarm
 from vibroswarm.core.jit import PLAIN
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="nothing is compiled")
@@ -68,6 +69,31 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Started:
     assert len(made.files(".nbi")) == len(made.files(".nbc")) == 2
     shutil.copytree(made.cache, made.folder / "copy")
     return made
+
+
+OF_PACKAGE = "from vibroswarm.core.jit import signed; print(signed(3), dict(signed.stats.cache_hits))"
+
+
+def test_another_installation_of_the_same_sources_uses_the_same_kernels(tmp_path: Path) -> None:
+    source, cache = Path(vibroswarm.__file__).parent, tmp_path / "cache"
+    for name in ("here", "there"):
+        shutil.copytree(source, tmp_path / name / source.name, ignore=shutil.ignore_patterns("__pycache__"))
+    said = []
+    for name in ("here", "there", "there"):
+        if said[1:]:  # the negative control: other sources have kernels of their own
+            with (tmp_path / name / source.name / "core" / "ticks.py").open("a", encoding="utf-8") as changed:
+                changed.write("# another line\n")
+        env = os.environ | {
+            "PYTHONPATH": str(tmp_path / name),
+            "XDG_CACHE_HOME": str(cache),
+            "HOME": str(cache),
+        }
+        done = subprocess.run(
+            [sys.executable, "-c", OF_PACKAGE], env=env, capture_output=True, text=True, check=True
+        )
+        said.append(done.stdout.split(maxsplit=1))
+    assert [value for value, _ in said] == ["3", "3", "3"]
+    assert [hits.strip() == "{}" for _, hits in said] == [True, False, True]
 
 
 @pytest.fixture

@@ -31,6 +31,8 @@ from numba.core.caching import (
 from vibroswarm.core.kernel_lock import KernelLock
 from vibroswarm.errors import warn_once
 
+PACKAGE: Final = Path(__file__).parents[1]
+"""The folder of this package."""
 BY_OTHERS: Final = stat.S_IWGRP | stat.S_IWOTH
 """Mode bits of a folder that group or others may write to."""
 DIGEST: Final = hashlib.sha256().digest_size
@@ -71,6 +73,18 @@ class _Locator(UserProvidedCacheLocator):
         Numba's own method returns None, "not cached here", for functions of generated modules, which have no file.
         """
         return cls(py_func, py_file)
+
+    @classmethod
+    def get_suitable_cache_subpath(cls, py_file: str) -> str:
+        """Return the name of the folder of a source file's kernels.
+
+        Numba names it by the file's place. For files of this package it is named by their place in the package, so that
+        another installation of the same sources need not compile them again.
+        """
+        path = Path(py_file)
+        if path.is_relative_to(PACKAGE):
+            return ".".join((PACKAGE.name, *path.relative_to(PACKAGE).parent.parts))
+        return str(super().get_suitable_cache_subpath(py_file))
 
     def ensure_cache_path(self) -> None:
         """Create the folder; a failure shows later, when a file is written."""
