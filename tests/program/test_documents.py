@@ -1,7 +1,7 @@
 """What the documents say is so: their code runs, their commands are understood, their links lead somewhere.
 
 Every block of code in README.md and docs/ says what it is. The blocks of a document run one after the other in a
-folder of their own, which holds a copy of examples/ and the files of ``YOURS``:
+folder of their own, which holds a copy of examples/ and the files of ``helpers.documents.YOURS``:
 
 | block | what is done with it |
 |---|---|
@@ -25,124 +25,32 @@ import fnmatch
 import io
 import re
 import runpy
-import shlex
-import shutil
 import sys
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import NamedTuple
 
 import pytest
 
+from helpers.documents import (
+    DOCS,
+    DOCUMENTS,
+    ROOT,
+    Block,
+    blocks,
+    blocks_of,
+    command_of,
+    exchanges,
+    lay_out,
+    shell_lines,
+    small,
+)
 from vibroswarm import cli
 from vibroswarm.errors import InputError
 
-ROOT = Path(__file__).parents[2]
-DOCS = ROOT / "docs"
-DOCUMENTS = [ROOT / "README.md", *sorted(DOCS.glob("*.md"))]
-BLOCK = re.compile(
-    r"^(?:<!-- not run: (?P<why>[^>]+) -->\n+)?```(?P<kind>[^\n]*)\n(?P<text>.*?)^```$",
-    flags=re.DOTALL | re.MULTILINE,
-)
 KINDS = ("python", "console", "sh", "toml", "text", "math")
 OF_THE_SITE = ("{toctree}", "{eval-rst}", "{literalinclude}", "{raw}")
-
-SMALL = {
-    "evaluate": ["--runs", "4", "--no-confirm", "--no-pictures"],
-    "sweep": ["--runs", "4", "--no-confirm", "--no-pictures"],
-    "merge": ["--no-pictures"],
-    "league": [
-        "--runs",
-        "4",
-        "--belief-runs",
-        "2",
-        "--fault-runs",
-        "2",
-        "--patterns",
-        "stripe",
-        "--strategy",
-        "none,soft",
-    ],
-    "tune": ["--runs", "2", "--patterns", "stripe", "--strategy", "none,soft", "--points", "4"],
-    "detect": ["--runs", "4"],
-    "tradeoff": ["--runs", "4"],
-    "optimize": ["--budget", "600", "--fresh", "20", "--no-pictures"],
-    "reproduce": ["--runs", "4", "--no-pictures"],
-    "lab replay": ["--draws", "4"],
-    "calibrate fit": ["--candidates", "40"],
-    "calibrate effect": ["--runs", "100"],
-}
-"""What is put in place of what a command says, so that it takes a moment and not minutes."""
-
-
-YOURS = {
-    "study.toml": "runs = 4\n[scenario]\nrun = { t_end_s = 60 }\n[grid]\n'strategy.name' = ['none', 'soft']\n",
-    "search.toml": "examples/search.toml",
-    "world.txt": "examples/lab/floor.txt",
-    "my floor.txt": "examples/lab/floor.txt",
-    "day1.csv": "examples/lab/session-1.csv",
-    "day2.csv": "examples/lab/session-2.csv",
-}
-"""Files that documents take for the reader's own: what is in them, or of which example they are a copy."""
-
-
-class Block(NamedTuple):
-    kind: str
-    text: str
-    why_not: str
-    """Why it is not run; empty where it is."""
-
-    @property
-    def is_run(self) -> bool:
-        return not self.why_not
-
-
-def blocks_of(text: str) -> list[Block]:
-    return [Block(m["kind"].split(" ")[0], m["text"], (m["why"] or "").strip()) for m in BLOCK.finditer(text)]
-
-
-def blocks(document: Path, *kinds: str) -> list[Block]:
-    return [block for block in blocks_of(document.read_text(encoding="utf-8")) if block.kind in kinds]
-
-
-def command_of(line: str) -> list[str] | None:
-    """The words after ``vibroswarm`` where the line calls it."""
-    if not re.match(r"(\S*/)?vibroswarm\s", line + " "):
-        return None
-    return shlex.split(line, comments=True)[1:]
-
-
-def shell_lines(text: str) -> list[str]:
-    return [line.strip() for line in text.replace("\\\n", " ").splitlines() if line.strip()]
-
-
-def exchanges(text: str) -> Iterator[tuple[str, str]]:
-    """Commands of a console, and what each says."""
-    for part in re.split(r"^\$ ", text.replace("\\\n", " "), flags=re.MULTILINE)[1:]:
-        line, _, said = part.partition("\n")
-        yield line, said
-
-
-def small(command: list[str]) -> list[str]:
-    """The command with small numbers of runs."""
-    name = next((name for name in SMALL if command[: len(name.split())] == name.split()), "")
-    changes = SMALL.get(name, [])
-    if name == "optimize" and ("--check" in command or "grid" in command):
-        changes = ["--runs", "4", "--no-pictures"]
-    if name == "reproduce" and "--only" not in command:
-        changes = [*changes, "--columns", "paper"]
-    if "--sensitivity" in command:
-        changes = ["--budget", "1120"]
-    dropped = {"--until", *(word for word in changes if word.startswith("--"))}
-    kept: list[str] = []
-    skip = False
-    for word in command:
-        if not skip and word not in dropped:
-            kept.append(word)
-        skip = word in dropped and not word.startswith("--no-")
-    return kept + changes
 
 
 def understood(command: list[str]) -> bool:
@@ -170,10 +78,7 @@ def same_words(said: str, shown: str) -> bool:
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder as a reader of the documents has it: a copy of examples/, and files of the reader's own."""
-    shutil.copytree(ROOT / "examples", tmp_path / "examples")
-    for name, source in YOURS.items():
-        text = (ROOT / source).read_text(encoding="utf-8") if source.startswith("examples/") else source
-        (tmp_path / name).write_text(text, encoding="utf-8")
+    lay_out(tmp_path)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
     return tmp_path

@@ -1,0 +1,160 @@
+"""The program as a user installs it: from the wheel, without extras, in a folder that is not the checkout."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import tarfile
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from helpers.documents import ROOT, blocks, command_of, exchanges, lay_out, shell_lines, small
+
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not (ROOT / ".git").exists(), reason="no checkout")]
+
+PACKAGE = "src/vibroswarm/"
+
+
+def called(*words: str | Path, cwd: Path) -> str:
+    """What a command says; it must succeed, without any path that would find the checkout."""
+    env = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    done = subprocess.run([*words], cwd=cwd, env=env, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-4000:]
+    return done.stdout
+
+
+def tracked() -> list[str]:
+    """The files of the checkout that git knows."""
+    listed = called("git", "-c", "core.quotePath=off", "ls-files", cwd=ROOT).splitlines()
+    return [name for name in listed if (ROOT / name).is_file()]
+
+
+def environment(folder: Path, *packages: str | Path) -> Path:
+    """The Python of a new virtual environment with these packages."""
+    venv.create(folder, with_pip=True)
+    python = folder / "bin" / "python"
+    line = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages]
+    done = subprocess.run(line, capture_output=True, text=True, check=False)
+    if "Could not find a version" in done.stderr or "Failed to establish a new connection" in done.stderr:
+        pytest.skip("packages cannot be downloaded here")
+    assert done.returncode == 0, done.stderr
+    return python
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The sdist of the tracked files, and the wheel that is built from the sdist."""
+    folder = tmp_path_factory.mktemp("built")
+    for name in tracked():
+        copy = folder / "source" / name
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_bytes((ROOT / name).read_bytes())
+    stray = folder / "source" / PACKAGE / "core" / "__pycache__"
+    stray.mkdir()
+    (stray / "jit.cpython-311.pyc").write_bytes(b"")
+    python = environment(folder / "env", "setuptools>=77")
+    build = "import sys; from setuptools import build_meta; getattr(build_meta, sys.argv[1])(sys.argv[2])"
+    called(python, "-c", build, "build_sdist", folder, cwd=folder / "source")
+    (sdist,) = folder.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        archive.extractall(folder / "unpacked", filter="data")
+    (unpacked,) = (folder / "unpacked").iterdir()
+    called(python, "-c", build, "build_wheel", folder, cwd=unpacked)
+    (wheel,) = folder.glob("*.whl")
+    return sdist, wheel
+
+
+def test_sdist_and_wheel_hold_every_tracked_file_of_the_package_and_no_other(
+    built: tuple[Path, Path],
+) -> None:
+    wanted = {name.removeprefix("src/") for name in tracked() if name.startswith(PACKAGE)}
+    assert "vibroswarm/analysis/fronts.toml" in wanted
+    with tarfile.open(built[0]) as archive:
+        names = [member.name.partition("/")[2] for member in archive.getmembers() if member.isfile()]
+    assert {name.removeprefix("src/") for name in names if name.startswith(PACKAGE)} == wanted
+    with zipfile.ZipFile(built[1]) as archive:
+        assert {name for name in archive.namelist() if ".dist-info/" not in name} == wanted
+
+
+@pytest.fixture(scope="module")
+def installed(built: tuple[Path, Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The Python of an environment with the wheel alone."""
+    return environment(tmp_path_factory.mktemp("an environment") / "of its own", built[1])
+
+
+@pytest.fixture
+def here(tmp_path: Path) -> Path:
+    """A folder with a space in its name, empty but for the files that the README takes for the reader's own."""
+    folder = tmp_path / "my inspections"
+    folder.mkdir()
+    lay_out(folder)
+    return folder
+
+
+RUN = """
+import contextlib, io, json, sys
+from vibroswarm.cli import main
+
+outcomes = []
+for command in json.loads(sys.argv[1]):
+    said, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(errors):
+        try:
+            code = main(command)
+        except SystemExit as left:
+            code = left.code
+    outcomes.append((code, said.getvalue() + errors.getvalue()))
+print(json.dumps(outcomes))
+"""
+"""A program that runs command lines one after the other, and prints exit codes and texts."""
+
+
+def outcomes(python: Path, commands: list[list[str]], folder: Path) -> list[tuple[int, str]]:
+    return [
+        (code, text) for code, text in json.loads(called(python, "-c", RUN, json.dumps(commands), cwd=folder))
+    ]
+
+
+def commands_of_the_readme() -> list[list[str]]:
+    """All commands of the README's blocks that are run, with small numbers of runs."""
+    found = []
+    for block in blocks(ROOT / "README.md", "console", "sh"):
+        lines = shell_lines(block.text) if block.kind == "sh" else [line for line, _ in exchanges(block.text)]
+        found += [command for line in lines if block.is_run and (command := command_of(line)) is not None]
+    return [small(command) for command in found]
+
+
+def test_every_command_of_the_readme_works_from_the_wheel_alone(installed: Path, here: Path) -> None:
+    program = installed.parent / "vibroswarm"
+    assert called(program, "--version", cwd=here).startswith("vibroswarm ")
+    commands = commands_of_the_readme()
+    assert {"run", "evaluate", "optimize", "league", "lab", "reproduce"} <= {
+        command[0] for command in commands
+    }
+    for command, (code, text) in zip(commands, outcomes(installed, commands, here), strict=True):
+        assert code == 0, f"{command}\n{text}"
+
+
+@pytest.mark.parametrize(
+    ("command", "extra"),
+    [
+        (["run", "--motion", "mujoco"], "physics"),
+        (["view", "first"], "view"),
+        (["lab", "track", "video.mp4", "--markers", "0,1", "--out", "tracked"], "video"),
+        (["optimize", "--method", "tpe", "--budget", "600"], "optimize"),
+        (["evaluate", "--runs", "4", "--executor", "dask://127.0.0.1:1"], "dask"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else " ".join(value),
+)
+def test_a_command_that_needs_an_extra_says_which(
+    command: list[str], extra: str, installed: Path, here: Path
+) -> None:
+    first = ["run", "--set", "run.t_end_s=30", "--out", "first"]
+    (here / "video.mp4").write_bytes(b"")
+    (code, text) = outcomes(installed, [first, command], here)[1]
+    assert code == 2
+    assert f"pip install 'vibroswarm[{extra}]'" in " ".join(text.split())
