@@ -286,7 +286,7 @@ class Result(NotebookView):
         scenario = Scenario.read(folder / MARKER)
         # The hash is compared only if the same version of the code wrote it: another version may have more fields, so
         # that its hash of the same scenario differs.
-        if about["versions"].get("code") == code_hash() and scenario.hash != about["scenario_hash"]:
+        if scenario.hash != about["scenario_hash"] and about["versions"].get("code") == code_hash():
             raise InputError(
                 f"is not the scenario that result.json names ({about['scenario_hash']}); put it back",
                 field=str(folder / MARKER),

@@ -333,7 +333,7 @@ HEAVY = {"numba", "llvmlite", "numpy", "scipy", "polars", "pydantic", "matplotli
 """Packages that take longer to import than help takes in all."""
 
 
-def loaded_by(*lines: list[str]) -> dict[str, set[str]]:
+def loaded_by(*lines: list[str], packages: set[str] = HEAVY) -> dict[str, set[str]]:
     """The heavy packages that a new process has loaded after each of these command lines, one after the other."""
     program = f"""
 import contextlib, io, json, sys
@@ -342,7 +342,7 @@ loaded = {{}}
 for line in {lines!r}:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
         assert main(line) == 0
-    loaded[" ".join(line)] = sorted({HEAVY!r} & set(sys.modules))
+    loaded[" ".join(line)] = sorted({packages!r} & set(sys.modules))
 print(json.dumps(loaded))
 """
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -357,6 +357,32 @@ def test_help_loads_nothing_heavy():
     loaded = loaded_by(*lines)
     assert len(loaded) == len(lines)
     assert {line: packages for line, packages in loaded.items() if packages} == {}
+
+
+def test_a_run_is_shown_without_compiling(tmp_path):
+    for name, preset_name in (("first", "paper"), ("edges", "calibrated")):
+        assert run("--preset", preset_name, "--set", "run.t_end_s=30", "--out", str(tmp_path / name)) == 0
+        line = [sys.executable, "-X", "importtime", "-m", "vibroswarm", "show", str(tmp_path / name)]
+        shown = subprocess.run(line, capture_output=True, text=True, check=True)
+        assert shown.stdout.startswith("INCOMPLETE") or "robots" in shown.stdout
+        loaded = {row.rpartition("|")[2].strip() for row in shown.stderr.splitlines()}
+        assert "polars" in loaded
+        assert "scipy.stats" not in loaded
+        assert ("numba" in loaded) == (name == "edges")
+
+
+def test_names_of_what_is_no_run_are_those_of_their_modules():
+    from vibroswarm.cli import out_folder, show
+    from vibroswarm.optimize import journal
+    from vibroswarm.study import store
+
+    assert {*show.OTHERS} == {out_folder.PRINTED, store.HEAD, journal.HEAD, journal.SEARCH}
+
+
+def test_a_second_run_loads_no_more_than_it_needs(tmp_path):
+    line = ["run", "--set", "run.t_end_s=30", "--out", str(tmp_path / "out")]
+    packages = loaded_by(line, packages={"scipy.stats", "matplotlib", "PIL"})
+    assert packages[" ".join(line)] == set()
 
 
 def test_what_a_command_loads_is_seen():

@@ -288,11 +288,12 @@ def _command(argv: Sequence[str] | None) -> int:
 
     Tests run several commands in one process, so the state that an earlier command left is cleared first.
     """
-    # --plain is looked for before parsing, because core.jit reads this environment variable only once: when it is first
-    # imported. Worker processes inherit the variable.
-    if PLAIN in (sys.argv[1:] if argv is None else argv) and "vibroswarm.core.jit" not in sys.modules:
-        os.environ["VIBROSWARM_PLAIN"] = "1"
     from vibroswarm.cli import scenario_warnings, terminal, user_settings
+    from vibroswarm.cli.options import run_plain
+
+    # --plain is looked for before parsing, which may import core.jit. Worker processes inherit the setting.
+    if PLAIN in (sys.argv[1:] if argv is None else argv):
+        run_plain()
 
     gc.set_threshold(GC_THRESHOLD)  # fewer garbage collections: a faster start
     scenario_warnings.forget()  # the warnings that an earlier command has printed
@@ -319,6 +320,7 @@ def _command(argv: Sequence[str] | None) -> int:
     if settings_error is not None:
         raise settings_error
     terminal.use(arguments)  # --wide, --quiet and --verbose
+    arguments.own_process = argv is None  # then nothing else runs in this process
     _parsed.append(arguments)
     with ExitStack() as stack:
         if arguments.trust:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -82,6 +84,15 @@ def toml_file(text: str) -> Path:
     if path.suffix != ".toml":
         raise argparse.ArgumentTypeError(f"'{text}' does not end in .toml")
     return path
+
+
+def run_plain() -> None:
+    """Run kernels as plain Python in this process and its children, unless they are loaded already.
+
+    ``core.jit`` reads the environment variable only once: when it is first imported.
+    """
+    if "vibroswarm.core.jit" not in sys.modules:
+        os.environ["VIBROSWARM_PLAIN"] = "1"
 
 
 def add_printing(parser: argparse.ArgumentParser) -> None:

@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.cli.options import add_json
+from vibroswarm.cli.options import add_json, run_plain
 from vibroswarm.cli.output import add_open, open_page
 from vibroswarm.errors import InputError
 
@@ -51,7 +51,11 @@ def run(arguments: argparse.Namespace) -> int:
         InputError: the path cannot be shown; or ``--open`` is given for a file, or for a folder without a page.
     """
     path: Path = arguments.folder
-    if path.is_dir():
+    if _is_result(path):
+        if getattr(arguments, "own_process", False) and not _needs_kernels(path):
+            run_plain()
+        _show_result(path, arguments)
+    elif path.is_dir():
         _show_folder(path, arguments)
     else:
         from vibroswarm.cli.show_file import show_file
@@ -63,6 +67,30 @@ def run(arguments: argparse.Namespace) -> int:
             raise InputError("has no page to open", field=str(path))
         open_page(pages[0])
     return 0
+
+
+OTHERS: Final = ("printed.json", "study.json", "search.json", "search.toml")
+"""Files of folders that hold more than a result. Their names are repeated here, since importing them takes longer than
+showing a run; a test compares them."""
+MOST_CHARACTERS: Final = 1_000_000
+"""Most characters of a scenario that are searched."""
+
+
+def _is_result(folder: Path) -> bool:
+    """Return whether a folder holds a result and nothing else that this command shows."""
+    return (folder / "result.json").is_file() and not any(os.path.lexists(folder / name) for name in OTHERS)
+
+
+def _needs_kernels(folder: Path) -> bool:
+    """Return whether showing a result computes so much that kernels must be loaded, which takes half a second.
+
+    Only the readings near edges of tiles do, and only scenarios that name the fields of edges have such readings.
+    """
+    try:
+        with (folder / "scenario.toml").open(encoding="utf-8") as scenario:
+            return "edge" in scenario.read(MOST_CHARACTERS)
+    except (OSError, UnicodeError):  # reported when the result is read
+        return True
 
 
 def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
