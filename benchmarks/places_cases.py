@@ -87,6 +87,11 @@ WRONG: Final[dict[str, Case]] = {
     "mean speed told 1.3": Case(values=told(assumed_speed_factor=1.3), rows=MONITORED),
     "spread told 0.03": Case(values=told(assumed_speed_spread=0.03), rows=MONITORED),
     "wheels slip 10 %": Case(values=told(assumed_speed_factor=1.2), rows=MONITORED),
+    "rays of 10 mm noise told 4": Case(values={"rays.noise_m": 0.01}, rows=MONITORED),
+    "rays of 20 mm noise told 4": Case(values={"rays.noise_m": 0.02}, rows=MONITORED),
+    "rays of 20 mm noise told 20": Case(
+        values={"rays.noise_m": 0.02} | told(ray_noise_m=0.02), rows=MONITORED
+    ),
 }
 RATES: Final[dict[str, Case]] = {
     "theta_E 1.55": Case(rows=BOTH, felt={"sensor.rms_threshold": 1.55}),

@@ -91,8 +91,9 @@ def simulate(
     return result_of(scenario, seed, floors, moved, observations, inference, finals, motion, places)
 
 
-OF_MOTION = ("arena", "swarm", "robot", "rays", "walk", "sample", "run", "motion_faults")
-"""Sections that determine motion; a replay cannot change them (``motion_faults``: the part of ``faults`` that does)."""
+OF_MOTION = ("arena", "swarm", "robot", "motion_rays", "walk", "sample", "run", "motion_faults")
+"""Sections that determine motion; a replay cannot change them (``motion_rays``, ``motion_faults``: the parts of
+``rays`` and ``faults`` that do)."""
 OF_OBSERVATION = (*OF_MOTION, "floor", "sensor", "faults")
 """Sections that determine what the sensors read."""
 
@@ -122,10 +123,11 @@ def replay(result: Result, scenario: Scenario) -> Result:
         )
     for section in OF_MOTION:
         if getattr(scenario, section) != getattr(result.scenario, section):
-            which = "robots that stop" if section == "motion_faults" else f"[{section}]"
+            part = section.removeprefix("motion_")
+            which = "robots that stop" if part == "faults" else f"[{part}]"
             raise InputError(
                 f"a replay keeps the motion, and so {which} as it was; simulate again to change it",
-                field="faults" if section == "motion_faults" else section,
+                field=part,
             )
     if scenario.run.stop != "t_end":  # true of the result too: both have the same section ``run``
         raise InputError("these runs ended when all had decided; their motion is cut short", field="run.stop")

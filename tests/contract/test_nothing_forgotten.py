@@ -94,6 +94,7 @@ def test_a_field_changes_hash_and_plan(name: str) -> None:
     assert replays == 2, "cells that differ were merged"
     section, _, field = name.partition(".")
     moves = section in OF_MOTION and name not in ONE_MOTION
+    moves |= section == "rays" and field != "noise_m"
     moves |= section == "faults" and field in MotionFaults.model_fields
     moves |= name.startswith("strategy.explore.")  # which steers
     assert motions == (2 if moves else 1)

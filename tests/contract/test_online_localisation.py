@@ -24,6 +24,7 @@ PLACES = Scenario().with_values(
         "swarm.robots": 7,
         "odometry.level": "poor",
         "odometry.rezero_noise_deg_s": 0.5,
+        "rays.noise_m": 0.01,
     }
 )
 EXPLORE = PLACES.with_values({"strategy.name": "explore", "run.t_end_s": 300.0})

@@ -98,6 +98,46 @@ def test_errors_have_the_stated_law(level: str) -> None:
     assert abs(found[:, 1:].mean(axis=0) / spread).max() < 4.0 / math.sqrt(3000)
 
 
+def test_rays_have_the_stated_noise_and_nothing_else_changes() -> None:
+    """Standard deviation within 6 % (4.6 standard errors), one number for each ray, and none where no ray is."""
+    day = [
+        (0.0, "drive", 0.5, None),
+        (4.0, "avoid", 1.0, 0.05),
+        (5.0, "drive", 0.1, None),
+        (7.0, "avoid", 1.0, 0.05),
+    ]
+    scenario, runs = Scenario().with_values({"swarm.robots": 1}), 3000
+    exact, noisy, other = (
+        measure_moves(
+            scenario.with_values({"rays.noise_m": m}), seed, moves_of(runs, 1, day), ends_of(runs, 1)
+        )
+        for m, seed in ((0.0, 5), (0.01, 5), (0.01, 6))
+    )
+    assert noisy.drop("ray_m").equals(exact.drop("ray_m"))
+    assert exact["ray_m"].drop_nulls().unique().to_list() == [0.05]
+    assert noisy["ray_m"].is_null().equals(exact["ray_m"].is_null())
+    found = noisy["ray_m"].drop_nulls().to_numpy().reshape(runs, 2) - 0.05
+    assert found.std(axis=0) == pytest.approx(0.01, rel=0.06)
+    assert abs(found.mean(axis=0)).max() < 4.0 * 0.01 / math.sqrt(runs)
+    assert abs(np.corrcoef(found.T)[0, 1]) < 4.0 / math.sqrt(runs)
+    assert abs(
+        np.corrcoef(found[:, 0], noisy["gyro_rad"].to_numpy().reshape(runs, -1)[:, 1])[0, 1]
+    ) < 4.0 / math.sqrt(runs)
+    assert not other["ray_m"].equals(noisy["ray_m"])
+    wild = measure_moves(
+        scenario.with_values({"rays.noise_m": 0.2}), 5, moves_of(runs, 1, day), ends_of(runs, 1)
+    )
+    assert (wild["ray_m"].min(), wild["ray_m"].max()) == (0.0, scenario.rays.range_m)
+
+
+def test_a_run_alone_has_the_same_rays() -> None:
+    scenario = Scenario().with_values({"swarm.robots": 2, "rays.noise_m": 0.01})
+    both = measure_moves(scenario, 3, moves_of(2, 2), ends_of(2, 2))
+    second = moves_of(2, 2).filter(pl.col("run") == 1)
+    alone = measure_moves(scenario, 3, second, ends_of(2, 2).filter(pl.col("run") == 1))
+    assert both.filter(pl.col("run") == 1).equals(alone)
+
+
 def test_scale_and_bias_are_one_a_robot() -> None:
     """Without noise of turns, two equal moves of a robot err alike; those of another robot otherwise."""
     quiet = {**EXACT, "odometry.gyro_scale_spread": None, "odometry.gyro_bias_spread_deg_s": None}

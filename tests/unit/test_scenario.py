@@ -366,7 +366,7 @@ MAY_BE_NEGATIVE = {
     *(f"faults.false_{kind}_{what}" for kind in ("positive", "negative") for what in ("shift", "drift_per_h")),
 }  # fmt: skip
 MAY_BE_ZERO = MAY_BE_NEGATIVE | {
-    "swarm.start_margin_m", "rays.forward_m", "rays.disc_radius_m", "walk.walk_duration_location_ms",
+    "swarm.start_margin_m", "rays.forward_m", "rays.disc_radius_m", "rays.noise_m", "walk.walk_duration_location_ms",
     "walk.walk_duration_scale_ms", "walk.leg_min_ms", "walk.avoidance_threshold_mm",
     "walk.turn_integral_gain_percent_per_deg_s", "sample.sample_interval_ms", "sample.stop_ms",
     "sensor.rms_threshold", "strategy.soft.eta", "strategy.soft.kappa", "decision.min_observations",

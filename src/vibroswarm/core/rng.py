@@ -124,6 +124,8 @@ OF_BIAS: Final = _number(4)
 OF_REZERO: Final = _number(6)
 """Peers of the pairs of numbers of a gyro's scale and bias, and of the bias measured at a stop; those of its noise in a
 move are ``ALONE`` and the next."""
+OF_RAY: Final = _number(8)
+"""First peer of the pair of numbers of a ray's error, as it is measured when an avoidance begins."""
 OF_TOLD_X: Final = _number(2)
 OF_TOLD_Y: Final = _number(4)
 OF_TOLD_HEADING: Final = _number(6)

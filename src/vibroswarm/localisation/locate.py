@@ -118,7 +118,7 @@ def estimates_key(scenario: Scenario, seed: int) -> Hashable:
 
     It leaves out the motion, and all fields that determine the motion.
     """
-    return scenario.odometry, scenario.localisation, draws_read(scenario), seed
+    return scenario.odometry, scenario.localisation, scenario.rays.noise_m, draws_read(scenario), seed
 
 
 def estimate(

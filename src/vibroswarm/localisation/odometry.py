@@ -5,6 +5,7 @@
 | gyro | rad | turned * (1 + scale) + (bias - zero) * duration + noise |
 | zero | rad/s | measured bias: 0, or the mean of bias + ``rezero_noise_deg_s`` * normal at the start and each stop |
 | noise | rad | normal; its variance is walk^2 duration, plus turn^2 for a turn in place |
+| ray | m | length of the shortest ray when an avoidance begins + ``rays.noise_m`` * normal |
 | scale, bias | -, rad/s | normal, drawn once per robot and run (``odometry`` fields) |
 
 A robot does not notice that it is blocked, so the pieces of a drive or turn in which it is blocked are one row. Noise
@@ -22,7 +23,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.core.jit import allocating_kernel, inlined
-from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_REZERO, OF_SCALE, uniform
+from vibroswarm.core.rng import ALONE, FIRST, ODOMETRY, OF_BIAS, OF_RAY, OF_REZERO, OF_SCALE, uniform
 from vibroswarm.errors import InputError
 from vibroswarm.motion.source import MOVES
 from vibroswarm.robot.walk import DRIVE, KINDS, STOP
@@ -103,6 +104,7 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
         zeroing=np.zeros(2),  # all rows of all robots are here, so no earlier call is continued
         number=0,
     )
+    rays_m = measured_rays(scenario, seed, row_run, row_robot, ray_m[first], number=0)
     return pl.DataFrame(
         {
             "run": row_run,
@@ -111,7 +113,7 @@ def measure_moves(scenario: Scenario, seed: int, moves: pl.DataFrame, ends: pl.D
             "duration_s": end_s - start_s,
             "kind": pl.Series(KINDS, dtype=MOVES["kind"]).gather(pl.Series(kind[first])),
             "gyro_rad": gyro_rad,
-            "ray_m": pl.Series(ray_m[first], nan_to_null=True),
+            "ray_m": pl.Series(rays_m, nan_to_null=True),
         },
         schema=ODOMETER,
     )
@@ -155,6 +157,57 @@ def gyro_errors(scenario: Scenario) -> tuple[float, float, float, float, float]:
         math.radians(errors.walk_deg_sqrt_s),
         -1.0 if rezero_deg_s is None else math.radians(rezero_deg_s),
     )
+
+
+def measured_rays(
+    scenario: Scenario,
+    seed: int,
+    run: NDArray[np.integer[Any]],
+    robot: NDArray[np.integer[Any]],
+    ray_m: NDArray[np.float64],
+    number: int,
+) -> NDArray[np.float64]:
+    """Return the shortest rays as robots measure them when avoidances begin, m, (rows,): with ``rays.noise_m``.
+
+    Args:
+        seed: seed of the runs. run, robot, ray_m: (rows,), sorted by run, robot and time; rays are nan where no
+            avoidance began. number: index of the first row among all rows of its robot, as in ``gyro_readings``.
+    """
+    if scenario.rays.noise_m == 0.0:
+        return ray_m
+    return noisy_rays(
+        seed,
+        run.astype(np.int64),
+        robot.astype(np.int64),
+        ray_m,
+        scenario.rays.noise_m,
+        scenario.rays.range_m,
+        number,
+    )
+
+
+@allocating_kernel
+def noisy_rays(
+    seed: int,
+    run: NDArray[np.int64],
+    robot: NDArray[np.int64],
+    ray_m: NDArray[np.float64],
+    noise_m: float,
+    range_m: float,
+    number: int,
+) -> NDArray[np.float64]:
+    """Return rays with noise of the standard deviation ``noise_m``, limited to 0 and ``range_m``, (rows,).
+
+    Args: as of ``measured_rays``.
+    """
+    out = np.empty(ray_m.size)
+    for k in range(ray_m.size):
+        if k > 0 and (run[k] != run[k - 1] or robot[k] != robot[k - 1]):
+            number = 0
+        error_m = noise_m * normal(seed, run[k], robot[k], ODOMETRY, number, OF_RAY)
+        out[k] = min(max(ray_m[k] + error_m, 0.0), range_m) if np.isfinite(ray_m[k]) else ray_m[k]
+        number += 1
+    return out
 
 
 @allocating_kernel

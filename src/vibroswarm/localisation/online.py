@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.localisation.locate import draws_read, locate_robots, program_of, ray_forward_m
-from vibroswarm.localisation.odometry import gyro_errors, gyro_readings, merged_moves
+from vibroswarm.localisation.odometry import gyro_errors, gyro_readings, measured_rays, merged_moves
 from vibroswarm.motion.geometry import wrapped_rad
 from vibroswarm.motion.moves import MOVE_ROW
 from vibroswarm.motion.recorder import joined
@@ -31,6 +31,7 @@ class OnlineLocalisation:
         Args:
             seed: seed of the runs.
         """
+        self.scenario = scenario
         robots, told = scenario.swarm.robots, scenario.localisation  # told: the fields of what robots assume
         components = told.components if scenario.place_method == "mixture" else 1
         program, forward_m = program_of(scenario), ray_forward_m(scenario)
@@ -134,6 +135,14 @@ class OnlineLocalisation:
             zeroing=self.zeroing[i],
             number=self.numbers[i],
         )
+        rays_m = measured_rays(
+            self.scenario,
+            self.seed,
+            np.full(count, self.run),
+            np.full(count, i),
+            ray_m[first],
+            self.numbers[i],
+        )
         self.numbers[i] += count
         # Pose at the first new move: at the robot's first call the true pose at time 0, and not used later. The heading
         # is wrapped as in the table of moves, from which ``locate.estimate`` takes it.
@@ -151,7 +160,7 @@ class OnlineLocalisation:
             self.sampled_s[i],
             self.tick_s,
             out,
-            *(read_only(column) for column in (kind[first], start_s, duration_s, gyro_rad, ray_m[first])),
+            *(read_only(column) for column in (kind[first], start_s, duration_s, gyro_rad, rays_m)),
             *(read_only(column) for column in (of, stop_s, time_s)),
         )
         self.begun[i] = True

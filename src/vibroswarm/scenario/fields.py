@@ -211,6 +211,10 @@ class Rays(FrozenModel):
     """Range of the rays."""
     disc_radius_m: Annotated[float, Field(ge=0, le=10)] = 0.0055
     """Radius of other robots as the rays detect them."""
+    noise_m: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Standard deviation of the length of the shortest ray that a robot measures when an avoidance begins, from which
+    it finds its place; ``localisation.ray_noise_m`` is what it assumes. Avoidances begin where the exact ray is shorter
+    than ``avoidance_threshold_mm``, so that no motion depends on it."""
 
 
 class Walk(FrozenModel):
@@ -393,6 +397,11 @@ class Sections(FrozenModel):
     def reads_true_places(self) -> bool:
         """Whether the strategy reads places, and they are the true ones, which no real robot knows."""
         return self.strategy.reads_places and self.place_method == "true"
+
+    @property
+    def motion_rays(self) -> Rays:
+        """The section ``rays`` without the noise, which changes no motion."""
+        return self.rays.model_copy(update={"noise_m": 0.0})
 
     @property
     def motion_faults(self) -> MotionFaults:
