@@ -103,6 +103,8 @@ class Verdict(NotebookView):
     share_of_ones_read: float | None
     agreements: tuple[Agreement, ...]
     """When the robots' opinions agreed; more than one if opinions changed."""
+    presumed: str
+    """What robots take for independent evidence though it is not, as a sentence: why beliefs may be too sure."""
     robots: tuple[RobotVerdict, ...]
 
     def __repr__(self) -> str:
@@ -160,10 +162,20 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         end_s=summary["end_s"],
         readings_boundary=readings_boundary(result.scenario),
         share_of_ones_expected=expected_ones_on(result.scenario.sensor, result.floor(run), size),
+        presumed=presumed(result.scenario),
         share_of_ones_read=float(bits.cast(pl.Float64).mean()) if bits.len() else None,  # type: ignore[arg-type]
         agreements=tuple(agreements_over_time(result, run)),
         robots=robots,
     )
+
+
+def presumed(scenario: Scenario) -> str:
+    """Return a sentence on what robots take for independent evidence, though it is not; empty if there is none."""
+    if not scenario.strategy.reads_places:
+        return "Robots treat all bits as independent; those of neighbouring samples are not."
+    if scenario.reads_true_places:
+        return ""
+    return "Robots treat errors of their places as independent; those of neighbouring samples are not."
 
 
 def answers_of(scenario: Scenario) -> tuple[str, str]:
@@ -286,7 +298,7 @@ def confidence(found: Verdict) -> str:
         found: outcome of the run, from ``verdict``.
     """
     beliefs = [r.belief_in_decision for r in found.robots if r.belief_in_decision is not None]
-    note = "Robots treat all bits as independent; those of neighbouring samples are not."
+    note = found.presumed
     if not beliefs:
         beliefs = [r.belief for r in found.robots if r.belief is not None]
         if not beliefs:
@@ -296,8 +308,8 @@ def confidence(found: Verdict) -> str:
         # "less" is short for "less than 50 % vibrates", answer 0 of the question about the share of vibrating tiles.
         answer = "less" if found.of_shares else found.answers[0]
         why = "decisions were not logged" if found.consensus is None else "no robot decided"
-        return f"Confidence: {why}; belief in '{answer}' is {_range(beliefs)}. {note}"
-    return f"Confidence at decision time: {_range(beliefs)}. {note}"
+        return f"Confidence: {why}; belief in '{answer}' is {_range(beliefs)}. {note}".rstrip()
+    return f"Confidence at decision time: {_range(beliefs)}. {note}".rstrip()
 
 
 def _range(shares: list[float]) -> str:

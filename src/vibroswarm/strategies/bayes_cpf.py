@@ -24,7 +24,8 @@ normally distributed.
 - The authors use an accuracy of 0.99 and a variance of 0.001 at time 0, changes per reading of -2.5e-4 and 5e-4, and
   windows of up to 1000 readings.
 - Differences from the original: each robot hears all others, and decides as in ``mcp``. The window has a fixed length;
-  the original shortens it while the estimated accuracy changes fast. Sensors here do not drift.
+  the original shortens it while the estimated accuracy changes fast. Sensors here drift
+  only as a fault (``faults.false_positive_drift_per_h``, ``faults.false_negative_drift_per_h``).
 
 Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
 changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
