@@ -116,6 +116,23 @@ def test_robots_of_field_do_the_same_in_python_and_c(tmp_path: Path) -> None:
         check_events(run_program(mixed, fed), did, swarm)
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_a_prior_that_tiles_share_does_the_same_in_python_and_c(tmp_path: Path) -> None:
+    """ "More than 20 %?" of half of the tiles, 150 s of it."""
+    scenario = SCENARIO.with_values({"decision.decision_boundary": 0.2, "run.t_end_s": 150.0})
+    inspection = simulate(scenario, SEED, [0])
+    independent = simulate(SCENARIO.with_values({"run.t_end_s": 150.0}), SEED, [0])
+    assert not inspection.inference["belief_below"].equals(independent.inference["belief_below"])
+    swarm = driven(scenario, inspection)
+    check_inspection(inspection, swarm, least=18)
+    program = built(scenario, tmp_path / "double", precision=3)
+    mixed = built(scenario, tmp_path / "mixed", precision=2, optimise="-O0")
+    for fed, did in zip(swarm.short, swarm.did, strict=True):
+        assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
+        check_events(run_program(mixed, fed), did, swarm)
+
+
 def check_events(found: list[float], expected: list[float], swarm: Swarm) -> None:
     ours, theirs = events(found, swarm)[:, ESTIMATES:], events(expected, swarm)[:, ESTIMATES:]
     np.testing.assert_array_equal(ours[:, [0, 1, 2, 3, 5]], theirs[:, [0, 1, 2, 3, 5]])

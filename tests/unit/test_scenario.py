@@ -27,6 +27,7 @@ from vibroswarm.simulation import simulate
 OF_MAPS = (
     "variance_factor", "trust_memory",
     "min_samples", "falls_from", "spread_factor", "trust_limit", "broken_prior", "rate_step",
+    "prior_median",
 )  # fmt: skip
 """Fields without a unit of strategies that keep a map; of these, the first two may not be 0."""
 PAPER_HASH = "dc226c19282df0e2"

@@ -154,10 +154,14 @@ def _beliefs(
     credence = np.full((runs, robots, maps, 1), 1.0 / maps)
     if has_pairs:
         credence = swarm.arrays.credence.reshape(runs, robots, PAIRS, 1)
-    by_robot = (expit((odds * weight).sum(axis=3)) * credence).sum(axis=2)
+    # Log odds of a tile of which nothing is known, as each robot has learned them; 0 if tiles are independent.
+    prior = np.zeros((runs, robots, 1, 1))
+    if hasattr(swarm.arrays, "prior_odds"):
+        prior = swarm.arrays.prior_odds.reshape(runs, robots, 1, 1)
+    by_robot = (expit((odds * weight).sum(axis=3) + prior) * credence).sum(axis=2)
     # Robot i's log odds from sender i are those from its own samples; indexing puts the axis of robots first.
     own = odds[:, np.arange(robots), :, np.arange(robots)].sum(axis=0)
-    pooled = (expit(own) * credence.mean(axis=1)).sum(axis=1)
+    pooled = (expit(own + prior.mean(axis=1)) * credence.mean(axis=1)).sum(axis=1)
     # Rounding may put a sum of weighted probabilities outside [0, 1].
     return np.clip(by_robot, 0.0, 1.0), np.clip(pooled, 0.0, 1.0)
 

@@ -271,12 +271,14 @@ def _check_faults(s: Sections) -> None:
 
 
 def _check_strategy(s: Sections) -> None:
-    """Refuse parameters of the strategy that do not go together."""
+    """Refuse parameters of the strategy that do not go together, or not with the boundary."""
     known = strategies.known().get(s.strategy.name)
     if known is not None and known.variant is not None:
         # ``variant`` raises an ``InputError`` if they do not; the strategy that it returns is not needed here. Sizes of
         # 0 leave out the check of the message's size, which ``agents.strategy_used`` makes with true sizes.
         known.variant(s.strategy.params, {"tiles": 0, "longest_mm": 0})
+    if known is not None and known.check is not None:
+        known.check(s.strategy.params, s.decision.decision_boundary)
 
 
 ALL = (

@@ -138,6 +138,8 @@ class Strategy(Plugin):
         variant: a function of the parameters, and of sizes (those that arrays may have, and the arena's
             ``longest_mm``). It returns the strategy that runs in place of this one: the same strategy, or one with the
             same parameters and other hooks, so that options that are off cost no time.
+        check: a function of the parameters and ``decision.decision_boundary``, called when a scenario is made. It
+            raises an ``InputError`` if robots cannot be asked that.
     """
 
     state: type
@@ -160,6 +162,7 @@ class Strategy(Plugin):
     knows_error_rates: bool = False
     reads_details: bool = False
     variant: Callable[[Any, Mapping[str, int]], Strategy] | None = None
+    check: Callable[[Any, float], None] | None = None
 
     def __post_init__(self) -> None:
         """Check name, message size and hooks, and replace the class of parameters (``Plugin``).

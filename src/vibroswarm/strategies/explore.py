@@ -25,6 +25,7 @@ the parameters, ``w`` what the robot knows. ``on_sample`` returns whether ``out`
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Annotated, Final
 
 from pydantic import Field
@@ -177,7 +178,7 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
         if a.credence[k] > a.credence[likeliest]:
             likeliest = k
     for t in range(w.rows * w.columns):
-        probability = logistic(total_odds(a, likeliest, t, w))
+        probability = logistic(total_odds(a, likeliest, t, w) + a.prior_odds[0])
         a.uncertainty[t] = probability * (1.0 - probability)
         if x.t_s - a.visited_s[t] < p.recent_s:
             a.uncertainty[t] *= 0.5
@@ -217,6 +218,7 @@ explore = register(
         "explore",
         bytes_on_air=9,
         knows_error_rates=True,
+        check=partial(places.check, strategy="explore"),
         about="explore: places, whose robots drive to where their map is least sure",
     )
 )

@@ -30,10 +30,11 @@ whether ``out`` is sent.
 from __future__ import annotations
 
 import math
-from typing import Annotated, Final
+from typing import Annotated, Any, Final
 
 from pydantic import Field
 
+from vibroswarm.errors import InputError
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_map import LEAST_SPREAD_M, RATE, score_at, share_below
@@ -217,12 +218,30 @@ def add_sample(
     s.variance -= total * total / (BLOCKS * BLOCKS * variance)
 
 
+def check(p: Any, boundary: float) -> None:
+    """Refuse the question about another share than half.
+
+    A share near 0 or 1 has no normal distribution: at "more than 3 %?" 12 and 30 % of swarms raised false alarms on
+    floors of 0 and 2 %.
+
+    Raises:
+        InputError: the boundary is not 1/2.
+    """
+    if boundary != 0.5:
+        raise InputError(
+            f"field answers 'more than half?' only, and decision.decision_boundary is {boundary:g}; choose places, or "
+            "another strategy",
+            field="strategy.name",
+        )
+
+
 field = register(
     strategy_in(
         __name__,
         "field",
         bytes_on_air=8,
         knows_error_rates=True,
+        check=check,
         about="field: robots send where they sampled, and estimate the arena's mean by kriging; no grid is presumed",
     )
 )

@@ -20,7 +20,8 @@ on column c, ``of_column[2 c + 1]`` its share on the strip around the edge betwe
 of either is felt. ``of_row`` is the same for rows, from the top. Products of both, divided by ``of_all[0]``, sum to 1.
 
 Arguments: ``a`` is the robot's arrays, changed in place, ``p`` the parameters, ``w`` what the robot knows. ``a.odds``
-holds the evidence l of ``places``: pair by pair, in each pair sender by sender, tiles last.
+holds the evidence l of ``places``: pair by pair, in each pair sender by sender, tiles last. ``a.prior_odds[0]`` holds
+the log odds of a tile of which nothing is known: 0, unless tiles share a prior (``place_share``).
 
 Functions here are compiled with each kernel and never cached alone, because generated modules define the types of
 their arguments.
@@ -247,7 +248,7 @@ def add_reading(
         for r in range(upper, lower + 1):
             for c in range(left, right + 1):
                 t = r * w.columns + c
-                odds = total_odds(a, k, t, w)
+                odds = total_odds(a, k, t, w) + a.prior_odds[0]
                 a.p[t] = logistic(odds)
                 a.p_without[t] = logistic(odds - a.weight[j] * a.odds[of_sender + t])
         # P(r), the probability of the reading at this place: ``expected`` by the map, ``before`` by the map without j.

@@ -32,8 +32,10 @@ readings lose the fraction 1 / ``trust_memory`` of their weight in surprise and 
   bytes, sent once the place is known. For other messages see ``place_samples`` and ``place_summaries``.
 - What a robot is told about its task: the grid of tiles, its error rates, the end of the run if ``falls_from`` is below
   1, and how far beyond edges vibration is felt if ``edge_reach_m`` is above 0.
-- A priori each tile vibrates with probability 1/2, independently. Floors whose fill ratio is close to the boundary are
-  harder, and errors there are more frequent than 1 - p_c; ``variance_factor`` above 1 makes decisions more cautious.
+- A priori each tile vibrates with probability 1/2, independently, if the boundary is 1/2. With another boundary, or
+  ``prior_median``, tiles share a prior: ``place_share`` has belief and score then, and p_t has the prior odds o.
+- Floors whose fill ratio is close to the boundary are harder, and errors there are more frequent than 1 - p_c;
+  ``variance_factor`` above 1 makes decisions more cautious.
 
 Arguments of the functions that the simulator calls (``base``): ``s`` is the robot's state and ``a`` its arrays, both
 changed in place; ``x`` is its reading, ``m`` a message heard, ``out`` the message to fill, ``d`` random numbers, ``p``
@@ -49,6 +51,7 @@ from typing import Annotated, Any, Final
 from pydantic import Field
 
 from vibroswarm.core.jit import inlined
+from vibroswarm.errors import InputError
 from vibroswarm.strategies.base import Strategy, array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_map import (
@@ -60,6 +63,7 @@ from vibroswarm.strategies.place_map import (
     share_place,
     weigh_pairs,
 )
+from vibroswarm.strategies.place_share import learn_share, score_asked, tiles_share
 from vibroswarm.strategies.world import Draws, Reading, World
 
 __all__ = ["Message", "decision", "places"]
@@ -139,6 +143,15 @@ class MapParams:
     rate_step: Annotated[
         float, Field(ge=0, le=10, description="Step between these pairs, in the log odds of each rate.")
     ] = 0.7
+    prior_median: Annotated[
+        float,
+        Field(
+            ge=0,
+            lt=1,
+            description="Median of the prior of the share of vibrating tiles; 0: the boundary. If it and the boundary "
+            "are 1/2, tiles are independent.",
+        ),
+    ] = 0.0
     edge_reach_m: Annotated[
         float,
         Field(
@@ -195,12 +208,14 @@ class State:
 
 
 class Arrays:
-    """Log odds of each tile by pair of rates and sender, evidence and probability of each pair, how surprising each
-    sender is, and scratch: a place's share of each column and row and of the edges between them, and p of the tiles."""
+    """Log odds of each tile by pair of rates and sender, evidence and probability of each pair, log odds of a tile of
+    which nothing is known, how surprising each sender is, and scratch: a place's share of each column and row and of
+    the edges between them, and p of the tiles."""
 
     odds = array("float64", "9*robots*tiles")
     evidence = array("float64", "9")
     credence = array("float64", "9")
+    prior_odds = array("float64", "1")
     surprise = array("float64", "robots")
     variance = array("float64", "robots")
     suspicion = array("float64", "robots")
@@ -222,6 +237,8 @@ def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     for j in range(w.robots):
         a.weight[j] = 1.0 - p.broken_prior
     weigh_pairs(a, pairs_of(p))
+    if tiles_share(p, w):
+        learn_share(a, p, w)
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
@@ -239,9 +256,11 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     sends = fill_message(s, x, out)
     if sends:
         add_sample(s, a, w.robot, out.bit, out.at_x_m, out.at_y_m, out.spread_x_m, out.spread_y_m, p, w)
+    z = learn_share(a, p, w) if tiles_share(p, w) else 0.0  # the prior is learned after the decision too
     if s.decision == -1 and s.heard >= p.min_samples:
-        z, part = score(a, p, w), x.t_s / w.t_end_s
-        needed = s.needed
+        if not tiles_share(p, w):
+            z = score(a, p, w)
+        part, needed = x.t_s / w.t_end_s, s.needed
         # After the share falls_from of the run the score needed falls linearly, to 0 at the end of the run.
         if part > p.falls_from:
             needed *= max((1.0 - part) / (1.0 - p.falls_from), 0.0)
@@ -252,7 +271,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
 
 def belief(s: Row, a: Row, p: Row, w: World) -> float:
     """Return the belief that the share of vibrating tiles is below the boundary."""
-    return 0.5 * math.erfc(-score(a, p, w) * math.sqrt(0.5))
+    return 0.5 * math.erfc(-score_asked(a, p, w) * math.sqrt(0.5))
 
 
 def add_sample(
@@ -328,6 +347,25 @@ def variant(p: Any, sizes: Mapping[str, int]) -> Strategy:
     return with_options(places, p, sizes)
 
 
+def check(p: Any, boundary: float, strategy: str = "places") -> None:
+    """Refuse options that do not go with a prior that tiles share.
+
+    Args:
+        p: parameters of ``strategy``, which is "places" or "explore". boundary: ``decision.decision_boundary``.
+    Raises:
+        InputError: the boundary or the prior's median is not 1/2, and an option is on.
+    """
+    if boundary == 0.5 and p.prior_median in (0.0, 0.5):
+        return
+    for name in ("rate_pairs", "energies", "draws", "share_map"):
+        if getattr(p, name, False):
+            raise InputError(
+                f"goes with a boundary (decision.decision_boundary) and a prior_median of 1/2 only, here {boundary:g} "
+                f"and {p.prior_median or boundary:g}; leave it out",
+                field=f"strategy.{strategy}.{name}",
+            )
+
+
 places = register(
     strategy_in(
         __name__,
@@ -335,6 +373,7 @@ places = register(
         bytes_on_air=8,
         knows_error_rates=True,
         variant=variant,
+        check=check,
         about="places: robots send where they sampled, and map a floor whose grid of tiles is known",
     )
 )
