@@ -10,6 +10,7 @@ import pytest
 
 from vibroswarm import Study, preset, simulate, strategies
 from vibroswarm.analysis.true_places import true_places_notes
+from vibroswarm.analysis.verdict import confidence, presumed, verdict
 from vibroswarm.cli import main
 from vibroswarm.notebook.views import html_of
 from vibroswarm.scenario.presets import preset_names
@@ -68,6 +69,18 @@ def test_only_true_places_that_are_read_have_a_note() -> None:
     assert true_places_notes([of("places"), of("soft", localisation__method="true")]) == []
     both = [of(name, localisation__method="true") for name in ("places", "none", "field", "places")]
     assert true_places_notes(both)[0].startswith("places, field with true places: an upper bound")
+
+
+def test_what_robots_presume_is_said_of_what_they_do() -> None:
+    """Robots that map the floor do not treat all bits as independent; the errors of their places are not."""
+    bits = "Robots treat all bits as independent; those of neighbouring samples are not."
+    places = "Robots treat errors of their places as independent; those of neighbouring samples are not."
+    for strategy in strategies.known():
+        assert presumed(of(strategy)) == (places if strategy in READERS else bits)
+        assert presumed(of(strategy, localisation__method="true")) == ("" if strategy in READERS else bits)
+    for method, note in (("auto", f" {places}"), ("true", "")):
+        found = verdict(simulate(of("places", localisation__method=method), 3, 1))
+        assert confidence(found).endswith(f"%.{note}")
 
 
 COMMANDS = {
