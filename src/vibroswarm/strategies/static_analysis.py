@@ -212,7 +212,10 @@ def is_shipped(*parts: object) -> bool:
     Tests check the hooks of shipped strategies and networks, so that a start need not.
     """
     package = f"{__name__.partition('.')[0]}."
-    return all(part is None or getattr(part, "__module__", "").startswith(package) for part in parts)
+    # A function that was made by exec() may have no module: its __module__ is None.
+    return all(
+        part is None or (getattr(part, "__module__", None) or "").startswith(package) for part in parts
+    )
 
 
 FACTS: Final[dict[str, tuple[str, ...]]] = {
