@@ -340,3 +340,10 @@ def test_folds_judge_on_what_was_held_out(kept, capsys):
 def test_a_fit_refuses(kept, capsys, more, words):
     assert main(["calibrate", "fit", str(kept), *more]) == 2
     assert words in capsys.readouterr().err
+
+
+def test_compare_results_without_samples(tmp_path, capsys):
+    tiny = str(tmp_path / "tiny")
+    assert main(["run", "--set", "run.t_end_s=0.02", "--out", tiny]) == 0
+    assert main(["calibrate", "compare", tiny, tiny]) == 2
+    assert "has no samples, and nothing can be compared" in capsys.readouterr().err

@@ -27,6 +27,7 @@ from vibroswarm.calibrate.similarity import (
 )
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.errors import InputError
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -98,9 +99,12 @@ def compare(
         intervals: whether to compare undisturbed intervals too: those between two samples in which the robot
             only drove. It takes half a minute.
     Raises:
-        InputError: no energies, or sessions that ``classifier_accuracy`` refuses: with fewer than two robots in common,
-            without times spent avoiding, or too short.
+        InputError: no samples, no energies, or sessions that ``classifier_accuracy`` refuses: with fewer than two
+            robots in common, without times spent avoiding, or too short.
     """
+    for words, result in (("the recording", real), ("the simulation", simulated)):
+        if result.observations.is_empty():
+            raise InputError("has no samples, and nothing can be compared", field=words)
     camera = camera_between(real, simulated) if camera is None else camera
     real_sessions = sessions_of(real)
     simulated_sessions = sessions_of(seen_through(simulated, camera))

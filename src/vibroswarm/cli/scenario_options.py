@@ -77,7 +77,8 @@ def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]
         if plugins.is_code(settings.get(f"{kind}.name")):
             settings[f"{kind}.name"] = chosen(kind, settings[f"{kind}.name"])
     values |= settings  # --set overrides other options
-    if arguments.tiles is None and values.get("floor.tiles") is not None and is_picture(arguments.floor):
+    # Without --tiles, each pixel of a picture became a tile.
+    if arguments.floor is not None and arguments.tiles is None and is_picture(arguments.floor):
         check_pixel_tiles(base.with_values(values), arguments.floor)
     return values
 
