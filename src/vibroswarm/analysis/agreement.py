@@ -16,15 +16,19 @@ change after that. Opinions of robots with faults do not count, unless all robot
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 
 from vibroswarm import strategies
-from vibroswarm.inference.agents import Swarm
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+
+if TYPE_CHECKING:
+    from vibroswarm.inference.agents import (
+        Swarm,
+    )  # at run time only its rows are read, so no kernels are loaded
 
 AGREEMENTS: Final[dict[str, Any]] = {"run": pl.UInt32, "holds": pl.Boolean}
 """Columns of the table of agreements, one row for each run in which all robots decided alike: whether their opinions
