@@ -66,7 +66,6 @@ LONG = "x" * 300
         ["calibrate", "figures", LONG],
         ["optimize", LONG],
         ["optimize", "--check", LONG],
-        ["reproduce", "--from", LONG, "--check"],
         ["scenario", "--out", LONG],
         ["floors", "show", LONG],
         ["scenario", "--robots", "9" * 5000],
