@@ -6,12 +6,14 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 
 import pytest
 from hypothesis import settings
 
 from helpers.page_records import make_record
+from vibroswarm.core.jit import is_cached
 from vibroswarm.run_page.payload import RunRecord
 
 pytest_plugins = ["helpers.recordings", "helpers.browser", "helpers.page_browser"]
@@ -25,8 +27,10 @@ if os.environ.get("CI") == "true":
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile both engines side by side before worker processes start, each of which would compile both."""
+    """Compile both engines side by side before worker processes start, each of which would wait for the other's."""
     if not getattr(config.option, "numprocesses", None) or hasattr(config, "workerinput"):
+        return
+    if is_cached("event") and is_cached("fixed-step"):
         return
     compiling = [
         subprocess.Popen([sys.executable, "-c", COMPILE, engine]) for engine in ("event", "fixed-step")
@@ -68,6 +72,15 @@ def svg_alone(monkeypatch: pytest.MonkeyPatch) -> None:
         return whole(figure, kind, **how) if kind == "svg" else b"not drawn"
 
     monkeypatch.setattr(picture, "picture_bytes", drawn)
+
+
+@pytest.fixture
+def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw only the first picture of a study's report: for tests of its words, tables and files."""
+    from vibroswarm.study import study_report
+
+    whole = study_report.pictures_of
+    monkeypatch.setattr(study_report, "pictures_of", lambda outcome: islice(whole(outcome), 1))
 
 
 @pytest.fixture(autouse=True)
