@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 
 import vibroswarm
+from vibroswarm.core import kernel_cache
 from vibroswarm.core.jit import PLAIN
+from vibroswarm.core.kernel_cache import _Files
 
 pytestmark = pytest.mark.skipif(PLAIN, reason="nothing is compiled")
 needs_modes = pytest.mark.skipif(not hasattr(os, "geteuid"), reason="no such modes")
@@ -121,11 +123,26 @@ def swap(path: Path) -> None:
     path.write_bytes(path.read_bytes()[32:])
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("damage", [cut, flip, swap, lambda path: path.write_bytes(b"")])
-def test_damaged_files_are_written_anew(damage: Callable[[Path], None], started: Started) -> None:
-    damage(started.files(".nbi")[0])
-    damage(started.files(".nbc")[1])
+def test_damage_of_any_kind_is_seen(
+    damage: Callable[[Path], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+    monkeypatch.setattr(kernel_cache, "warn_once", said.append)
+    files, path = _Files(str(tmp_path), "a kernel", b"stamp"), tmp_path / "a kernel.1.nbc"
+    files._save_data(path.name, list(range(50)))
+    assert files._load_data(path.name) == list(range(50))
+    assert said == []
+    damage(path)
+    with pytest.raises(FileNotFoundError):
+        files._load_data(path.name)
+    assert len(said) == 1
+
+
+@pytest.mark.slow
+def test_damaged_files_are_written_anew(started: Started) -> None:
+    flip(started.files(".nbi")[0])
+    cut(started.files(".nbc")[1])
     hits, said = started()
     assert hits == 0
     assert said.count("are damaged and") == 1
@@ -159,9 +176,20 @@ def test_a_file_in_the_place_of_the_folder(started: Started) -> None:
 
 
 @needs_modes
-@pytest.mark.parametrize("below", [".", "vibroswarm", "vibroswarm/kernels", "vibroswarm/kernels/*"])
-def test_a_folder_that_others_may_write_to_is_not_used(below: str, started: Started) -> None:
-    (place,) = started.cache.glob(below) if below != "." else [started.cache]
+@pytest.mark.parametrize("below", [".", "vibroswarm", "vibroswarm/kernels", "vibroswarm/kernels/a key"])
+def test_a_folder_that_others_may_write_to_is_not_safe(below: str, tmp_path: Path) -> None:
+    base = tmp_path / "cache"
+    folder = base / "vibroswarm" / "kernels" / "a key"
+    for place in (*reversed(folder.parents[:3]), folder):
+        place.mkdir(mode=0o700, exist_ok=True)
+    assert kernel_cache.why_unsafe(folder, base) is None
+    (base / below).chmod(0o777)
+    assert "may write to" in str(kernel_cache.why_unsafe(folder, base))
+
+
+@needs_modes
+def test_a_folder_that_others_may_write_to_is_not_used(started: Started) -> None:
+    (place,) = started.cache.glob("vibroswarm/kernels/*")
     place.chmod(0o777)
     hits, said = started()
     assert hits == 0

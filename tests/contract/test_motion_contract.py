@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 import helpers.walk_checks as suite
-from helpers.walk_checks import CASES, CHECKS, Check, motion_of
+from helpers.walk_checks import CASES, CHECKS, FOUR_RAYS, OF_THREE_RAYS, Check, check_in, motion_of
 from vibroswarm.motion.event.event_run import EVENT
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.source import Motion, MotionState, Source
@@ -25,9 +25,18 @@ GOOD = FIXED_STEP
 @pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
 @pytest.mark.parametrize("engine", SOURCES, ids=lambda engine: engine.name)
 def test_source_keeps_the_contract(engine: Source, check: Check) -> None:
-    check(engine)
+    check_in(OF_THREE_RAYS, check, engine)
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("check", CHECKS, ids=lambda check: check.__name__)
+@pytest.mark.parametrize("engine", SOURCES, ids=lambda engine: engine.name)
+def test_source_keeps_the_contract_with_four_rays(engine: Source, check: Check) -> None:
+    """Slow, as both engines are compiled for four rays."""
+    check_in((CASES[0], FOUR_RAYS), check, engine)
+
+
+@pytest.mark.slow
 def test_the_cases_hold_what_they_should() -> None:
     """Every kind of segment, blocked moves, interrupted avoidances: else a check might look at nothing."""
     kinds, blocked = set(), 0
@@ -276,7 +285,7 @@ BROKEN: list[tuple[Source, Check]] = [
 @pytest.mark.parametrize(("engine", "check"), BROKEN, ids=[engine.name for engine, _ in BROKEN])
 def test_the_suite_rejects_a_broken_engine(engine: Source, check: Check) -> None:
     with pytest.raises(AssertionError):
-        check(engine)
+        check_in(OF_THREE_RAYS, check, engine)
 
 
 @pytest.mark.slow

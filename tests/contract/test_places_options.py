@@ -27,8 +27,11 @@ TRUE = Scenario().with_values(
         "run.t_end_s": 150.0,
         "strategy.places.min_samples": 10,
         "sensor.tile_spread": 0.1,
+        "network.name": "loss",
+        "network.loss.share": 0.0,
     }
 )
+"""On a network that may lose messages throughout: kernels of another network would take ten seconds an option."""
 ESTIMATED = TRUE.with_values({"localisation.method": "mixture", "odometry.level": "poor"})
 OPTIONS: dict[str, dict[str, Any]] = {
     "energies": {"energies": True},
@@ -48,7 +51,7 @@ def of(scenario: Scenario, option: str, **more: Any) -> Scenario:
 @pytest.mark.parametrize("option", OPTIONS)
 def test_kernels_do_what_plain_python_does(option: str) -> None:
     """At true places, with a lossy network and a robot that sends the opposite."""
-    faults = {"faults.opposite": 0.2, "network.name": "loss", "network.loss.share": 0.2}
+    faults = {"faults.opposite": 0.2, "network.loss.share": 0.2}
     scenario = of(TRUE, option, **faults)
     result = simulate(scenario, SEED, [2])
     plain = plain_run(scenario, SEED, result.motion, result.ends, result.observations)
@@ -145,10 +148,10 @@ def test_energies_tell_more_than_bits_and_maps_survive_losses() -> None:
     hard = preset("paper").with_values(
         {
             "strategy.name": "places", "localisation.method": "mixture", "floor.source": "random:0.48",
-            "strategy.places.variance_factor": 2.0,
+            "strategy.places.variance_factor": 2.0, "network.name": "loss", "network.loss.share": 0.0,
         }
     )  # fmt: skip
-    lossy = hard.with_values({"network.name": "loss", "network.loss.share": 0.5})
+    lossy = hard.with_values({"network.loss.share": 0.5})
     results = {}
     for name, scenario in (
         ("bits", hard), ("energies", of(hard, "energies")), ("lossy", lossy), ("lossy maps", of(lossy, "map")),

@@ -426,14 +426,14 @@ def test_nothing_to_do_needs_no_worker(alone: StudyResult) -> None:
 def test_an_executor_that_is_not_there(
     executor: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(executors, "CONNECT_S", 1.0)
+    monkeypatch.setattr(executors, "CONNECT_S", 0.3)
     with pytest.raises(InputError, match=words):
         STUDY.run(tmp_path / "s", executor=executor)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_scheduler_file_that_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "CONNECT_S", 0.5)
+    monkeypatch.setattr(executors, "CONNECT_S", 0.3)
     for text in ("{", "[]", "{}"):
         (tmp_path / "f.json").write_text(text)
         with pytest.raises(InputError, match="executor"), workers_for(str(tmp_path / "f.json")):
