@@ -34,6 +34,7 @@ SCENARIO = preset("paper").with_values(
     {
         "floor.source": "random:0.48",
         "run.stop": "t_end",
+        "run.t_end_s": 700.0,
         "strategy.name": "places",
         "localisation.method": "mixture",
         "localisation.assumed_level": "good",
@@ -76,7 +77,8 @@ def events(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
 
 
 def test_exported_python_does_what_the_simulation_did(inspection: Any, swarm: Swarm) -> None:
-    check_inspection(inspection, swarm, least=150)
+    check_inspection(inspection, swarm, least=85)
+    assert sum(robot.decided_s is not None for robot in swarm.robots) >= 3
     for i, robot in enumerate(swarm.robots):
         assert robot.decided_s == inspection.robots["decision_time_s"][i]
 
@@ -173,7 +175,7 @@ def exploring() -> tuple[Any, Swarm]:
 
 def test_exported_python_steers_as_the_simulation_does(exploring: tuple[Any, Swarm], inspection: Any) -> None:
     explored, swarm = exploring
-    check_inspection(explored, swarm, least=150)
+    check_inspection(explored, swarm, least=85)
     assert [robot.decided_s for robot in swarm.robots] == explored.robots["decision_time_s"].to_list()
     assert not explored.motion["x_m"].head(200).equals(inspection.motion["x_m"].head(200))  # it did steer
 

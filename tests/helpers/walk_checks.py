@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 import polars as pl
+import pytest
 
 from vibroswarm.motion.pose import place_from_moves
 from vibroswarm.motion.source import Source
@@ -230,11 +231,27 @@ WALK_CHECKS: tuple[Check, ...] = (
 )
 """For engines."""
 CHECKS = TABLE_CHECKS + SEGMENT_CHECKS + MOVE_CHECKS + WALK_CHECKS
+FOUR_RAYS = next(case for case in CASES if len(case.scenario.rays.side_m) == 4)
+"""The one case for which engines are compiled again, since their kernels are made for a number of rays."""
+OF_THREE_RAYS = tuple(case for case in CASES if case is not FOUR_RAYS)
+MODULES_OF_CASES = ("helpers.walk_checks", "vibroswarm.testing.motion", "vibroswarm.testing.motion_tables")
+"""Modules whose checks go through ``CASES``."""
+
+
+def check_in(cases: tuple[Case, ...], check: Check, source: Source) -> None:
+    """Run a check in these cases instead of all."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module in MODULES_OF_CASES:
+            patch.setattr(f"{module}.CASES", cases)
+        check(source)
+
 
 __all__ = [
     "CASES",
     "CHECKS",
+    "FOUR_RAYS",
     "MOVE_CHECKS",
+    "OF_THREE_RAYS",
     "SEGMENT_CHECKS",
     "TABLE_CHECKS",
     "WALK_CHECKS",
@@ -243,6 +260,7 @@ __all__ = [
     "check_bodies",
     "check_copies",
     "check_ends",
+    "check_in",
     "check_moves_account_for_time",
     "check_moves_begin_where_segments_change",
     "check_moves_lead_to_the_next",

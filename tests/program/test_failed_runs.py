@@ -46,6 +46,7 @@ def failing() -> Iterator[str]:
 BRIEF = ["--set", "run.t_end_s=30", "--robots", "2", "--runs", "6", "--strategy", "none,soft", "--quiet"]
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_failed_runs_are_counted_in_table_report_and_results(
     failing: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -73,6 +74,7 @@ def test_failed_runs_are_counted_in_table_report_and_results(
     assert [cell["failed_runs"] for cell in json.loads(capsys.readouterr().out)["cells"]] == [2, 2]
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_a_study_whose_runs_all_end_says_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "study"
     assert main(["evaluate", *BRIEF, "--motion", "fixed-step", "--out", str(out)]) == 0

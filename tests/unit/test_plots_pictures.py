@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from itertools import combinations
 from typing import Any
 from unittest import mock
@@ -254,8 +254,20 @@ def faults_of(figure: Figure) -> list[str]:
     return faults
 
 
-@pytest.mark.parametrize("style", STYLES)
-@pytest.mark.parametrize("name", PICTURES)
+OF_ODD_DATA = (
+    "one run", "all undecided", "no end", "no spread", "none", "no value", "one without width", "nobody", "one time",
+    "one", "nothing",
+)  # fmt: skip
+"""Cases of what is drawn, not of the room that words have: they are drawn in the narrowest style only."""
+
+
+def name_and_style() -> Iterator[tuple[str, str]]:
+    for name in PICTURES:
+        for style in STYLES if name.partition(", ")[2] not in OF_ODD_DATA else ["column"]:
+            yield name, style
+
+
+@pytest.mark.parametrize(("name", "style"), list(name_and_style()))
 def test_no_word_hides_another_or_is_cut(name, style):
     picture = PICTURES[name](style)
     assert picture.style == style

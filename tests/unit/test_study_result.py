@@ -211,6 +211,7 @@ def test_strategies_are_not_compared_at_equal_error_on_the_motion_of_another_sou
         assert bool(at_equal_error(result, comparisons(result))) == is_compared
 
 
+@pytest.mark.usefixtures("one_picture")
 def test_a_report_never_replaces_runs(tmp_path: Path) -> None:
     """Neither of its own study, into whose folder it is written, nor of another."""
     study = Study.of(preset("paper").with_values({"run.t_end_s": 20.0}), 3)
