@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from vibroswarm.core.atomic_io import write_file
 from vibroswarm.errors import InputError
 from vibroswarm.floors import grid_text
 from vibroswarm.floors.io import read_tiles
@@ -101,3 +103,12 @@ def test_a_result_folder_that_is_a_pipe_is_refused(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "it")
     with pytest.raises(InputError):
         Result.read(tmp_path / "it")
+
+
+def test_a_device_is_not_replaced_by_a_file(tmp_path: Path) -> None:
+    """A file is renamed to its name when it is whole: with the rights to do so, ``/dev/null`` would be lost."""
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(InputError, match="is a device or a pipe"):
+        write_file(tmp_path / "pipe.toml", "text")
+    assert stat.S_ISFIFO((tmp_path / "pipe.toml").stat().st_mode)
+    assert len(list(tmp_path.iterdir())) == 1

@@ -304,7 +304,8 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
     Args:
         replace: whether an existing file at ``path`` may be replaced; checked before the block only.
     Raises:
-        InputError: ``path`` is a folder, or exists and ``replace`` is false, or its folder cannot be written to.
+        InputError: ``path`` is a folder, a device or a pipe, or exists and ``replace`` is false, or its folder cannot
+            be written to.
         RunError: the disk is full or failed: the block or the renaming raised an ``OSError``.
     """
     path = Path(path)
@@ -312,6 +313,8 @@ def whole_file(path: Path, *, replace: bool = True) -> Iterator[Path]:
         raise InputError(f"'{path}' is a folder; give the name of a file", field="--out")
     if not replace:
         check_free(path)
+    if path.exists() and not path.is_file():  # renamed to, a device would be lost for the whole machine
+        raise InputError(f"'{path}' is a device or a pipe; give the name of a file", field="--out")
     # The name is chosen before the file is created, so that the file is removed below even if Ctrl-C interrupts its
     # creation.
     part = path.parent / f"{temporary_stem(path.name)}{tag()}{_short_suffix(path)}"
