@@ -21,7 +21,7 @@ from vibroswarm.scenario.validation import lattice_sites, longest_step_m
 
 SECTIONS = ("arena", "swarm", "robot", "rays", "walk", "sample", "run")
 """The sections of a scenario on which motion depends, and of ``faults`` those of ``MotionFaults``."""
-APART = ("run.stop", "sample.signal_ms")
+APART = ("run.stop", "sample.signal_ms", "rays.noise_m")
 """Fields of these sections that are of no matter to motion."""
 ROBOT_STEPS = 2_000_000
 """About so many control periods of a robot are simulated, so that no scenario takes much longer than another."""
