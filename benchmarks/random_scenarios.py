@@ -123,6 +123,7 @@ def robot_values(choose: Choice) -> dict[str, Any]:
     widest = min(0.99 * room / (6.0**0.5 * 3.3), 0.2)
     for name in ("wander", "drift", "run_spread"):
         values[f"misalignment_{name}"] = choose.one([None, None, choose.between(0.01, 1.0) * widest])
+    values["speed_run_spread"] = choose.one([None, choose.between(0.01, 0.4)])
     return values | {"misalignment_drift_samples": choose.one([None, 1, 7])}
 
 

@@ -122,6 +122,10 @@ ODD = {
         "robot.misalignment_run_spread": 0.03, "run.t_end_s": 300.0,
     },
     "speeds that wander": {"robot.speed_redraw": "robot", "robot.speed_wander": 0.2, "run.t_end_s": 300.0},
+    "speeds that differ by run": {
+        "robot.speed_redraw": "robot", "robot.speed_run_spread": 0.1, "robot.speed_factors": [1.1, 1.3],
+        "run.t_end_s": 300.0,
+    },
     "rays that start beyond walls": {
         "rays.forward_m": 0.05, "rays.angle_deg": [0.0, 60.0, -60.0], "run.t_end_s": 300.0,
     },
@@ -265,7 +269,7 @@ CHOICES = {
 def test_wide_scenarios_draw_every_field_that_motion_depends_on():
     """Several values of each, in scenarios that are all valid: a field that is forgotten would not be compared."""
     drawn: dict[str, set[str]] = {}
-    for number in range(400):
+    for number in range(500):
         for section, fields in random_scenario(2, number).model_dump().items():
             for name, value in fields.items():
                 drawn.setdefault(f"{section}.{name}", set()).add(repr(value))

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import truncnorm
 
 from vibroswarm.localisation.locate import program_of, speed_law
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.geometry import arc, wall_distance
 from vibroswarm.robot import localisation as robot
 from vibroswarm.robot.pose_correction import correct, gain, learn_beyond, meet, wall_rays
@@ -239,3 +240,19 @@ def test_the_law_of_speeds_is_that_of_the_robots() -> None:
     drawn = np.random.default_rng(3).gamma(3.1, 0.095, 400_000) + 0.8
     drawn = np.clip(drawn, robots.speed_factor_min, robots.speed_factor_max)
     assert speed_law(robots) == pytest.approx((drawn.mean(), drawn.std()), rel=0.005)
+
+
+def test_the_law_of_speeds_knows_that_runs_differ() -> None:
+    """Against the speeds of simulated robots in many runs; without the difference the law is narrower."""
+    alike = Scenario().with_values(
+        {
+            "robot.speed_factor_shape": 100.0,
+            "robot.speed_factor_scale": 0.005,
+            "robot.speed_factor_location": 0.6,
+            "robot.speed_redraw": "robot",
+        }
+    )
+    differing = alike.with_values({"robot.speed_run_spread": 0.1})
+    drawn = np.concatenate([EventRun(differing, 3, run).swarm["speed_factor"] for run in range(1500)])
+    assert speed_law(differing.robot) == pytest.approx((drawn.mean(), drawn.std()), rel=0.03)
+    assert speed_law(alike.robot)[1] < 0.6 * drawn.std()

@@ -1,4 +1,4 @@
-"""A robot's speed that wanders at samples about its own: its distribution, its bounds, and off in the paper."""
+"""A robot's speed that wanders at samples, or differs by run, about its own: distribution, bounds, off in the paper."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 from scipy import stats
 
 from vibroswarm.core.jit import kernel
+from vibroswarm.motion.event.event_run import EventRun
 from vibroswarm.motion.robot_params import AT_ONCE, draw_speed_factors, setup_of, speed_quantiles
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -49,3 +50,43 @@ def test_without_it_a_robot_keeps_its_speed() -> None:
     assert preset("paper").robot.speed_wander is None
     kept = factors(Scenario().with_values({"robot.speed_redraw": "robot"}), count=50)
     assert np.unique(kept).size == 1
+
+
+LISTED = {"robot.speed_redraw": "robot", "robot.speed_factors": [1.0, 1.2], "swarm.robots": 2} | {
+    "robot.speed_factor_min": 0.1,
+    "robot.speed_factor_max": 3.0,
+}
+
+
+def speeds_at_start(values: dict[str, object], runs: int) -> np.ndarray:
+    scenario = Scenario().with_values(values)
+    return np.array([EventRun(scenario, 3, run).swarm["speed_factor"].tolist() for run in range(runs)])
+
+
+def test_a_run_has_another_speed_which_the_robot_keeps() -> None:
+    differing = LISTED | {"robot.speed_run_spread": 0.05}
+    found = speeds_at_start(differing, 2000) / [1.0, 1.2]
+    half = 0.05 * np.sqrt(6.0)
+    triangle = stats.triang(0.5, loc=1 - half, scale=2 * half)
+    assert stats.kstest(found.ravel(), triangle.cdf).pvalue > 1e-3
+    assert abs(np.corrcoef(found.T)[0, 1]) < 0.08
+    # Negative controls: 10 % more spread; robots without it; and it does not change within a run.
+    wider = stats.triang(0.5, loc=1 - 1.1 * half, scale=2.2 * half)
+    assert stats.kstest(found.ravel(), wider.cdf).pvalue < 1e-3
+    assert np.unique(speeds_at_start(LISTED, 5), axis=0).tolist() == [[1.0, 1.2]]
+    assert np.unique(factors(Scenario().with_values(differing), count=50)).size == 1
+
+
+def test_it_is_drawn_apart_from_all_else_of_a_robot() -> None:
+    """Also where every sample has a new speed that wanders: all of a run are faster by the same."""
+    wandering = WIDE | {"robot.speed_redraw": "sample", "robot.speed_wander": 0.06}
+    plain = factors(Scenario().with_values(wandering))
+    faster = factors(Scenario().with_values(wandering | {"robot.speed_run_spread": 0.05})) / plain
+    assert np.ptp(faster) < 1e-12
+    assert abs(faster[0] - 1.0) > 1e-3
+
+
+def test_runs_that_differ_stay_within_the_bounds_too() -> None:
+    found = speeds_at_start({"robot.speed_redraw": "robot", "robot.speed_run_spread": 0.4}, 300)
+    assert found.min() == 0.9
+    assert found.max() == 1.5

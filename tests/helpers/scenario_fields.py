@@ -42,6 +42,7 @@ OTHERS = {
     "robot.misalignment_drift": 0.01,
     "robot.misalignment_drift_samples": 20,
     "robot.misalignment_run_spread": 0.01,
+    "robot.speed_run_spread": 0.02,
     "rays.forward_each_m": (0.01, 0.02),
     "walk.blind_after_turn_ms": 100.0,
     "sample.signal_ms": 400.0,

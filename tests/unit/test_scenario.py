@@ -242,7 +242,7 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
         "sensor.still_energies", "sensor.edge_reach_m", "sensor.edge_blur_m", "sensor.tile_spread",
         "sensor.robot_spread", "robot.speed_wander", "robot.speed_factors", "robot.misalignments",
         "robot.misalignment_wander", "robot.misalignment_drift", "robot.misalignment_drift_samples",
-        "robot.misalignment_run_spread",
+        "robot.misalignment_run_spread", "robot.speed_run_spread",
         "rays.forward_each_m", "walk.blind_after_turn_ms", "sample.signal_ms",
         "camera.magnification", "camera.shift_x_m", "camera.shift_y_m",
         "decision.assumed_false_positive", "decision.assumed_false_negative",

@@ -107,13 +107,11 @@ OF_HEADING: Final = _number(1)
 OF_SITE: Final = _number(2)
 """Peer that separates the number of the lattice site at the start from those of the place."""
 OF_WANDER: Final = _number(1)
-"""Peer of the first of the two numbers by which a robot's speed wanders at a sample."""
-OF_WANDER_TOO: Final = _number(2)
-"""Peer of the second of the two numbers by which a robot's speed wanders at a sample."""
+"""First peer of the pair of numbers by which a robot's speed wanders at a sample."""
 OF_DRIFT: Final = _number(2)
 """First peer of the pair of numbers of a veer's slow variation; those of its wander are ``ALONE`` and the next."""
 OF_DAY: Final = _number(4)
-"""First peer of the pair of numbers of a veer's variation from run to run."""
+"""First peer of the pair of numbers of a veer's variation from run to run, and of a speed's."""
 OF_EDGE: Final = _number(1)
 """Peer of a sample's second number: the side of a tile's edge on which it is sensed."""
 OF_TILE: Final = _number(1)

@@ -205,6 +205,7 @@ def speed_law(robot: Robot) -> tuple[float, float]:
     """Return the mean and the standard deviation of the clipped Gamma law of speed factors.
 
     If the scenario lists each robot's factor, the law is used all the same, as robots do not know their own factors.
+    Nor do they know how much faster or slower they are in this run: ``robot.speed_run_spread`` widens the law.
     """
     # Imported here, because the import takes a third of a second and only this function needs it.
     from scipy.special import gammaincinv
@@ -212,6 +213,12 @@ def speed_law(robot: Robot) -> tuple[float, float]:
     # The moments are computed from 4096 quantiles of the law, at the midpoints of equal shares.
     factor = robot.speed_factor_scale * gammaincinv(robot.speed_factor_shape, (np.arange(4096) + 0.5) / 4096)
     factor = np.clip(factor + robot.speed_factor_location, robot.speed_factor_min, robot.speed_factor_max)
+    if robot.speed_run_spread:
+        # Each quantile times 65 quantiles of the triangular factor of mean 1: those below its middle, and by symmetry
+        # those above it. The sum of two uniform numbers is below x < 1 with probability x^2 / 2.
+        below = np.sqrt(2.0 * (np.arange(32) + 0.5) / 65) - 1.0
+        of_run = 1.0 + robot.speed_run_spread * np.sqrt(6.0) * np.concatenate((below, [0.0], -below))
+        factor = np.clip(np.outer(of_run, factor), robot.speed_factor_min, robot.speed_factor_max)
     return float(factor.mean()), float(factor.std())
 
 

@@ -5,6 +5,7 @@
 | misalignment | m_d | - | U(min, max), drawn once per robot |
 | veer | a + b + c | - | variation of m_d, added to it: wander a, drift b and spread c |
 | speed factor | s_d | - | Gamma(shape, scale) + location, clipped; drawn per sample or per robot |
+| factor of the run | - | - | triangular, mean 1, sd ``speed_run_spread``; multiplies s_d; drawn once per run |
 | battery | b_d | - | 1 - t / battery_life |
 | wheels | v_l, v_r | m/s | command v (1 -+ m_d) s_d b_d (Eq. 19) |
 | track | - | m | turn rate = (v_r - v_l) / track |
@@ -45,7 +46,6 @@ from vibroswarm.core.rng import (
     OF_DAY,
     OF_DRIFT,
     OF_WANDER,
-    OF_WANDER_TOO,
     SPEED,
     VEER,
     uniform,
@@ -75,7 +75,8 @@ no cost. Its fields are those of ``WalkProgram`` and:
 * ``misalignment_min``, ``misalignment_max``, ``misalignment_wander`` (0: none), ``misalignment_drift`` (0: none),
   ``misalignment_drift_samples``.
 * ``speed_redrawn``: 1 if the speed factor is drawn at each sample, 0 if once per robot. ``speed_each``: 1 if the
-  scenario lists each robot's speed factor. ``speed_wander`` (0: none), ``speed_factor_min``, ``speed_factor_max``.
+  scenario lists each robot's speed factor. ``speed_wander`` (0: none), ``speed_run_spread`` (0: none),
+  ``speed_factor_min``, ``speed_factor_max``.
 * ``ray_forward_m``: how far ahead of the robot's centre rays start, unless the scenario lists it for each robot
   (``give_each``). ``ray_side_m``, ``ray_cos``, ``ray_sin``: start of each ray, to the left of the robot's axis, and its
   direction; shape (rays,).
@@ -146,6 +147,7 @@ def setup_of(scenario: Scenario) -> Setup:
         "speed_redrawn": int(robot.speed_redraw == "sample"),
         "speed_each": int(robot.speed_factors is not None),
         "speed_wander": robot.speed_wander or 0.0,
+        "speed_run_spread": robot.speed_run_spread or 0.0,
         "speed_factor_min": robot.speed_factor_min,
         "speed_factor_max": robot.speed_factor_max,
         "battery_life_s": robot.battery_life_s,
@@ -289,18 +291,32 @@ def draw_speed_factors(
             node = int(position)
             low = speeds[node]
             factors[k] = low + (speeds[node + 1] - low) * (position - node)
+    if setup.speed_run_spread > 0.0:
+        of_run = varied(setup.speed_run_spread, seed, run, robot, FIRST, OF_DAY)
+        for k in range(AT_ONCE):
+            factors[k] = clipped(setup, factors[k] * of_run)
     if setup.speed_wander > 0.0:
         for k in range(AT_ONCE):
-            factors[k] = wandered(setup, factors[k], seed, run, robot, first + k)
+            factors[k] = clipped(
+                setup, factors[k] * varied(setup.speed_wander, seed, run, robot, first + k, OF_WANDER)
+            )
 
 
 @inner
-def wandered(setup: Setup, factor: float, seed: int, run: int, robot: int, sample: int) -> float:
-    """Return a speed factor multiplied by its random variation (``speed_wander``) at a sample, and clipped."""
+def varied(spread: float, seed: int, run: int, robot: int, index: int, peer: int) -> float:
+    """Return a random factor of a robot's speed: triangular, with mean 1 and the standard deviation ``spread``.
+
+    It is made of the uniform numbers of the addresses (SPEED, index, peer) and (SPEED, index, peer + 1).
+    """
     # The sum of two uniform numbers has a triangular distribution of mean 1 and variance 1/6.
-    both = uniform(seed, run, robot, SPEED, sample, OF_WANDER)
-    both += uniform(seed, run, robot, SPEED, sample, OF_WANDER_TOO)
-    factor *= 1.0 + setup.speed_wander * math.sqrt(6.0) * (both - 1.0)
+    both = uniform(seed, run, robot, SPEED, index, peer)
+    both += uniform(seed, run, robot, SPEED, index, peer + 1)
+    return 1.0 + spread * math.sqrt(6.0) * (both - 1.0)
+
+
+@inner
+def clipped(setup: Setup, factor: float) -> float:
+    """Return a speed factor, clipped to the bounds that motion counts on."""
     return min(max(factor, setup.speed_factor_min), setup.speed_factor_max)
 
 

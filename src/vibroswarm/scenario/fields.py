@@ -192,6 +192,9 @@ class Robot(FrozenModel):
     """Variation of a robot's speed about its own: s_d is also multiplied by a factor drawn at every sample,
     triangular with mean 1 and this standard deviation; the product is clipped too. If omitted (the paper),
     there is none."""
+    speed_run_spread: Annotated[float, Field(gt=0, le=0.4)] | None = None
+    """Variation from run to run, as between days: s_d is also multiplied by a factor drawn once per robot and run,
+    likewise."""
     battery_life_s: Annotated[float, Field(gt=0, le=1e12)] = 8400.0
     """Battery factor is 1 - t / battery_life_s, updated at samples."""
 

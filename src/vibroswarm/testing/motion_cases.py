@@ -126,6 +126,7 @@ CASES: Final = (
             "robot.misalignment_drift": 0.04,
             "robot.misalignment_drift_samples": 7,
             "robot.misalignment_run_spread": 0.03,
+            "robot.speed_run_spread": 0.05,
         },
     ),
 )
