@@ -35,15 +35,21 @@ SHOWN: Final = ("distances", "steps")
 """Features: distance over time, and distance and angle."""
 SPEED_SPREAD, LOSS_SPREAD = 0.02, 0.03
 """What robots differ by between sessions: relative speed, and share of it lost in 1200 s."""
+SAME_DAY: Final = {"robot.speed_run_spread": None}
+"""Fields of robots that have the same speed in all sessions."""
 Change = Callable[[Scenario, np.random.Generator], dict[str, Any]]
 
 
 def speeds_by_session(scenario: Scenario, random: np.random.Generator) -> dict[str, Any]:
-    """Return fields with each robot's speed drawn about the fitted one."""
+    """Return fields with each robot's speed drawn about the fitted one, in place of the fitted spread."""
     factors = [
         factor * (1.0 + SPEED_SPREAD * random.normal()) for factor in scenario.robot.speed_factors or ()
     ]
-    return {"robot.speed_factors": factors, "robot.speed_factor_min": 0.5, "robot.speed_factor_max": 2.0}
+    return {
+        "robot.speed_factors": factors,
+        "robot.speed_factor_min": 0.5,
+        "robot.speed_factor_max": 2.0,
+    } | SAME_DAY
 
 
 def losses_by_session(scenario: Scenario, random: np.random.Generator) -> dict[str, Any]:
@@ -58,7 +64,8 @@ CHANGES: Final[dict[str, Change]] = {
         "robot.speed_factors": None,
         "robot.misalignments": None,
     },
-    "speeds differ by session": speeds_by_session,
+    "speeds are the same in all sessions": lambda scenario, random: SAME_DAY,
+    "speeds differ by 2 % from session to session": speeds_by_session,
     "losses of speed differ by session": losses_by_session,
     "speed wanders by a fifth more": lambda scenario, random: {
         "robot.speed_wander": 1.2 * (scenario.robot.speed_wander or 0.0)

@@ -26,7 +26,7 @@ from vibroswarm.calibrate.fit_avoidance import (
     posterior,
 )
 from vibroswarm.calibrate.fit_camera import fit_camera
-from vibroswarm.calibrate.fit_drive import fit_drive
+from vibroswarm.calibrate.fit_drive import _error_of_start, fit_drive
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import fit_sensor
 from vibroswarm.cli import calibrate_fit
@@ -121,6 +121,39 @@ def test_veers_that_wander_are_found_and_veers_that_do_not_are_not(found: Datase
     assert fields["robot.misalignments"] == pytest.approx(bent, abs=0.012)
     # Negative control: of robots that keep their veer hardly any variation is found.
     assert (fit_drive(found, BASE).fields(BASE)["robot.misalignment_wander"] or 0.0) < 0.005
+
+
+def test_speeds_that_differ_by_session_are_found_and_others_are_not() -> None:
+    speeds, bent = [0.85, 1.0, 1.1, 1.25, 1.4], [-0.05, -0.01, -0.04, -0.02, -0.08]
+    same = {"robot__speed_factors": speeds, "robot__misalignments": bent}
+    found = made(12, robot__speed_run_spread=0.04, **same)
+    fit = fit_drive(found, BASE)
+    assert fit.fields(BASE)["robot.speed_run_spread"] == pytest.approx(0.04, rel=0.2)
+    assert abs(fit.values["between_sessions"] - 0.04) < 2.5 * fit.draws["between_sessions"].std()
+    assert fit.draws["between_sessions"].std() < 0.01
+    assert fit.fields(BASE)["robot.speed_factors"] == pytest.approx(speeds, rel=0.03)
+    # Negative controls: of robots that keep their speed it is not told from 0; and one session cannot tell.
+    kept = fit_drive(made(12, **same), BASE)
+    assert kept.values["between_sessions"] < 0.005
+    assert np.quantile(kept.draws["between_sessions"], 0.025) == 0.0
+    assert np.quantile(fit.draws["between_sessions"], 0.025) > 0.02
+    once = fit_drive(found.only([0]), BASE)
+    assert "between_sessions" not in once.values
+    assert once.fields(BASE)["robot.speed_run_spread"] is None
+
+
+def test_speeds_that_drift_within_sessions_make_the_error_of_the_start_larger() -> None:
+    """It is the scatter of the starts of lines, also where ten drives in a row have the same speed."""
+    rng = np.random.default_rng(9)
+    time = np.linspace(0.0, 1200.0, 200)
+    for stretch in (1, 10):
+        starts, stated = [], []
+        for _ in range(400):
+            speed = np.repeat(rng.normal(size=200 // stretch), stretch)
+            slope, start = np.polyfit(time, speed, 1)
+            starts.append(start)
+            stated.append(_error_of_start(time, speed - start - slope * time))
+        assert np.sqrt(np.square(stated).mean()) == pytest.approx(np.std(starts), rel=0.15)
 
 
 def test_where_robots_turn_tells_where_their_rays_are() -> None:
@@ -284,7 +317,7 @@ def test_robots_of_the_base_do_not_remain_in_a_fit_to_others(monkeypatch: pytest
     monkeypatch.setattr(fit_module, "fit_avoidance", fitted_avoidance)
     recorded = dataset_of([simulate(BASE.with_values({"run.t_end_s": 600.0}), 42, 2, segments=True)])
     calibrated = preset("calibrated").with_values(
-        {"floor.tiles": BASE.floor.tiles, "floor.source": "recorded"}
+        {"floor.tiles": BASE.floor.tiles, "floor.source": "recorded", "robot.speed_run_spread": 0.05}
     )
     fitted = fit_module.fit(recorded, calibrated)
     robot, known = fitted.scenario.robot, fitted.changed
@@ -293,6 +326,7 @@ def test_robots_of_the_base_do_not_remain_in_a_fit_to_others(monkeypatch: pytest
     assert robot.misalignment_wander == known.get("robot.misalignment_wander")
     assert robot.misalignment_drift == known.get("robot.misalignment_drift")
     assert robot.misalignment_run_spread == known.get("robot.misalignment_run_spread")
+    assert robot.speed_run_spread is None
     assert fitted.scenario.sensor.tile_spread == known.get("sensor.tile_spread")
     assert fitted.scenario.sensor.robot_spread == known.get("sensor.robot_spread")
     assert fitted.scenario.rays.forward_each_m == known.get("rays.forward_each_m")

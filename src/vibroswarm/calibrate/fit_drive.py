@@ -6,6 +6,7 @@
 | robot.speed_factor_min, _max | mean -+ 3 sd |
 | robot.speed_redraw | "robot" if more than half of the variance is between robots |
 | robot.speed_wander | variation of distances within robots, if speed_redraw is "robot" (``undisturbed``) |
+| robot.speed_run_spread | sd of a robot's v_0 between sessions, relative, minus what the error of v_0 explains |
 | robot.battery_life_s | 1 / (share of v_0 lost per second): v = v_0 (1 - t / life), least squares for each robot and session |
 | robot.misalignment_min, _max | m = bend track / 2; uniform of the same mean and sd: mean -+ sqrt(3) sd |
 | robot.misalignment_wander | variation of m from sample to sample (``undisturbed``) |
@@ -20,7 +21,11 @@ The same robot may have different numbers in different sessions (in the study's 
 therefore matched to the robots of the first session by speed and veer, minimising the sum of squared differences in
 units of ``APART``.
 
-Variation of speed within a robot is taken as independent between samples. Errors: bootstrap over robots in sessions.
+Variation of speed within a robot is taken as independent between samples, but not for the error of v_0: real speeds also
+change slowly. It is the error of a line of which the deviations of ``BLOCKS`` parts of a session are independent, not
+those of its drives.
+
+Errors: bootstrap over robots in sessions; of the variation of v_0 between sessions, over robots.
 """  # noqa: E501
 
 from __future__ import annotations
@@ -53,8 +58,10 @@ APART: Final = (0.003, np.radians(1.5))
 sessions are taken to have different robots, and no field of individual robots is set."""
 _LEAST: Final = 10
 """Fewest drives of a robot in a session."""
+BLOCKS: Final = 10
+"""Parts of a session, of which the deviations from a robot's line of speed are taken as independent."""
 LEAST_VARIATION: Final = 1e-3
-"""Variations of misalignments below this are left out of the scenario."""
+"""Variations of misalignments, and of speeds between sessions, below this are left out of the scenario."""
 MOST_VARIATION: Final = 0.08
 """Larger variations of misalignments are cut to this."""
 
@@ -64,7 +71,9 @@ class DriveFit:
     """Estimates by name and their bootstrap draws, (draws,)."""
 
     values: dict[str, float]
-    """Estimates by name, see ``_estimates``; SI units."""
+    """Estimates by name, see ``_estimates``; SI units. ``between_sessions`` is the sd of a robot's speed at the start
+    between sessions, relative: 0 if the error of these speeds explains all of it. It is missing with one session, or
+    if robots cannot be matched."""
     draws: dict[str, Floats]
     """Bootstrap draws by the same names, (draws,) each; shorter where some resamples do not determine the estimate."""
     distance_ratio: float
@@ -104,6 +113,7 @@ class DriveFit:
             "robot.speed_redraw": "robot" if by_robot else "sample",
             # 0.4 is the largest value that the field accepts.
             "robot.speed_wander": _round(min(self.speed_wander, 0.4)) if by_robot else None,
+            "robot.speed_run_spread": self._run_spread if by_robot else None,
             "robot.battery_life_s": _round(max(values["battery_life_s"], 1.01 * base.run.t_end_s), 0),
         }
         if "bend_per_m" in values:
@@ -126,6 +136,12 @@ class DriveFit:
                     _round(min(size, MOST_VARIATION)) if size >= LEAST_VARIATION else None
                 )
         return fields | (self._each(base, low, high) if by_robot else {})
+
+    @property
+    def _run_spread(self) -> float | None:
+        """Variation of a robot's speed between sessions, as the scenario holds it; None: none, or unknown."""
+        spread = self.values.get("between_sessions", 0.0)
+        return _round(min(spread, 0.4)) if spread >= LEAST_VARIATION else None
 
     @property
     def speed_wander(self) -> float:
@@ -190,11 +206,20 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
         name: np.array([estimates[name] for estimates in resampled if name in estimates]) for name in values
     }
     matched = _matched(table, runs)
+    if matched is not None and len(matched) > 1:
+        values["between_sessions"] = _speed_between_sessions(matched)
+        robots = matched.shape[1]
+        draws_by_name["between_sessions"] = np.array(
+            [
+                _speed_between_sessions(matched[:, resample(_SEED, draw, stream=1, count=robots)])
+                for draw in range(draws)
+            ]
+        )
     return DriveFit(
         values=values,
         draws=draws_by_name,
         distance_ratio=_distance_ratio(found, table, base),
-        bodies=np.zeros((0, 2)) if matched is None else _mean_of_known(matched),
+        bodies=np.zeros((0, 2)) if matched is None else _mean_of_known(matched[:, :, :2]),
         bend_between_sessions_per_m=0.0 if matched is None else _between_sessions(matched, values, table),
     )
 
@@ -231,7 +256,9 @@ def _distance_ratio(found: Dataset, table: Floats, base: Scenario) -> float:
 
 
 def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
-    """Match the robots of all sessions; return speed at the start and bend of each, (sessions, robots, 2).
+    """Match the robots of all sessions; return a row for each robot in each session, (sessions, robots, 3).
+
+    A row is the speed at the start, the bend, and the standard error of the speed at the start.
 
     Robots of every session are in the order of the first session's. The result is None if sessions have different
     numbers of robots, or if matched robots differ too much between sessions: their variance, in units of ``APART``
@@ -241,7 +268,7 @@ def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
         table, runs: from ``_table_of_robots``.
     """
     speed = float(table[:, MEAN].mean())
-    sessions = [table[runs == run][:, [START, BEND]] for run in np.unique(runs)]
+    sessions = [table[runs == run][:, [START, BEND, ERROR]] for run in np.unique(runs)]
     if len({len(session) for session in sessions}) > 1:
         return None
     first = sessions[0]
@@ -250,14 +277,15 @@ def _matched(table: Floats, runs: NDArray[np.int64]) -> Floats | None:
     for session in sessions:
         # Differences between each robot of the first session and each robot of this session, (robots, robots, 2). A
         # difference of unknown bends is NaN, and counts as 0.
-        apart = np.nan_to_num((first[:, None] - session[None]) * scale / APART)
+        apart = np.nan_to_num((first[:, None, :2] - session[None, :, :2]) * scale / APART)
         # The row of this session's table that is matched to each robot of the first session.
         _, row_of_robot = linear_sum_assignment((apart**2).sum(axis=2))
         matched.append(session[row_of_robot])
     if len(matched) > 1:
         # Variance of a robot between sessions, in units of APART squared, mean over robots: (speed, bend). That of the
         # bend is NaN, and counts as 0, if a single bend is unknown.
-        scatter = np.nan_to_num(np.var(matched, axis=0, ddof=1).mean(axis=0)) * scale**2 / np.square(APART)
+        variance = np.var(np.array(matched)[:, :, :2], axis=0, ddof=1).mean(axis=0)
+        scatter = np.nan_to_num(variance) * scale**2 / np.square(APART)
         if scatter.mean() > 1.0:
             return None
     return np.array(matched)
@@ -269,12 +297,26 @@ def _mean_of_known(matched: Floats) -> Floats:
     Sessions in which a value is NaN (unknown) are left out of its mean. The mean is NaN if the value is NaN in all.
 
     Args:
-        matched: from ``_matched``, (sessions, robots, 2).
+        matched: speeds and bends from ``_matched``, (sessions, robots, 2).
     """
     known = np.isfinite(matched)
     total = np.where(known, matched, 0.0).sum(axis=0)
     with np.errstate(invalid="ignore"):  # 0 / 0 gives NaN where no session has a value
         return np.asarray(total / known.sum(axis=0))
+
+
+def _speed_between_sessions(matched: Floats) -> float:
+    """Return the sd of a robot's speed at the start between sessions, relative, without what its error explains.
+
+    The result is 0 if the error explains all.
+
+    Args:
+        matched: from ``_matched``, of two sessions or more.
+    """
+    starts, errors = matched[:, :, 0], matched[:, :, 2]
+    own = starts.mean(axis=0)  # of each robot
+    variance = (starts / own).var(axis=0, ddof=1).mean() - np.square(errors / own).mean()
+    return float(np.sqrt(max(variance, 0.0)))
 
 
 def _between_sessions(matched: Floats, values: dict[str, float], table: Floats) -> float:
@@ -303,17 +345,17 @@ def _between_sessions(matched: Floats, values: dict[str, float], table: Floats) 
     return float(np.sqrt(max(variance, 0.0)))
 
 
-MEAN, START, LOST, WITHIN, VEER, BEND, SPREAD, SLOW, DISTANCE, TURNS, SAMPLES = range(11)
+MEAN, START, LOST, WITHIN, VEER, BEND, SPREAD, SLOW, DISTANCE, TURNS, SAMPLES, ERROR = range(12)
 """Columns of the table of robots in sessions, explained at ``_table_of_robots``."""
 
 
 def _table_of_robots(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
-    """Return a row for each robot in each session, (rows, 11), and the session of each row, (rows,).
+    """Return a row for each robot in each session, (rows, 12), and the session of each row, (rows,).
 
-    Rows are ordered by session and robot. The columns, ``MEAN`` to ``SAMPLES``, are the mean speed, the speed at the
+    Rows are ordered by session and robot. The columns, ``MEAN`` to ``ERROR``, are the mean speed, the speed at the
     start, the share of the start speed lost per second, the sd of the speed about its line in time, the mean veer in
-    the middle of drives, and all fields of the robot's ``Course`` but the first. Unknown values are NaN. Robots with
-    fewer than ten drives in a session are left out.
+    the middle of drives, all fields of the robot's ``Course`` but the first, and the standard error of the speed at the
+    start. Unknown values are NaN. Robots with fewer than ten drives in a session are left out.
     """
     courses = {
         key: course_of(own)
@@ -327,7 +369,8 @@ def _table_of_robots(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
             continue
         time, speed = own["time_s"].to_numpy(), own["speed_m_s"].to_numpy()
         slope, start = np.polyfit(time, speed, 1)
-        within = float(np.sqrt(((speed - start - slope * time) ** 2).mean()))
+        deviations = speed - start - slope * time
+        within = float(np.sqrt((deviations**2).mean()))
         veer = own["veer_rad_s"].drop_nulls().to_numpy()
         mean_veer = float(veer.mean()) if veer.size >= _LEAST else np.nan
         course = courses.get(key)
@@ -335,9 +378,24 @@ def _table_of_robots(found: Dataset) -> tuple[Floats, NDArray[np.int64]]:
             (float(speed.mean()), start, -slope / start, within, mean_veer)
             # The fields of ``Course`` from bend_per_m to samples.
             + ((np.nan,) * 6 if course is None else course[1:])
+            + (_error_of_start(time, deviations),)
         )
         runs.append(key[0])
-    return np.array(rows, dtype=np.float64).reshape(-1, 11), np.array(runs, dtype=np.int64)
+    return np.array(rows, dtype=np.float64).reshape(-1, 12), np.array(runs, dtype=np.int64)
+
+
+def _error_of_start(time: Floats, deviations: Floats) -> float:
+    """Return the standard error of the value at time 0 of a line, of which ``BLOCKS`` stretches deviate independently.
+
+    Args:
+        time: of the values that the line was fitted to, ascending, s. deviations: of these values from the line.
+    """
+    off = time - time.mean()
+    # The line's value at time 0 is the sum of these weights times the values.
+    weights = 1.0 / time.size - time.mean() * off / (off**2).sum()
+    sums = [part.sum() for part in np.array_split(weights * deviations, BLOCKS)]
+    # The line has two numbers, which take two of the blocks' degrees of freedom.
+    return float(np.sqrt(np.square(sums).sum() * BLOCKS / (BLOCKS - 2)))
 
 
 def _estimates(table: Floats) -> dict[str, float]:
