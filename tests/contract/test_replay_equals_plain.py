@@ -286,7 +286,7 @@ def test_reading_one_period_too_early_shows(monkeypatch: pytest.MonkeyPatch, str
     scenario = (
         Draw(robots=6)
         .scenario(run__t_end_s=15.0, decision__min_observations=4)
-        .with_values({"strategy.name": strategy})
+        .with_values({"strategy.name": strategy, "localisation.method": "true"})
     )
     result = simulate(scenario, 8, 1)
     right = _Plain.tick
