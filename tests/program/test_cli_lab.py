@@ -12,7 +12,7 @@ import polars as pl
 import pytest
 
 from vibroswarm import preset
-from vibroswarm.cli import main, parser
+from vibroswarm.cli import main
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -268,12 +268,6 @@ def test_a_recording_has_no_random_floor(task, redraw, tmp_path, capsys):
         line = ["lab", *task, str(SHIPPED / "session-1.csv")]
     assert main([*line, *random]) == 2
     assert "--floor: is random, but a recording has one floor" in capsys.readouterr().err
-
-
-def test_a_height_for_each_camera_may_be_given_by_itself():
-    line = ["lab", "track", "a.avi", "b.avi", "--markers", "0", "--out", "out"]
-    given = parser().parse_args([*line, "--camera-height", "1.2", "--camera-height", "1.3"])
-    assert given.camera_height == [1.2, 1.3]
 
 
 def test_too_few_intervals_to_tell_apart_are_said(kept, capsys):

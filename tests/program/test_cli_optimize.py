@@ -289,7 +289,7 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["--sensitivity", "--runs", "10"], "--runs: does not apply to --sensitivity"),
         (["--sensitivity", "--against", "paper"], "--against: does not apply to --sensitivity"),
         (["--style", "poster"], "style"),
-        (["--workers", "0", "--budget", "1000"], "a whole number from 1"),
+        (["--workers", "0", "--budget", "1000"], "--workers: 0 is not from 1 to 4096"),
     ],
 )
 def test_bad_input_is_told_and_ends_with_2(
