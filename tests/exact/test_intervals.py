@@ -109,6 +109,17 @@ def test_bootstrap_of_few_distinct_values_is_that_of_runs_one_by_one() -> None:
     assert bootstrap_mean(shares, seed=1) != mine
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+def test_quantile_limits_are_those_of_binomial_sums(share: float) -> None:
+    """The r-th of n values is the lower limit if at most r - 1 of n values lie below the quantile in 2.5 % of draws."""
+    n = 60
+    at_most = np.cumsum([math.comb(n, k) * share**k * (1 - share) ** (n - k) for k in range(n + 1)])
+    lower = max(r for r in range(n + 1) if (at_most[r - 1] if r else 0.0) <= 0.025)
+    upper = min(r for r in range(1, n + 2) if 1.0 - at_most[r - 1] <= 0.025)
+    found = quantile_interval(np.arange(1.0, n + 1.0), share)
+    assert (found.low, found.high) == (lower, upper)
+
+
 def test_quantiles_by_hand() -> None:
     """Of 10 values the 2nd and 9th hold the median with 1 - 2 * 11/1024."""
     values = np.arange(1.0, 11.0)

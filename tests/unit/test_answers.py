@@ -95,6 +95,11 @@ def test_what_is_faster_only_because_it_errs_more_is_not_called_better(
     assert found.endswith(ending)
 
 
+def test_a_strategy_that_is_faster_but_wrong_more_often_is_named() -> None:
+    """The command then says how to compare at equal error."""
+    assert answer(*PUBLISHED).faster_and_more_wrong == "soft"
+
+
 def reached_of(curve: list[tuple[float, float]], noise: np.ndarray) -> Reached:
     """Points with given means; the runs differ by noise of mean 0, the same for all points."""
     time_s, error = (np.array(column)[:, None] for column in zip(*curve, strict=True))

@@ -5,16 +5,21 @@ from __future__ import annotations
 import gc
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
 import vibroswarm
-from vibroswarm import InputError, Study, StudyResult, preset
+from vibroswarm import InputError, Scenario, Study, StudyResult, preset
+from vibroswarm.analysis.forced_error import Reached, reached, reached_together
 from vibroswarm.study.cell_comparison import at_equal_error, comparisons
+from vibroswarm.study.summary import outcome_of
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 
@@ -209,6 +214,33 @@ def test_strategies_are_not_compared_at_equal_error_on_the_motion_of_another_sou
         scenario = SHORT.with_values({"run.t_end_s": 300.0, "decision.min_observations": 5})
         result = Study(scenario, grid, 30, seed=3, motion=motion).run()
         assert bool(at_equal_error(result, comparisons(result))) == is_compared
+
+
+def test_strategies_are_compared_at_equal_error_only_on_request(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It may take longer than the study. On request, cells with the same motion are replayed on one motion."""
+    scenario = SHORT.with_values({"run.t_end_s": 300.0, "decision.min_observations": 5})
+    result = Study(scenario, {"grid": {"strategy.name": ["none", "positive", "soft"]}}, 30, seed=3).run()
+    together = []
+
+    def noted(scenarios: Sequence[Scenario], *arguments: Any) -> list[Reached]:
+        together.append([one.strategy.name for one in scenarios])
+        return reached_together(scenarios, *arguments)
+
+    monkeypatch.setattr("vibroswarm.study.cell_comparison.reached_together", noted)
+    assert {answer.matched for answer in outcome_of(result).answers} == {None}
+    assert together == []
+    requested = outcome_of(result, equal_error=True)
+    assert all(answer.matched is not None for answer in requested.answers)
+    assert [sorted(names) for names in together] == [["none", "positive", "soft"]]
+    assert result.compare("none", equal_error=True).answers[0].at_equal_error.startswith("At equal error")
+
+
+def test_scenarios_replayed_together_reach_what_each_reaches_alone() -> None:
+    scenarios = [SHORT.with_values({"strategy.name": name}) for name in ("none", "soft")]
+    for one, scenario in zip(reached_together(scenarios, 3, range(4)), scenarios, strict=True):
+        alone = reached(scenario, 3, range(4))
+        assert np.array_equal(one.time_s, alone.time_s)
+        assert np.array_equal(one.error, alone.error)
 
 
 @pytest.mark.usefixtures("one_picture")

@@ -32,7 +32,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from itertools import product
+from itertools import chain, product
 from typing import Any, Final
 
 import numpy as np
@@ -99,7 +99,7 @@ DRAWS: Final = 1000
 """Bootstrap draws of runs."""
 LEAST_KNOWN: Final = 0.95
 """Smallest share of defined draws for which limits are given."""
-BATCH: Final = 100
+BATCH: Final = 250
 """Runs that are replayed together."""
 DEFAULT: Final[dict[str, tuple[Any, ...]]] = {
     "decision.credible_threshold": (0.7, 0.8, 0.9, 0.95, 0.98, 0.995),
@@ -153,6 +153,44 @@ def reached(scenario: Scenario, seed: int, runs: Sequence[int]) -> Reached:
     Raises:
         InputError: the scenario cannot be run, or in some run neither decision is right.
     """
+    return reached_together([scenario], seed, runs)[0]
+
+
+def reached_together(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int]) -> list[Reached]:
+    """Replay several scenarios as ``reached`` does, on motion and readings that are computed once for all of them.
+
+    Args:
+        scenarios: at least one; they differ in strategy and decision only. seed, runs: see ``reached``.
+    Returns: what each scenario reaches, in the order of ``scenarios``.
+    Raises:
+        InputError: one of them cannot be run, or in some run neither decision is right.
+    """
+    points = [settings_of(scenario) for scenario in scenarios]
+    found = [Reached(*(np.empty((len(of_one), len(runs))) for _ in range(2))) for of_one in points]
+    # The place of each point: its scenario's tables, and its row in them.
+    places = [(one, k) for one, of_one in zip(found, points, strict=True) for k in range(len(of_one))]
+    base, runs_done = points[0][0], 0
+    # One thread: batches are computed one after the other, which takes the least memory.
+    for batch in replayed(base, [*chain.from_iterable(points)], seed, runs, batch=BATCH, workers=1):
+        for (one, k), (robots, of_runs) in zip(places, batch, strict=True):  # the tables of each point
+            by_run = ByRun(robots)
+            # Columns of the results for the runs of this batch.
+            columns = slice(runs_done, runs_done + by_run.runs.size)
+            one.time_s[k, columns] = by_run.mean(by_run.capped_time_s(base.run.t_end_s))
+            one.error[k, columns] = by_run.mean(forced_error_by_robot(by_run.robots, of_runs))
+        runs_done += by_run.runs.size
+    if any(np.isnan(one.error).any() for one in found):
+        raise InputError(
+            "in some runs neither decision is right; give fill ratios off the boundary", field="floor"
+        )
+    return found
+
+
+def settings_of(scenario: Scenario) -> list[Scenario]:
+    """Return a scenario that runs to t_end, and then the same with each combination of its strategy's settings.
+
+    A combination that the scenario refuses is left out.
+    """
     base = scenario.with_values({"run.stop": "t_end"})
     fields: Mapping[str, Sequence[Any]] = front_settings().get(base.strategy.name, DEFAULT)
     points = [base]
@@ -161,22 +199,7 @@ def reached(scenario: Scenario, seed: int, runs: Sequence[int]) -> Reached:
             points.append(base.with_values(dict(zip(fields, values, strict=True))))
         except InputError:  # a setting that this scenario refuses
             continue
-    time_s, error = np.empty((len(points), len(runs))), np.empty((len(points), len(runs)))
-    runs_done = 0
-    # One thread: batches are computed one after the other, which takes the least memory.
-    for batch in replayed(base, points, seed, runs, batch=BATCH, workers=1):
-        for k, (robots, of_runs) in enumerate(batch):  # the tables of each point
-            by_run = ByRun(robots)
-            # Columns of the results for the runs of this batch.
-            columns = slice(runs_done, runs_done + by_run.runs.size)
-            time_s[k, columns] = by_run.mean(by_run.capped_time_s(base.run.t_end_s))
-            error[k, columns] = by_run.mean(forced_error_by_robot(by_run.robots, of_runs))
-        runs_done += by_run.runs.size
-    if np.isnan(error).any():
-        raise InputError(
-            "in some runs neither decision is right; give fill ratios off the boundary", field="floor"
-        )
-    return Reached(time_s, error)
+    return points
 
 
 def matched_error(first: Reached, reference: Reached, seed: int = 0) -> MatchedError:

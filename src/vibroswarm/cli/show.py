@@ -342,7 +342,9 @@ def results_of(store: Store) -> Outcome | None:
         return None
     second = store.folder / SECOND
     repetition = StudyResult.open(second) if (second / HEAD).exists() else None
-    return outcome_of(result, repetition)
+    # The table is there if strategies were compared at equal error when the study was run.
+    equal_error = (store.folder / "equal_error.csv").is_file()
+    return outcome_of(result, repetition, equal_error=equal_error)
 
 
 def results_or_need(store: Store) -> tuple[Outcome | None, str]:

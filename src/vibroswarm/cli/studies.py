@@ -53,6 +53,11 @@ def add_outcome_options(parser: argparse.ArgumentParser) -> None:
         help="do not repeat comparisons on other seeds (saves up to 1000 runs)",
     )
     output.add_argument(
+        "--equal-error",
+        action="store_true",
+        help="also compare strategies at equal error, each with its best settings (replays up to 1000 runs)",
+    )
+    output.add_argument(
         "--reference",
         metavar="NAME",
         help="compare with this strategy (or other varied value) only; default: strategies in all pairs",
@@ -240,18 +245,36 @@ def print_outcome(result: StudyResult, second: StudyResult | None, arguments: ar
 
     # `outcome_of` reports the progress of its replays for the comparison at equal error.
     with progress_bar("at equal error") as progress:
-        outcome = outcome_of(result, second, arguments.reference, progress)
+        outcome = outcome_of(result, second, arguments.reference, progress, equal_error=arguments.equal_error)
     if arguments.out is not None:
         write_outcome(outcome, arguments.out)
     if arguments.json:
         print_json(outcome.as_dict())
     else:
         print_tables(outcome)
+        _print_hint(outcome)
     sys.stdout.flush()  # the tables are seen before the report's pictures are drawn, which takes a while
     if arguments.out is not None and not arguments.no_pictures:
         _draw(outcome, arguments)
     _print_saved(arguments)
     return 0
+
+
+def _print_hint(outcome: Outcome) -> None:
+    """Print how strategies are compared at equal error, if one is faster but wrong more often, and they were not."""
+    from vibroswarm.study.cell_comparison import pairs_at_equal_error
+
+    comparable = pairs_at_equal_error(outcome.result, outcome.comparisons)
+    names = [
+        answer.faster_and_more_wrong
+        for answer in outcome.answers
+        if answer.matched is None and (answer.cell.number, answer.reference.number) in comparable
+    ]
+    traded = list(dict.fromkeys(name for name in names if name is not None))
+    if traded:
+        print_paragraph(
+            f"Faster but wrong more often: {', '.join(traded)}. Not compared at equal error; add --equal-error."
+        )
 
 
 def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
@@ -281,7 +304,9 @@ def _print_saved(arguments: argparse.Namespace) -> None:
     from vibroswarm.cli.output import print_saved
 
     # Without --out, the message lists all tables that a study may have; with it, only the tables that this study has.
-    tables: tuple[str, ...] = ("summary.csv", "comparisons.csv", "equal_error.csv")
+    tables: tuple[str, ...] = ("summary.csv", "comparisons.csv")
+    if arguments.equal_error:
+        tables += ("equal_error.csv",)
     if arguments.out is not None:
         tables = tuple(name for name in tables if (arguments.out / name).is_file())
     saved = ", ".join(tables)

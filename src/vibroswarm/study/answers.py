@@ -207,6 +207,15 @@ class Answer:
             return f"{where}no significant difference in time, {effect.number}.{self._conclusion(None)}"
         return f"{where}{self.first_name} {effect.words}.{self._conclusion(difference.estimate < 0)}"
 
+    @property
+    def faster_and_more_wrong(self) -> str | None:
+        """Name of the cell that is significantly faster, and also wrong significantly more often; None if none is."""
+        better = {effect.figure: effect.better for effect in self.effects}
+        first_is_faster, first_errs_less = better["decision_time_s"], better["wrong_share"]
+        if first_is_faster is None or first_errs_less is None or first_is_faster == first_errs_less:
+            return None
+        return self.first_name if first_is_faster else self.reference_name
+
     def _conclusion(self, first_is_faster_at_equal_error: bool | None) -> str:
         """Write whether a strategy that is faster and wrong more often, as run, is faster at equal error too.
 
@@ -215,13 +224,10 @@ class Answer:
         Returns: a sentence after a space. It is empty unless one of the two is significantly faster and also wrong
             significantly more often.
         """
-        better = {effect.figure: effect.better for effect in self.effects}
-        first_is_faster, first_errs_less = better["decision_time_s"], better["wrong_share"]
-        if first_is_faster is None or first_errs_less is None:
-            return ""  # a difference is not significant
-        if first_is_faster == first_errs_less:
-            return ""  # the faster strategy is also wrong less often
-        faster = self.first_name if first_is_faster else self.reference_name
+        faster = self.faster_and_more_wrong
+        if faster is None:
+            return ""
+        first_is_faster = faster == self.first_name
         if first_is_faster_at_equal_error is None or first_is_faster_at_equal_error != first_is_faster:
             return f" So {faster} is faster as run, but not shown to be better: it is wrong more often."
         return f" So {faster} is faster, and not only because it is wrong more often."

@@ -9,7 +9,8 @@ The compared fields are those whose values are words: strategies, presets, label
 compared only if no other field is varied and it has few values, since many values make a curve. The floor is never
 compared, since it is not a choice of the user of a swarm. The p-values are corrected over all comparisons of a study.
 
-Strategies are also compared at equal error: their cells are replayed with other settings (``analysis.forced_error``).
+Strategies can also be compared at equal error, on request: their cells are replayed with other settings
+(``analysis.forced_error``).
 """
 
 from __future__ import annotations
@@ -29,10 +30,12 @@ from vibroswarm.analysis.forced_error import (
     Reached,
     forced_error_by_run,
     matched_error,
-    reached,
+    reached_together,
 )
 from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
+from vibroswarm.inference.deliveries import needs_moves
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import steers
 from vibroswarm.study.factors import LABEL, flat
 from vibroswarm.study.run import run
@@ -365,21 +368,18 @@ ENGINES: Final = ("event", "fixed-step")
 """Sources of motion whose studies are compared at equal error: both give the motion of ``event``, which is replayed."""
 
 
-def at_equal_error(
-    result: StudyResult, compared: Sequence[Compared], progress: Callable[[float], None] | None = None
-) -> dict[tuple[int, int], MatchedError]:
-    """Compare each pair of cells with different strategies at equal error, by replay with other settings.
+def pairs_at_equal_error(
+    result: StudyResult, compared: Sequence[Compared]
+) -> dict[tuple[int, int], tuple[Cell, Cell]]:
+    """Return the pairs of cells that can be compared at equal error, by the numbers of cell and reference.
 
-    Strategies that steer are left out, since their motion changes with the settings. A cell is also left out if neither
-    decision is right in one of its runs, or if its scenario cannot be run. The result is empty if more than
-    ``MATCHED_CELLS`` cells have to be compared, or if they have fewer than ``LEAST_RUNS`` runs in common. It is also
-    empty if the study's source of motion is not one of ``ENGINES``, since ``reached`` simulates the motion again with
-    the source ``event``, whatever the study's source is.
+    These are cells with different strategies. Strategies that steer are left out, since their motion changes with the
+    settings. There are no pairs if more than ``MATCHED_CELLS`` cells would have to be compared, or if the study's
+    source of motion is not one of ``ENGINES``, since a replay simulates the motion again with the source ``event``,
+    whatever the study's source is.
 
     Args:
-        compared: result of ``comparisons``. progress: called after each cell that was replayed, with the share of cells
-            done.
-    Returns: the comparison of each pair, by the numbers of cell and reference.
+        compared: result of ``comparisons``.
     """
     if result.study.motion not in ENGINES:
         return {}
@@ -390,27 +390,66 @@ def at_equal_error(
         and not steers(one.cell.scenario)
         and not steers(one.reference.scenario)
     }
+    cells = {cell.number for pair in pairs.values() for cell in pair}
+    return pairs if len(cells) <= MATCHED_CELLS else {}
+
+
+def at_equal_error(
+    result: StudyResult, compared: Sequence[Compared], progress: Callable[[float], None] | None = None
+) -> dict[tuple[int, int], MatchedError]:
+    """Compare pairs of cells with different strategies at equal error, by replay with other settings.
+
+    A cell is left out if neither decision is right in one of its runs, or if its scenario cannot be run. The result is
+    empty if the cells have fewer than ``LEAST_RUNS`` runs in common.
+
+    Args:
+        compared: result of ``comparisons``. progress: called after cells were replayed, with the share of cells done.
+    Returns: the comparison of each pair of ``pairs_at_equal_error``, by the numbers of cell and reference.
+    """
+    pairs = pairs_at_equal_error(result, compared)
     cells = {cell.number: cell for pair in pairs.values() for cell in pair}
-    if len(cells) > MATCHED_CELLS:
-        return {}
     runs = {number: _runs(result, cell) for number, cell in cells.items()}
     # The runs that all these cells have.
     common = sorted(set.intersection(*map(set, runs.values()))) if runs else []
     if len(common) < LEAST_RUNS:
         return {}
+    sharing: dict[str, list[Cell]] = {}  # cells with the same motion and readings are replayed together
+    for cell in cells.values():
+        sharing.setdefault(_readings_key(cell.scenario), []).append(cell)
     found: dict[int, Reached] = {}
-    for done, (number, cell) in enumerate(cells.items()):
-        try:
-            found[number] = reached(cell.scenario, result.study.seed, common)
-        except InputError:
-            continue  # the scenario cannot be run, or neither decision is right in a run: the cell is left out
+    done = 0
+    for together in sharing.values():
+        found |= _reached(together, result.study.seed, common)
+        done += len(together)
         if progress is not None:
-            progress((done + 1) / len(cells))
+            progress(done / len(cells))
     return {
         (cell, reference): matched_error(found[cell], found[reference])
         for cell, reference in pairs
         if cell in found and reference in found
     }
+
+
+def _readings_key(scenario: Scenario) -> str:
+    """Return a text that is equal for scenarios with the same motion, readings and network."""
+    values = scenario.model_dump(mode="json", exclude={"strategy", "decision"})
+    # The boundary is part of the task, and with it of the floors; moves are recorded if localisation reads them.
+    return repr((values, scenario.decision.decision_boundary, needs_moves(scenario)))
+
+
+def _reached(cells: Sequence[Cell], seed: int, runs: Sequence[int]) -> dict[int, Reached]:
+    """Return what cells with the same motion and readings reach, by number; cells that cannot be replayed are left out.
+
+    Args:
+        seed: of the runs. runs: their numbers.
+    """
+    try:
+        reached = reached_together([cell.scenario for cell in cells], seed, runs)
+    except InputError:
+        if len(cells) == 1:  # the scenario cannot be run, or neither decision is right in a run
+            return {}
+        return {k: one for cell in cells for k, one in _reached([cell], seed, runs).items()}
+    return {cell.number: one for cell, one in zip(cells, reached, strict=True)}
 
 
 def _runs(result: StudyResult, cell: Cell) -> list[int]:

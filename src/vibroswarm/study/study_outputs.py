@@ -75,7 +75,9 @@ class ReportFile(NotebookView):
         return f"ReportFile({str(self.path)!r})"
 
 
-def compared(result: StudyResult, reference: str | None, confirm: bool) -> Comparison:
+def compared(
+    result: StudyResult, reference: str | None, confirm: bool, equal_error: bool = False
+) -> Comparison:
     """Compare the selected cells pairwise.
 
     Args:
@@ -83,9 +85,11 @@ def compared(result: StudyResult, reference: str | None, confirm: bool) -> Compa
             two strategies are compared; of any other field, each value with the first one. ``cell_comparison.pairs_of``
             has the rules in full.
         confirm: whether the study is first repeated on another seed, to confirm the differences.
+        equal_error: whether strategies are also compared at equal error.
     """
     replicate = second_block(result) if confirm else None
-    return Comparison(outcome_of(result, replicate=replicate, reference=reference))
+    outcome = outcome_of(result, replicate=replicate, reference=reference, equal_error=equal_error)
+    return Comparison(outcome)
 
 
 def plotted(result: StudyResult, name: str, style: str) -> Picture:
@@ -128,7 +132,9 @@ def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportF
 
 def _write(result: StudyResult, folder: Path) -> ReportFile:
     """Write tables, pictures and report into an existing folder; pictures are as wide as a journal's column."""
-    outcome = outcome_of(result)
+    # The report keeps the comparison at equal error that the study's folder has.
+    equal_error = (result.store.folder / "equal_error.csv").is_file()
+    outcome = outcome_of(result, equal_error=equal_error)
     write_outcome(outcome, folder)
     write_pictures_and_report(outcome, references_of(result), folder, "column")
     return ReportFile(folder / REPORT)

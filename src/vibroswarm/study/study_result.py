@@ -378,7 +378,9 @@ class StudyResult(NotebookView):
 
         return outcome_of(self, compare=False).table
 
-    def compare(self, reference: str | None = None, *, confirm: bool = False) -> Comparison:
+    def compare(
+        self, reference: str | None = None, *, confirm: bool = False, equal_error: bool = False
+    ) -> Comparison:
         """Compare the cells run by run, in sentences with intervals and in a table.
 
         Args:
@@ -386,12 +388,13 @@ class StudyResult(NotebookView):
                 compared; by default, every two strategies are compared, and each value of another field is compared
                 with the field's first value.
             confirm: run the study on another seed too, to confirm differences.
+            equal_error: compare strategies at equal error too; this replays up to 1000 runs with many settings.
         Raises:
             InputError: no compared field has the value ``reference``, or no selected cell has runs.
         """
         from vibroswarm.study.study_outputs import compared
 
-        return compared(self, reference, confirm)
+        return compared(self, reference, confirm, equal_error)
 
     def plot(self, name: str = "outcomes", *, style: str = "column") -> Picture:
         """Draw a picture of the study.

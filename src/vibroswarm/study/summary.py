@@ -193,6 +193,7 @@ def outcome_of(
     progress: Callable[[float], None] | None = None,
     *,
     compare: bool = True,
+    equal_error: bool = False,
 ) -> Outcome:
     """Summarise the selected cells of a study, with the rows of one cell at a time in memory.
 
@@ -201,6 +202,8 @@ def outcome_of(
         reference: value with which other cells are compared, see ``cell_comparison.pairs_of``.
         progress: called with the share of cells, 0 to 1, that have been replayed for the comparison at equal error.
         compare: whether cells are compared; if not, only their figures are computed.
+        equal_error: whether strategies are also compared at equal error, which replays up to 1000 runs of each cell
+            with many settings and may take longer than the study itself.
     Raises:
         InputError: no selected cell has runs, or the reference is no value that is compared.
     """
@@ -234,7 +237,7 @@ def outcome_of(
             )
         )
     compared = tuple(comparisons(result, replicate, reference)) if compare else ()
-    answers = answers_of(compared, at_equal_error(result, compared, progress))
+    answers = answers_of(compared, at_equal_error(result, compared, progress) if equal_error else {})
     return Outcome(
         result=result,
         replicate=replicate,
