@@ -329,7 +329,7 @@ def give_each(swarm: NDArray[np.void], scenario: Scenario, setup: Setup, seed: i
     Args:
         swarm: (robots,), as ``control_step.begin`` left it; changed. setup: ``setup_of(scenario)``.
     """
-    if scenario.motion_faults.any_of_motion:
+    if scenario.faults.any_of_motion:
         tick_ms = scenario.run.control_period_ms
         # Time from which each robot of this run stands for good, and from which its battery is empty, s; inf: never.
         # With an empty battery it stands for good too, and is also silent.
