@@ -85,6 +85,7 @@ FOREIGN = """
 import gc
 import sys
 import numba
+from vibroswarm.core.jit import inner, kernel
 from vibroswarm.core.rng import uniform
 from vibroswarm.robot.belief import belief_below
 from vibroswarm.strategies.soft import weight
@@ -98,26 +99,91 @@ def total(n):
         found += uniform(1, 2, 3, 4, k, 0) + belief_below(3, k + 1, 0.5) + weight(3, k + 1, 0.2, 1500.0, 2.0)
     return found
 
-print(total(100), total.py_func(100))
+@numba.njit
+def chance(k):
+    return uniform(1, 2, 3, 4, k, 0)
+
+@inner
+def thrice(k):
+    return 3.0 * chance(k)
+
+@kernel
+def ours(n):
+    found = 0.0
+    for k in range(n):
+        found += chance(k) + thrice(k) / 3.0 + belief_below(3, k + 1, 0.5)
+    return found
+
+# In either order, since a function is compiled once for kernels of ours and once for the user's.
+for called in (ours, total) if "ours" in sys.argv else (total, ours):
+    print(called(100), called.py_func(100))
 assert (gc.get_threshold(), numba.config.SLP_VECTORIZE) == before
 """
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
-def test_a_users_own_compiled_function_calls_our_kernels(tmp_path: Path) -> None:
+@pytest.mark.parametrize("first", ["ours", "the user's"])
+def test_a_users_own_compiled_function_and_our_kernels_call_each_other(first: str, tmp_path: Path) -> None:
     """What Python calls and what only kernels call, compiled at first and from the cache."""
     (tmp_path / "foreign.py").write_text(FOREIGN, encoding="utf-8")
     cache = str(tmp_path / "cache")
     environment = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
     for _ in ("compiled", "from the cache"):
         done = subprocess.run(
-            [sys.executable, str(tmp_path / "foreign.py")],
+            [sys.executable, str(tmp_path / "foreign.py"), first],
             env=environment, capture_output=True, text=True, check=True, timeout=120,
         )  # fmt: skip
-        compiled, plain = map(float, done.stdout.split())
-        assert compiled == pytest.approx(plain, rel=1e-12)
-        assert 100.0 < plain < 200.0
+        for line in done.stdout.splitlines():
+            compiled, plain = map(float, line.split())
+            assert compiled == pytest.approx(plain, rel=1e-12)
+            assert 100.0 < plain < 250.0
+
+
+PARTS = """
+from vibroswarm.core import whole_kernels
+whole_kernels.KNOWN = whole_kernels.KNOWN if "known" in __import__("sys").argv else ()
+from vibroswarm.core.jit import inner, kernel
+
+NEVER = False
+
+@inner
+def deep(x):
+    return 3.0 * x
+
+@inner
+def never(x):
+    if NEVER:
+        return deep(x)
+    return x
+
+@inner
+def always(x):
+    return deep(x) + 1.0
+
+@kernel
+def both(x):
+    return never(x) + always(x)
+
+print(both(2.0), deep(2.0))
+"""
+
+
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+@pytest.mark.parametrize("version", ["known", "another"])
+def test_a_kernel_is_compiled_with_all_that_it_calls(version: str, tmp_path: Path) -> None:
+    """Also a part that its first caller never calls; and by a version of Numba whose inner parts are not known."""
+    (tmp_path / "parts.py").write_text(PARTS, encoding="utf-8")
+    cache = str(tmp_path / "cache")
+    environment = os.environ | {"XDG_CACHE_HOME": cache, "LOCALAPPDATA": cache, "HOME": cache}
+    for _ in ("compiled", "from the cache"):
+        done = subprocess.run(
+            [sys.executable, str(tmp_path / "parts.py"), version],
+            env=environment, capture_output=True, text=True, check=True, timeout=120,
+        )  # fmt: skip
+        assert done.stdout.split() == ["9.0", "6.0"]
+    saved = {path.name.split("-")[0] for path in tmp_path.rglob("parts.*.nbc")}
+    assert saved == {"parts.both"}
 
 
 def test_what_is_left_out_of_the_hash_holds_no_kernel_and_nothing_below_needs_it() -> None:

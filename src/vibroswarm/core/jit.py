@@ -323,7 +323,7 @@ def _compile(
         return _quiet(function) if from_python else function
     import numba
 
-    from vibroswarm.core import kernel_cache
+    from vibroswarm.core import kernel_cache, whole_kernels
 
     if not _compiled:
         # This replaces a property of one of Numba's classes: once in a process is enough, but it must be done before
@@ -334,10 +334,10 @@ def _compile(
         "no_cfunc_wrapper": True,  # C code calls no kernel: saves compile time
         "no_cpython_wrapper": not from_python,
     }
-    njit: Any = numba.njit  # its stubs lack some options
     # Error model "numpy": division by 0 gives inf or NaN, not an error.
-    compiled: Any = njit(error_model="numpy", **options)(function)
-    folder = cache_folder() if cached else None
+    compiled: Any = whole_kernels.declare(function, from_python, error_model="numpy", **options)
+    # A function that only kernels call is in the cached machine code of these kernels.
+    folder = cache_folder() if cached and from_python else None
     if folder is not None:
         config: Any = numba.config  # the cache takes its folder from there when it is created
         before, config.CACHE_DIR = config.CACHE_DIR, str(folder)
