@@ -250,7 +250,7 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
         ("tradeoff --observations a", "--observations: 'a' is not a whole number"),
         ("tradeoff --thresholds x", "--thresholds: 'x' is not a number"),
         ("tradeoff --runs 0", "runs: 0 is wrong; give a whole number from 1"),
-        ("tradeoff --workers 0", "workers: 0 is too few"),
+        ("tradeoff --workers 0", "workers: 0 is not from 1 to 4096"),
         ("evaluate --style poster", "--style: invalid choice: 'poster'"),
         ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
         ("evaluate --vary strategy.soft.eta", "is not of the form section.field=value,value"),
