@@ -39,7 +39,7 @@ def environment(folder: Path, *packages: str | Path) -> Path:
     python = folder / "bin" / "python"
     line = [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages]
     done = subprocess.run(line, capture_output=True, text=True, check=False)
-    if "Could not find a version" in done.stderr or "Failed to establish a new connection" in done.stderr:
+    if "Failed to establish a new connection" in done.stderr:
         pytest.skip("packages cannot be downloaded here")
     assert done.returncode == 0, done.stderr
     return python

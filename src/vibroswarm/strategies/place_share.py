@@ -37,7 +37,7 @@ from vibroswarm.strategies.world import World
 SMALL: Final = 2.0**-40
 """When all E_K are below this, all are divided by it: only ratios matter, and a float of 4 bytes ends at 1e-38."""
 MOST_ODDS: Final = 500.0
-"""Largest log odds of a tile that are told apart."""
+"""Log odds of a tile are limited to this size."""
 
 
 @inlined_uncached
