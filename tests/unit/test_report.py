@@ -29,8 +29,8 @@ from vibroswarm.report.html import (
     report_html,
     write_report,
 )
-from vibroswarm.report.markup import escape, inline_svg
 from vibroswarm.report.parts import ReportAnswer, ReportEffect, decimals_of, number_text
+from vibroswarm.show.markup import escape, inline_svg
 
 NASTY = '</script><script>alert(1)</script><!-- <b onclick="x"> {{title}} &amp; \u2028 \' " \\ ]]> `code` \udcff\x00'
 IN_FRAME = NASTY.replace("\udcff", "")  # a frame cannot hold half a letter
@@ -348,7 +348,7 @@ def test_svg_is_inlined_with_its_own_ids():
 
 
 def dark_colours() -> dict[str, str]:
-    css = files("vibroswarm.report").joinpath("assets", "report.css").read_text(encoding="utf-8")
+    css = files("vibroswarm.show").joinpath("assets", "page.css").read_text(encoding="utf-8")
     found = re.findall(r"--fig-([\w-]+): (#[0-9a-f]{6})", css)
     assert len(found) == 2 * len(dict(found))
     once = dict(found[: len(found) // 2])

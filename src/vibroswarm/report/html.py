@@ -27,7 +27,6 @@ import polars as pl
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
-from vibroswarm.report.markup import code_html, escape, inline_svg
 from vibroswarm.report.parts import Column as Column
 from vibroswarm.report.parts import (
     ReportAnswer,
@@ -37,6 +36,7 @@ from vibroswarm.report.parts import (
     frames_html,
     number_text,
 )
+from vibroswarm.show.markup import code_html, escape, inline_svg
 
 TONES: Final = ("good", "fair", "bad", "open")
 """Marks of cells; each has its own sign and colour in the style sheet."""
@@ -325,14 +325,14 @@ def report_html(report: Report) -> str:
         InputError: a picture is not a plain SVG or too large, or the address of a photograph is not a data URI of a
             JPEG or PNG.
     """
-    script = _asset("report.js")
+    script = _asset("page.js", "show")
     # The page's content security policy allows only the script with this hash: the template's script element contains
     # it between two line feeds.
     digest = base64.b64encode(hashlib.sha256(f"\n{script}\n".encode()).digest()).decode()
     parts = {
         "title": escape(report.title),
         "script_hash": f"sha256-{digest}",
-        "style": _asset("report.css"),
+        "style": _asset("page.css", "show"),
         "script": script,
         "contents": _contents(report.sections),
         "warnings": "".join(
@@ -348,12 +348,12 @@ def report_html(report: Report) -> str:
         "details": _details(report.details),
     }
     # The template has a place ``{{name}}`` for each part.
-    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("report.html"))
+    return re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("report.html", "report"))
 
 
-def _asset(name: str) -> str:
-    """Read a file that is shipped with the reports, without white space around its text."""
-    return files("vibroswarm.report").joinpath("assets", name).read_text(encoding="utf-8").strip()
+def _asset(name: str, package: str) -> str:
+    """Read a file that is shipped with a package, without white space around its text."""
+    return files(f"vibroswarm.{package}").joinpath("assets", name).read_text(encoding="utf-8").strip()
 
 
 def _paragraphs(texts: tuple[str, ...], kind: str = "") -> str:

@@ -14,7 +14,7 @@ from typing import Final
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.report.markup import code_html, escape, minus_signs
+from vibroswarm.show.markup import code_html, escape, minus_signs
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ from vibroswarm.report.html import (
     picture_of,
     write_report,
 )
-from vibroswarm.report.markup import minus_signs
 from vibroswarm.report.parts import ReportAnswer, ReportEffect
+from vibroswarm.show.markup import minus_signs
 from vibroswarm.study.answers import EFFECTS, Answer, cell_sentences, lacks_truth, title
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import comparison_table

@@ -16,8 +16,8 @@ from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.picture import Picture
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of
-from vibroswarm.report.markup import minus_signs
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.markup import minus_signs
 from vibroswarm.simulation import versions
 
 _SHARES: Final = {

@@ -1,0 +1,181 @@
+"""A document: what a result says, made once, and then shown in a terminal, on a page, in a notebook, or as JSON.
+
+A document begins with its answer. Its parts are texts, tables, figures, and sections of these. How each of them looks
+is decided by who shows it: ``terminal``, ``page``, ``notebook`` and ``data``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, Protocol
+
+import polars as pl
+
+Tone = Literal["", "good", "fair", "bad", "open"]
+"""What a text or a cell means for the reader; each has its own sign and colour."""
+
+
+@dataclass(frozen=True)
+class Text:
+    """A paragraph. Words between backticks are code."""
+
+    words: str
+    kind: Literal["", "aside", "code"] = ""
+    """"aside": in small print; "code": lines as they are, such as a file or a command."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """The heading of a column, and how its values are written."""
+
+    title: str = ""
+    """Heading; empty: the column's name."""
+    unit: str = ""
+    """Empty: "%" of shares."""
+    share: bool = False
+    """Whether a share from 0 to 1 is written in percent (with the unit "points": a difference of shares)."""
+    p_value: bool = False
+    """Whether numbers are p-values."""
+    decimals: int | None = None
+    """Decimals of all numbers; by default one of shares, otherwise as many as suit all numbers of the column."""
+    sign: bool = False
+    """Whether positive numbers have a plus sign."""
+    limits: tuple[str, str] | None = None
+    """Names of the columns with the lower and the upper limit, which stand in brackets behind each number."""
+    strip: bool = False
+    """Whether pages also draw each number and its limits on a line, on one scale for the column."""
+    wide: bool = False
+    """Whether a terminal leaves it out unless asked for everything."""
+    prose: bool = False
+    """Whether it holds sentences."""
+    tones: Mapping[str, Tone] = field(default_factory=dict)
+    """Tones of cells, by the longest matching beginning of their text."""
+
+    @property
+    def units(self) -> str:
+        """The unit of the heading."""
+        return self.unit or ("%" if self.share else "")
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table. Columns without a format are written as ``Column()`` says; limits have no column of their own."""
+
+    frame: pl.DataFrame
+    columns: Mapping[str, Column] = field(default_factory=dict)
+    """Formats of columns by name."""
+    caption: str = ""
+    """Words above the table; empty: none."""
+    name: str = "table"
+    """Its name in JSON, and the file name of its CSV without suffix."""
+    names: int = 1
+    """How many of the first columns name a row."""
+    folded: bool = False
+    """Whether a terminal leaves it out unless asked for everything."""
+
+
+class Drawn(Protocol):
+    """A drawing, such as ``vibroswarm.plots.picture.Picture``."""
+
+    @property
+    def numbers(self) -> pl.DataFrame:
+        """What it shows."""
+        ...
+
+    @property
+    def caption(self) -> str:
+        """What its marks are."""
+        ...
+
+    def svg(self) -> str:
+        """Return it as an SVG document, which may follow light and dark."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """A figure, which is drawn when it is first looked at; a terminal does not draw it."""
+
+    name: str
+    """Name of its files without suffix."""
+    draw: Callable[[], Drawn]
+    """Draws it as it is on a page."""
+    title: str = ""
+    """Heading above it; empty: none."""
+
+    @cached_property
+    def drawn(self) -> Drawn:
+        """The drawing."""
+        return self.draw()
+
+
+@dataclass(frozen=True)
+class Photo:
+    """A photograph."""
+
+    address: str
+    """The picture itself, as a data URI of a JPEG or PNG."""
+    words: str
+    """What it shows; stands below it."""
+
+
+@dataclass(frozen=True)
+class Photos:
+    """Photographs in a row; a terminal has only their words."""
+
+    words: str
+    """A sentence above; empty: none."""
+    photos: tuple[Photo, ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """Parts under a heading."""
+
+    title: str
+    parts: tuple[Part, ...]
+    folded: bool = False
+    """Whether it is closed on a page until the reader opens it (in print it is open); a terminal leaves it out unless
+    asked for everything."""
+    side_by_side: bool = False
+    """Whether its sections stand two in a row on a page where there is room, except for folded ones."""
+
+
+Part = Text | Table | Figure | Photos | Section
+
+
+@dataclass(frozen=True)
+class Document:
+    """What a result says."""
+
+    title: str
+    answer: tuple[str, ...]
+    """What the reader wants to know, in sentences; they come first everywhere."""
+    knew: tuple[str, ...] = ()
+    """What the robots were told that others may not know, wherever strategies stand side by side."""
+    warnings: tuple[str, ...] = ()
+    """Reasons not to trust the answer."""
+    parts: tuple[Part, ...] = ()
+    """The rest. What stands before the first section belongs to the first screen of a page."""
+    made_by: Mapping[str, str] = field(default_factory=dict)
+    """How it was made, such as seed, versions and command: texts by name."""
+
+    @property
+    def tables(self) -> dict[str, Table]:
+        """All tables by name, also those in sections."""
+        return {part.name: part for part in walk(self.parts) if isinstance(part, Table)}
+
+    @property
+    def figures(self) -> dict[str, Figure]:
+        """All figures by name, also those in sections."""
+        return {part.name: part for part in walk(self.parts) if isinstance(part, Figure)}
+
+
+def walk(parts: tuple[Part, ...]) -> Iterator[Part]:
+    """Yield all parts in order, and after each section its own."""
+    for part in parts:
+        yield part
+        if isinstance(part, Section):
+            yield from walk(part.parts)

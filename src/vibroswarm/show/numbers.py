@@ -1,0 +1,154 @@
+"""How numbers and numbers of things are written: the one place that knows digits, signs, units and limits.
+
+A minus sign is a hyphen here, which every terminal has; pages replace it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Final, Protocol
+
+DIGITS: Final = 3
+"""Significant digits of the largest number of a column."""
+MISSING: Final = "-"
+"""What stands in place of a number that there is not."""
+
+
+class HasLimits(Protocol):
+    """An estimate with its limits, such as ``vibroswarm.analysis.intervals.Interval``."""
+
+    @property
+    def estimate(self) -> float:
+        """The estimate."""
+        ...
+
+    @property
+    def low(self) -> float:
+        """The lower limit."""
+        ...
+
+    @property
+    def high(self) -> float:
+        """The upper limit."""
+        ...
+
+
+def is_missing(value: object) -> bool:
+    """Return whether a value is None or nan."""
+    return value is None or (isinstance(value, float) and math.isnan(value))
+
+
+def decimals_of(values: Iterable[float | None], digits: int = DIGITS) -> int | None:
+    """Return with how many decimals numbers that stand together are written.
+
+    Whole numbers have none. Otherwise the largest gets ``digits`` significant digits, and zeros at the end that all
+    have in common are dropped.
+
+    Args:
+        values: None and numbers that are not finite do not count.
+    Returns: None if no number of decimals suits all: the largest is below 1e-4 or at least 1e12, or the smallest above
+        0 would be written as 0. Then each number is written with decimals of its own.
+    """
+    sizes = [abs(float(value)) for value in values if value is not None and math.isfinite(value)]
+    if all(size.is_integer() for size in sizes):  # also if there are no sizes
+        return 0
+    largest = max(sizes)
+    if not 1e-4 <= largest < 1e12:
+        return None
+    decimals = max(digits - 1 - math.floor(math.log10(largest)), 0)
+    smallest = min(size for size in sizes if size > 0)
+    if smallest < 0.5 * 10**-decimals:  # it would be written as 0
+        return None
+    while decimals and all(f"{size:.{decimals}f}".endswith("0") for size in sizes):
+        decimals -= 1
+    return decimals
+
+
+def number(
+    value: float | None, decimals: int | None = None, *, digits: int = DIGITS, sign: bool = False
+) -> str:
+    """Write a number; one that is missing becomes a hyphen.
+
+    Args:
+        decimals: None: as many as the number needs to have ``digits`` significant digits.
+        sign: whether a positive number has a plus sign.
+    """
+    if value is None or is_missing(value):
+        return MISSING
+    if math.isinf(value):
+        text = "∞" if value > 0 else "-∞"
+    elif decimals is not None and abs(value) < 1e12:
+        text = f"{value:.{decimals}f}"
+        text = text if float(text) else text.removeprefix("-")  # 0, not -0
+    elif isinstance(value, int) or (float(value).is_integer() and abs(value) < 1e12):
+        text = f"{int(value)}"
+    elif 10**digits <= abs(value) < 1e12:  # the format below would give it an exponent
+        text = f"{value:.0f}"
+    else:
+        text = f"{value:.{digits}g}"
+    return f"+{text}" if sign and value > 0 else text
+
+
+def percent(share: float | None, decimals: int = 1, *, sign: bool = False) -> str:
+    """Write a share from 0 to 1 in percent, with its sign for percent."""
+    return MISSING if is_missing(share) else f"{number(_hundredfold(share), decimals, sign=sign)} %"
+
+
+def _hundredfold(value: float | None) -> float | None:
+    return None if value is None else 100 * value
+
+
+def with_limits(
+    interval: HasLimits, unit: str = "", decimals: int | None = None, *, sign: bool = False
+) -> str:
+    """Write an estimate, its unit and its limits: ``441 s [410, 472]``; limits that are not known are left out.
+
+    Args:
+        unit: empty: none; "%": estimate and limits are shares, written in percent; "points": likewise, of differences
+            of shares.
+        decimals: None: as many as suit all three numbers.
+    """
+    values = [interval.estimate, interval.low, interval.high]
+    if unit in ("%", "points"):
+        values = [100 * value for value in values]
+        decimals = 1 if decimals is None else decimals
+    decimals = decimals_of(values) if decimals is None else decimals
+    estimate, low, high = (number(value, decimals, sign=sign) for value in values)
+    text = estimate if estimate == MISSING or not unit else f"{estimate} {unit}"
+    return f"{text} [{low}, {high}]" if all(map(math.isfinite, values)) else text
+
+
+def p_value(p: float | None) -> str:
+    """Write a p-value with three decimals; one below them as such."""
+    if p is None or is_missing(p):
+        return MISSING
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def span(values: Iterable[float | None], decimals: int | None = None) -> str:
+    """Write the range from the smallest to the largest number; a hyphen if there is none."""
+    known = [value for value in values if value is not None and not is_missing(value)]
+    if not known:
+        return MISSING
+    decimals = decimals_of(known) if decimals is None else decimals
+    low, high = number(min(known), decimals), number(max(known), decimals)
+    return low if low == high else f"{low} to {high}"
+
+
+def duration(seconds: float) -> str:
+    """Write how long something takes: ``0.4 s``, ``12 s``, ``3 min``, ``2.5 h``."""
+    if seconds < 90:
+        return f"{seconds:.1f} s" if seconds < 9.5 else f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def count(n: int, thing: str, things: str = "") -> str:
+    """Write a number of things: ``1 robot``, ``5 robots``, ``1,000 runs``; ``things`` is a plural other than with s."""
+    return f"{n:,} {thing if n == 1 else things or f'{thing}s'}"
+
+
+def listed(words: Iterable[str]) -> str:
+    """Join words as a sentence does: ``a``, ``a and b``, ``a, b and c``."""
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last

@@ -1,0 +1,240 @@
+"""A document as HTML: a whole page that needs no server, no network and no other file, or a fragment of one.
+
+The templates escape every text; words between backticks become code.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import math
+import re
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import polars as pl
+
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.tables import csv_bytes
+from vibroswarm.errors import InputError
+from vibroswarm.show.cells import Cell, Heading, Written, written
+from vibroswarm.show.document import Document, Figure, Part, Photo, Section, Table
+from vibroswarm.show.markup import code_html, escape, inline_svg, minus_signs
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
+    from markupsafe import Markup
+
+ROWS_UP_TO: Final = 500
+"""Rows of a table that are shown; its CSV has all."""
+WORDY_FROM: Final = 26
+"""A heading of numbers with more letters than this gets extra width; otherwise each word would take a line."""
+CSV_UP_TO: Final = 500_000
+"""Largest size in bytes of a table as CSV that is included in the page."""
+CONTENTS_FROM: Final = 4
+"""Entries from which there is a table of contents."""
+LONG_FROM: Final = 30
+"""Entries of a table of contents from which only the current part is unfolded."""
+PHOTO_ADDRESS: Final = re.compile(r"data:image/(?:jpeg|png);base64,[A-Za-z0-9+/=]+")
+"""Allowed addresses of photographs. They hold the photograph itself, and no character that has to be escaped."""
+
+
+def write_page(path: Path | str, document: Document) -> None:
+    """Write a document as an HTML file, completely or not at all; an existing file is replaced.
+
+    Raises:
+        InputError: a figure is not a plain SVG or too large, the address of a photograph is not a data URI of a JPEG or
+            PNG, or the folder cannot be written.
+        RunError: the disk is full or failed.
+    """
+    text = page_html(document)
+    with whole_file(Path(path)) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def page_html(document: Document) -> str:
+    """Return a document as a complete page; the same document always gives the same text.
+
+    Raises:
+        InputError: a figure is not a plain SVG or too large, or the address of a photograph is not a data URI of a JPEG
+            or PNG.
+    """
+    from markupsafe import Markup
+
+    script = _asset("page.js")
+    # The page's content security policy allows only the script with this hash: the script element contains it between
+    # two line feeds.
+    digest = base64.b64encode(hashlib.sha256(f"\n{script}\n".encode()).digest()).decode()
+    first, rest = _before_sections(document.parts)
+    return (
+        _environment()
+        .get_template("page.html")
+        .render(
+            document=document,
+            first=first,
+            rest=rest,
+            contents=_contents(rest),
+            style=Markup(_asset("page.css")),
+            script=Markup(script),
+            script_hash=f"sha256-{digest}",
+        )
+    )
+
+
+def fragment_html(document: Document) -> str:
+    """Return a document as one HTML element without scripts, for a notebook."""
+    return _environment().get_template("fragment.html").render(document=document)
+
+
+def _before_sections(parts: tuple[Part, ...]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
+    """Divide the parts of a document into those before the first section, and the rest."""
+    place = next((n for n, part in enumerate(parts) if isinstance(part, Section)), len(parts))
+    return parts[:place], parts[place:]
+
+
+def _contents(parts: tuple[Part, ...]) -> dict[str, Any] | None:
+    """Return the table of contents: sections and what has a heading in them; None if it is too short.
+
+    In contents of the class "long", the style sheet hides what is in sections; in a wide window that of the current
+    section is shown.
+    """
+    entries = _entries(parts, "s")
+    for entry, part in zip(entries, [part for part in parts if isinstance(part, Section)], strict=True):
+        entry["below"] = _entries(part.parts, f"{entry['key']}-")
+    count = len(entries) + sum(len(entry["below"]) for entry in entries)
+    if count < CONTENTS_FROM:
+        return None
+    return {"kind": "contents long" if count >= LONG_FROM else "contents", "entries": entries}
+
+
+def _entries(parts: tuple[Part, ...], key: str) -> list[dict[str, Any]]:
+    """Return title and id of each part with a heading; ids are those that the template ``parts.html`` gives."""
+    return [
+        {"title": part.title, "key": f"{key}{place}" if isinstance(part, Section) else f"{key}{place}-h"}
+        for place, part in enumerate(parts, start=1)
+        if isinstance(part, Section) or (isinstance(part, Figure) and part.title and key != "s")
+    ]
+
+
+def _asset(name: str) -> str:
+    return files("vibroswarm.show").joinpath("assets", name).read_text(encoding="utf-8").strip()
+
+
+@cache
+def _environment() -> Environment:
+    """Return the templates, with what they need to write cells and figures."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    environment = Environment(
+        loader=PackageLoader("vibroswarm.show"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "address": _address,
+        "breakable": _breakable,
+        "cells": _cells,
+        "classes": _classes,
+        "clean": lambda text: _markup(escape(text)),
+        "code": lambda text: _markup(code_html(text)),
+        "csv_link": _csv_link,
+        "drawing": _drawing,
+        "image": _image,
+        "is_finite": math.isfinite,
+        "kind": lambda part: type(part).__name__,
+        "minus": minus_signs,
+        "on_strip": _on_strip,
+    }
+    return environment
+
+
+def _markup(html: str) -> Markup:
+    """Mark text that is escaped already."""
+    from markupsafe import Markup
+
+    return Markup(html)
+
+
+def _cells(table: Table) -> dict[str, Any]:
+    """Return the cells of a table, and the scale of each column of strips: its largest absolute value."""
+    laid: Written = written(table, ROWS_UP_TO)
+    scales: dict[str, float] = {}
+    for place, head in enumerate(laid.headings):
+        cells = [row[place] for row in laid.rows] if head.column.strip else []
+        sizes = [abs(v) for cell in cells for v in (cell.value, *(cell.ends or ())) if v is not None]
+        scales[head.name] = max((size for size in sizes if math.isfinite(size)), default=0.0)
+    return laid._asdict() | {"scales": scales}
+
+
+def _classes(head: Heading, cell: Cell | None = None) -> str:
+    """Return the classes of a heading, or of a cell, which has the tone of its text too."""
+    wordy = cell is None and head.is_number and len(head.title) > WORDY_FROM
+    kinds = {
+        "number": head.is_number,
+        "wordy": wordy,
+        "prose": head.column.prose,
+        cell.tone if cell else "": bool(cell and cell.tone),
+    }
+    return " ".join(kind for kind, applies in kinds.items() if applies)
+
+
+def _breakable(text: object) -> Markup:
+    """Escape text, and allow line breaks after underscores in words of 13 characters or more.
+
+    Names of fields would widen a column otherwise.
+    """
+    return _markup(re.sub(r"\w{13,}", lambda name: name[0].replace("_", "_<wbr>"), escape(text)))
+
+
+def _on_strip(value: float, scale: float) -> str:
+    """Return the place of a value on a strip 200 units wide that goes from -``scale`` to ``scale``."""
+    return f"{100 * (1 + max(min(value, scale), -scale) / scale):.1f}"
+
+
+def _drawing(figure: Figure, key: str) -> dict[str, Any]:
+    """Return a figure's SVG, with ids that begin with ``key``, and its width on the page.
+
+    It fills the page's width within limits: at most 1.5 times its own width, and at least 0.8 times, so that its text
+    stays legible. In a narrower frame it scrolls.
+    """
+    svg, width = inline_svg(figure.drawn.svg(), f"{key}-", figure.drawn.caption)
+    return {"svg": _markup(svg), "size": f"clamp({0.8 * width:.0f}px, 100%, {1.5 * width:.0f}px)"}
+
+
+def _image(figure: Figure) -> str:
+    """Return the address of a figure as an image."""
+    return f"data:image/svg+xml;base64,{base64.b64encode(figure.drawn.svg().encode()).decode('ascii')}"
+
+
+def _address(photo: Photo) -> str:
+    if PHOTO_ADDRESS.fullmatch(photo.address) is None:
+        raise InputError("must be a data URI of a JPEG or PNG", field="address")
+    return photo.address
+
+
+def _csv_link(frame: pl.DataFrame, name: str) -> dict[str, str] | None:
+    """Return the file name without suffix and the CSV of a table, coded; None if it is too large for the page."""
+    # CSV is rarely 20 times smaller than its table in memory, so a table of more than 20 times the limit is not even
+    # converted.
+    if frame.estimated_size() > 20 * CSV_UP_TO:
+        return None
+    data = csv_bytes(_flat(frame))
+    if len(data) > CSV_UP_TO:
+        return None
+    return {
+        "file": re.sub(r"[^\w.-]+", "-", name) or "numbers",
+        "data": base64.b64encode(data).decode("ascii"),
+    }
+
+
+def _flat(frame: pl.DataFrame) -> pl.DataFrame:
+    """Return a table with its nested columns, which CSV cannot hold, converted to text."""
+    nested = [name for name, kind in frame.schema.items() if kind.is_nested()]
+    return frame.with_columns(
+        pl.Series(name, [None if value is None else str(value) for value in frame[name].to_list()])
+        for name in nested
+    )

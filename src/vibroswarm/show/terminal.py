@@ -1,0 +1,301 @@
+"""A document in a terminal: the answer first, then texts and tables; no figures.
+
+A table that is too wide for the terminal has its headings broken into several lines, then the texts in its cells; then
+it is turned, if it has few rows; then its columns stand in several tables, each with the names of the rows; and if not
+even that fits, each value has a line. No name and no number is ever cut.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from textwrap import wrap
+from typing import TYPE_CHECKING, Final, NamedTuple, TextIO
+
+from vibroswarm.show.cells import Cell, written
+from vibroswarm.show.document import Document, Part, Photos, Section, Table, Text
+from vibroswarm.show.numbers import count
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+TEXT_WIDTH: Final = 100
+"""Most characters in a line of a paragraph."""
+MOST_ROWS: Final = 60
+"""Most rows of a table that are printed unless everything is asked for."""
+MOST_TURNED: Final = 4
+"""Most rows of a table that may be turned."""
+GAP: Final = 2
+"""Blanks between columns."""
+STYLES: Final = {"": "", "good": "green", "fair": "yellow", "bad": "red", "open": ""}
+"""Colours of tones, where there are colours."""
+UNBROKEN: Final = "\u00a0"
+"""A space at which no line is broken; it is printed as a space."""
+
+
+def print_document(document: Document, file: TextIO, width: int, *, wide: bool = False) -> None:
+    """Print a document.
+
+    Args:
+        file: where to; only a terminal gets colours. width: of the terminal, characters.
+        wide: whether everything is printed: all columns and rows, and what is folded.
+    """
+    from rich.console import Console
+
+    console = Console(
+        file=file, width=width, highlight=False, markup=False, emoji=False, legacy_windows=False
+    )
+    _Printer(console, width, wide).document(document)
+
+
+def printable(text: str) -> str:
+    """Return text as one line that a terminal does not act on: white space becomes spaces, the rest ``?``.
+
+    The text may quote a file.
+    """
+    return "".join(c if c.isprintable() or c == UNBROKEN else " " if c.isspace() else "?" for c in text)
+
+
+def paragraph(text: str, width: int) -> list[str]:
+    """Break text between words into lines of at most ``width`` characters; a number and its unit stay together."""
+    kept = re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm|points)(?!\w))", UNBROKEN, printable(text))
+    return [line.replace(UNBROKEN, " ") for line in _wrapped(kept, width)]
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    return wrap(text, max(width, 1), break_long_words=False, break_on_hyphens=False) or [""]
+
+
+class _Printer:
+    """Prints parts one after the other."""
+
+    def __init__(self, console: Console, width: int, wide: bool) -> None:
+        self.console, self.width, self.wide = console, width, wide
+
+    def document(self, document: Document) -> None:
+        """Print the answer, what the robots knew, warnings, and the parts."""
+        for place, words in enumerate(document.answer):
+            self.paragraph(words, "bold" if place == 0 else "")
+        for words in document.knew:
+            self.paragraph(words)
+        for words in document.warnings:
+            self.paragraph(f"Warning: {words}", "yellow")
+        for part in document.parts:
+            self.part(part)
+
+    def part(self, part: Part) -> None:
+        """Print a part, after an empty line unless it is a text."""
+        if isinstance(part, Text):
+            self.text(part)
+        elif isinstance(part, Photos):
+            for words in (part.words, *(f"  {photo.words}" for photo in part.photos)):
+                self.paragraph(words)
+        elif isinstance(part, Table):
+            self.table(part)
+        elif isinstance(part, Section):
+            self.section(part)
+
+    def section(self, section: Section) -> None:
+        """Print a section under its heading; nothing if it has figures only."""
+        shown = [part for part in section.parts if self.is_shown(part)]
+        if not shown or (section.folded and not self.wide):
+            return
+        self.line()
+        self.paragraph(section.title, "bold")
+        for part in shown:
+            self.part(part)
+
+    def is_shown(self, part: Part) -> bool:
+        """Return whether anything of a part is printed."""
+        if isinstance(part, Section):
+            return (self.wide or not part.folded) and any(map(self.is_shown, part.parts))
+        return isinstance(part, Text | Photos) or (isinstance(part, Table) and (self.wide or not part.folded))
+
+    def text(self, text: Text) -> None:
+        """Print a paragraph, or lines of code as they are."""
+        if text.kind == "code":
+            for line in text.words.splitlines():
+                self.line(printable(line))
+        else:
+            self.paragraph(text.words)
+
+    def paragraph(self, words: str, style: str = "") -> None:
+        """Print a paragraph; a part of it between backticks stays as it is."""
+        indent = words[: len(words) - len(words.lstrip())]
+        for line in paragraph(words.strip(), min(TEXT_WIDTH, self.width) - len(indent)):
+            self.line(indent + line, style)
+
+    def line(self, text: str = "", style: str = "") -> None:
+        """Print one line."""
+        from rich.text import Text as Line
+
+        self.console.print(Line(text, style=style, no_wrap=True, overflow="ignore"), soft_wrap=True)
+
+    def table(self, table: Table) -> None:
+        """Print a table under its caption, in the first layout that fits."""
+        if table.folded and not self.wide:
+            return
+        self.line()
+        if table.caption:
+            self.paragraph(table.caption)
+        grid, left_out = grid_of(table, None if self.wide else MOST_ROWS, wide=self.wide)
+        for place, part in enumerate(layouts(grid, self.width)):
+            if place:
+                self.line()
+            self.grid(part)
+        if left_out:
+            self.paragraph(f"... and {count(left_out, 'more row')}; --wide prints all.")
+
+    def grid(self, grid: Grid) -> None:
+        """Print a grid that fits, or each of its values on a line if it does not."""
+        widths = grid.widths(self.width)
+        if widths is None:
+            self.records(grid)
+            return
+        if any(grid.heads):
+            self.row([(head, "") for head in grid.heads], grid, widths, is_heading=True)
+        for row in grid.rows:
+            self.row(row, grid, widths)
+
+    def row(
+        self, cells: list[tuple[str, str]], grid: Grid, widths: list[int], *, is_heading: bool = False
+    ) -> None:
+        """Print a row, whose cells may have several lines; those of headings stand at the bottom."""
+        from rich.text import Text as Line
+
+        columns = [_lines(text, width) for (text, _), width in zip(cells, widths, strict=True)]
+        height = max(map(len, columns))
+        if is_heading:
+            columns = [[""] * (height - len(lines)) + lines for lines in columns]
+        for k in range(height):
+            line = Line()
+            for lines, (_, tone), is_number, width in zip(columns, cells, grid.numbers, widths, strict=True):
+                text = lines[k] if k < len(lines) else ""
+                blank = " " * (width - _width(text))
+                line.append(
+                    blank + text if is_number else text + blank, style="bold" if is_heading else STYLES[tone]
+                )
+                line.append(" " * GAP)
+            line.rstrip()
+            self.console.print(line, soft_wrap=True)
+
+    def records(self, grid: Grid) -> None:
+        """Print the names of each row on lines of their own, and below them a line for each value."""
+        for row in grid.rows:
+            self.paragraph(" ".join(text for text, _ in row[: grid.names] if text))
+            for head, (text, tone) in list(zip(grid.heads, row, strict=True))[grid.names :]:
+                self.paragraph(f"  {head}: {text}" if head else f"  {text}", STYLES[tone])
+
+
+def _lines(text: str, width: int) -> list[str]:
+    return [line.replace(UNBROKEN, " ") for line in _wrapped(text, width)]
+
+
+class Grid(NamedTuple):
+    """A table of texts, each with its tone; texts are broken at spaces only."""
+
+    heads: list[str]
+    rows: list[list[tuple[str, str]]]
+    names: int
+    """How many of the first columns name a row."""
+    numbers: list[bool]
+    """Whether each column has numbers."""
+
+    def widths(self, width: int) -> list[int] | None:
+        """Return the widths of the columns in a table of at most ``width`` characters; None if it does not fit.
+
+        Every column has the width of its longest word at least. What is left goes to names of rows, then to numbers,
+        then to other texts, then to headings.
+        """
+        cells = [[row[column][0] for row in self.rows] for column in range(len(self.heads))]
+        widths = [_longest(word for text in (head, *texts) for word in _words(text))
+                  for head, texts in zip(self.heads, cells, strict=True)]  # fmt: skip
+        spare = width - sum(widths) - GAP * (len(widths) - 1)
+        if spare < 0:
+            return None
+        whole = [_longest(texts) for texts in cells]
+        of_names = [size if column < self.names else 0 for column, size in enumerate(whole)]
+        of_numbers = [size if is_number else 0 for size, is_number in zip(whole, self.numbers, strict=True)]
+        heads = [_width(head) for head in self.heads]
+        for wanted in (of_names, of_numbers, whole, heads):
+            for column, size in enumerate(wanted):
+                added = max(0, min(spare, size - widths[column]))
+                widths[column], spare = widths[column] + added, spare - added
+        return widths
+
+    def breaks_cells(self, width: int) -> bool:
+        """Return whether a table of ``width`` characters has cells of several lines."""
+        widths = self.widths(width)
+        return widths is None or any(
+            _width(text) > widths[column] for row in self.rows for column, (text, _) in enumerate(row)
+        )
+
+    def turned(self) -> Grid:
+        """Return the grid with rows and columns exchanged; the names of a row are the heading of its column."""
+        heads = [" ".join(text for text, _ in row[: self.names] if text) for row in self.rows]
+        corner = " ".join(filter(None, self.heads[: self.names]))
+        rows = [
+            [(self.heads[column], ""), *(row[column] for row in self.rows)]
+            for column in range(self.names, len(self.heads))
+        ]
+        return Grid([corner, *heads], rows, 1, [False] + [True] * len(heads))
+
+    def part(self, columns: list[int]) -> Grid:
+        """Return the names and some of the other columns."""
+        chosen = [*range(self.names), *columns]
+        rows = [[row[column] for column in chosen] for row in self.rows]
+        return Grid([self.heads[c] for c in chosen], rows, self.names, [self.numbers[c] for c in chosen])
+
+
+def _words(text: str) -> list[str]:
+    return text.split(" ")
+
+
+def _longest(texts: Iterator[str] | list[str]) -> int:
+    return max(map(_width, texts), default=0)
+
+
+def _width(text: str) -> int:
+    """Return how many columns of a terminal a text takes; wide characters, such as Chinese ones, take two."""
+    from rich.cells import cell_len
+
+    return len(text) if text.isascii() else cell_len(text)
+
+
+def grid_of(table: Table, rows_up_to: int | None, *, wide: bool) -> tuple[Grid, int]:
+    """Return the texts of a table, and how many of its rows are left out."""
+    found = written(table, rows_up_to, wide=wide)
+    heads = [printable(f"{head.title}, {head.unit}" if head.unit else head.title) for head in found.headings]
+    rows: list[list[tuple[str, str]]] = [
+        [(_in_terminal(cell), cell.tone) for cell in row] for row in found.rows
+    ]
+    return Grid(heads, rows, table.names, [head.is_number for head in found.headings]), found.left_out
+
+
+def _in_terminal(cell: Cell) -> str:
+    limits = cell.limits.replace(" ", UNBROKEN)  # a line may be broken before limits, but not within
+    return printable(f"{cell.text} {limits}" if limits else cell.text)
+
+
+def layouts(grid: Grid, width: int) -> Iterator[Grid]:
+    """Yield the grid, turned or in parts if it is too wide."""
+    if not grid.breaks_cells(width):
+        yield grid
+        return
+    only_numbers = all(grid.numbers[grid.names :])
+    if len(grid.rows) <= MOST_TURNED and only_numbers and not grid.turned().breaks_cells(width):
+        yield grid.turned()
+        return
+    if grid.widths(width) is not None:
+        yield grid
+        return
+    remaining = list(range(grid.names, len(grid.heads)))
+    while remaining:
+        fitting = next(
+            (n for n in range(len(remaining), 1, -1) if grid.part(remaining[:n]).widths(width) is not None), 1
+        )
+        if grid.part(remaining[:fitting]).widths(width) is None:
+            yield grid.part(remaining)
+            return
+        yield grid.part(remaining[:fitting])
+        remaining = remaining[fitting:]
