@@ -64,8 +64,11 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert "none failed" in said
     assert said.endswith(f"Report: open {out / 'report.html'} in a browser\n")
     page = (out / "report.html").read_bytes()
-    for name in ("best.toml", "result.json", "history.csv", "scores.png", "parameters.svg", "journal.jsonl"):
+    for name in ("best.toml", "result.json", "history.csv", "journal.jsonl"):
         assert (out / name).is_file()
+    assert page.count(b"<figure") == 2
+    assert not (out / "scores.png").exists()
+    assert not (out / "parameters.svg").exists()
     assert main(["show", str(out)]) == 0
     assert "Done: 150 of 150 runs (100 %)" in capsys.readouterr().out
     journal = (out / "journal.jsonl").read_bytes()
@@ -73,7 +76,13 @@ def test_a_search_is_made_kept_and_gone_on_with(
     about = json.loads(capsys.readouterr().out)
     assert about == json.loads((out / "result.json").read_text())
     assert (out / "journal.jsonl").read_bytes() == journal
+    assert not (out / "scores.png").exists()
     assert (out / "report.html").read_bytes() == page  # written anew, with nothing of its time in it
+    assert main(["optimize", search, "--out", str(out), "--pictures"]) == 0
+    assert (out / "scores.png").is_file()
+    assert (out / "parameters.svg").is_file()
+    assert (out / "report.html").read_bytes() == page
+    capsys.readouterr()
     assert about["truth"]["says"].replace(" %", "\u00a0%").encode() in page
     assert about["runs"]["search"] == 150
     low, high = (about["truth"]["true"]["score"][end] for end in ("low", "high"))
@@ -191,7 +200,10 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
     path = tmp_path / "grid.toml"
     path.write_text(GRID)
     out = tmp_path / "out"
-    assert main(["optimize", str(path), "--method", "grid", "--out", str(out), "--fresh", "50"]) == 0
+    assert (
+        main(["optimize", str(path), "--method", "grid", "--out", str(out), "--fresh", "50", "--pictures"])
+        == 0
+    )
     said = capsys.readouterr().out
     assert "luck" in said
     assert "believed by the search" in said

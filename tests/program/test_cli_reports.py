@@ -190,9 +190,7 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert easy["needed_s"][0] < 300
     assert easy["missed_high"][0] < 0.2
     assert need.filter(pl.col("fill_ratio") == 0.48)["needed_s"].null_count() == 2
-    assert {"detection.csv", "detection-2-robots.svg", "detection-robots.pdf"} <= {
-        p.name for p in out.iterdir()
-    }
+    assert not list(out.glob("detection-*"))
     found = pairs.filter((pl.col("robots") == 6) & pl.col("time_s").is_not_null()).sort("fill_ratio")
     fill, time_s = found.select("fill_ratio", "time_s").row(0)
     sentence = f"6 robots find a fill ratio of {fill:g} within {time_s:.0f} s, without false"
@@ -200,6 +198,9 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
     page = (out / "report.html").read_text(encoding="utf-8").replace("\xa0", " ")
     assert sentence in page
     assert page.count("<figure") == 3
+    assert told(capsys, *line, "--out", out, "--pictures")[0] == 0
+    drawn = {"detection.csv", "detection-2-robots.svg", "detection-robots.pdf"}
+    assert drawn <= {path.name for path in out.iterdir()}
     code, said, _ = told(capsys, *line, "--json")
     assert len(json.loads(said)["needed"]) == 6
 
@@ -286,7 +287,8 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert table.height == 6
     front = table.filter(pl.col("pareto")).sort("decision_time_s")
     assert front["error"].is_sorted(descending=True)
-    assert {"front.svg", "front.csv", "scenario.toml"} <= {path.name for path in out.iterdir()}
+    assert (out / "scenario.toml").is_file()
+    assert not list(out.glob("front.*"))
     fastest, surest = front.row(0, named=True), front.row(-1, named=True)
     page = (out / "report.html").read_text(encoding="utf-8").replace("\xa0", " ")
     for text in (" ".join(said.split()), page):
@@ -296,6 +298,13 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert f"{100 * surest['error']:.1f} % [" in text
     assert told(capsys, *line)[1] == said, "the same work is done again"
     assert told(capsys, "show", out)[1] in said
+    assert page.count("<figure") == 1
+    assert told(capsys, *line, "--no-pictures")[0] == 0
+    assert "<figure" not in (out / "report.html").read_text(encoding="utf-8")
+    assert told(capsys, *line, "--pictures")[0] == 0
+    assert {"front.svg", "front.csv"} <= {path.name for path in out.iterdir()}
+    assert told(capsys, *line)[0] == 0
+    assert (out / "front.svg").is_file(), "pictures that were requested before are drawn again"
     code, _, err = told(capsys, *line, "--seed", "2")
     assert code == 2
     assert "exists already" in err

@@ -30,7 +30,7 @@ NAMES = ["difficulty", "fill_ratios"]
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The command's output for two items and two columns."""
     out = tmp_path_factory.mktemp("paper") / "out"
-    asked = ["--runs", str(RUNS), "--columns", "paper,text", "--out", str(out)]
+    asked = ["--runs", str(RUNS), "--columns", "paper,text", "--pictures", "--out", str(out)]
     assert main(["reproduce", "--only", *NAMES, *asked]) == 0
     return out
 
@@ -173,7 +173,8 @@ def test_the_page_of_a_control_says_so(tmp_path: Path) -> None:
     settings = Settings(runs=4, columns=("paper",), control="threshold")
     made = reproduce(settings, tmp_path, items_named(["difficulty"]))
     write_all(made, tmp_path)
-    assert "negative control, not the reproduction" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "negative control, not the reproduction" in page
 
 
 def test_a_report_without_pictures_has_no_older_figures_beside_it(tmp_path: Path) -> None:
@@ -185,6 +186,28 @@ def test_a_report_without_pictures_has_no_older_figures_beside_it(tmp_path: Path
     (tmp_path / "figures" / "index.csv").touch()
     write_all(made, tmp_path, pictures=False)
     assert not (tmp_path / "figures").exists()
+
+
+def test_pictures_are_files_on_request_and_in_the_report_anyway(tmp_path: Path) -> None:
+    command = [
+        "reproduce",
+        "--only",
+        "fill-ratios",
+        "--columns",
+        "paper",
+        "--runs",
+        "4",
+        "--out",
+        str(tmp_path),
+    ]
+    pages = []
+    for option in ([], ["--pictures"], []):
+        assert main([*command, *option]) == 0
+        pages.append((tmp_path / "report.html").read_bytes())
+        requested_before = len(pages) > 1
+        assert (tmp_path / "figures" / "index.csv").exists() == requested_before
+    assert pages[0] == pages[1] == pages[2]
+    assert b"<svg" in pages[0]
 
 
 def test_items_have_numbers_names_and_claims_that_are_measured(folder: Path) -> None:

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 from vibroswarm.cli.options import (
     add_json,
     add_out,
+    add_pictures,
     add_scenario_options,
     add_seed,
     add_style,
     between,
     list_of,
     real,
+    wants_picture_files,
     whole,
 )
 from vibroswarm.cli.studies import add_running_options
@@ -68,8 +70,9 @@ def add_parser(commands: Any) -> None:
     )
     options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs per cell (default 300)")
     add_json(options)
-    add_out(options, "save runs, tables, pictures and report here, or resume", force=True)
+    add_out(options, "save runs, tables and report here, or resume", force=True)
     add_style(options)
+    add_pictures(options)
     add_running_options(parser)
     # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
@@ -136,7 +139,8 @@ def run(arguments: argparse.Namespace) -> int:
         return named | {"warnings": warnings}
 
     deliver(arguments, arguments.out, "detect", show, document)
-    print_saved(arguments, "tables (CSV), pictures, the runs (shards)", "report.html")
+    pictures = "pictures, " if arguments.pictures else ""
+    print_saved(arguments, f"tables (CSV), {pictures}the runs (shards)", "report.html")
     return 0
 
 
@@ -220,7 +224,7 @@ def _save(
     warnings: list[str],
     arguments: argparse.Namespace,
 ) -> None:
-    """Write tables, pictures and the report into the folder of ``--out``.
+    """Write tables and the report into the folder of ``--out``, and the report's pictures if they are requested.
 
     Args:
         tables: by name, the tables of ``analysis.detection``: "detection" (misses and false alarms over time), "needed"
@@ -235,10 +239,15 @@ def _save(
     for name, table in tables.items():
         write_table(table, arguments.out / name)
     boundary = base.decision.decision_boundary
-    # Pictures show misses only, so they need no tolerated probability of a false alarm.
-    for name, picture in pictures_of(tables["detection"], boundary, error, arguments.style):
-        picture.write(arguments.out / name)
-    report = report_of(tables, base, arguments.seed, error, false_alarms, warnings)
+    style = arguments.style if wants_picture_files(arguments, "detection-*.svg") else None
+    if style is not None:
+        # Pictures show misses only, so they need no tolerated probability of a false alarm.
+        for name, picture in pictures_of(tables["detection"], boundary, error, style):
+            picture.write(arguments.out / name)
+    with_pictures = not arguments.no_pictures
+    report = report_of(
+        tables, base, arguments.seed, error, false_alarms, warnings, with_pictures=with_pictures
+    )
     write_report(arguments.out / "report.html", report)
 
 

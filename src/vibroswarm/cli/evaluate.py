@@ -47,7 +47,7 @@ def add_parser(commands: Any) -> None:
         help="one cell per value; repeat for all combinations (--strategy a,b also varies)",
     )
     many.add_argument("--keep-samples", action="store_true", help="also save a table of samples")
-    add_out(parser, "save runs, numbers, pictures and report here, or resume", force=True)
+    add_out(parser, "save runs, numbers and report here, or resume", force=True)
     add_running_options(parser)
     add_outcome_options(parser)
     # After Ctrl-C, the work saved in the folder --out can be resumed.

@@ -9,7 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.options import add_execution_options, add_json, add_out, add_style, whole
+from vibroswarm.cli.options import (
+    add_execution_options,
+    add_json,
+    add_out,
+    add_pictures,
+    add_style,
+    wants_picture_files,
+    whole,
+)
 from vibroswarm.cli.output import add_open, check_open
 from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError
@@ -86,7 +94,7 @@ def add_parser(commands: Any) -> None:
     add_out(parser, "save the search here, or resume it", force=True)
     add_open(parser)
     add_style(parser)
-    parser.add_argument("--no-pictures", action="store_true", help="numbers only; the report has no pictures")
+    add_pictures(parser)
     add_json(parser)
     # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
@@ -190,7 +198,7 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import search_progress
     from vibroswarm.optimize.journal import Journal
     from vibroswarm.optimize.loop import check_libraries, run_search
-    from vibroswarm.optimize.search_report import as_dict, write_report
+    from vibroswarm.optimize.search_report import PICTURES, as_dict, write_report
     from vibroswarm.optimize.validation import fresh_runs, front_of, truth_of
 
     execution = _execution(arguments)
@@ -214,8 +222,9 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
         with _counting("scoring on fresh runs", search.settings.fresh * (1 + len(search.starts))) as counted:
             truth = truth_of(result, progress=counted, **execution)
     if arguments.out is not None:
-        style = None if arguments.no_pictures else arguments.style  # None: write no pictures
-        write_report(result, truth, arguments.out, style, front)
+        style = arguments.style if wants_picture_files(arguments, *PICTURES) else None
+        with_pictures = not arguments.no_pictures
+        write_report(result, truth, arguments.out, style, front, with_pictures=with_pictures)
     deliver(
         arguments,
         arguments.out,
@@ -240,7 +249,7 @@ def _grid(arguments: argparse.Namespace) -> int:
     from vibroswarm.cli.progress import say_compiling, study_progress
     from vibroswarm.optimize.grid import FRESH, Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.objective import Objective
-    from vibroswarm.optimize.search_report import write_grid
+    from vibroswarm.optimize.search_report import PICTURES, write_grid
     from vibroswarm.study.run import run as run_study
     from vibroswarm.study.store import Store
 
@@ -263,8 +272,8 @@ def _grid(arguments: argparse.Namespace) -> int:
     with study_progress("scoring on fresh runs") as progress:
         truth = truth_of_grid(nodes, fresh, progress=progress, **execution)
     if arguments.out is not None:
-        style = None if arguments.no_pictures else arguments.style  # None: write no pictures
-        write_grid(nodes, arguments.out, style, truth)
+        style = arguments.style if wants_picture_files(arguments, *PICTURES) else None
+        write_grid(nodes, arguments.out, style, truth, with_pictures=not arguments.no_pictures)
 
     def show() -> None:
         for note in nodes.notes:

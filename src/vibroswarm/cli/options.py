@@ -136,14 +136,45 @@ def add_seed(parser: argparse._ActionsContainer, help: str = "same scenario and 
 
 
 def add_style(parser: argparse._ActionsContainer) -> None:
-    """Add the option for the style of pictures, which sets their size and fonts."""
+    """Add the option for the style of picture files, which sets their size and fonts."""
     parser.add_argument(
         "--style",
         metavar="NAME",
         choices=STYLES,
         default=STYLES[0],
-        help=f"style of pictures: {', '.join(STYLES)} (default column)",
+        help=f"style of picture files: {', '.join(STYLES)} (default column)",
     )
+
+
+def add_pictures(
+    parser: argparse._ActionsContainer, *, without: str = "numbers only; the report has no pictures"
+) -> None:
+    """Add the options for whether the report has pictures, and whether they are written as files too.
+
+    Args:
+        without: the help of ``--no-pictures``.
+    """
+    drawn = parser.add_mutually_exclusive_group()
+    drawn.add_argument(
+        "--pictures",
+        action="store_true",
+        help="also write the report's pictures as files, and their numbers as CSV",
+    )
+    drawn.add_argument("--no-pictures", action="store_true", help=without)
+
+
+def wants_picture_files(arguments: argparse.Namespace, *earlier: str) -> bool:
+    """Return whether the report's pictures are to be written as files: on request, or where there are such files.
+
+    Files that an earlier command has written are written again, since what they show may be outdated.
+
+    Args:
+        arguments: with the options of ``add_pictures`` and ``--out``, which is given.
+        earlier: paths in the folder ``--out``, with ``*`` for any text; such a file exists if an earlier command has
+            written pictures.
+    """
+    written = any(any(arguments.out.glob(path)) for path in earlier)
+    return arguments.pictures or (written and not arguments.no_pictures)
 
 
 def add_out(

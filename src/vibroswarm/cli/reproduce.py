@@ -8,7 +8,7 @@ from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.options import add_out, add_workers, list_of, whole
+from vibroswarm.cli.options import add_out, add_pictures, add_workers, list_of, wants_picture_files, whole
 from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError, nearest
 
@@ -34,7 +34,7 @@ def add_parser(commands: Any) -> None:
         description="Compute every figure and table of the paper, and report which of its claims hold.",
         epilog=EPILOG,
     )
-    add_out(parser, "save report, figures, tables and runs here, or resume", force=True)
+    add_out(parser, "save report, tables and runs here, or resume", force=True)
     add_open(parser)
     parser.add_argument("--only", metavar="NAME", nargs="+", help="only these items; 'list' lists them")
     parser.add_argument("--runs", metavar="N", type=whole, default=1000, help="runs per cell (default 1000)")
@@ -58,7 +58,7 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--archive", metavar="ZIP", type=Path, help="also write scenarios, seeds, versions and results to ZIP"
     )
-    parser.add_argument("--no-pictures", action="store_true", help="tables and verdicts only")
+    add_pictures(parser)
     # After Ctrl-C, the work saved in the folder --out can be resumed.
     parser.set_defaults(run=run, resumes="folder")
 
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items, items_named
     from vibroswarm.paper.reproduce import reproduce
-    from vibroswarm.paper.reproduction_report import REPORT, write_all
+    from vibroswarm.paper.reproduction_report import FIGURES, MARKER, REPORT, write_all
 
     if arguments.only == ["list"]:
         for item in all_items():
@@ -97,14 +97,22 @@ def run(arguments: argparse.Namespace) -> int:
             reproduction = reproduce(
                 settings, arguments.out, items, progress, with_cells=arguments.archive is not None
             )
+        files = wants_picture_files(arguments, f"{FIGURES}/{MARKER}")
         with progress_bar("drawing") as progress_of_drawing:
-            write_all(reproduction, arguments.out, progress_of_drawing, pictures=not arguments.no_pictures)
+            write_all(
+                reproduction,
+                arguments.out,
+                progress_of_drawing,
+                pictures=not arguments.no_pictures,
+                picture_files=files,
+            )
     if arguments.archive is not None:
         write_archive(reproduction, arguments.archive)
     # `deliver` needs a function that returns the document of --json. This command has no such option, so `dict`, which
     # would return an empty document, is never called.
     deliver(arguments, arguments.out, "reproduce", lambda: _print_verdicts(reproduction), dict)
-    print_saved(arguments, "tables, figures, the runs and a report", REPORT)
+    figures = "figures, " if arguments.pictures else ""
+    print_saved(arguments, f"tables, {figures}the runs and a report", REPORT)
     return 0
 
 

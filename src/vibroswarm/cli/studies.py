@@ -11,7 +11,13 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.cli.options import add_execution_options, add_json, add_style
+from vibroswarm.cli.options import (
+    add_execution_options,
+    add_json,
+    add_pictures,
+    add_style,
+    wants_picture_files,
+)
 from vibroswarm.cli.output import add_open, print_paragraph, print_table, with_interval
 from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError, RunError
@@ -39,14 +45,8 @@ def add_outcome_options(parser: argparse.ArgumentParser) -> None:
     output = parser.add_argument_group("output")
     add_json(output)
     add_style(output)
+    add_pictures(output, without="numbers only: no pictures, no report")
     add_open(output)
-    drawn = output.add_mutually_exclusive_group()
-    drawn.add_argument(
-        "--pictures",
-        action="store_true",
-        help="also write the report's pictures as files: SVG, PDF and PNG, and their numbers as CSV",
-    )
-    drawn.add_argument("--no-pictures", action="store_true", help="numbers only: no pictures, no report")
     output.add_argument(
         "--no-confirm",
         action="store_true",
@@ -287,14 +287,14 @@ def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
     """
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.study.baselines import reference_table, references_of
-    from vibroswarm.study.study_report import has_pictures, write_pictures_and_report
+    from vibroswarm.study.study_report import MARKER, PICTURES, write_pictures_and_report
     from vibroswarm.study.summary import write_table
 
     with progress_bar("references") as progress:
         references = references_of(outcome.result, progress=progress)
     if references:
         write_table(reference_table(references), arguments.out / "references")
-    style = arguments.style if arguments.pictures or has_pictures(arguments.out) else None
+    style = arguments.style if wants_picture_files(arguments, f"{PICTURES}/{MARKER}") else None
     with progress_bar("drawing") as progress:
         write_pictures_and_report(outcome, references, arguments.out, style, progress)
 

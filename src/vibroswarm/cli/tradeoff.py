@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any
 from vibroswarm.cli.options import (
     add_json,
     add_out,
+    add_pictures,
     add_scenario_options,
     add_seed,
     add_style,
     add_workers,
     list_of,
     real,
+    wants_picture_files,
     whole,
 )
 
@@ -60,8 +62,9 @@ def add_parser(commands: Any) -> None:
     options.add_argument("--runs", metavar="N", type=whole, default=300, help="runs (default 300)")
     add_workers(options, "threads (default 2)", default=2)
     add_json(options)
-    add_out(options, "save table, picture, report and scenario here", force=True)
+    add_out(options, "save table, report and scenario here", force=True)
     add_style(options)
+    add_pictures(options)
     parser.set_defaults(run=run)
 
 
@@ -110,14 +113,19 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is None:
         deliver_to(None)
     else:
+        # Asked of the older folder, which is replaced.
+        style = arguments.style if wants_picture_files(arguments, "front.svg") else None
         # replace=True even without --force: `claim` has accepted the folder.
         with whole_folder(arguments.out, replace=True, marker=MARKER) as part:
             write_table(curve, part / "tradeoff")
-            front_picture(curve, arguments.style).write(part / "front")
-            write_report(part / "report.html", report_of(curve, scenario, arguments.seed))
+            if style is not None:
+                front_picture(curve, style).write(part / "front")
+            report = report_of(curve, scenario, arguments.seed, with_picture=not arguments.no_pictures)
+            write_report(part / "report.html", report)
             (part / "scenario.toml").write_text(scenario.to_toml(), encoding="utf-8")
             deliver_to(part)
-    print_saved(arguments, "tradeoff.csv, front (picture), scenario.toml", "report.html")
+    picture = "front (picture), " if arguments.pictures else ""
+    print_saved(arguments, f"tradeoff.csv, {picture}scenario.toml", "report.html")
     return 0
 
 

@@ -1,6 +1,7 @@
 """Write the results of a search: a page, numbers as CSV and JSON, and the winner as a scenario.
 
 report.html      the page, see ``search_page``; with pictures unless they are turned off
+scores, ...      on request the same pictures as files (svg, pdf, png), with their numbers (csv)
 result.json      believed and true score, the difference, the starts, runs, failures
 history.csv      a row for each iteration: best, mean, personal bests, mean of each field (value and fraction)
 candidates.csv   a row for each candidate: its values, runs, failures, scores
@@ -39,6 +40,8 @@ from vibroswarm.simulation import versions
 from vibroswarm.study.store import Store
 
 REPORT: Final = "report.html"
+PICTURES: Final = ("scores.svg", "true-front.svg", "grid-score.svg")
+"""A folder with pictures as files has at least one of these."""
 Styles = tuple[str, str]
 """Styles of ``plots`` in which pictures are drawn: of the pictures of the iterations, and of the front."""
 IN_PAGE: Final[Styles] = ("column", "page")
@@ -196,16 +199,18 @@ def write_report(
     found: Found,
     truth: Truth | None,
     folder: str | Path,
-    style: str | None = "column",
+    style: str | None = None,
     front: Front | None = None,
+    *,
+    with_pictures: bool = True,
 ) -> None:
-    """Write the files of a search (see the head of this module), its pictures and its page.
+    """Write the files of a search (see the head of this module) and its page.
 
     Args:
         found: the result of the search. truth: the winner and the starts on fresh runs, if they were scored.
-        folder: where to write. style: of the picture files, see ``plots``; with None neither files nor page have
-            pictures.
+        folder: where to write. style: of the picture files, see ``plots``; they are not written if it is None.
         front: the Pareto front on fresh runs, with several objectives.
+        with_pictures: whether the page has pictures, which do not depend on ``style``.
     Raises:
         RunError: a file cannot be written.
     """
@@ -219,25 +224,20 @@ def write_report(
     if front is not None:
         contents["front.csv"] = csv_bytes(front.table)
     write_files(folder, contents)
-    drawn_for_page = _write_pictures(folder, style, lambda styles: _all_pictures(found, truth, front, styles))
+
+    def drawn(styles: Styles) -> dict[str, Picture]:
+        return _all_pictures(found, truth, front, styles)
+
+    _write_pictures(folder, style, drawn)
+    drawn_for_page = drawn(IN_PAGE) if with_pictures else {}
     write_page(folder / REPORT, search_page(found, truth, front, drawn_for_page, made_by(folder)))
 
 
-def _write_pictures(
-    folder: Path, style: str | None, draw: Callable[[Styles], dict[str, Picture]]
-) -> dict[str, Picture]:
-    """Write pictures as files into a folder, and return the same pictures, drawn in the styles of the page.
-
-    Args:
-        folder: of the files. style: of all files; if it is None, nothing is drawn, and the result is empty.
-        draw: makes the pictures, by name, in the given styles.
-    """
-    if style is None:
-        return {}
-    style_of_all: Styles = (style, style)
-    for name, picture in draw(style_of_all).items():
-        picture.write(folder / name)
-    return draw(IN_PAGE)
+def _write_pictures(folder: Path, style: str | None, draw: Callable[[Styles], dict[str, Picture]]) -> None:
+    """Write the pictures that ``draw`` returns by name as files into a folder, all in one style; None: no files."""
+    if style is not None:
+        for name, picture in draw((style, style)).items():
+            picture.write(folder / name)
 
 
 def _json(values: Any) -> str:
@@ -272,14 +272,22 @@ def made_by(folder: Path) -> list[dict[str, str]]:
 
 
 def write_grid(
-    nodes: Nodes, folder: str | Path, style: str | None = "column", truth: Truth | None = None
+    nodes: Nodes,
+    folder: str | Path,
+    style: str | None = None,
+    truth: Truth | None = None,
+    *,
+    with_pictures: bool = True,
 ) -> None:
-    """Write the files of a grid (see the head of this module), its pictures if it has two fields, and its page.
+    """Write the files of a grid (see the head of this module) and its page.
+
+    There are pictures if the grid has two fields.
 
     Args:
         nodes: the scored cells. folder: where to write.
-        style: of the picture files, see ``plots``; with None neither files nor page have pictures.
+        style: of the picture files, see ``plots``; they are not written if it is None.
         truth: the lowest cell on fresh runs, if it was scored on them.
+        with_pictures: whether the page has pictures, which do not depend on ``style``.
     Raises:
         RunError: a file cannot be written.
     """
@@ -292,8 +300,12 @@ def write_grid(
     if text := file_text(nodes.grid):
         contents["grid.toml"] = text
     write_files(folder, contents)
-    # a grid has no front: only the first of the two styles is used
-    drawn_for_page = _write_pictures(folder, style, lambda styles: grid_pictures(nodes, styles[0]))
+
+    def drawn(styles: Styles) -> dict[str, Picture]:
+        return grid_pictures(nodes, styles[0])  # a grid has no front, which has the second style
+
+    _write_pictures(folder, style, drawn)
+    drawn_for_page = drawn(IN_PAGE) if with_pictures else {}
     write_page(folder / REPORT, grid_page(nodes, truth, drawn_for_page, _grid_made_by(folder)))
 
 

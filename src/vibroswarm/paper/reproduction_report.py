@@ -1,4 +1,4 @@
-"""Write the report of the reproduction: one page, figures as SVG and PDF, tables and numbers as CSV.
+"""Write the report of the reproduction: one page, tables and numbers as CSV, on request figures as SVG and PDF.
 
 A column of the reproduction is a preset. A claim has one or more measured values in a column (``Decided.cells``), each
 of which holds, fails, is open or cannot be asked (``claims``).
@@ -46,22 +46,33 @@ class DrawnPicture(NamedTuple):
 
 
 def write_all(
-    made: Reproduction, folder: Path, progress: Progress = lambda share: None, *, pictures: bool = True
+    made: Reproduction,
+    folder: Path,
+    progress: Progress = lambda share: None,
+    *,
+    pictures: bool = True,
+    picture_files: bool = False,
 ) -> None:
-    """Write ``figures/``, ``tables/`` and ``report.html`` into ``folder``, each whole or not at all.
+    """Write ``tables/``, ``report.html`` and on request ``figures/`` into ``folder``, each whole or not at all.
 
     Args:
         made: results of the reproduction. folder: folder to write into.
         progress: called with the share of the pictures that is drawn, 0 to 1.
-        pictures: whether to draw pictures; without them an existing ``figures/`` is removed, since its pictures may be
-            of other settings.
+        pictures: whether the page has pictures.
+        picture_files: whether the pictures are written as files, into ``figures/``. If not, an existing ``figures/`` is
+            removed, since its pictures may be of other settings.
     """
     decided = made.decided
     _write_tables(made, decided, folder / TABLES)
     drawn: dict[str, list[DrawnPicture]] = {}
-    if pictures:
-        drawn = _write_figures(made, folder / FIGURES, progress)
-    elif (folder / FIGURES / MARKER).is_file():  # only a folder that this function has written
+    if picture_files:
+        with whole_folder(folder / FIGURES, replace=True, marker=MARKER) as part:
+            drawn = _draw(made, progress, part)
+    elif pictures:
+        drawn = _draw(made, progress)
+    if (
+        not picture_files and (folder / FIGURES / MARKER).is_file()
+    ):  # only a folder that this function has written
         remove_folder(folder / FIGURES)
     write_report(folder / REPORT, report_of(made, decided, drawn))
 
@@ -225,12 +236,14 @@ def _write_tables(made: Reproduction, decided: Sequence[Decided], folder: Path) 
         (part / MARKER).write_bytes(csv_bytes(index))
 
 
-def _write_figures(made: Reproduction, folder: Path, progress: Progress) -> dict[str, list[DrawnPicture]]:
-    """Draw all pictures, write them as SVG, PDF and CSV with an index, and return them for the page, by item name.
+def _draw(
+    made: Reproduction, progress: Progress, folder: Path | None = None
+) -> dict[str, list[DrawnPicture]]:
+    """Draw all pictures, and return them for the page, by item name.
 
     Args:
-        made: results of the reproduction. folder: folder of the pictures, which is replaced whole.
-        progress: called with the share of the pictures that is drawn, 0 to 1.
+        made: results of the reproduction. progress: called with the share of the pictures that is drawn, 0 to 1.
+        folder: where to write them as SVG, PDF and CSV, with an index; None to write no files.
     """
     by_item: dict[str, list[DrawnPicture]] = {}
     todo = [
@@ -239,23 +252,21 @@ def _write_figures(made: Reproduction, folder: Path, progress: Progress) -> dict
         if entry.tables
         for picture in entry.item.pictures(entry.tables, made.settings)
     ]
-    with whole_folder(folder, replace=True, marker=MARKER) as part:
-        rows = []
-        for done, (entry, picture) in enumerate(todo):
-            drawn = picture.draw()
-            write_picture(drawn.figure, drawn.numbers, part / picture.name, ("svg", "pdf"))
-            report_picture = ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, picture.name)
-            by_item.setdefault(entry.item.name, []).append(
-                DrawnPicture(picture.title, report_picture, picture.folded)
-            )
-            rows.append(
-                (picture.name, picture.title, drawn.caption, command_of(made.settings, entry.item.name))
-            )
-            progress((done + 1) / len(todo))
-        index = pl.DataFrame(
-            rows, schema=dict.fromkeys(("name", "title", "caption", "command"), pl.String), orient="row"
+    rows = []
+    for done, (entry, picture) in enumerate(todo):
+        drawn = picture.draw()
+        # The page comes first: each time that a figure is written, its layout is adjusted a little.
+        report_picture = ReportPicture(drawn.svg(), drawn.caption, drawn.numbers, picture.name)
+        if folder is not None:
+            write_picture(drawn.figure, drawn.numbers, folder / picture.name, ("svg", "pdf"))
+        by_item.setdefault(entry.item.name, []).append(
+            DrawnPicture(picture.title, report_picture, picture.folded)
         )
-        (part / MARKER).write_bytes(csv_bytes(index))
+        rows.append((picture.name, picture.title, drawn.caption, command_of(made.settings, entry.item.name)))
+        progress((done + 1) / len(todo))
+    if folder is not None:
+        schema = dict.fromkeys(("name", "title", "caption", "command"), pl.String)
+        (folder / MARKER).write_bytes(csv_bytes(pl.DataFrame(rows, schema=schema, orient="row")))
     return by_item
 
 

@@ -155,23 +155,25 @@ def report_of(
     error: float,
     false_alarms: float,
     warnings: Sequence[str] = (),
+    *,
+    with_pictures: bool = True,
 ) -> Report:
     """Lay out the page.
 
     Args:
         tables: by name, results of ``analysis.detection``: ``detection`` (``detection_curve``), ``needed``, ``pairs``.
         scenario, seed: those of the runs behind the tables, in which floor and number of robots vary.
-        error, false_alarms: tolerated probabilities. warnings: shown first.
+        error, false_alarms: tolerated probabilities. warnings: shown first. with_pictures: whether to draw pictures.
     """
     lead = answer(tables["pairs"], scenario, error, false_alarms)
-    pictures = tuple(
+    boundary = scenario.decision.decision_boundary
+    drawn_pictures = pictures_of(tables["detection"], boundary, error, "page") if with_pictures else ()
+    sections = tuple(
         Section(
             "By time" if name != "detection-robots" else "By robots, at the end",
             parts=(picture_of(drawn, name),),
         )
-        for name, drawn in pictures_of(
-            tables["detection"], scenario.decision.decision_boundary, error, "page"
-        )
+        for name, drawn in drawn_pictures
     )
     # There are no pairs, and no table of them, if all floors are on one side of the boundary.
     pairs = best(tables["pairs"]) if tables["pairs"].height else tables["pairs"]
@@ -183,7 +185,7 @@ def report_of(
         lead=tuple(lead),
         warnings=tuple(warnings),
         sections=(
-            Section("Which floors are told apart", text=_TEXT, parts=parts, sections=pictures),
+            Section("Which floors are told apart", text=_TEXT, parts=parts, sections=sections),
             Section("Every floor", parts=(needed,)),
         ),
         details={"scenario": scenario.hash, "seed": str(seed), **versions()},

@@ -96,11 +96,6 @@ def write_pictures_and_report(
     write_report(folder / REPORT, report_of(outcome, references, drawn))
 
 
-def has_pictures(folder: Path) -> bool:
-    """Return whether a study's folder holds pictures that ``write_pictures_and_report`` has written."""
-    return (folder / PICTURES / MARKER).is_file()
-
-
 def report_of(
     outcome: Outcome, references: Sequence[References], drawn: Iterable[tuple[NamedPicture, ReportPicture]]
 ) -> Report:

@@ -98,13 +98,13 @@ def _figures(row: Mapping[str, Any]) -> str:
     )
 
 
-def report_of(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Report:
+def report_of(curve: pl.DataFrame, scenario: Scenario, seed: int, *, with_picture: bool = True) -> Report:
     """Lay out the page.
 
     Args:
-        curve: as in ``front_picture``. scenario, seed: of the replayed runs.
+        curve: as in ``front_picture``. scenario, seed: of the replayed runs. with_picture: whether to draw the front.
     """
-    picture = picture_of(front_picture(curve, "page"), "front")
+    picture = (picture_of(front_picture(curve, "page"), "front"),) if with_picture else ()
     front = curve.filter("pareto").sort("decision_time_s")
     text = (
         "The front is that of the estimates: the best of many settings are partly lucky, and worse on other seeds.",
@@ -113,7 +113,7 @@ def report_of(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Report:
         title=f"Time against wrong decisions: {scenario.strategy.name}",
         lead=tuple(map(minus_signs, answer(curve, scenario))),
         sections=(
-            Section("The front", text=text, parts=(picture, _table(front, "front"))),
+            Section("The front", text=text, parts=(*picture, _table(front, "front"))),
             Section("All settings", parts=(_table(curve, "tradeoff"),), folded=True),
         ),
         details={"scenario": scenario.hash, "seed": str(seed), **versions()},
