@@ -23,9 +23,11 @@ from vibroswarm.plots import draw_boxes, draw_front, draw_outcomes
 from vibroswarm.plots.style import NAMES
 from vibroswarm.show.data import document_data
 from vibroswarm.show.document import Column, Document, Figure, Part, Photo, Photos, Section, Table, Text
+from vibroswarm.show.figures import write_figures
 from vibroswarm.show.markup import escape, inline_svg
 from vibroswarm.show.numbers import decimals_of, number, percent, with_limits
 from vibroswarm.show.page import fragment_html, page_html, write_page
+from vibroswarm.show.stored import document_from, document_values
 
 NASTY = '</script><script>alert(1)</script><!-- <b onclick="x"> {{title}} &amp; \u2028 \' " \\ ]]> `code` \udcff\x00'
 IN_FRAME = NASTY.replace("\udcff", "")  # a frame cannot hold half a letter
@@ -71,7 +73,7 @@ def table(name: str = "cells") -> Table:
 
 def figure() -> Figure:
     frame = pl.DataFrame({"cell": ["a", IN_FRAME], "right": [3, 4], "wrong": [1, 6]})
-    return Figure(NASTY, lambda: draw_outcomes(frame, title=NASTY), NASTY)
+    return Figure(NASTY, lambda style: draw_outcomes(frame, title=NASTY, style=style), NASTY)
 
 
 def document() -> Document:
@@ -155,6 +157,51 @@ def test_ids_are_unique_and_references_lead_to_them():
     assert used <= set(ids)
 
 
+def kept(whole: Document) -> str:
+    return json.dumps(document_values(whole), allow_nan=False)
+
+
+def test_a_document_that_is_kept_is_the_same_without_its_figures() -> None:
+    whole = document()
+    again = document_from(json.loads(kept(whole)), "document.json")
+    assert kept(again) == kept(whole)
+    assert not again.figures
+    assert again.answer == whole.answer
+    assert again.tables["cells"].frame.equals(whole.tables["cells"].frame)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('"title": "x"', '"title": 3'),
+        ('"title"', '"titles"'),
+        ('"time": [', '"times": ['),
+        ('"right": [', '"right": 3, "x": ['),
+        ('"names": 2', '"names": 9'),
+        ('"parts": [', '"parts": [[], '),
+    ],
+)
+def test_a_damaged_document_is_refused(old: str, new: str) -> None:
+    frame = pl.DataFrame({"cell": ["a"], "right": [0.5], "low": [0.1], "high": [0.9], "time": [1.0]})
+    part = Table(
+        frame, {"right": Column(limits=("low", "high")), "cell": Column(limits=("time", "time"))}, names=2
+    )
+    text = kept(Document("x", ("Yes.",), parts=(part,)))
+    document_from(json.loads(text), "document.json")
+    assert old in text
+    with pytest.raises(InputError, match=r"^document\.json: is damaged"):
+        document_from(json.loads(text.replace(old, new)), "document.json")
+
+
+def test_figures_are_written_with_their_captions(tmp_path: Path) -> None:
+    counts = pl.DataFrame({"cell": ["a"], "right": [3], "wrong": [1]})
+    shown = Figure("outcomes", lambda style: draw_outcomes(counts, style=style), "Outcomes")
+    write_figures(tmp_path / "pictures", Document("x", (), parts=(Section("y", (shown,)),)), "column")
+    names = {f"outcomes.{suffix}" for suffix in ("svg", "pdf", "png", "csv")}
+    assert {path.name for path in (tmp_path / "pictures").iterdir()} == {*names, "captions.csv"}
+    assert pl.read_csv(tmp_path / "pictures" / "captions.csv")["name"].to_list() == ["outcomes"]
+
+
 def saved(text: str) -> list[bytes]:
     return [
         base64.b64decode(coded)
@@ -165,7 +212,7 @@ def saved(text: str) -> list[bytes]:
 def test_the_numbers_to_be_saved_are_the_frames():
     frame = pl.DataFrame({"cell": ["a", "b"], "value": [1 / 3, None], "pair": [[1, 2], None]})
     drawn = draw_outcomes(pl.DataFrame({"cell": ["a", "b"], "right": [1, 2], "wrong": [2, 0]}))
-    text = page_of(Section("y", (Table(frame), Figure("a b/c", lambda: drawn))))
+    text = page_of(Section("y", (Table(frame), Figure("a b/c", lambda style: drawn))))
     first, second = saved(text)
     assert first == b'cell,value,pair\na,0.3333333333333333,"[1, 2]"\nb,,\n'
     assert pl.read_csv(second).equals(
@@ -203,8 +250,8 @@ def test_a_hundred_thousand_runs_make_no_large_page():
             "error": rng.random(count),
         }
     )
-    boxes = Figure("boxes", lambda: draw_boxes(frame, t_end=1200))
-    assert len(page_of(boxes, Figure("front", lambda: draw_front(frame)))) < 1_000_000
+    boxes = Figure("boxes", lambda style: draw_boxes(frame, t_end=1200, style=style))
+    assert len(page_of(boxes, Figure("front", lambda style: draw_front(frame, style=style)))) < 1_000_000
 
 
 def test_a_report_is_the_same_each_time_and_whole(tmp_path: Path):

@@ -9,9 +9,28 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, Protocol
+from pathlib import Path
+from typing import Annotated, Any, Literal, Protocol
 
 import polars as pl
+from pydantic import PlainSerializer, PlainValidator
+
+
+def _frame_of(values: Any) -> pl.DataFrame:
+    """Check that a value is a table, or make one of the values of its columns."""
+    if isinstance(values, pl.DataFrame):
+        return values
+    if not isinstance(values, dict) or not all(isinstance(column, list) for column in values.values()):
+        raise ValueError("is not a table: the values of columns by name")
+    return pl.DataFrame(values)
+
+
+Frame = Annotated[
+    pl.DataFrame,
+    PlainValidator(_frame_of),
+    PlainSerializer(lambda frame: frame.to_dict(as_series=False)),
+]
+"""A table of polars, which is kept as the values of its columns by name (``stored``)."""
 
 Tone = Literal["", "good", "fair", "bad", "open"]
 """What a text or a cell means for the reader; each has its own sign and colour."""
@@ -63,7 +82,7 @@ class Column:
 class Table:
     """A table. Columns without a format are written as ``Column()`` says; limits have no column of their own."""
 
-    frame: pl.DataFrame
+    frame: Frame
     columns: Mapping[str, Column] = field(default_factory=dict)
     """Formats of columns by name."""
     caption: str = ""
@@ -74,6 +93,14 @@ class Table:
     """How many of the first columns name a row."""
     folded: bool = False
     """Whether a terminal leaves it out unless asked for everything."""
+
+    def __post_init__(self) -> None:
+        """Refuse limits that the frame does not have, and names of rows beyond its columns."""
+        limits = {name for column in self.columns.values() for name in column.limits or ()}
+        if missing := limits - set(self.frame.columns):
+            raise ValueError(f"columns of limits are missing: {', '.join(sorted(missing))}")
+        if not 0 <= self.names <= self.frame.width:
+            raise ValueError(f"{self.names} columns cannot name a row of {self.frame.width}")
 
 
 class Drawn(Protocol):
@@ -93,6 +120,10 @@ class Drawn(Protocol):
         """Return it as an SVG document, which may follow light and dark."""
         ...
 
+    def write(self, path: Path) -> object:
+        """Write it and its numbers to files; ``path`` is without suffix."""
+        ...
+
 
 @dataclass(frozen=True, eq=False)
 class Figure:
@@ -100,15 +131,15 @@ class Figure:
 
     name: str
     """Name of its files without suffix."""
-    draw: Callable[[], Drawn]
-    """Draws it as it is on a page."""
+    draw: Callable[[str], Drawn]
+    """Draws it in a style of ``vibroswarm.plots.style``."""
     title: str = ""
     """Heading above it; empty: none."""
 
     @cached_property
     def drawn(self) -> Drawn:
-        """The drawing."""
-        return self.draw()
+        """The drawing on a page."""
+        return self.draw("page")
 
 
 @dataclass(frozen=True)
