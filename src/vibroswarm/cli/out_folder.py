@@ -11,7 +11,8 @@ The file ``printed.json`` in the folder holds what the command printed, so that 
     format   1
     command  the words of the command, such as "league"
     work     a hash of the command's settings; empty if another file of the folder, such as study.toml, has them
-    blocks   paragraphs, lines and tables, in the form that ``output.put`` takes
+    document the document, without its figures (``show.stored``)
+    blocks   of commands that have none yet: paragraphs, lines and tables, in the form that ``output.put`` takes
 
 ``show`` lays tables out for the width of its own terminal, with all columns if ``--wide``.
 """
@@ -34,6 +35,7 @@ from vibroswarm.errors import InputError, check_format
 
 if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
+    from vibroswarm.show.document import Document
 
 ADVICE = re.compile(r"; (take another folder|give the name of a new folder|choose another name.*)$")
 """Advice at the end of some error messages of the library; ``claim`` replaces it by advice on options."""
@@ -146,7 +148,8 @@ class Printed(NamedTuple):
 
     command: str
     work: str
-    blocks: list[Block]
+    blocks: list[Block] = []  # noqa: RUF012 - a named tuple's default is not changed
+    document: Document | None = None
 
 
 def hash_of(*parts: object) -> str:
@@ -199,8 +202,14 @@ def write_printed(folder: Path, printed: Printed) -> None:
     Raises:
         RunError: it cannot be written.
     """
-    text = json.dumps({"format": FORMAT, **printed._asdict()}, indent=1, ensure_ascii=False)
-    write_files(folder, {PRINTED: text + "\n"})
+    from vibroswarm.show.stored import document_values
+
+    about = {"format": FORMAT, "command": printed.command, "work": printed.work}
+    if printed.document is None:
+        about["blocks"] = printed.blocks
+    else:
+        about["document"] = document_values(printed.document)
+    write_files(folder, {PRINTED: json.dumps(about, indent=1) + "\n"})
 
 
 def read_printed(folder: Path) -> Printed | None:
@@ -214,6 +223,11 @@ def read_printed(folder: Path) -> Printed | None:
         return None
     about = read_json(path, "what a command printed")
     check_format(entry(about, "format", int, path), FORMAT, str(path))
+    if "document" in about:
+        from vibroswarm.show.stored import document_from
+
+        document = document_from(about["document"], str(path))
+        return Printed(entry(about, "command", str, path), entry(about, "work", str, path), document=document)
     blocks = [_block(block, path) for block in entry(about, "blocks", list, path)]
     return Printed(entry(about, "command", str, path), entry(about, "work", str, path), blocks)
 

@@ -1,0 +1,74 @@
+"""Where a document goes: to the terminal, to stdout as JSON, and into the folder of ``--out``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from vibroswarm.cli import terminal
+from vibroswarm.cli.out_folder import Printed, write_printed
+from vibroswarm.cli.output import print_json, print_saved
+
+if TYPE_CHECKING:
+    from vibroswarm.show.document import Document
+
+REPORT: Final = "report.html"
+"""Name of the page in a folder of results."""
+PICTURES: Final = "pictures"
+"""Name of the folder of pictures in a folder of results."""
+
+
+def deliver(
+    document: Document, arguments: argparse.Namespace, command: str, saved: str, work: str = ""
+) -> None:
+    """Save a document in the folder of ``--out``, if it is given; then print it, and say where it is.
+
+    Args:
+        arguments: those of the command, with ``out``. With ``open``, the page is opened.
+        command: the words of the command, such as "league". saved: what else is in the folder, in words.
+        work: hash of the command's settings, by which ``out_folder.refuse_other`` knows the folder again.
+    """
+    if arguments.out is not None:
+        save(document, arguments.out, command, work)
+    print_result(document, arguments)
+    print_saved(arguments, saved, REPORT)
+
+
+def save(
+    document: Document, folder: Path, command: str, work: str = "", *, page: str | None = REPORT
+) -> None:
+    """Write the page of a document into a folder, and the document itself, so that ``show`` can print it again."""
+    from vibroswarm.show.page import write_page
+
+    if page is not None:
+        write_page(folder / page, document)
+    write_printed(folder, Printed(command, work, document=document))
+
+
+def save_pictures(
+    document: Document, folder: Path, style: str, progress: Callable[[float], None] = lambda share: None
+) -> None:
+    """Write the pictures of a document as files into a folder in the folder of results."""
+    from vibroswarm.show.figures import write_figures
+
+    write_figures(folder / PICTURES, document, style, progress)
+
+
+def print_result(document: Document, arguments: argparse.Namespace) -> None:
+    """Print a document, or with ``--json`` its answer and tables as one JSON document."""
+    if getattr(arguments, "json", False):
+        from vibroswarm.show.data import document_data
+
+        print_json(document_data(document))
+    else:
+        print_in_terminal(document)
+
+
+def print_in_terminal(document: Document) -> None:
+    """Print a document as wide as the terminal, with everything if ``--wide`` is given."""
+    from vibroswarm.show.terminal import print_document
+
+    print_document(document, sys.stdout, terminal.width(), wide=terminal.printing.wide)
