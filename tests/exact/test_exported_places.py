@@ -1,4 +1,4 @@
-"""Exported robots that localise and map the floor: plain Python, C in double and mixed precision, on a Cortex-M0.
+"""Exported robots that localise and map the floor: the plain program, C in double and mixed precision, on a Cortex-M0.
 
 The robots' gyro has no errors here but they presume some, so that the turns which the program adds up period by period
 are those of the package's tables, but for the last bits.
@@ -57,7 +57,7 @@ def swarm(inspection: Any) -> Swarm:
 
 
 def driven(scenario: Scenario, inspection: Any, measured: np.ndarray[Any, Any] | None = None) -> Swarm:
-    """Exported Python robots that measured what the simulation's did."""
+    """Robots of the plain program that measured what the simulation's did."""
     readings = [inspection.observations.filter(robot=i)["observation"].to_list() for i in range(5)]
     ticks = round(scenario.run.t_end_s / scenario.tick_s) - 1
     if measured is None:
@@ -76,7 +76,7 @@ def events(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
     return np.array(numbers[: len(numbers) // width * width]).reshape(-1, width)
 
 
-def test_exported_python_does_what_the_simulation_did(inspection: Any, swarm: Swarm) -> None:
+def test_the_plain_program_does_what_the_simulation_did(inspection: Any, swarm: Swarm) -> None:
     check_inspection(inspection, swarm, least=85)
     assert sum(robot.decided_s is not None for robot in swarm.robots) >= 3
     for i, robot in enumerate(swarm.robots):
@@ -95,7 +95,7 @@ def check_inspection(inspection: Any, swarm: Swarm, least: int) -> None:
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
-def test_c_in_double_precision_is_the_exported_python_bit_by_bit(swarm: Swarm, tmp_path: Path) -> None:
+def test_c_in_double_precision_is_the_plain_program_bit_by_bit(swarm: Swarm, tmp_path: Path) -> None:
     program = built(SCENARIO, tmp_path, precision=3)
     for fed, did in zip(swarm.short, swarm.did, strict=True):
         assert np.array(run_program(program, fed)).tobytes() == np.array(did).tobytes()
@@ -168,12 +168,14 @@ def test_a_cortex_m0_makes_the_same_events(swarm: Swarm, tmp_path: Path) -> None
 
 @pytest.fixture(scope="module")
 def exploring() -> tuple[Any, Swarm]:
-    """An inspection in which robots steer, and the exported Python robots that did the same."""
+    """An inspection in which robots steer, and the robots of the plain program that did the same."""
     inspection, measured = steered_and_measured(EXPLORE, SEED)
     return inspection, driven(EXPLORE, inspection, measured)
 
 
-def test_exported_python_steers_as_the_simulation_does(exploring: tuple[Any, Swarm], inspection: Any) -> None:
+def test_the_plain_program_steers_as_the_simulation_does(
+    exploring: tuple[Any, Swarm], inspection: Any
+) -> None:
     explored, swarm = exploring
     check_inspection(explored, swarm, least=85)
     assert [robot.decided_s for robot in swarm.robots] == explored.robots["decision_time_s"].to_list()

@@ -1,4 +1,4 @@
-"""Exported robots do what the simulated ones do: plain Python, C in double and single precision, on a Cortex-M0.
+"""Exported robots do what the simulated ones do: the plain program, C in double and single precision, on a Cortex-M0.
 
 One inspection of 1200 s by five robots, for every strategy that needs no places (``test_exported_places``). Each
 exported robot is fed what one of them measured and heard.
@@ -73,7 +73,7 @@ def rows(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
     return np.array(numbers).reshape(-1, 6 + len(swarm.fields))
 
 
-def test_exported_python_does_what_the_simulation_did(inspection: Any, swarms: Any) -> None:
+def test_the_plain_program_does_what_the_simulation_did(inspection: Any, swarms: Any) -> None:
     swarm = swarms("soft")
     for i, robot in enumerate(swarm.robots):
         found, expected = rows(swarm.did[i], swarm), inspection.inference.filter(robot=i)
@@ -89,7 +89,7 @@ def test_exported_python_does_what_the_simulation_did(inspection: Any, swarms: A
 
 @needs_gcc
 @pytest.mark.parametrize("name", STRATEGIES)
-def test_c_in_double_precision_is_the_exported_python_bit_by_bit(
+def test_c_in_double_precision_is_the_plain_program_bit_by_bit(
     name: str, swarms: Any, tmp_path: Path
 ) -> None:
     swarm = swarms(name)

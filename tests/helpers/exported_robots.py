@@ -1,4 +1,4 @@
-"""Exported robots driven through an inspection: in Python, by gcc, and on QEMU's Cortex-M0.
+"""The robots' program driven through an inspection: as plain Python, exported by gcc, and on QEMU's Cortex-M0.
 
 All are fed the same events of one robot: what it measured, and what the others sent. If each then does what it did in
 the simulation, all do together.
@@ -6,6 +6,7 @@ the simulation, all do together.
 
 from __future__ import annotations
 
+import builtins
 import ctypes
 import ctypes.util
 import math
@@ -18,11 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from vibroswarm.core.rng import uniform
+from vibroswarm.export import robot_program
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_library import ASSETS, HEADERS
-from vibroswarm.export.c_program import c_sources
+from vibroswarm.export.c_program import c_sources, structs_of
+from vibroswarm.export.c_types import BOOL, CArray, Struct
 from vibroswarm.export.parameters import HEADER_FILE, header_text
-from vibroswarm.export.python_program import python_source
+from vibroswarm.export.source import is_function, plain
 from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
@@ -69,11 +73,54 @@ class SameMath:
         return getattr(math, name)
 
 
-def python_module(scenario: Scenario) -> types.ModuleType:
-    """Return the exported Python module, with the C library's ``math``."""
-    module = types.ModuleType("exported")
-    exec(compile(python_source(parts_of(scenario)), "exported", "exec"), vars(module))  # noqa: S102 - our own text
-    vars(module)["math"] = SameMath()
+def zero(kind: Any) -> Any:
+    """Return the zero of a type of C: arrays of NumPy, and rows whose fields are attributes."""
+    if isinstance(kind, CArray):
+        if isinstance(kind.element, Struct):
+            return [zero(kind.element) for _ in range(kind.shape[0])]
+        return np.zeros(kind.shape, dtype=type(zero(kind.element)))
+    if isinstance(kind, Struct):
+        return types.SimpleNamespace(**{name: zero(field) for name, field in kind.fields})
+    return False if kind == BOOL else 0 if kind.startswith(("vs_int", "int", "uint")) else 0.0
+
+
+def plain_program(scenario: Scenario) -> types.ModuleType:
+    """Return ``robot_program`` as plain Python with a scenario's parts in its open names, and the C library's ``math``.
+
+    Nothing is translated: functions keep their code, and only the global names that they read are bound anew.
+    """
+    parts, same_math, bound = parts_of(scenario), SameMath(), {}
+    structs = structs_of(parts)
+    module = types.ModuleType("plain_program")
+    space = vars(module)
+
+    def bind(value: Any) -> Any:
+        if value is math:
+            return same_math
+        if not is_function(value) or value is uniform:
+            return value
+        function = plain(parts.replaced.get(plain(value), value))
+        if function not in bound:
+            read, code = function.__globals__, function.__code__
+            is_template = read is vars(robot_program)
+            names = space if is_template else {"__builtins__": builtins}
+            bound[function] = types.FunctionType(code, names, function.__name__, None, function.__closure__)
+            if not is_template:
+                names.update({name: bind(read[name]) for name in code.co_names if name in read})
+        return bound[function]
+
+    names = {name: value for name, value in vars(robot_program).items() if not name.startswith("__")} | {
+        **parts.hooks,
+        "PARAMS": types.SimpleNamespace(**parts.params),
+        "WORLD": parts.world,
+        "WALKER": parts.walker,
+        "SENSING": parts.sensing,
+        "LOCALISER": parts.localiser,
+        "RMS_THRESHOLD": parts.rms_threshold,
+        "SENSING_BLIND_MS": parts.blind_ms,
+    }
+    space.update({name: bind(value) for name, value in names.items()})
+    space.update(Message=lambda: zero(structs["Message"]), Robot=lambda: zero(structs["Robot"]))
     return module
 
 
@@ -137,7 +184,7 @@ def run_on_arm(program: Path, events: list[float]) -> list[float]:
 
 
 class Swarm:
-    """An inspection by exported Python robots that measure what those of a simulation measured.
+    """An inspection by robots of the plain program that measure what those of a simulation measured.
 
     ``whole``: what each robot is fed, period by period. ``short``: the same without the walk, by what it heard, its
     samples and its timers. ``walked``: what it did for ``whole``. ``did``: likewise for ``short``.
@@ -153,7 +200,8 @@ class Swarm:
         """
         self.standing = np.zeros(measured.shape[:2], dtype=bool)  # at each tick from 1 on, of each robot
         self.sampling = np.zeros(measured.shape[:2], dtype=bool)
-        self.module, self.fields = python_module(scenario), message_fields(scenario)
+        self.module, self.fields = plain_program(scenario), message_fields(scenario)
+        self.has_timer = strategy_of(scenario.strategy.name).on_timer is not None
         self.measured, self.readings = measured, readings
         self.robots = [self.module.Robot() for _ in readings]
         self.whole: list[list[float]] = [[] for _ in readings]
@@ -181,7 +229,7 @@ class Swarm:
         def note_stopped(robot: Any) -> None:
             stopped(robot)
             self.short[numbers[id(robot)]] += [STOPPED]
-            self.did[numbers[id(robot)]] += robot.estimate
+            self.did[numbers[id(robot)]] += robot.estimate.tolist()
 
         vars(self.module).update(moved=note_moved, stopped=note_stopped)
 
@@ -192,7 +240,7 @@ class Swarm:
 
     def run_as(self, other: Swarm) -> None:
         """Go through the control periods of robots that walked and sampled as those of another inspection."""
-        has_timer = hasattr(self.module, "timer_of_state")
+        has_timer = self.has_timer
         sampling, standing = other.sampling, other.standing
         busy = set((np.flatnonzero(sampling.any(axis=1)) + 1).tolist())
         for tick in range(1, sampling.shape[0] + 1):

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import ast
 import json
 import re
 import shutil
 import subprocess
-import types
 from pathlib import Path
 from typing import Any
 
@@ -64,20 +62,19 @@ def test_force_replaces_an_export_and_nothing_else(
     assert (tmp_path / "mine" / "thesis.txt").read_text() == "years of work"
 
 
-@pytest.mark.parametrize("part", ["c", "python"])
 def test_an_interrupted_export_leaves_nothing(
-    part: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     written, write = [], Path.write_text
 
     def interrupted(path: Path, *arguments: Any, **more: Any) -> int:
-        if len(written) == (2 if part == "c" else 0):
+        if len(written) == 2:
             raise KeyboardInterrupt
         written.append(path)
         return write(path, *arguments, **more)
 
     monkeypatch.setattr(Path, "write_text", interrupted)
-    assert main(["export", part, str(tmp_path / "robot"), "--strategy", "soft"]) == 130
+    assert main(["export", "c", str(tmp_path / "robot"), "--strategy", "soft"]) == 130
     assert list(tmp_path.iterdir()) == []
     assert "interrupted" in capsys.readouterr().err
 
@@ -155,14 +152,13 @@ def test_robots_that_know_their_places_are_refused(
         ("share_map", "true", "place_summaries.py"),
     ],
 )
-@pytest.mark.parametrize("language", ["c", "python"])
 def test_options_of_places_are_refused_by_name(
-    option: str, value: str, functions: str, language: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    option: str, value: str, functions: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """With the file and line of what would have to be exported, and the value that can be."""
     set_to = ["--strategy", "places", "--set", "localisation.method=mixture"]
     set_to += ["--set", f"strategy.places.{option}={value}", "--set", "strategy.places.map_every=2"]
-    assert main(["export", language, str(tmp_path / "x"), *set_to]) == 2
+    assert main(["export", "c", str(tmp_path / "x"), *set_to]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert f"strategy.places.{option}: {value}: " in said
     assert f"see vibroswarm/strategies/{functions}, line" in said
@@ -193,29 +189,28 @@ strange = strategy_in(__name__, "strange")
 
 
 @pytest.mark.parametrize(
-    ("part", "line", "said"),
+    ("line", "said"),
     [
-        ("c", "out.bit = {0: 1, 1: 0}[x.reading]", "Dict '{0: 1, 1: 0}'"),
-        ("python", "out.bit = int(np.sign(x.reading))", "the name 'np'"),
+        ("out.bit = {0: 1, 1: 0}[x.reading]", "Dict '{0: 1, 1: 0}'"),
+        ("out.bit = int(np.sign(x.reading))", "the call 'np.sign(x.reading)'"),
     ],
 )
 def test_a_strategy_that_cannot_be_exported_is_refused_with_its_line(
-    part: str, line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "strange.py").write_text(STRANGE.replace("EXPRESSION", line))
     arguments = ["--strategy", f"{tmp_path / 'strange.py'}:strange"]
-    assert main(["export", part, str(tmp_path / "robot"), *arguments]) == 2
+    assert main(["export", "c", str(tmp_path / "robot"), *arguments]) == 2
     assert f"strange.py, line 13: {said}" in capsys.readouterr().err
     assert not (tmp_path / "robot").exists()
 
 
-@pytest.mark.parametrize("part", ["c", "python"])
 @pytest.mark.parametrize(
     ("row", "advice"),
     [("State", "declare it in the class Arrays"), ("Message", "use a field for each of its numbers")],
 )
 def test_arrays_of_state_and_message_are_refused(
-    row: str, advice: str, part: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    row: str, advice: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     text = STRANGE.replace("import strategy_in", "import array, strategy_in").replace(
         "EXPRESSION", "out.bit = x.reading"
@@ -224,7 +219,7 @@ def test_arrays_of_state_and_message_are_refused(
     text = text.replace(f"class {row}:\n", f'class {row}:\n    last = array("float64", "3")\n')
     (tmp_path / "strange.py").write_text(text)
     arguments = ["--strategy", f"{tmp_path / 'strange.py'}:strange"]
-    assert main(["export", part, str(tmp_path / "robot"), *arguments]) == 2
+    assert main(["export", "c", str(tmp_path / "robot"), *arguments]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert (
         f"{row} of strategy 'strange': 'last' is an array, which an exported program cannot hold in {row}"
@@ -232,22 +227,6 @@ def test_arrays_of_state_and_message_are_refused(
     )
     assert advice in said
     assert not (tmp_path / "robot").exists()
-
-
-def test_python_needs_math_only_and_runs(tmp_path: Path) -> None:
-    assert main(["export", "python", str(tmp_path / "robot"), "--strategy", "dmvd"]) == 0
-    text = (tmp_path / "robot" / "vibroswarm_robot.py").read_text()
-    imports = [node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Import | ast.ImportFrom)]
-    assert [alias.name for node in imports for alias in node.names] == ["math"]
-    module = types.ModuleType("robot")
-    exec(text, vars(module))  # noqa: S102 - our own text
-    robot = module.Robot()
-    module.start(robot, 1, 0, 0)
-    for _ in range(1000):
-        turned_deg = 0.04 * module.right_percent(robot) if robot.walk.mode in (1, 2) else 0.0
-        if module.step(robot, turned_deg, 1000.0):
-            module.sample(robot, 1)
-    assert robot.samples > 2
 
 
 def test_without_the_compiler_the_size_is_not_stated(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shutil
 import subprocess
-from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from types import FunctionType, SimpleNamespace
@@ -36,7 +35,6 @@ from vibroswarm.export.c_types import (
     typedef,
 )
 from vibroswarm.export.parameters import c_number
-from vibroswarm.export.python_program import Collected
 from vibroswarm.export.source import plain
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -496,36 +494,6 @@ def test_a_variant_that_several_options_select_is_refused(monkeypatch: pytest.Mo
     assert caught.value.field == "strategy.soft"
 
 
-NEVER = False
-
-
-def nothing_left(x: float) -> float:
-    for _ in range(3):
-        if NEVER:
-            x += 1.0
-    while x > 2.0:
-        if NEVER:
-            x -= 1.0
-    if x > 1.0:
-        if NEVER:
-            x = 0.0
-        x += 0.0 if NEVER else 1.0
-    if x > 2.0:
-        if NEVER:
-            x = 0.0
-    else:
-        x = -1.0
-    return x
-
-
-def test_blocks_of_which_nothing_is_left_are_python() -> None:
-    made = Collected(parts_of(preset("paper")), {})
-    name = made.function(nothing_left)
-    space: dict[str, Any] = {}
-    exec("\n".join(made.texts), space)  # noqa: S102 - the exported text of the function above
-    assert space[name](1.5) == 2.5
-
-
 def with_a_default(x: float, k: int = 2) -> float:
     return x * k
 
@@ -546,48 +514,10 @@ def before_a_slash(x: float, /) -> float:
         (before_a_slash, "arguments before a slash, in before_a_slash"),
     ],
 )
-def test_arguments_that_are_no_plain_ones_are_refused_in_both_languages(function: Any, said: str) -> None:
+def test_arguments_that_are_no_plain_ones_are_refused(function: Any, said: str) -> None:
     where = rf"test_export_translator\.py, line {function.__code__.co_firstlineno}: {said}"
     with pytest.raises(InputError, match=where):
         program().function(function, [REAL])
-    with pytest.raises(InputError, match=where):
-        Collected(parts_of(preset("paper")), {}).function(function)
-
-
-ALWAYS = True
-
-
-def all_are_true(x: float) -> bool:
-    found = ALWAYS and not NEVER
-    return found and ALWAYS and True
-
-
-def all_are_constant(x: float) -> bool:
-    return ALWAYS and True
-
-
-def doubled_in_place(values: list[float]) -> bool:
-    values[0] *= 2.0
-    return True
-
-
-def decided_after_a_call(values: list[float]) -> float:
-    if doubled_in_place(values) and NEVER:
-        values[0] = 0.0
-    if doubled_in_place(values) or ALWAYS:
-        values[0] += 1.0
-    return values[0]
-
-
-@pytest.mark.parametrize(
-    ("function", "given"), [(all_are_true, 1.0), (all_are_constant, 1.0), (decided_after_a_call, [1.0])]
-)
-def test_constants_among_operands_keep_their_meaning_in_python(function: Any, given: Any) -> None:
-    made = Collected(parts_of(preset("paper")), {})
-    name = made.function(function)
-    space: dict[str, Any] = {}
-    exec("\n".join(made.texts), space)  # noqa: S102 - the exported text of the function above
-    assert space[name](copy(given)) == function(copy(given))
 
 
 A_LIST, A_DICT, AN_ARRAY = [1.0], {1: 2.0}, np.zeros(3)
@@ -611,54 +541,7 @@ def from_an_array(k: int) -> float:
 def test_global_names_of_lists_are_refused_with_their_line(function: Any, name: str) -> None:
     where = rf"test_export_translator\.py, line {function.__code__.co_firstlineno + 1}: the name '{name}'"
     with pytest.raises(InputError, match=where):
-        Collected(parts_of(preset("paper")), {}).function(function)
-    with pytest.raises(InputError, match=where):
         program().function(function, [INT])
-
-
-def a_size(a: Any) -> float:
-    return float(a.size[0])
-
-
-def a_shape(a: Any) -> float:
-    return float(a.shape[0])
-
-
-@pytest.mark.parametrize(("function", "name"), [(a_size, "size"), (a_shape, "shape")])
-def test_arrays_called_size_are_not_taken_for_lengths(function: Any, name: str) -> None:
-    rows = {"Arrays": Struct("vs_Arrays", None, ((name, CArray(REAL, (3,))),), True)}
-    line = function.__code__.co_firstlineno + 1
-    said = (
-        rf"test_export_translator\.py, line {line}: 'a\.{name}', which might be the array '{name}' of Arrays"
-    )
-    with pytest.raises(InputError, match=said):
-        Collected(parts_of(preset("paper")), rows).function(function)
-
-
-def a_variable_axis(a: Any, k: int) -> int:
-    return int(a.shape[k])
-
-
-def a_last_axis(a: Any) -> int:
-    return int(a.shape[-1])
-
-
-@pytest.mark.parametrize("function", [a_variable_axis, a_last_axis])
-def test_the_axis_of_a_length_is_a_constant(function: Any) -> None:
-    with pytest.raises(InputError, match=r"test_export_translator\.py, line \d+: 'a\.shape\["):
-        Collected(parts_of(preset("paper")), {}).function(function)
-
-
-def test_functions_of_one_name_are_kept_apart() -> None:
-    """Those of two modules whose last names are the same."""
-    made = Collected(parts_of(preset("paper")), {})
-    functions = []
-    for package in ("one", "two"):
-        function = FunctionType(nothing_left.__code__, nothing_left.__globals__, "helper")
-        function.__module__ = f"{package}.tools"
-        functions.append(function)
-    assert [made.function(function) for function in functions] == ["tools_helper", "tools_helper_2"]
-    assert ["def tools_helper(" in made.texts[0], "def tools_helper_2(" in made.texts[1]] == [True, True]
 
 
 def test_nan_is_no_parameter() -> None:

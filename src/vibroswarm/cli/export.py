@@ -1,4 +1,4 @@
-"""``vibroswarm export``: the robot's program as C for microcontrollers, or as plain Python."""
+"""``vibroswarm export``: the robot's program as C for microcontrollers."""
 
 from __future__ import annotations
 
@@ -16,30 +16,26 @@ if TYPE_CHECKING:
 EPILOG = """\
 examples:
   vibroswarm export c robot --strategy soft
-  vibroswarm export python robot-python --strategy none
   vibroswarm export check robot --strategy soft
 """
 
 
 def add_parser(commands: Any) -> None:
-    """Add the command ``export`` and its subcommands ``c``, ``python`` and ``check``."""
+    """Add the command ``export`` and its subcommands ``c`` and ``check``."""
     parser = commands.add_parser(
         "export",
-        help="write the robot's program as C for microcontrollers, or as plain Python",
+        help="write the robot's program as C for microcontrollers",
         description="Write the program of a scenario's robots: walk, sensing, belief, localisation, strategy.",
         epilog=EPILOG,
     )
     parts = parser.add_subparsers(dest="part", metavar="PART", required=True)
-    for name, help, run in (
-        ("c", "C99 library with a sketch for Arduino and PlatformIO", _c),
-        ("python", "one module of plain Python that needs math only", _python),
-    ):
-        part = parts.add_parser(name, help=help, description=help[0].upper() + help[1:] + ".")
-        part.add_argument("folder", metavar="DIR", type=Path, help="folder to write")
-        part.add_argument("--force", action="store_true", help="replace DIR if it is an export")
-        add_json(part)
-        add_scenario_options(part)
-        part.set_defaults(run=run)
+    help = "C99 library with a sketch for Arduino and PlatformIO"
+    part = parts.add_parser("c", help=help, description=f"{help}.")
+    part.add_argument("folder", metavar="DIR", type=Path, help="folder to write")
+    part.add_argument("--force", action="store_true", help="replace DIR if it is an export")
+    add_json(part)
+    add_scenario_options(part)
+    part.set_defaults(run=_c)
     part = parts.add_parser(
         "check",
         help="compare an exported header of parameters with a scenario",
@@ -97,25 +93,6 @@ def _memory_words(memory: Memory | None) -> str:
         f"Size on a Cortex-M0+: {memory.flash} bytes of flash, {memory.ram} bytes of static RAM ({memory.flags}), "
         "with the mathematics, without your drivers and stack."
     )
-
-
-def _python(arguments: argparse.Namespace) -> int:
-    """Write the robot's program as one module of plain Python; return the exit code."""
-    from vibroswarm.cli.scenario_options import scenario_from
-    from vibroswarm.core.atomic_io import check_folder, whole_folder
-    from vibroswarm.export.assembly import parts_of
-    from vibroswarm.export.python_program import MODULE, python_source
-
-    # Refuse the folder before the work. --force replaces a folder only if it holds the file MODULE, as an export does.
-    check_folder(arguments.folder, replace=arguments.force, marker=MODULE)
-    text = python_source(parts_of(scenario_from(arguments)))
-    with whole_folder(arguments.folder, replace=arguments.force, marker=MODULE) as part:
-        (part / MODULE).write_text(text, encoding="utf-8")
-    if arguments.json:
-        print_json({"out": str(arguments.folder), "files": [MODULE]})
-    else:
-        print(f"Saved: {arguments.folder}/{MODULE}")
-    return 0
 
 
 def _check(arguments: argparse.Namespace) -> int:

@@ -1,1 +1,1 @@
-"""The robot's program outside of the package: C99 for microcontrollers, and plain Python."""
+"""The robot's program outside of the package: C99 for microcontrollers."""

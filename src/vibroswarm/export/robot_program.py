@@ -1,4 +1,4 @@
-"""The program of one robot: the template that is exported to C and Python.
+"""The program of one robot: the template that is exported to C.
 
 An exporter replaces the functions of ``default_hooks`` by a strategy's hooks, and the constants of ``robot_memory`` by
 those of a scenario. A robot ``r`` is a ``robot_memory.Robot``, which the functions change in place. The surrounding

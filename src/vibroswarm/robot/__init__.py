@@ -1,5 +1,5 @@
 """The robot's program: scalars in, scalars out; it knows only sensors, clock and radio.
 
-The simulators step it, and MicroPython on a microcontroller could run it: it uses only ``math``. Uniform random
-numbers are passed in.
+The simulators step it, and C for microcontrollers is translated from it (``export``): it uses only ``math``. Uniform
+random numbers are passed in.
 """

@@ -1,7 +1,7 @@
 /* Numbers of the robot program: one floating-point type, and Python's meaning of its operators.
 
    VS_PRECISION is 3: double; 2: double, with arrays of float; 1: float. With 3 and -ffp-contract=off, results are those
-   of the exported Python bit by bit. */
+   of the program in Python bit by bit. */
 #ifndef VIBROSWARM_RUNTIME_H
 #define VIBROSWARM_RUNTIME_H
 
