@@ -282,13 +282,13 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
     ]
     code, said, _ = told(capsys, *line)
     assert code == 0
-    assert "of 6 settings, 30 runs each" in said
+    assert "6 settings of p_c and O_c, replayed on the same 30 runs" in " ".join(said.split())
     table = pl.read_csv(out / "tradeoff.csv")
     assert table.height == 6
     front = table.filter(pl.col("pareto")).sort("decision_time_s")
     assert front["error"].is_sorted(descending=True)
     assert (out / "scenario.toml").is_file()
-    assert not list(out.glob("front.*"))
+    assert not (out / "pictures").exists()
     fastest, surest = front.row(0, named=True), front.row(-1, named=True)
     page = (out / "report.html").read_text(encoding="utf-8").replace("\xa0", " ")
     for text in (" ".join(said.split()), page):
@@ -302,9 +302,9 @@ def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert told(capsys, *line, "--no-pictures")[0] == 0
     assert "<figure" not in (out / "report.html").read_text(encoding="utf-8")
     assert told(capsys, *line, "--pictures")[0] == 0
-    assert {"front.svg", "front.csv"} <= {path.name for path in out.iterdir()}
+    assert {"front.svg", "front.csv"} <= {path.name for path in (out / "pictures").iterdir()}
     assert told(capsys, *line)[0] == 0
-    assert (out / "front.svg").is_file(), "pictures that were requested before are drawn again"
+    assert (out / "pictures" / "front.svg").is_file(), "pictures that were requested before are drawn again"
     code, _, err = told(capsys, *line, "--seed", "2")
     assert code == 2
     assert "exists already" in err

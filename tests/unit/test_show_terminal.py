@@ -153,7 +153,7 @@ def test_the_answer_comes_first_and_paragraphs_break_between_words() -> None:
     path = "/a-very-long/path-to-a-folder/that-is/longer-than/the-terminal/run.html"
     text = printed(Text(f"Saved in {path} and a share of 12 % and 5 robots"), width=60, answer="It vibrates.")
     assert text.splitlines()[0] == "It vibrates."
-    assert text.splitlines()[1:3] == ["Saved in", path]
+    assert text.splitlines()[1:4] == ["", "Saved in", path]
     for width in range(40, 70):
         assert "12 %" in printed(Text("a " * 20 + "share of 12 % of all"), width=width), (
             "a number and its unit"

@@ -57,6 +57,26 @@ def save_pictures(
     write_figures(folder / PICTURES, document, style, progress)
 
 
+def save_requested_pictures(
+    document: Document,
+    arguments: argparse.Namespace,
+    folder: Path,
+    progress: Callable[[float], None] = lambda share: None,
+) -> None:
+    """Write the pictures of a document as files, if the options of ``add_pictures`` ask for them.
+
+    Pictures that an earlier command has written are written again, since what they show may be outdated.
+
+    Args:
+        arguments: with ``out``, where earlier pictures are. folder: the folder of results, or its replacement.
+    """
+    from vibroswarm.cli.options import wants_picture_files
+    from vibroswarm.show.figures import CAPTIONS
+
+    if wants_picture_files(arguments, f"{PICTURES}/{CAPTIONS}"):
+        save_pictures(document, folder, arguments.style, progress)
+
+
 def print_result(document: Document, arguments: argparse.Namespace) -> None:
     """Print a document, or with ``--json`` its answer and tables as one JSON document."""
     if getattr(arguments, "json", False):

@@ -7,7 +7,7 @@ is decided by who shows it: ``terminal``, ``page``, ``notebook`` and ``data``.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
@@ -210,3 +210,19 @@ def walk(parts: tuple[Part, ...]) -> Iterator[Part]:
         yield part
         if isinstance(part, Section):
             yield from walk(part.parts)
+
+
+def without_pictures(document: Document) -> Document:
+    """Return a document without its figures and photographs, and without the sections that had nothing else."""
+    return replace(document, parts=_without_pictures(document.parts))
+
+
+def _without_pictures(parts: tuple[Part, ...]) -> tuple[Part, ...]:
+    kept: list[Part] = []
+    for part in parts:
+        if isinstance(part, Section):
+            below = _without_pictures(part.parts)
+            kept += [replace(part, parts=below)] if below else []
+        elif not isinstance(part, Figure | Photos):
+            kept.append(part)
+    return tuple(kept)

@@ -6,8 +6,8 @@ A minus sign is a hyphen here, which every terminal has; pages replace it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from typing import Final, Protocol
+from collections.abc import Iterable, Mapping
+from typing import Any, Final, NamedTuple, Protocol
 
 DIGITS: Final = 3
 """Significant digits of the largest number of a column."""
@@ -32,6 +32,20 @@ class HasLimits(Protocol):
     def high(self) -> float:
         """The upper limit."""
         ...
+
+
+class Estimate(NamedTuple):
+    """An estimate with its limits, nan where they are not known, as a row of a table has them."""
+
+    estimate: float
+    low: float
+    high: float
+
+    @classmethod
+    def of(cls, row: Mapping[str, Any], name: str) -> Estimate:
+        """Return a figure of a row: its columns ``name``, ``name_low`` and ``name_high``."""
+        values = (row.get(f"{name}{end}") for end in ("", "_low", "_high"))
+        return cls(*(math.nan if value is None else value for value in values))
 
 
 def is_missing(value: object) -> bool:

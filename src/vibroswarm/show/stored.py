@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from vibroswarm.errors import InputError
 from vibroswarm.show.data import plain
-from vibroswarm.show.document import Document, Figure, Part, Photos, Section
+from vibroswarm.show.document import Document, without_pictures
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 
 def document_values(document: Document) -> dict[str, Any]:
     """Return a document as values that JSON has, from which ``document_from`` makes it again."""
-    kept = replace(document, parts=_without_pictures(document.parts))
+    kept = without_pictures(document)
     values: dict[str, Any] = plain(_adapter().dump_python(kept, exclude_defaults=True))
     return values
 
@@ -38,14 +37,6 @@ def document_from(values: object, name: str) -> Document:
         place = ".".join(map(str, first["loc"])) or "it"
         raise InputError(f"is damaged: {place}: {first['msg']}", field=name) from None
     return document
-
-
-def _without_pictures(parts: tuple[Part, ...]) -> tuple[Part, ...]:
-    return tuple(
-        replace(part, parts=_without_pictures(part.parts)) if isinstance(part, Section) else part
-        for part in parts
-        if not isinstance(part, Figure | Photos)
-    )
 
 
 @cache

@@ -80,6 +80,8 @@ class _Printer:
             self.paragraph(words)
         for words in document.warnings:
             self.paragraph(f"Warning: {words}", "yellow")
+        if document.parts and isinstance(document.parts[0], Text):  # other parts begin with an empty line
+            self.line()
         for part in document.parts:
             self.part(part)
 

@@ -1,0 +1,128 @@
+"""The document of a trade-off: how much time fewer wrong decisions cost.
+
+The settings are combinations of the credible threshold p_c and the minimum of observations O_c. A setting is on the
+front if no other setting is at least as good in decision time and in the share of robots wrong, and better in one of
+them (``analysis.tradeoff``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.true_places import true_places_notes
+from vibroswarm.documents.cell_figures import figure_columns, with_limits_of
+from vibroswarm.plots.front import draw_front
+from vibroswarm.plots.picture import Picture
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
+from vibroswarm.show.numbers import Estimate, count, with_limits
+from vibroswarm.simulation import versions
+
+
+def tradeoff_document(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Document:
+    """Return what a trade-off says: the ends of the front, the front, and all settings.
+
+    Args:
+        curve: table of ``analysis.tradeoff.time_error_curve`` with ``undecided_counts=0``, so that its column ``error``
+            is the share of robots wrong. scenario, seed: of the replayed runs.
+    """
+    front = curve.filter("pareto").sort("decision_time_s").drop("pareto")
+    figure = Figure("front", lambda style: _draw_front(curve, style))
+    return Document(
+        title=f"Time against wrong decisions: {scenario.strategy.name}",
+        answer=_answer(front, curve.height),
+        knew=tuple(true_places_notes([scenario])),
+        parts=(
+            Text(_setting_of(curve, scenario)),
+            Section("The front", (Text(_FRONT), figure, _front_table(front))),
+            Section("All settings", (_all_table(curve),), folded=True),
+        ),
+        made_by={"scenario": scenario.hash, "seed": str(seed), **versions()},
+    )
+
+
+_FRONT: Final = (
+    "Settings on the front: no other is faster without being wrong more often. An undecided robot counts with the "
+    "whole time, and not as wrong. The front is that of the estimates: the best of many settings are partly lucky, and "
+    "worse on other seeds."
+)
+
+
+def _answer(front: pl.DataFrame, settings: int) -> tuple[str, ...]:
+    """Return sentences on the ends of the front: the fastest, and the least often wrong."""
+    rows = front.to_dicts()
+    if not rows:
+        return ("No setting has both a time and a share of wrong decisions.",)
+    fastest, surest = rows[0], rows[-1]  # on the front, slower settings are wrong less often
+    if len(rows) == 1:
+        return (f"Fastest and least often wrong: {_words(fastest)}.",)
+    return (
+        f"Fastest: {_words(fastest)}.",
+        f"Least often wrong: {_words(surest)}.",
+        f"{len(rows)} of {count(settings, 'setting')} are on the front.",
+    )
+
+
+def _words(row: Mapping[str, Any]) -> str:
+    time, wrong, undecided = (
+        Estimate.of(row, name) for name in ("decision_time_s", "error", "robots_undecided")
+    )
+    return (
+        f"p_c {row['credible_threshold']:g}, O_c {row['min_observations']}, {with_limits(time, 's', 0)}, "
+        f"{with_limits(wrong, '%')} of the robots wrong, {with_limits(undecided, '%')} undecided"
+    )
+
+
+def _setting_of(curve: pl.DataFrame, scenario: Scenario) -> str:
+    return (
+        f"How much time do fewer wrong decisions cost? Strategy {scenario.strategy.name}, "
+        f"{count(scenario.swarm.robots, 'robot')}, floor {scenario.floor.source}, up to {scenario.run.t_end_s:g} s; "
+        f"{count(curve.height, 'setting')} of p_c and O_c, replayed on the same {count(curve['runs'][0], 'run')}."
+    )
+
+
+_FIRST: Final = ("decision_time_s", "error", "robots_undecided", "robots_right", "swarm_right")
+"""The figures that come first in tables."""
+
+
+def _front_table(front: pl.DataFrame) -> Table:
+    """Tabulate the settings on the front."""
+    rows = front.select(*_SETTINGS, *with_limits_of(_FIRST, front.columns))
+    columns = _SETTINGS | figure_columns(rows.columns, wide=_FIRST[3:])
+    return Table(rows, columns, caption=_CAPTION, name="front", names=2)
+
+
+def _all_table(curve: pl.DataFrame) -> Table:
+    """Tabulate all settings with all figures."""
+    first = [*_SETTINGS, *with_limits_of(_FIRST, curve.columns)]
+    rows = curve.select(*first, pl.exclude(first))
+    columns = {**_SETTINGS, **figure_columns(rows.columns), "pareto": Column("on the front")}
+    return Table(rows, columns, caption=_CAPTION, name="tradeoff", names=2)
+
+
+_SETTINGS: Final = {
+    "credible_threshold": Column("p_c"),
+    "min_observations": Column("O_c"),
+}
+_CAPTION: Final = (
+    "p_c: credible threshold; O_c: minimum of observations. In brackets: 95 % intervals over runs."
+)
+
+
+def _draw_front(curve: pl.DataFrame, style: str) -> Picture:
+    """Draw decision time against the share of robots wrong, a point for each setting."""
+    frame = curve.select(
+        "error",
+        "error_low",
+        "error_high",
+        "runs",
+        name=pl.format("p_c {}, O_c {}", "credible_threshold", "min_observations"),
+        time="decision_time_s",
+        time_low="decision_time_s_low",
+        time_high="decision_time_s_high",
+        front="pareto",
+    )
+    return draw_front(frame, error_label="robots wrong", percent=True, style=style)
