@@ -179,7 +179,7 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
     line += ["--set", "run.t_end_s=300", "--set", "decision.min_observations=30"]
     code, said, _ = told(capsys, *line, "--out", out)
     assert code == 0
-    assert "at most 20 % misses and 20 % false alarms" in said
+    assert "at most 20 % misses, and at most 20 % false alarms on floors up to 48 %" in " ".join(said.split())
     need = pl.read_csv(out / "needed.csv")
     assert need["fill_ratio"].to_list() == [0.2, 0.2, 0.48, 0.48, 0.8, 0.8]
     assert need["robots"].to_list() == [2, 6, 2, 6, 2, 6]
@@ -190,19 +190,23 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert easy["needed_s"][0] < 300
     assert easy["missed_high"][0] < 0.2
     assert need.filter(pl.col("fill_ratio") == 0.48)["needed_s"].null_count() == 2
-    assert not list(out.glob("detection-*"))
+    assert not (out / "pictures").exists()
     found = pairs.filter((pl.col("robots") == 6) & pl.col("time_s").is_not_null()).sort("fill_ratio")
     fill, time_s = found.select("fill_ratio", "time_s").row(0)
-    sentence = f"6 robots find a fill ratio of {fill:g} within {time_s:.0f} s, without false"
+    sentence = f"6 robots find {100 * fill:g} % vibrating within {time_s:.0f} s, with at most"
     assert sentence in " ".join(said.split())
     page = (out / "report.html").read_text(encoding="utf-8").replace("\xa0", " ")
     assert sentence in page
     assert page.count("<figure") == 3
     assert told(capsys, *line, "--out", out, "--pictures")[0] == 0
-    drawn = {"detection.csv", "detection-2-robots.svg", "detection-robots.pdf"}
-    assert drawn <= {path.name for path in out.iterdir()}
+    drawn = {"captions.csv", "detection-2-robots.svg", "detection-robots.pdf"}
+    assert drawn <= {path.name for path in (out / "pictures").iterdir()}
     code, said, _ = told(capsys, *line, "--json")
-    assert len(json.loads(said)["needed"]) == 6
+    tables = json.loads(said)["tables"]
+    assert len(tables["needed"]) == 6
+    assert tables["pairs"] == pairs.to_dicts()
+    assert len(tables["found"]) == 2
+    assert len(tables["detection"]) == pl.read_csv(out / "detection.csv").height
 
 
 def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]) -> None:
@@ -225,11 +229,11 @@ def test_detect_warns_of_what_nobody_can_tell(capsys: pytest.CaptureFixture[str]
 def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.CaptureFixture[str]) -> None:
     line = ["detect", "--fills", "0.1", "--tiles", "10x10", "--runs", "4", "--set", "run.t_end_s=60"]
     assert main([*line, "--set", "decision.decision_boundary=0.03"]) == 0
-    assert "Fill ratios added to count false alarms: 0, 0.01, 0.02." in " ".join(
+    assert "Fill ratios added to count false alarms: 0 %, 1 % and 2 %." in " ".join(
         capsys.readouterr().out.split()
     )
     assert main(["detect", "--tiles", "10x10", "--runs", "4", "--set", "run.t_end_s=60", "--json"]) == 0
-    fills = {row["fill_ratio"] for row in json.loads(capsys.readouterr().out)["needed"]}
+    fills = {row["fill_ratio"] for row in json.loads(capsys.readouterr().out)["tables"]["needed"]}
     assert min(fills) < 0.5 < max(fills)
 
 

@@ -16,15 +16,12 @@ from vibroswarm.cli.options import (
     between,
     list_of,
     real,
-    wants_picture_files,
     whole,
 )
 from vibroswarm.cli.studies import add_running_options
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
-    import polars as pl
-
     from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.study.spec import Study
 
@@ -86,12 +83,15 @@ def run(arguments: argparse.Namespace) -> int:
     probabilities (``--error``, ``--false-alarms``). Returns the exit code.
     """
     from vibroswarm.analysis.detection import detection_curve, needed, pairs
-    from vibroswarm.cli.out_folder import deliver
-    from vibroswarm.cli.output import print_paragraph, print_saved
+    from vibroswarm.cli.deliver import REPORT, print_result, save, save_requested_pictures
+    from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.cli.studies import run_study_of
+    from vibroswarm.documents.detection import Tolerated, detection_document
     from vibroswarm.errors import share_from
+    from vibroswarm.show.document import without_pictures
     from vibroswarm.study.spec import Study
+    from vibroswarm.study.summary import write_table
 
     error = share_from(arguments.error, "--error")
     false_alarms = share_from(arguments.false_alarms or arguments.error, "--false-alarms")
@@ -117,30 +117,23 @@ def run(arguments: argparse.Namespace) -> int:
     t_end_s = base.run.t_end_s
     curve = detection_curve(cells, t_end_s)
     need = needed(cells, t_end_s, error, false_alarms=false_alarms)
-    distinguished = pairs(need)
-    warnings = _warnings(study)
+    tables = {"detection": curve, "needed": need, "pairs": pairs(need)}
+    document = detection_document(
+        tables,
+        base,
+        arguments.seed,
+        Tolerated(error, false_alarms),
+        added=added,
+        warnings=_warnings(study),
+    )
     if arguments.out is not None:
-        tables = {"detection": curve, "needed": need, "pairs": distinguished}
-        _save(base, tables, (error, false_alarms), warnings, arguments)
-
-    def show() -> None:
-        """Print the result."""
-        print_detection(need, distinguished, base, error, false_alarms)
-        if added:
-            print_paragraph(
-                f"Fill ratios added to count false alarms: {', '.join(f'{fill:g}' for fill in added)}."
-            )
-        for warning in warnings:
-            print_paragraph(f"Warning: {warning}")
-
-    def document() -> dict[str, Any]:
-        """Return the result for ``--json``: each table as a list of rows."""
-        named = {"pairs": distinguished.to_dicts(), "needed": need.to_dicts(), "curve": curve.to_dicts()}
-        return named | {"warnings": warnings}
-
-    deliver(arguments, arguments.out, "detect", show, document)
+        for name, table in tables.items():
+            write_table(table, arguments.out / name)
+        save(without_pictures(document) if arguments.no_pictures else document, arguments.out, "detect")
+        save_requested_pictures(document, arguments, arguments.out)
+    print_result(document, arguments)
     pictures = "pictures, " if arguments.pictures else ""
-    print_saved(arguments, f"tables (CSV), {pictures}the runs (shards)", "report.html")
+    print_saved(arguments, f"tables (CSV), {pictures}the runs (shards)", REPORT)
     return 0
 
 
@@ -215,134 +208,3 @@ def _warnings(study: Study) -> list[str]:
             if verdict.verdict != "decidable"
         )
     )
-
-
-def _save(
-    base: Scenario,
-    tables: dict[str, pl.DataFrame],
-    tolerated: tuple[float, float],
-    warnings: list[str],
-    arguments: argparse.Namespace,
-) -> None:
-    """Write tables and the report into the folder of ``--out``, and the report's pictures if they are requested.
-
-    Args:
-        tables: by name, the tables of ``analysis.detection``: "detection" (misses and false alarms over time), "needed"
-            (one row per cell) and "pairs" (one row per pair of floors and number of robots).
-        tolerated: the tolerated probabilities of a miss and of a false alarm, in this order.
-    """
-    from vibroswarm.report.html import write_report
-    from vibroswarm.study.detection_report import pictures_of, report_of
-    from vibroswarm.study.summary import write_table
-
-    error, false_alarms = tolerated
-    for name, table in tables.items():
-        write_table(table, arguments.out / name)
-    boundary = base.decision.decision_boundary
-    style = arguments.style if wants_picture_files(arguments, "detection-*.svg") else None
-    if style is not None:
-        # Pictures show misses only, so they need no tolerated probability of a false alarm.
-        for name, picture in pictures_of(tables["detection"], boundary, error, style):
-            picture.write(arguments.out / name)
-    with_pictures = not arguments.no_pictures
-    report = report_of(
-        tables, base, arguments.seed, error, false_alarms, warnings, with_pictures=with_pictures
-    )
-    write_report(arguments.out / "report.html", report)
-
-
-def print_detection(
-    need: pl.DataFrame, distinguished: pl.DataFrame, scenario: Scenario, error: float, false_alarms: float
-) -> None:
-    """Print sentences on which floors are recognised, a table of the floors distinguished, and a table of all cells.
-
-    The first table has a row for each floor above the boundary and each number of robots. It states when the robots
-    distinguish this floor from a floor below the boundary, and the highest fill ratio of such a floor. There is no such
-    table if all floors are on one side of the boundary.
-
-    Args:
-        need: result of ``analysis.detection.needed``: one row for each cell, with the time until misses are rare
-            enough.
-        distinguished: result of ``analysis.detection.pairs``: one row for each number of robots and each pair of a
-            floor above the boundary and a floor below it.
-        error: tolerated probability of a miss.
-        false_alarms: tolerated probability of a false alarm.
-    """
-    from vibroswarm.cli.output import print_line, print_paragraph, print_table
-    from vibroswarm.study.detection_report import answer, best
-
-    t_end_s = scenario.run.t_end_s
-    for sentence in answer(distinguished, scenario, error, false_alarms):
-        print_paragraph(sentence)
-    print_line()
-    if distinguished.height:
-        print_table(
-            ["fill ratio", "robots", "found within", "without false alarms on floors up to", ""],
-            [_pair(row, t_end_s) for row in best(distinguished).iter_rows(named=True)],
-            names=2,  # fill ratio and number of robots name a row
-        )
-    print_line()
-    print_table(
-        ["fill ratio", "robots", "runs", "missed, %", "false alarms, %", "needed", "clear until"],
-        [
-            [
-                f"{row['fill_ratio']:.4g}",
-                row["robots"],
-                row["runs"],
-                _share(row["missed"], row["missed_high"]),
-                _share(row["false_alarm"], row["false_alarm_high"]),
-                "-" if row["missed"] is None else _time(row["needed_s"], t_end_s),
-                _clear(row),
-            ]
-            for row in need.iter_rows(named=True)
-        ],
-        names=2,
-        more=("runs",),  # printed with --wide only
-    )
-    print_paragraph(
-        f"Missed: no right consensus by {t_end_s:g} s; undecided counts. False alarm: a wrong consensus on 'more'. "
-        "In brackets the upper limit (95 %, Wilson over runs), which must be below the tolerated probability. Needed: "
-        "when that of misses falls below it; clear until: how long that of false alarms stays below it. Each limit "
-        "holds separately."
-    )
-
-
-def _pair(row: dict[str, float | None], t_end_s: float) -> list[object]:
-    """Format the row of a floor above the boundary: when it is distinguished, and from which floor below the boundary.
-
-    Args:
-        row: a row of the table that ``detection_report.best`` returns, for one floor and one number of robots. Its
-            ``time_s`` is None if the robots distinguish the floor from no floor below the boundary by ``t_end_s``. Its
-            ``fewest`` is true if no smaller number of robots distinguishes the same two floors.
-    Returns:
-        Five cells: fill ratio of the floor, number of robots, time, highest fill ratio of a floor below the boundary
-        that is distinguished from it, and the remark "(fewest robots)" if fewer robots do not distinguish these two
-        floors.
-    """
-    start: list[object] = [f"{row['fill_ratio']:.4g}", row["robots"], _time(row["time_s"], t_end_s)]
-    if row["time_s"] is None:
-        return [*start, "-", ""]
-    return [*start, f"{row['fill_ratio_below']:.4g}", "(fewest robots)" if row["fewest"] else ""]
-
-
-def _share(share: float | None, high: float | None) -> str:
-    """Format a share with its upper limit in percent, such as ``3.0 (below 5.2)``; ``-`` for None."""
-    return "-" if share is None or high is None else f"{100 * share:.1f} (below {100 * high:.1f})"
-
-
-def _time(time_s: float | None, t_end_s: float) -> str:
-    """Format a time; None means that it is not reached by the end of the runs, ``t_end_s``."""
-    return f"not by {t_end_s:g} s" if time_s is None else f"{time_s:.0f} s"
-
-
-def _clear(row: dict[str, float | None]) -> str:
-    """Format the time until which false alarms are rare enough; ``-`` if the floor is not below the boundary.
-
-    A false alarm is a wrong decision for "more". It can occur only on floors below the boundary.
-    """
-    if row["false_alarm"] is None:
-        return "-"
-    until_s = row["clear_until_s"]
-    if until_s is None:  # rare enough over the whole run
-        return "the end"
-    return f"{until_s:.0f} s" if until_s > 0 else "never"

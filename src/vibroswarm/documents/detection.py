@@ -1,0 +1,286 @@
+"""The document of ``detect``: which fill ratios are recognised, by how many robots, and how soon.
+
+A floor is *missed* in a run without a right consensus. A *false alarm* is a wrong consensus on "more" on a floor with a
+fill ratio below the boundary. A floor above the boundary is *distinguished* from a floor below it at a time when misses
+of the one and false alarms on the other are both rare enough; it is *found* if it is distinguished from some floor
+below (``analysis.detection``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Final, NamedTuple
+
+import polars as pl
+
+from vibroswarm.analysis.true_places import true_places_notes
+from vibroswarm.documents.cell_figures import limits_of
+from vibroswarm.plots.curves import draw_detection
+from vibroswarm.plots.picture import Picture
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
+from vibroswarm.show.numbers import count, decimals_of, listed, number
+from vibroswarm.simulation import versions
+
+MOST_CURVES: Final = 8
+"""Most numbers of robots with a figure of their own."""
+
+
+class Tolerated(NamedTuple):
+    """Tolerated probabilities."""
+
+    misses: float
+    false_alarms: float
+
+
+def detection_document(
+    tables: Mapping[str, pl.DataFrame],
+    scenario: Scenario,
+    seed: int,
+    tolerated: Tolerated,
+    *,
+    added: Sequence[float] = (),
+    warnings: Sequence[str] = (),
+) -> Document:
+    """Return which floors robots find, and how soon.
+
+    Args:
+        tables: by name, results of ``analysis.detection``: ``detection`` (``detection_curve``), ``needed``, ``pairs``.
+        scenario, seed: those of the runs behind the tables, in which floor and number of robots vary.
+        added: fill ratios below the boundary that the user did not ask for.
+        warnings: reasons not to trust the answer.
+    """
+    found, needed, curve = hardest(tables["pairs"]), tables["needed"], tables["detection"]
+    figures = tuple(_figures(curve, scenario, tolerated))
+    numbers = (_curve_table(curve), *([_pairs_table(tables["pairs"])] if found.height else []))
+    parts: list[Part] = [Text(_setting_of(needed, scenario))]
+    if added:
+        parts.append(Text(f"Fill ratios added to count false alarms: {listed(map(_percent, added))}."))
+    if found.height:
+        parts.append(_found_table(found, scenario, tolerated))
+    parts.append(Section("Every floor", (_needed_table(needed, scenario), Text(_MEANING))))
+    if figures:
+        parts.append(Section("Misses against the fill ratio", figures))
+    return Document(
+        title="How many robots, and how much time?",
+        answer=_answer(found, scenario, tolerated),
+        knew=tuple(true_places_notes([scenario])),
+        warnings=tuple(warnings),
+        parts=(*parts, Section("All numbers", numbers, folded=True)),
+        made_by={"scenario": scenario.hash, "seed": str(seed), **versions()},
+    )
+
+
+def hardest(pairs: pl.DataFrame) -> pl.DataFrame:
+    """Select one row for each floor above the boundary and number of robots: the hardest pair they distinguish.
+
+    Of the floors below the boundary that the robots distinguish from the floor above, the row has the one with the
+    highest fill ratio. If they distinguish none by the end, ``time_s``, ``fill_ratio_below`` and ``fewest`` are null.
+
+    Args:
+        pairs: table of ``analysis.detection.pairs``; the result has its columns.
+    """
+    is_found = pl.col("time_s").is_not_null()
+    # Distinguished pairs come first, and among them the highest fill ratio below the boundary.
+    chosen = (
+        pairs.sort(
+            "fill_ratio", "robots", is_found, "fill_ratio_below", descending=[False, False, True, True]
+        )
+        .group_by("fill_ratio", "robots", maintain_order=True)
+        .first()
+    )
+    return chosen.with_columns(
+        pl.when(is_found).then(name).alias(name) for name in ("fill_ratio_below", "fewest")
+    )
+
+
+def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Tolerated) -> tuple[str, ...]:
+    """Return a sentence for each number of robots on the fill ratios that they find."""
+    boundary, t_end_s = scenario.decision.decision_boundary, scenario.run.t_end_s
+    if found.is_empty():
+        return (f"All floors are on one side of {_percent(boundary)}: no pairs of misses and false alarms.",)
+    return tuple(
+        _sentence(count(robots, "robot"), robots == 1, rows, t_end_s, tolerated)
+        for (robots,), rows in found.group_by("robots", maintain_order=True)
+    )
+
+
+def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolerated: Tolerated) -> str:
+    """Name the found fill ratio nearest to the boundary, that farthest from it, and those that are not found."""
+    who = f"{who} {'finds' if is_one else 'find'}"
+    found = rows.filter(pl.col("time_s").is_not_null()).sort("fill_ratio")
+    missed = rows.filter(pl.col("time_s").is_null())["fill_ratio"].sort().to_list()
+    if found.is_empty():
+        return f"{who} none of these floors within {t_end_s:g} s."
+    nearest, farthest = found.row(0, named=True), found.row(-1, named=True)
+    sentence = (
+        f"{who} {_percent(nearest['fill_ratio'])} vibrating within {nearest['time_s']:.0f} s, with at "
+        f"most {_percent(tolerated.misses)} misses, and at most {_percent(tolerated.false_alarms)} false alarms on "
+        f"floors up to {_percent(nearest['fill_ratio_below'])}"
+    )
+    if farthest["fill_ratio"] != nearest["fill_ratio"]:
+        sentence += f"; {_percent(farthest['fill_ratio'])} within {farthest['time_s']:.0f} s"
+    if missed:
+        sentence += f"; not {listed(map(_percent, missed))} by {t_end_s:g} s"
+    return f"{sentence}."
+
+
+def _percent(share: float) -> str:
+    """Write a fill ratio or a tolerated probability, which have few digits, in percent."""
+    return f"{number(100 * share, digits=4)} %"
+
+
+def _setting_of(needed: pl.DataFrame, scenario: Scenario) -> str:
+    runs = count(int(needed["runs"].min()), "run")  # type: ignore[arg-type]
+    return (
+        f"Does more than {_percent(scenario.decision.decision_boundary)} vibrate? Strategy {scenario.strategy.name}, "
+        f"random floors, up to {scenario.run.t_end_s:g} s; {runs} of each fill ratio and number of robots."
+    )
+
+
+_MEANING: Final = (
+    "Missed: no right consensus by then; undecided counts. False alarm: a wrong consensus on 'more'. The upper limits "
+    "(95 %, Wilson over runs) must be below what is tolerated; too few runs cannot show that. Time needed: when the "
+    "upper limit of misses falls below it. Clear until: how long that of false alarms stays below it. Each limit is "
+    "95 % by itself."
+)
+
+
+def _fills(frame: pl.DataFrame, *names: str) -> Column:
+    """Return the format of fill ratios, which have as many decimals as they need."""
+    values = [100 * value for name in names for value in frame[name].drop_nulls()]
+    return Column("fill ratio", share=True, decimals=decimals_of((round(value, 6) for value in values), 4))
+
+
+def _found_table(found: pl.DataFrame, scenario: Scenario, tolerated: Tolerated) -> Table:
+    """Tabulate the hardest pair of floors of each floor above the boundary and number of robots."""
+    fills = _fills(found, "fill_ratio", "fill_ratio_below")
+    columns = {
+        "fill_ratio": fills,
+        "robots": Column("robots"),
+        "time_s": Column("found within", "s", decimals=0),
+        "fill_ratio_below": replace(
+            fills, title=f"at most {_percent(tolerated.false_alarms)} false alarms on floors up to"
+        ),
+        "fewest": Column("fewest robots"),
+    }
+    caption = f"Floors above the boundary. A dash: not by {scenario.run.t_end_s:g} s."
+    return Table(found.select(*columns), columns, caption=caption, name="found", names=2)
+
+
+def _needed_table(needed: pl.DataFrame, scenario: Scenario) -> Table:
+    """Tabulate misses and false alarms at the end, and the times that follow."""
+    t_end_s = scenario.run.t_end_s
+    is_below = pl.col("truth") == 0
+    rows = needed.with_columns(
+        # null: false alarms are rare enough in the whole run
+        clear_until_s=pl.when(is_below).then(pl.col("clear_until_s").fill_null(t_end_s)),
+        truth=pl.col("truth") == 1,
+    )
+    columns = {
+        "fill_ratio": _fills(rows, "fill_ratio"),
+        "robots": Column("robots"),
+        "truth": Column("above the boundary", wide=True),
+        "runs": Column("runs", wide=True),
+        "missed": Column("missed", share=True),
+        "missed_high": Column("upper limit", share=True),
+        "needed_s": Column("time needed", "s", decimals=0),
+        "fewest": Column("fewest robots", wide=True),
+        "false_alarm": Column("false alarms", share=True),
+        "false_alarm_high": Column("upper limit", share=True),
+        "clear_until_s": Column("clear until", "s", decimals=0),
+    }
+    caption = (
+        f"Misses and false alarms by {t_end_s:g} s. A dash: not by then; false alarms are on floors below the boundary "
+        "only."
+    )
+    return Table(rows.select(*columns), columns, caption=caption, name="needed", names=2)
+
+
+def _pairs_table(pairs: pl.DataFrame) -> Table:
+    fills = _fills(pairs, "fill_ratio", "fill_ratio_below")
+    columns = {
+        "fill_ratio": fills,
+        "fill_ratio_below": replace(fills, title="distinguished from"),
+        "robots": Column("robots"),
+        "time_s": Column("from", "s", decimals=0),
+        "fewest": Column("fewest robots"),
+    }
+    caption = (
+        "All pairs of a floor above the boundary and one below it. A dash: not distinguished by the end."
+    )
+    return Table(pairs, columns, caption=caption, name="pairs", names=3)
+
+
+def _curve_table(curve: pl.DataFrame) -> Table:
+    titles = {
+        "missed": "missed",
+        "wrong": "wrong",
+        "false_alarm": "false alarms",
+        "robots_missed": "robots: missed",
+        "robots_wrong": "robots: wrong",
+        "robots_false_alarm": "robots: false alarms",
+    }
+    columns = {
+        "fill_ratio": _fills(curve, "fill_ratio"),
+        "robots": Column("robots"),
+        "horizon_s": Column("time", "s", decimals=0),
+        **{name: Column(title, share=True, limits=limits_of(name)) for name, title in titles.items()},
+        "truth": Column("answer that is right"),
+        "runs": Column("runs"),
+    }
+    shown = [each for name, column in columns.items() for each in (name, *(column.limits or ()))]
+    caption = "Shares of runs, and of robots, by several times; 95 % intervals."
+    return Table(curve.select(shown), columns, caption=caption, name="detection", names=3)
+
+
+def _figures(curve: pl.DataFrame, scenario: Scenario, tolerated: Tolerated) -> Iterator[Figure]:
+    """Yield figures of misses against the fill ratio: one per number of robots, and one of all numbers.
+
+    A figure of one number of robots has a line for each time; only the ``MOST_CURVES`` smallest numbers have one. If
+    there are several numbers, the last figure has a line for each of them, with the misses at the latest time. Nothing
+    is yielded if no share of misses is known.
+    """
+    drawable = curve.filter(pl.col("missed").is_not_null())
+    boundary = scenario.decision.decision_boundary
+
+    def figure(name: str, part: pl.DataFrame, series: pl.Expr, title: str) -> Figure:
+        return Figure(name, partial(_draw, part, series, boundary, tolerated.misses, title), title)
+
+    numbers = drawable["robots"].unique().sort().to_list()
+    for robots in numbers[:MOST_CURVES]:
+        times = pl.format("{} s", pl.col("horizon_s").round(0).cast(pl.Int64))
+        part = drawable.filter(pl.col("robots") == robots)
+        yield figure(f"detection-{robots}-robots", part, times, count(robots, "robot"))
+    if len(numbers) > 1:
+        part = drawable.filter(pl.col("horizon_s") == pl.col("horizon_s").max())
+        yield figure("detection-robots", part, pl.format("{} robots", "robots"), "By robots, at the end")
+
+
+def _draw(
+    part: pl.DataFrame, series: pl.Expr, boundary: float, tolerated: float, title: str, style: str
+) -> Picture:
+    """Draw misses against the fill ratio, one line for each value of the expression ``series``.
+
+    Lines are in the order in which their values first appear in ``part``, so that 900 s comes before 1200 s, which it
+    would not in the order of the text. Within a line, points are in the order of the fill ratio.
+
+    Args:
+        part: rows of ``analysis.detection.detection_curve``, sorted by robots, fill ratio and time as there.
+        boundary: of the fill ratio. tolerated: tolerated probability of a miss. title: of a picture in a file; a page
+            has it above the picture.
+    """
+    frame = part.select(
+        "fill_ratio", "missed", "runs", low="missed_low", high="missed_high", series=series
+    ).sort("series", "fill_ratio", maintain_order=True)
+    order = part.select(series=series)["series"].unique(maintain_order=True)
+    rank = pl.col("series").replace_strict(order.to_list(), range(order.len()), return_dtype=pl.Int64)
+    return draw_detection(
+        frame.sort(rank, maintain_order=True),
+        boundary=boundary,
+        tolerated=tolerated,
+        title="" if style == "page" else title,
+        style=style,
+    )
