@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.cli.verdict_text import failure_lines
+from vibroswarm.documents.run import result_document
 from vibroswarm.errors import InputError
 from vibroswarm.motion.fixed_step import FIXED_STEP
 from vibroswarm.motion.kernel_run import batch_of
@@ -178,5 +178,5 @@ def test_a_failed_run_is_shown_and_kept(tmp_path: Path) -> None:
     assert result.runs["consensus"].to_list() == ["incomplete"] * 3
     result.write(tmp_path / "kept")
     assert Result.read(tmp_path / "kept").failures.equals(result.failures)  # type: ignore[union-attr]
-    assert "RUN FAILED at 0.02 s: MuJoCo warned of" in failure_lines(result)[0]
+    assert "RUN FAILED at 0.02 s: MuJoCo warned of" in result_document(result).answer[0]
     assert replay(result, scenario.with_values({"strategy.name": "soft"})).failures.equals(result.failures)  # type: ignore[union-attr]

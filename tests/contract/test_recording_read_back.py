@@ -10,8 +10,8 @@ import polars as pl
 import pytest
 
 from vibroswarm.analysis.sampling import packet_loss, walk_figures
-from vibroswarm.analysis.verdict import confidence, robot_row, verdict
-from vibroswarm.cli.verdict_text import verdict_text
+from vibroswarm.analysis.verdict import confidence, verdict
+from vibroswarm.documents.run import result_document, verdict_document
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.pose import pose
@@ -159,7 +159,7 @@ def test_any_csv_can_be_read_by_a_column_map(made: Result, ground: Floor, tmp_pa
     assert found.runs["consensus"].to_list() == [None]
     said = verdict(found)
     assert (said.consensus, said.decision, said.robots[0].estimate) == (None, None, None)
-    assert "Decisions were not logged." in verdict_text(found, said)
+    assert "Decisions were not logged." in result_document(found).answer
     assert packet_loss(found)["packet_loss"].to_list() == [None]
     assert walk_figures(found.motion, found.observations)["avoid_per_sample_s"].to_list() == [None]
     shown = with_beliefs(replace(found, scenario=found.scenario.with_values({"run.t_end_s": 5000.0})))
@@ -179,16 +179,15 @@ def test_beliefs_without_logged_decisions_are_not_called_undecided() -> None:
         )
     )
     found = verdict(replace(run, robots=robots, runs=runs), 0)
-    text = " ".join(verdict_text(run, found).split())
-    assert "Decisions were not logged. Confidence: decisions were not logged; belief in 'less' is" in text
-    assert robot_row(found.robots[0], found.answers)[1:4] == ["not logged", "-", ""]
-    assert "undecided" not in text
-    assert "never" not in text
-    assert "no robot decided" not in text
+    document = verdict_document(found)
+    assert document.answer[0] == "Decisions were not logged."
+    assert document.answer[1].startswith("Confidence: decisions were not logged; belief in 'less' is")
+    assert set(document.tables["robots"].frame["decision"]) == {"not logged"}
+    assert "no robot decided" not in document.answer[1]
     # A control: robots that are known not to have decided.
     robots = robots.with_columns(decision=pl.lit(-1, dtype=robots.schema["decision"]))
     undecided = verdict(replace(run, robots=robots), 0)
-    assert robot_row(undecided.robots[0], undecided.answers)[1:4] == ["undecided", "never", ""]
+    assert set(verdict_document(undecided).tables["robots"].frame["decision"]) == {"undecided"}
     assert "no robot decided" in confidence(undecided)
 
 

@@ -62,8 +62,9 @@ def test_a_large_swarm_is_summarised(capsys, monkeypatch):
     assert main([*RUN, "--robots", "60"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) < 25
-    counted = next(line for line in lines if line.startswith("robots"))
+    counted = next(line for line in lines if line.startswith("robots  "))
     assert sum(map(int, counted.split()[1:])) == 60
     assert main([*RUN, "--robots", "60", "--wide"]) == 0
-    rows = [line.split()[0] for line in capsys.readouterr().out.splitlines() if line[:1].isdigit()]
+    words = [line.split() for line in capsys.readouterr().out.splitlines()]
+    rows = [first for first, *_ in filter(None, words) if first.isdigit()]
     assert rows[-60:] == [str(robot) for robot in range(60)]

@@ -92,7 +92,7 @@ def test_a_scenario_file_names_a_floor_beside_it(tmp_path, monkeypatch, capsys):
     )
     monkeypatch.chdir("/")
     assert run("--scenario", str(tmp_path / "s.toml"), "--json") == 0
-    assert json.loads(capsys.readouterr().out)["verdict"]["fill_ratio"] == 0.5
+    assert json.loads(capsys.readouterr().out)["tables"]["verdict"][0]["fill_ratio"] == 0.5
 
 
 def test_a_scenario_is_written_down_and_runs(tmp_path, capsys):
@@ -115,11 +115,11 @@ def test_a_scenario_is_written_down_and_runs(tmp_path, capsys):
 def test_json_is_one_document_with_the_verdict(capsys):
     assert run(*SHORT, "--json") == 0
     told = json.loads(capsys.readouterr().out)
-    verdict = told["verdict"]
+    (verdict,) = told["tables"]["verdict"]
     assert verdict["consensus"] in ("right", "wrong", "split", "incomplete")
-    assert len(verdict["robots"]) == 5
+    assert len(told["tables"]["robots"]) == 5
     assert verdict["right"] + verdict["wrong"] + verdict["undecided"] == 5
-    assert told["versions"]["vibroswarm"]
+    assert told["made_by"]["vibroswarm"]
 
 
 def test_robots_that_fail_are_named(capsys):
@@ -137,7 +137,9 @@ def test_robots_that_fail_are_named(capsys):
     assert "robot 3 stopped from 30 s" in said
     assert "stuck at 1" in said
     assert run(*SHORT, *faults[:4], "--json") == 0
-    assert json.loads(capsys.readouterr().out)["faults"] == [{"robot": 3, "fault": "stopped", "from_s": 30.0}]
+    assert json.loads(capsys.readouterr().out)["tables"]["faults"] == [
+        {"run": 0, "robot": 3, "fault": "stopped", "from_s": 30.0}
+    ]
     assert run(*SHORT, "--set", "faults.stuck_at_1=0.05") == 0
     said = capsys.readouterr()
     assert "none of 5 robots failed" in said.out, "a share that is less than half a robot"

@@ -71,7 +71,7 @@ def test_the_texts_say_what_it_is(result: Result, studied: StudyResult) -> None:
 
 def test_a_result_shows_verdict_picture_and_player(result: Result) -> None:
     view = Markup(result._repr_html_())
-    assert "INCOMPLETE: 2 of 2 robots undecided after 60 s" in view.text
+    assert "INCOMPLETE: 2 of 2 robots undecided after 60\u00a0s" in view.text
     assert view.tags.count("img") == 1
     (player,) = view.frames
     assert player.startswith("<!doctype html>")
@@ -143,7 +143,7 @@ def test_a_study_shows_labels_presets_and_fields_that_only_some_cells_set() -> N
 def test_a_large_result_lists_few_rows() -> None:
     many = simulate(SHORT.with_values({"run.t_end_s": 1.0}), 1, 50)
     view = Markup(many._repr_html_())
-    assert "... and 30 more runs" in view.text
+    assert "... and 30 more rows" in view.text
     assert len(repr(many)) < 200
 
 

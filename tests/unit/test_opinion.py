@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from vibroswarm import preset, simulate, verdict
+from vibroswarm import preset, simulate
 from vibroswarm.analysis.verdict import OPINION_NOTE, holds_opinions
-from vibroswarm.cli.verdict_text import verdict_text
+from vibroswarm.documents.run import result_document
+from vibroswarm.show.document import Text
 
 
 @pytest.mark.parametrize(
@@ -27,10 +28,9 @@ def test_feedback_makes_a_posterior_an_opinion(strategy, more, expected):
 @pytest.mark.parametrize("strategy", ["none", "soft"])
 def test_the_verdict_calls_an_opinion_by_its_name(strategy):
     result = simulate(preset("paper").with_values({"strategy.name": strategy, "run.t_end_s": 60.0}), seed=1)
-    text = " ".join(verdict_text(result, verdict(result)).split())
+    document = result_document(result)
     opinion = strategy == "soft"
-    assert (OPINION_NOTE in text) is opinion
-    assert ("opinion (95 %)" in text) is opinion
-    assert ("share of ones (95 %)" in text) is not opinion
-    assert "belief, %" not in text
-    assert "confidence, %" in text
+    assert (Text(OPINION_NOTE) in document.parts) is opinion
+    columns = document.tables["robots"].columns
+    assert columns["posterior"].title == ("opinion (95 %)" if opinion else "share of ones (95 %)")
+    assert columns["confidence"].share

@@ -110,7 +110,7 @@ def test_folders_and_pages_say_it(tmp_path: Path, capsys: pytest.CaptureFixture[
         assert NOTE in capsys.readouterr().out
     assert NOTE in (tmp_path / "one" / "run.html").read_text(encoding="utf-8")
     assert main(["show", str(tmp_path / "one"), "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["notes"][0].startswith(NOTE)
+    assert json.loads(capsys.readouterr().out)["robots_were_told"][0].startswith(NOTE)
 
 
 def test_a_league_says_it(capsys: pytest.CaptureFixture[str]) -> None:

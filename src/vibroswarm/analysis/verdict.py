@@ -323,25 +323,6 @@ def _range(shares: list[float]) -> str:
     return low if low == high else f"{low} to {high}"
 
 
-def robot_row(robot: RobotVerdict, answers: tuple[str, str]) -> list[object]:
-    """Return one robot as a row of the printed table.
-
-    The cells are its number, decision in words, decision time (s), confidence at decision time (%), estimate with
-    interval, number of samples, and number of received messages.
-    """
-    at = "-" if robot.decision is None else "never"
-    if robot.decision_time_s is not None:
-        at = f"{robot.decision_time_s:.1f}"
-    sure = "" if robot.belief_in_decision is None else f"{100 * robot.belief_in_decision:.1f}"
-    estimate = "-"
-    if robot.estimate is not None and robot.interval is not None:
-        estimate = f"{robot.estimate:.3f} [{robot.interval[0]:.3f}, {robot.interval[1]:.3f}]"
-    received = "-" if robot.received is None else robot.received
-    # "more than 50 % vibrates" is shortened, since the headline above the table has the verb.
-    decision = decision_words(robot.decision, answers).replace(" % vibrates", " %")
-    return [robot.robot, decision, at, sure, estimate, robot.samples, received]
-
-
 _ALWAYS: Final = frozenset({"positive", "soft"})
 """Strategies with feedback, whatever their parameters."""
 

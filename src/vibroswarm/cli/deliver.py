@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from vibroswarm.cli import terminal
 from vibroswarm.cli.out_folder import Printed, write_printed
-from vibroswarm.cli.output import print_json, print_saved
+from vibroswarm.cli.output import print_json, print_line, print_saved
 
 if TYPE_CHECKING:
     from vibroswarm.show.document import Document
@@ -34,6 +34,8 @@ def deliver(
     if arguments.out is not None:
         save(document, arguments.out, command, work)
     print_result(document, arguments)
+    if not getattr(arguments, "json", False):
+        print_line()
     print_saved(arguments, saved, REPORT)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import add_json, add_motion, add_out, add_scenario_options, add_seed
 from vibroswarm.cli.output import add_open
@@ -44,15 +44,13 @@ def add_parser(commands: Any) -> None:
     parser.set_defaults(run=run)
 
 
-WIDEST_MAP: Final = 15
-"""Columns of the widest map that is printed."""
-
-
 def run(arguments: argparse.Namespace) -> int:
     """Simulate one run, save it if requested, and print its verdict; return the exit code."""
+    from vibroswarm.cli.deliver import print_result
     from vibroswarm.cli.out_folder import claim, refuse_other_run
-    from vibroswarm.cli.output import check_open, print_paragraph, print_saved
+    from vibroswarm.cli.output import check_open, print_line, print_paragraph, print_saved
     from vibroswarm.cli.scenario_options import chosen, scenario_from
+    from vibroswarm.documents.run import result_document
 
     scenario = scenario_from(arguments)
     check_open(arguments)
@@ -66,7 +64,9 @@ def run(arguments: argparse.Namespace) -> int:
     result = _simulate(scenario, arguments.seed, motion, segments=arguments.out is not None)
     if arguments.out is not None:
         _save(result, arguments.out, pictures=arguments.pictures)
-    _print_verdict(result, arguments)
+    print_result(result_document(result), arguments)
+    if not arguments.json:
+        print_line()
     has_page = result.segments is not None  # None: not recorded, or a user's motion source does not have them
     saved = "scenario, tables, pictures and page" if arguments.pictures else "scenario, tables and page"
     print_saved(arguments, saved, "run.html" if has_page else None)
@@ -114,70 +114,3 @@ def _save(result: Result, out: Path, *, pictures: bool) -> None:
             write_run_picture(result, part / "run.png")
             if maps is not None:
                 write_maps_picture(maps, part / "maps.png")
-
-
-def _print_verdict(result: Result, arguments: argparse.Namespace) -> None:
-    """Print the verdict of a run, the robots' map of the floor if they keep one, and warnings.
-
-    With ``--json``, print a document instead, which has no map.
-    """
-    from vibroswarm.analysis.decidability import decidability
-    from vibroswarm.analysis.true_places import true_places_notes
-    from vibroswarm.analysis.verdict import verdict
-    from vibroswarm.cli.output import print_json, print_paragraph
-    from vibroswarm.cli.verdict_text import verdict_text
-
-    summary = verdict(result)
-    decidable = decidability(result.scenario, floor=result.floor())
-    warnings = [decidable.says] if decidable.is_warning else []
-    if arguments.json:
-        print_json(
-            {
-                "scenario_hash": result.scenario.hash,
-                "seed": result.seed,
-                "out": None if arguments.out is None else str(arguments.out),
-                "notes": true_places_notes([result.scenario]),
-                "verdict": summary.as_dict(),
-                # The table of faults is None if robots cannot fail, the table of failures if no run failed. The column
-                # "run" is left out, since there is only one run.
-                **({} if result.faults is None else {"faults": result.faults.drop("run").to_dicts()}),
-                **({} if result.failures is None else {"failures": result.failures.drop("run").to_dicts()}),
-                "warnings": warnings,
-                "versions": dict(result.versions),
-            }
-        )
-        return
-    print(verdict_text(result, summary))
-    _print_map(result)
-    for warning in warnings:
-        print_paragraph(f"Warning: {warning}")
-
-
-def _print_map(result: Result) -> None:
-    """Print the map of the floor that follows from the samples of all robots.
-
-    Nothing is printed if the robots' strategy keeps no map, or if the floor is too wide (``WIDEST_MAP``). A tile counts
-    as believed to vibrate if the belief is above 0.5.
-    """
-    import polars as pl
-
-    from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
-    from vibroswarm.cli.output import print_line, print_paragraph
-
-    if result.scenario.strategy.name not in WITH_MAP or result.scenario.floor.columns > WIDEST_MAP:
-        return
-    # One row per tile: `vibrating` is the belief that the tile vibrates, `vibrates` is 1 if it does. In the map that is
-    # made from the samples of all robots, the column `robot` is null.
-    pooled = floor_maps(result).filter(pl.col("robot").is_null())
-    right = ((pooled["vibrating"] > 0.5) == (pooled["vibrates"] == 1)).sum()
-    print_line()
-    print_paragraph(
-        f"Map of the floor, all robots' samples: {right} of {pooled.height} tiles right. Belief that a tile vibrates, "
-        "%; ! marks a tile that is believed to be what it is not:"
-    )
-    for (_,), row_of_tiles in pooled.group_by("row", maintain_order=True):
-        cells = []
-        for belief, vibrates in row_of_tiles.select("vibrating", "vibrates").iter_rows():
-            mark = "!" if (belief > 0.5) != (vibrates == 1) else " "
-            cells.append(f"{100 * belief:3.0f}{mark}")
-        print_line(" ".join(cells))

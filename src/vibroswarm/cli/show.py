@@ -13,7 +13,6 @@ from vibroswarm.cli.output import add_open, open_page
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
-    from vibroswarm.result import Result
     from vibroswarm.study.store import Store
     from vibroswarm.study.summary import Outcome
 
@@ -161,57 +160,18 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
 
 
 def _show_result(folder: Path, arguments: argparse.Namespace) -> None:
-    """Print the verdicts of the runs in a result; for any other folder, print the names of its tables and pictures.
-
-    The verdict on a single run is printed in full. Several runs are printed as a table, with one row for each.
-    """
+    """Print the document of a result; for any other folder, print the names of its tables and pictures."""
     from vibroswarm.cli.options import read_result
-    from vibroswarm.cli.output import print_json, print_line, print_table
 
     if not (folder / "result.json").exists():
         from vibroswarm.cli.show_file import show_tables
 
         show_tables(folder, arguments)
         return
-    from vibroswarm.analysis.true_places import true_places_notes
-    from vibroswarm.analysis.verdict import verdict
-    from vibroswarm.cli.verdict_text import verdict_text
+    from vibroswarm.cli.deliver import print_result
+    from vibroswarm.documents.run import result_document
 
-    result = read_result(folder)
-    runs, notes = result.runs["run"].to_list(), true_places_notes([result.scenario])
-    verdicts = [verdict(result, run=run) for run in runs]
-    if arguments.json:
-        print_json({"seed": result.seed, "notes": notes, "verdicts": [one.as_dict() for one in verdicts]})
-        return
-    if len(runs) == 1:
-        print_line(verdict_text(result, verdicts[0]).rstrip())
-        return
-    for note in notes:
-        print_line(note)
-    print_line(f"{len(runs)} runs, {_origin(result)}")
-    print_table(
-        ["run", "consensus", "at, s", "robots right", "wrong", "undecided"],
-        [
-            [
-                run,
-                one.consensus or "not logged",  # None: a recording without decisions
-                "-" if one.consensus_time_s is None else f"{one.consensus_time_s:.1f}",
-                one.right,
-                one.wrong,
-                one.undecided,
-            ]
-            for run, one in zip(runs, verdicts, strict=True)
-        ],
-        texts=2,  # the second column, the consensus, is text too
-    )
-
-
-def _origin(result: Result) -> str:
-    """Describe in words what was simulated or recorded: robots, strategy, floor of the first run, and seed."""
-    robots = result.scenario.swarm.robots
-    floor, strategy = result.floor(int(result.runs["run"][0])).name, result.scenario.strategy.name
-    seed = "as recorded" if result.seed is None else f"seed {result.seed}"
-    return f"{robots} robots, strategy {strategy}, on '{floor}', {seed}"
+    print_result(result_document(read_result(folder)), arguments)
 
 
 MOST_FAILED = 5

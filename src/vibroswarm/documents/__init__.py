@@ -1,1 +1,26 @@
 """The document of each kind of result: one function a kind, which terminal, page, notebook and JSON show."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from vibroswarm.show.document import Document
+
+DOCUMENTS: Final = {
+    "vibroswarm.result.Result": "run:result_document",
+    "vibroswarm.analysis.verdict.Verdict": "run:verdict_document",
+}
+"""Module and function, by module and name of the class. Packages of results take long to import, so that each module is
+imported when a document is asked for."""
+
+
+def document_of(value: object) -> Document | None:
+    """Return the document of a result, by the function of its class or nearest base class; None without one."""
+    for kind in type(value).__mro__:
+        if found := DOCUMENTS.get(f"{kind.__module__}.{kind.__qualname__}"):
+            module, _, function = found.partition(":")
+            document: Document = getattr(import_module(f"{__name__}.{module}"), function)(value)
+            return document
+    return None

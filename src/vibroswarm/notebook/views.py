@@ -10,18 +10,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.true_places import true_places_notes
-from vibroswarm.analysis.verdict import (
-    OPINION_NOTE,
-    RobotVerdict,
-    Verdict,
-    confidence,
-    headline,
-    holds_opinions,
-    robot_row,
-    verdict,
-)
+from vibroswarm.analysis.verdict import RobotVerdict
 from vibroswarm.core.notebook_view import public_values, short_text, short_value
+from vibroswarm.documents import document_of
+from vibroswarm.documents.run import result_document, run_document
 from vibroswarm.errors import shown
 from vibroswarm.floors.design import FloorDesign
 from vibroswarm.floors.floor import Floor
@@ -32,6 +24,7 @@ from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 from vibroswarm.run_page.write import page_html, record_of
 from vibroswarm.scenario.scenario import FieldNames, Scenario
+from vibroswarm.show.page import fragment_html
 from vibroswarm.study.factors import LABEL, PRESET
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_outputs import Comparison, ReportFile
@@ -57,6 +50,8 @@ LAZY: Final = ("optimize", "league", "calibrate", "paper")
 
 def html_of(value: object) -> str:
     """Return the view of an object as HTML: that of its class or nearest base class, or else a table of its values."""
+    if not isinstance(value, Result) and (document := document_of(value)) is not None:
+        return fragment_html(document)
     # All base classes are tried, as the class may be defined outside of this package. The final dots keep a longer name
     # with the same beginning from matching. ``lazy_views`` imports this module, so it is imported only here.
     lazy = tuple(f"vibroswarm.{package}." for package in LAZY)
@@ -136,39 +131,14 @@ def _robot(value: RobotVerdict) -> str:
 
 
 @view_of.register
-def _verdict(value: Verdict) -> str:
-    return card("Verdict", *_verdict_parts(value, "posterior mean"))
-
-
-def _verdict_parts(found: Verdict, posterior: str) -> list[str]:
-    """Return the headline, the confidence and the table of robots of a run as HTML elements.
-
-    Args:
-        found: outcome of the run.
-        posterior: heading of the column with the posterior mean: whether it is an estimate or an opinion depends on
-            the scenario, which a verdict does not contain.
-    """
-    heads = ("robot", "decision", "at, s", "confidence, %", f"{posterior} (95 %)", "own", "heard")
-    parts = [paragraph(headline(found)), paragraph(confidence(found))]
-    body = [robot_row(robot, found.answers) for robot in found.robots[:MOST_ROWS]]
-    parts.append(table(heads, body, texts=2))  # robot and decision are text
-    if len(found.robots) > MOST_ROWS:
-        parts.append(paragraph(f"The first {MOST_ROWS} of {len(found.robots)} robots."))
-    return parts
-
-
-@view_of.register
 def _result(value: Result) -> str:
     """Show the outcomes of all runs, and verdict, picture and player of the first run."""
     if value.runs.is_empty():
         return card(type(value).__name__, paragraph(repr(value)))
     run = int(value.runs["run"][0])
-    parts = [*map(paragraph, true_places_notes([value.scenario])), paragraph(repr(value))]
+    parts = [fragment_html(result_document(value))]
     if value.runs.height > 1:
-        parts += [_runs_table(value), paragraph(f"Below: run {run}.")]
-    opinions = holds_opinions(value.scenario)
-    parts += _verdict_parts(verdict(value, run), "opinion" if opinions else "share of ones")
-    parts += [paragraph(OPINION_NOTE)] if opinions else []
+        parts += [paragraph(f"Below: run {run}."), fragment_html(run_document(value, run))]
     with MATPLOTLIB_LOCK:
         picture = _png(run_figure(value, run))
     parts.append(image(picture, kind="png", words=f"Floor, paths and samples of run {run}", width_px=520))
@@ -179,19 +149,6 @@ def _result(value: Result) -> str:
             page(page_html(record_of(value, run)), title=f"Replay of run {run}", height_px=PLAYER_PX)
         )
     return card(type(value).__name__, *parts)
-
-
-def _runs_table(result: Result) -> str:
-    """Return a table with the outcomes of the first ``MOST_ROWS`` runs, and a note with the number of further runs."""
-    names = ("run", "consensus", "consensus_time_s", "right", "wrong", "undecided")
-    heads = ("run", "consensus", "at, s", "right", "wrong", "undecided")
-    body = [
-        ["-" if value is None else f"{value:.1f}" if isinstance(value, float) else value for value in row]
-        for row in result.runs.select(names).head(MOST_ROWS).iter_rows()
-    ]
-    left = result.runs.height - len(body)
-    # Run and consensus are text.
-    return table(heads, body, texts=2) + (paragraph(f"... and {left:,} more runs") if left else "")
 
 
 def picture_image(value: Picture, width_px: int) -> str:

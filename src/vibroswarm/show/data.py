@@ -14,14 +14,12 @@ def document_data(document: Document) -> dict[str, Any]:
     Returns: ``answer``, ``robots_were_told`` and ``warnings`` (lists of sentences), ``tables`` (by name: a list of rows
         by column) and ``made_by``.
     """
+    frames = {name: table.frame for name, table in document.tables.items()} | dict(document.data)
     return {
         "answer": list(document.answer),
         "robots_were_told": list(document.knew),
         "warnings": list(document.warnings),
-        "tables": {
-            name: [{column: plain(value) for column, value in row.items()} for row in table.frame.to_dicts()]
-            for name, table in document.tables.items()
-        },
+        "tables": {name: plain(frame.to_dicts()) for name, frame in frames.items()},
         "made_by": dict(document.made_by),
     }
 

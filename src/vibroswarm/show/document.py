@@ -192,6 +192,8 @@ class Document:
     """The rest. What stands before the first section belongs to the first screen of a page."""
     made_by: Mapping[str, str] = field(default_factory=dict)
     """How it was made, such as seed, versions and command: texts by name."""
+    data: Mapping[str, Frame] = field(default_factory=dict)
+    """Tables of the result by name, for JSON alone; one takes the place of a table of this name among the parts."""
 
     @property
     def tables(self) -> dict[str, Table]:

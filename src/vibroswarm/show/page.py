@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     from markupsafe import Markup
 
 ROWS_UP_TO: Final = 500
-"""Rows of a table that are shown; its CSV has all."""
+"""Rows of a table on a page; its CSV has all."""
+ROWS_IN_FRAGMENT: Final = 20
+"""Rows of a table in a fragment."""
 WORDY_FROM: Final = 26
 """A heading of numbers with more letters than this gets extra width; otherwise each word would take a line."""
 CSV_UP_TO: Final = 500_000
@@ -85,7 +87,7 @@ def page_html(document: Document) -> str:
 
 def fragment_html(document: Document) -> str:
     """Return a document as one HTML element without scripts, for a notebook."""
-    return _environment().get_template("fragment.html").render(document=document)
+    return _environment().get_template("fragment.html").render(document=document, rows_up_to=ROWS_IN_FRAGMENT)
 
 
 def _before_sections(parts: tuple[Part, ...]) -> tuple[tuple[Part, ...], tuple[Part, ...]]:
@@ -159,9 +161,9 @@ def _markup(html: str) -> Markup:
     return Markup(html)
 
 
-def _cells(table: Table) -> dict[str, Any]:
+def _cells(table: Table, rows_up_to: int = ROWS_UP_TO) -> dict[str, Any]:
     """Return the cells of a table, and the scale of each column of strips: its largest absolute value."""
-    laid: Written = written(table, ROWS_UP_TO)
+    laid: Written = written(table, rows_up_to)
     scales: dict[str, float] = {}
     for place, head in enumerate(laid.headings):
         cells = [row[place] for row in laid.rows] if head.column.strip else []

@@ -1,4 +1,4 @@
-"""A document in a terminal: the answer first, then texts and tables; no figures.
+"""A document in a terminal: the answer, then texts and tables; no figures.
 
 A table that is too wide for the terminal has its headings broken into several lines, then the texts in its cells; then
 it is turned, if it has few rows; then its columns stand in several tables, each with the names of the rows; and if not
@@ -71,13 +71,14 @@ class _Printer:
 
     def __init__(self, console: Console, width: int, wide: bool) -> None:
         self.console, self.width, self.wide = console, width, wide
+        self.below_table = False
 
     def document(self, document: Document) -> None:
-        """Print the answer, what the robots knew, warnings, and the parts."""
-        for place, words in enumerate(document.answer):
-            self.paragraph(words, "bold" if place == 0 else "")
+        """Print what the robots knew beyond others, the answer, warnings, and the parts."""
         for words in document.knew:
             self.paragraph(words)
+        for place, words in enumerate(document.answer):
+            self.paragraph(words, "bold" if place == 0 else "")
         for words in document.warnings:
             self.paragraph(f"Warning: {words}", "yellow")
         if document.parts and isinstance(document.parts[0], Text):  # other parts begin with an empty line
@@ -123,6 +124,8 @@ class _Printer:
 
     def paragraph(self, words: str, style: str = "") -> None:
         """Print a paragraph; a part of it between backticks stays as it is."""
+        if self.below_table:
+            self.line()
         indent = words[: len(words) - len(words.lstrip())]
         for line in paragraph(words.strip(), min(TEXT_WIDTH, self.width) - len(indent)):
             self.line(indent + line, style)
@@ -131,6 +134,7 @@ class _Printer:
         """Print one line."""
         from rich.text import Text as Line
 
+        self.below_table = False
         self.console.print(Line(text, style=style, no_wrap=True, overflow="ignore"), soft_wrap=True)
 
     def table(self, table: Table) -> None:
@@ -145,6 +149,7 @@ class _Printer:
             if place:
                 self.line()
             self.grid(part)
+        self.below_table = not left_out
         if left_out:
             self.paragraph(f"... and {count(left_out, 'more row')}; --wide prints all.")
 

@@ -1,0 +1,31 @@
+"""What robots were told: a sentence for wherever strategies stand side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from vibroswarm.analysis.true_places import true_places_notes
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.numbers import listed
+from vibroswarm.strategies import known
+from vibroswarm.strategies.static_analysis import told as told_by_strategy
+
+
+def told(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
+    """Return sentences on what robots were told that real ones cannot know, or that others were not told.
+
+    Strategies whose code is not loaded are left out of the comparison.
+    """
+    scenarios = list(scenarios)
+    facts: dict[str, set[str]] = {}
+    for scenario in scenarios:
+        name = scenario.strategy.name
+        if (strategy := known().get(name)) is not None:
+            facts.setdefault(name, set()).update(told_by_strategy(strategy, scenario.decision.boundary_of))
+    common = set.intersection(*facts.values()) if facts else set()
+    more = {name: sorted(of_one - common) for name, of_one in facts.items()}
+    sentences = true_places_notes(scenarios)
+    if any(more.values()):
+        beyond = [f"{name} {listed(words)}" for name, words in more.items() if words]
+        sentences.append(f"Robots were not told the same; beyond what all were told: {'; '.join(beyond)}.")
+    return tuple(sentences)

@@ -1,0 +1,290 @@
+"""The document of one run, or of the runs of a result: who decided what, when, and how sure."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import polars as pl
+
+from vibroswarm.analysis.decidability import decidability
+from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
+from vibroswarm.analysis.verdict import (
+    OPINION_NOTE,
+    Verdict,
+    agreement_words,
+    confidence,
+    decision_words,
+    headline,
+    holds_opinions,
+    percent,
+    strategy_name,
+    verdict,
+)
+from vibroswarm.documents.knowledge import told
+from vibroswarm.result import Result
+from vibroswarm.scenario.fault_draws import fault_words
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Column, Document, Part, Table, Text
+from vibroswarm.show.numbers import count
+
+MOST_ROBOTS: Final = 20
+"""Largest swarm, in robots, whose robots have a row each unless everything is asked for."""
+WIDEST_MAP: Final = 16
+"""Most columns of tiles of a map that is shown."""
+
+
+def result_document(result: Result) -> Document:
+    """Return the document of a result: of its run, or of all its runs if there are several."""
+    numbers = result.runs["run"].to_list()
+    return run_document(result, numbers[0]) if len(numbers) == 1 else runs_document(result)
+
+
+def run_document(result: Result, run: int) -> Document:
+    """Return the document of one run of a result.
+
+    Raises:
+        InputError: there is no such run.
+    """
+    found, scenario = verdict(result, run), result.scenario
+    decidable = decidability(scenario, floor=result.floor(run))
+    opinions = holds_opinions(scenario)
+    parts: list[Part] = [Text(_what_ran(result, found, run)), *map(Text, _readings(found))]
+    parts += map(Text, fault_sentences(result, run))
+    parts += [Text(OPINION_NOTE)] if opinions else []
+    parts += robot_tables(found, "opinion" if opinions else "share of ones")
+    parts += _map(result, run)
+    return Document(
+        title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
+        answer=(*failure_sentences(result), *_outcome(found)),
+        knew=told([scenario]),
+        warnings=(decidable.says,) if decidable.is_warning else (),
+        parts=tuple(parts),
+        made_by=_made_by(result),
+        data=_verdict_data(found) | _failed_parts(result, run),
+    )
+
+
+def verdict_document(found: Verdict) -> Document:
+    """Return the document of a verdict alone, which does not know its scenario."""
+    tables = tuple(robot_tables(found, "posterior mean"))
+    return Document("Verdict", _outcome(found), parts=tables, data=_verdict_data(found))
+
+
+def runs_document(result: Result) -> Document:
+    """Return the document of several runs: how their swarms decided, and a row for each run."""
+    outcomes = result.runs["consensus"].fill_null("not logged").value_counts(sort=True)
+    counts = ", ".join(f"{n} {outcome}" for outcome, n in outcomes.rows())
+    runs = result.runs.select("run", "consensus", "consensus_time_s", "right", "wrong", "undecided")
+    floor = result.floor(int(runs["run"][0])).name
+    columns = {
+        "consensus_time_s": Column("at", "s", decimals=1),
+        "right": Column("robots right"),
+    }
+    return Document(
+        title=f"{count(runs.height, 'run')} of {strategy_name(result.scenario.strategy.name)}",
+        answer=(*failure_sentences(result), f"{count(runs.height, 'run')}: {counts}."),
+        knew=told([result.scenario]),
+        parts=(
+            Text(f"{_swarm(result)}, on '{floor}', {_origin(result)}."),
+            Table(runs, columns, name="runs"),
+        ),
+        made_by=_made_by(result),
+    )
+
+
+def _verdict_data(found: Verdict) -> dict[str, pl.DataFrame]:
+    """Return the values of a verdict: those of the swarm in one row, those of robots, and agreements."""
+    values = found.as_dict()
+    return {
+        name: pl.DataFrame(rows, infer_schema_length=None)
+        for name, rows in (
+            (
+                "verdict",
+                [{name: value for name, value in values.items() if name not in ("robots", "agreements")}],
+            ),
+            ("robots", values["robots"]),
+            ("agreements", values["agreements"]),
+        )
+    }
+
+
+def _failed_parts(result: Result, run: int) -> dict[str, pl.DataFrame]:
+    """Return the tables of faults and failures of a run, those that the result has."""
+    tables = {"faults": result.faults, "failures": result.failures}
+    return {name: frame.filter(pl.col("run") == run) for name, frame in tables.items() if frame is not None}
+
+
+def _outcome(found: Verdict) -> tuple[str, ...]:
+    """Return the sentences that answer what the swarm decided, whether that lasted, and how sure its robots were."""
+    return tuple(filter(None, (headline(found), agreement_words(found), confidence(found))))
+
+
+def _what_ran(result: Result, found: Verdict, run: int) -> str:
+    floor = result.floor(run)
+    ones, tiles = int(floor.tiles.sum()), floor.tiles.size
+    return (
+        f"{_swarm(result)}, on '{floor.name}' ({ones} of {tiles} tiles vibrate, fill ratio {found.fill_ratio:.4g}), "
+        f"{_origin(result)}."
+    )
+
+
+def _swarm(result: Result) -> str:
+    scenario: Scenario = result.scenario
+    return f"{count(scenario.swarm.robots, 'robot')}, {strategy_name(scenario.strategy.name)}"
+
+
+def _origin(result: Result) -> str:
+    return "as recorded" if result.seed is None else f"seed {result.seed}"
+
+
+def _made_by(result: Result) -> dict[str, str]:
+    """Return what repeats a result."""
+    return {
+        "scenario": result.scenario.hash,
+        "seed": "recorded" if result.seed is None else str(result.seed),
+        "source of motion": result.source,
+        **result.versions,
+    }
+
+
+def _readings(found: Verdict) -> list[str]:
+    """Return sentences on the share of ones that robots read, and with what they compare it."""
+    sentences = []
+    # Shares are rounded to 4 decimals, so that percentages have at most two.
+    if found.share_of_ones_read is not None:
+        sentences.append(
+            f"Samples read as vibrating: {percent(round(found.share_of_ones_read, 4))} (expected on this floor, with "
+            f"the sensor's errors: {percent(round(found.share_of_ones_expected, 4))})."
+        )
+    if found.readings_boundary != found.decision_boundary:  # robots allow for the sensor's errors
+        sentences.append(
+            f"Robots compare the share of ones with {percent(round(found.readings_boundary, 4))}, expected on a floor "
+            f"with {percent(found.decision_boundary)} vibrating tiles."
+        )
+    return sentences
+
+
+def fault_sentences(result: Result, run: int) -> list[str]:
+    """Return a list of one sentence on which robots had which faults in a run; empty if robots cannot fail."""
+    if result.faults is None:
+        return []
+    of_run = result.faults.filter(pl.col("run") == run)
+    robots = result.scenario.swarm.robots
+    if of_run.is_empty():
+        return [f"Faults: none of {robots} robots failed."]
+    each = [
+        f"robot {row['robot']} {fault_words(row['fault'])}"
+        + ("" if row["from_s"] == 0 else f" from {row['from_s']:.4g} s")
+        for row in of_run.to_dicts()
+    ]
+    return [f"Faults: {of_run['robot'].n_unique()} of {robots} robots failed: {'; '.join(each)}."]
+
+
+def failure_sentences(result: Result) -> list[str]:
+    """Return, for each run that a simulator of physics gave up, a sentence that says when and why."""
+    if result.failures is None:
+        return []
+    return [
+        f"RUN FAILED at {row['time_s']:.4g} s: {row['reason']}. Its robots stand since then; what follows is no result."
+        for row in result.failures.to_dicts()
+    ]
+
+
+def robot_tables(found: Verdict, posterior: str) -> list[Table]:
+    """Return the table of robots; of a large swarm, before it, one with a row for each decision.
+
+    Args:
+        posterior: heading of the posterior mean: "share of ones", or "opinion" for strategies whose robots count the
+            conclusions of others as readings.
+    """
+    robots = pl.DataFrame(
+        [
+            {
+                "robot": one.robot,
+                # "more than 50 % vibrates" is shortened, since the headline above the table has the verb.
+                "decision": decision_words(one.decision, found.answers).replace(" % vibrates", " %"),
+                "decision_time_s": one.decision_time_s,
+                "confidence": one.belief_in_decision,
+                "posterior": one.estimate,
+                "posterior_low": one.interval[0] if one.interval else None,
+                "posterior_high": one.interval[1] if one.interval else None,
+                "samples": one.samples,
+                "received": one.received,
+            }
+            for one in found.robots
+        ],
+        schema_overrides=dict.fromkeys(
+            ("decision_time_s", "confidence", "posterior", "posterior_low", "posterior_high"), pl.Float64
+        )
+        | {"received": pl.Int64},
+        infer_schema_length=None,
+    )
+    columns = {
+        "decision_time_s": Column("at", "s", decimals=1),
+        "confidence": Column(share=True),
+        "posterior": Column(f"{posterior} (95 %)", decimals=3, limits=("posterior_low", "posterior_high")),
+        "samples": Column("own"),
+        "received": Column("heard"),
+    }
+    is_large = len(found.robots) > MOST_ROBOTS
+    each = Table(robots, columns, name="robots", folded=is_large)
+    return [_by_decision(robots, posterior), each] if is_large else [each]
+
+
+def _by_decision(robots: pl.DataFrame, posterior: str) -> Table:
+    """Return a table with a row for each decision: how many robots, and the means and ranges of their figures."""
+    figures = {"decision_time_s": 1, "confidence": 3, "posterior": 3, "samples": 0, "received": 0}
+    groups = robots.group_by("decision", maintain_order=True).agg(
+        pl.len().alias("robots"),
+        *(
+            column
+            for name in figures
+            for column in (
+                pl.col(name).mean(),
+                pl.col(name).min().cast(pl.Float64).alias(f"{name}_low"),
+                pl.col(name).max().cast(pl.Float64).alias(f"{name}_high"),
+            )
+        ),
+    )
+    titles = {
+        "decision_time_s": ("at", "s"),
+        "posterior": (posterior, ""),
+        "samples": ("own", ""),
+        "received": ("heard", ""),
+    }
+    columns = {
+        name: Column(
+            *titles.get(name, (name, "")),
+            share=name == "confidence",
+            decimals=None if name == "confidence" else decimals,
+            limits=(f"{name}_low", f"{name}_high"),
+        )
+        for name, decimals in figures.items()
+    }
+    caption = "Robots by decision: mean, and smallest and largest."
+    return Table(groups, columns, caption, name="decisions")
+
+
+def _map(result: Result, run: int) -> list[Part]:
+    """Return the map of the floor that follows from the samples of all robots, if they keep maps of not too many tiles.
+
+    A tile counts as believed to vibrate if the belief is above 0.5.
+    """
+    if result.scenario.strategy.name not in WITH_MAP or result.scenario.floor.columns > WIDEST_MAP:
+        return []
+    # One row per tile: `vibrating` is the belief that the tile vibrates, `vibrates` is 1 if it does. In the map that is
+    # made from the samples of all robots, the column `robot` is null.
+    pooled = floor_maps(result).filter(pl.col("robot").is_null() & (pl.col("run") == run))
+    right = ((pooled["vibrating"] > 0.5) == (pooled["vibrates"] == 1)).sum()
+    lines = [
+        " ".join(
+            f"{100 * belief:3.0f}{'!' if (belief > 0.5) != (vibrates == 1) else ' '}"
+            for belief, vibrates in row.select("vibrating", "vibrates").iter_rows()
+        )
+        for _, row in pooled.group_by("row", maintain_order=True)
+    ]
+    words = (
+        f"Map of the floor, all robots' samples: {right} of {pooled.height} tiles right. Belief that a tile vibrates, "
+        "%; ! marks a tile that is believed to be what it is not:"
+    )
+    return [Text(words), Text("\n".join(lines), "code"), Table(pooled, name="map", folded=True)]
