@@ -278,7 +278,7 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
     assert set(kept) == {f"{name}.csv" for name in tables}
     assert main([*line, "--json", "--workers", "1"]) == 0
     document = json.loads(capsys.readouterr().out)
-    assert {row["name"] for row in document["standings"]} == {"none", "soft"}
+    assert {row["name"] for row in document["tables"]["standings"]} == {"none", "soft"}
     assert {file.name: file.read_bytes() for file in folder.glob("*.csv")} == kept
 
 
@@ -376,7 +376,7 @@ def test_settings_come_from_a_file(tmp_path: Path, capsys: pytest.CaptureFixture
     file = tmp_path / "settings.toml"
     file.write_text('[none]\n"decision.min_observations" = 1000\n', encoding="utf-8")
     assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--settings", str(file), "--json"]) == 0
-    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["standings"]}
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["tables"]["standings"]}
     assert rows["none"]["undecided"] == 1.0
     assert rows["soft"]["undecided"] < 1.0
     file.write_text("none = 3\n", encoding="utf-8")
@@ -396,7 +396,7 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
         main(["league", *FEW, *line, *QUICK, *vary, "--json", "--executor", "processes", "--workers", "2"])
         == 0
     )
-    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["standings"]}
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)["tables"]["standings"]}
     assert set(rows) == {"none", "guess (answer 0)", "guess (answer 1)"}
     assert rows["guess (answer 1)"]["forced_error"] == 0.5
     spaces, found = tmp_path / "spaces.toml", tmp_path / "found.toml"
@@ -422,7 +422,7 @@ def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixt
     assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--json"]) == 0
     capsys.readouterr()
     assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--own-motion", "--fronts", "--json"]) == 0
-    names = [row["name"] for row in json.loads(capsys.readouterr().out)["standings"]]
+    names = [row["name"] for row in json.loads(capsys.readouterr().out)["tables"]["standings"]]
     assert len(names) == 2 * 24
     assert main(["league", *FEW, *SMALL, *QUICK]) == 0
     assert "Not tuned for a league" in capsys.readouterr().out

@@ -84,7 +84,9 @@ def test_the_command_writes_settings_that_a_league_reads(
     file = tmp_path / "my settings.toml"
     line = ["tune", *SMALL, *QUICK, "--points", "8", "--out", str(file)]
     assert main(line) == 0
-    assert capsys.readouterr().out.startswith("Settings by the smallest decision time")
+    said = capsys.readouterr().out
+    assert said.startswith("Settings by the smallest decision time")
+    assert "decision.min_observations" in said
     assert set(read_settings(file)) == {"none"}
     text = file.read_text(encoding="utf-8")
     assert text.startswith("# 8 settings per strategy")

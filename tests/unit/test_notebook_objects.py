@@ -20,9 +20,11 @@ from vibroswarm import Study, fields, preset, verdict
 from vibroswarm.analysis.verdict import headline
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.fit import Fit, Fitted
+from vibroswarm.documents import DOCUMENTS, document_of
 from vibroswarm.floors.design import make_floor
 from vibroswarm.league.entries import entries_of, floors_of
 from vibroswarm.league.standings import League
+from vibroswarm.league.tuning import tune
 from vibroswarm.notebook.views import html_of
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective
@@ -142,7 +144,7 @@ def test_views_that_are_found_by_name_are_of_classes_that_exist() -> None:
     from vibroswarm.notebook.lazy_views import VIEWS
 
     assert VIEWS
-    assert set(VIEWS) <= {f"{kind.__module__}.{kind.__qualname__}" for kind in CLASSES}
+    assert {*VIEWS, *DOCUMENTS} <= {f"{kind.__module__}.{kind.__qualname__}" for kind in CLASSES}
 
 
 def test_a_dataclass_without_it_is_seen() -> None:
@@ -207,10 +209,15 @@ def test_standings_show_one_row_per_entry() -> None:
         base, entries_of(["none", "soft"], {}), floors_of(["random"], [0.48]), (4,), runs=8, seed=3
     )
     standings = league.play()
-    view = shown(standings, *(f"{100 * share:.1f}" for share in standings.table["forced_error"]))
-    assert view.tags.count("tr") == 3
+    shares = [f"{100 * share:.1f}" for share in standings.table["forced_error"]]
+    shown(standings, "Smallest forced error", "Not tuned for a league", *shares)
+    document = document_of(standings)
+    assert document is not None
+    assert document.tables["standings"].frame["name"].to_list() == standings.table["name"].to_list()
     assert "smallest forced error: '" in repr(standings)
-    shown(league, "2 entries", "8 runs")
+    shown(league, "2 entries", "8 runs", "by default")
+    tuned = tune(base, ["soft"], floors_of(["random"], [0.48]), (4,), points=1, runs=1)
+    shown(tuned, "strategy.soft.eta", "1 setting per strategy", "favour the settings that were lucky")
 
 
 def test_a_fit_shows_fields_and_estimates() -> None:

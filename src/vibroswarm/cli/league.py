@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from vibroswarm.league.entries import Entry, LeagueFloor
     from vibroswarm.league.standings import League, Standings
     from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.cli.league_output import print_standings
 
 EPILOG = """\
 examples:
@@ -140,12 +139,13 @@ def run(arguments: argparse.Namespace) -> int:
 
     Returns the exit code.
     """
-    from vibroswarm.cli.out_folder import claim, deliver
-    from vibroswarm.cli.output import check_open, print_saved
+    from vibroswarm.cli.deliver import deliver
+    from vibroswarm.cli.out_folder import claim
+    from vibroswarm.cli.output import check_open
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
-    from vibroswarm.league.report import write_league_report
+    from vibroswarm.documents.league import league_document
     from vibroswarm.scenario.fault_fields import FAULTS
     from vibroswarm.study.store import Store
 
@@ -183,23 +183,15 @@ def run(arguments: argparse.Namespace) -> int:
     tables = _tables_of(arguments, league, basic_entries, standings)
     if arguments.out is not None:
         write_files(arguments.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
-        write_league_report(arguments.out, standings, tables)
-    # JSON has no NaN, so its document has null instead.
-    deliver(
-        arguments,
-        arguments.out,
-        "league",
-        lambda: print_standings(standings, tables),
-        lambda: {name: table.fill_nan(None).to_dicts() for name, table in tables.items()},
-    )
-    print_saved(arguments, "tables (CSV), the runs (shards) and a report", "report.html")
+    document = league_document(standings, tables)
+    deliver(document, arguments, "league", "tables (CSV), the runs (shards) and a report")
     return 0
 
 
 def _tables_of(
     arguments: argparse.Namespace, league: League, basic_entries: tuple[Entry, ...], standings: Standings
 ) -> dict[str, pl.DataFrame]:
-    """Return the tables of a league by name, which ``--json`` prints and ``--out`` saves as CSV.
+    """Return the tables of a league by name, which ``--out`` saves as CSV.
 
     The tables "beliefs" and "faults" need simulations of their own. They are run here, unless ``--belief-runs`` or
     ``--fault-runs`` is 0; the table is then missing.
@@ -213,16 +205,10 @@ def _tables_of(
     from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
     from vibroswarm.league.fault_curves import FOLDER as FAULTS_FOLDER
     from vibroswarm.league.fault_curves import KINDS, fault_curves
-    from vibroswarm.league.fronts import front_table
+    from vibroswarm.league.tables import league_tables
 
     out: Path | None = arguments.out
-    tables = {
-        "standings": standings.table,
-        "differences": standings.differences(arguments.reference),
-        "floor_differences": standings.floor_differences(arguments.reference),
-        "fronts": front_table(standings, arguments.reference),
-        "floors": standings.floor_table,
-    }
+    tables = league_tables(standings, arguments.reference)
     if arguments.belief_runs:
         with study_progress("comparing beliefs") as progress:
             tables["beliefs"] = belief_calibration(

@@ -5,14 +5,10 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from vibroswarm.cli.league import add_league_options, players_from
-from vibroswarm.cli.league_output import values_text
 from vibroswarm.cli.options import add_out, whole
-
-if TYPE_CHECKING:
-    from vibroswarm.league.tuning import Tuned
 
 EPILOG = """\
 example:
@@ -61,12 +57,14 @@ def run(arguments: argparse.Namespace) -> int:
     Until the file is written, finished runs are saved in a folder beside it, so that the same command can resume the
     search after an interruption. With ``--force``, a folder of runs that exists is removed first.
     """
+    from vibroswarm.cli.deliver import print_in_terminal
     from vibroswarm.cli.interruption import folder_of_runs
     from vibroswarm.cli.output import print_line
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.core.atomic_io import remove_folder, whole_file
+    from vibroswarm.documents.tune import tune_document
     from vibroswarm.league.entries import read_settings
-    from vibroswarm.league.tuning import AGAIN, FINALISTS, spaces, tune
+    from vibroswarm.league.tuning import spaces, tune
 
     names, base, floors, robots = players_from(arguments)
     with ExitStack() as stack:
@@ -93,57 +91,12 @@ def run(arguments: argparse.Namespace) -> int:
             workers=arguments.workers,
             executor=arguments.executor,
         )
-        how = (
-            f"{arguments.points} settings per strategy with {arguments.runs} runs of each of {len(floors)} floors and "
-            f"swarms of {', '.join(map(str, robots))}, then the best {FINALISTS} and the default with "
-            f"{AGAIN * arguments.runs} fresh runs (seeds {arguments.seed} and {arguments.seed + 1})."
-        )
         if out is not None:
-            out.write_text(tuned.to_toml(how), encoding="utf-8", newline="\n")
+            out.write_text(tuned.to_toml(), encoding="utf-8", newline="\n")
     # The file is complete, so the saved runs are no longer needed.
     if runs_folder is not None and runs_folder.exists():
         remove_folder(runs_folder)
-    _print_tuned(tuned, how)
+    print_in_terminal(tune_document(tuned))
     if arguments.out is not None:
         print_line(f"Saved: {arguments.out}")
     return 0
-
-
-def _print_tuned(tuned: Tuned, how: str) -> None:
-    """Print the settings that were found, the error and time that they reach, and how they were found.
-
-    If no settings of a strategy have at most the target error, ``tune`` has chosen those with the smallest error. Their
-    error in the table is then above the target.
-
-    Args:
-        tuned: the result of the search. Its ``target`` is the forced error of the scenario as it is.
-        how: a sentence that describes how the settings were found.
-    """
-    from vibroswarm.cli.output import print_paragraph, print_table
-
-    # one row for each strategy: the settings that were found for it
-    chosen = tuned.table.filter("is_chosen").sort("decision_time_s")
-    print_paragraph(
-        f"Settings by the smallest decision time with at most {100 * tuned.target:.1f} % forced error; "
-        "by the smallest error if none has so little"
-    )
-    print()
-    print_table(
-        ["strategy", "forced error, %", "decision time, s"],
-        [
-            [
-                row["strategy"],
-                values_text(row, "forced_error", scale=100, form=".1f"),
-                values_text(row, "decision_time_s", scale=1, form=".0f"),
-            ]
-            for row in chosen.iter_rows(named=True)
-        ],
-    )
-    print()
-    for row in chosen.iter_rows(named=True):
-        unchanged = "no fields set (as in the scenario, else the strategy's defaults)"
-        print_paragraph(f"{row['strategy']}: {row['settings'] or unchanged}")
-    print()
-    print_paragraph(
-        f"{how} The figures favour the settings that were lucky: play a league with another seed."
-    )

@@ -11,6 +11,9 @@ if TYPE_CHECKING:
 DOCUMENTS: Final = {
     "vibroswarm.result.Result": "run:result_document",
     "vibroswarm.analysis.verdict.Verdict": "run:verdict_document",
+    "vibroswarm.league.standings.League": "league:entries_document",
+    "vibroswarm.league.standings.Standings": "league:league_document",
+    "vibroswarm.league.tuning.Tuned": "tune:tune_document",
 }
 """Module and function, by module and name of the class. Packages of results take long to import, so that each module is
 imported when a document is asked for."""

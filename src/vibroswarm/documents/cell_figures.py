@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
@@ -65,9 +65,15 @@ def figure_columns(columns: Collection[str], wide: Collection[str] = ()) -> dict
     formats = {name: Column(title, "s", decimals=0) for name, title in _TIMES.items()}
     formats |= {name: Column(title, share=True) for name, title in _SHARES.items()}
     formats |= _NUMBERS
-    found = {}
-    for name in columns:
-        if name in formats:
-            limits = limits_of(name) if set(limits_of(name)) <= set(columns) else None
-            found[name] = replace(formats[name], limits=limits, wide=name in wide)
-    return found
+    return columns_of({name: replace(column, wide=name in wide) for name, column in formats.items()}, columns)
+
+
+def columns_of(formats: Mapping[str, Column], columns: Collection[str]) -> dict[str, Column]:
+    """Return the formats of the columns that a table has; a figure whose limits it has too gets them."""
+    return {
+        name: replace(formats[name], limits=limits_of(name))
+        if set(limits_of(name)) <= set(columns)
+        else formats[name]
+        for name in columns
+        if name in formats
+    }

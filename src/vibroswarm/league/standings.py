@@ -38,7 +38,6 @@ from scipy.stats import ttest_1samp
 from vibroswarm.analysis.forced_error import forced_errors
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain, sign_flip
 from vibroswarm.analysis.paired import holm
-from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
@@ -248,11 +247,6 @@ class Standings(NotebookView):
             }
             rows.append(row)
         return pl.DataFrame(rows).sort("forced_error", "decision_time_s", "name")
-
-    @cached_property
-    def notes(self) -> list[str]:
-        """Sentences to be read before the standings: that robots knew their true places, if they used them."""
-        return true_places_notes(cell.scenario for cell in self.league.study.cells)
 
     @cached_property
     def floor_table(self) -> pl.DataFrame:

@@ -29,6 +29,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.league.entries import Entry, LeagueFloor, entries_of, shipped
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.numbers import count
 from vibroswarm.study.factors import points_of
 
 FINALISTS: Final = 7
@@ -52,15 +53,14 @@ class Tuned(NotebookView):
     is_chosen, settings as text."""
     target: float
     """Forced error that settings should not exceed."""
+    how: str = ""
+    """How they were found, in one sentence."""
 
-    def to_toml(self, how: str) -> str:
-        """Return the text of a file of settings for a league.
-
-        Args:
-            how: how the settings were found; it becomes the comment at the top, line by line.
-        """
-        comment = "".join(f"# {line}\n" for line in how.splitlines())
-        return comment + "\n" + tomli_w.dumps({name: dict(table) for name, table in self.settings.items()})
+    def to_toml(self) -> str:
+        """Return the text of a file of settings for a league; the comment at its top says how they were found."""
+        return f"# {self.how}\n\n" + tomli_w.dumps(
+            {name: dict(table) for name, table in self.settings.items()}
+        )
 
 
 def spaces(own_motion: bool = False) -> dict[str, dict[str, Any]]:
@@ -141,7 +141,13 @@ def tune(
         best = finalists[by_criterion(found, target)[0]]
         settings[entry.strategy] = dict(best.settings)
         tables.append(_table(found, finalists, best))
-    return Tuned(settings, pl.concat(tables), target)
+    found_by = (
+        f"{count(points, 'setting')} per strategy with {count(runs, 'run')} of each of "
+        f"{count(len(first_round.floors), 'floor')} and swarms of "
+        f"{', '.join(map(str, robots))}, then the best {FINALISTS} and the default with {AGAIN * runs} fresh runs "
+        f"(seeds {seed} and {seed + 1})."
+    )
+    return Tuned(settings, pl.concat(tables), target, found_by)
 
 
 def _candidates(entry: Entry, space: Mapping[str, Any], points: int, seed: int) -> tuple[list[Entry], Entry]:

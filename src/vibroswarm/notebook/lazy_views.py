@@ -1,4 +1,4 @@
-"""Notebook views (HTML) of the results of searches, leagues, calibrations and reproductions.
+"""Notebook views (HTML) of the results of searches, calibrations and reproductions.
 
 Their packages take long to import. So a view is registered under the name of a class, and imports the package only
 when it is called with an object of that class.
@@ -16,7 +16,6 @@ from vibroswarm.notebook.views import frame, picture_image
 if TYPE_CHECKING:
     from vibroswarm.calibrate.fit import Fit
     from vibroswarm.calibrate.real_vs_simulated import Comparison
-    from vibroswarm.league.standings import League, Standings
     from vibroswarm.optimize.loop import Found
     from vibroswarm.optimize.scenario_comparison import Checked
     from vibroswarm.optimize.validation import Front, Scored, Truth
@@ -129,63 +128,6 @@ def _checked(value: Checked) -> str:
         "difference on other seeds": interval_said(value.replicate, sign=True),
     }
     return card(value.objective.words, paragraph(value.says), rows(numbers))
-
-
-HEADS = ("entry", "forced error, %", "right, %", "wrong, %", "undecided, %", "decision time, s", "messages")
-
-
-@shows("league.standings.Standings")
-def _standings(value: Standings) -> str:
-    """Show the standings of a league: one row per entry with 95 % intervals, by rising forced error."""
-    body = [
-        [
-            row["name"],
-            _interval(row, "forced_error", scale=100.0, digits=1),
-            *(
-                "-" if row[name] is None else f"{100 * row[name]:.1f}"
-                for name in ("right", "wrong", "undecided")
-            ),
-            _interval(row, "decision_time_s", scale=1.0, digits=0),
-            "-" if row["sent"] is None else f"{row['sent']:.0f}",
-        ]
-        for row in value.table.iter_rows(named=True)
-    ]
-    return card(
-        "Standings of a league",
-        paragraph(_words(value.league)),
-        table(HEADS, body),
-        paragraph("95 % intervals. Next: .table, .differences(), .floor_table"),
-    )
-
-
-@shows("league.standings.League")
-def _league(value: League) -> str:
-    body = [[entry.label, entry.strategy, len(entry.settings)] for entry in value.entries]
-    return card("League", paragraph(_words(value)), table(["entry", "strategy", "fields set"], body, texts=2))
-
-
-def _words(league: League) -> str:
-    """Write one sentence with the numbers of entries, floors, robots and runs of a league, and its seed."""
-    sizes = " and ".join(map(str, league.robots))
-    return (
-        f"{len(league.entries)} entries, {len(league.floors)} floors, {sizes} robots, {league.runs:,} runs of each; "
-        f"seed {league.seed}"
-    )
-
-
-def _interval(row: dict[str, Any], name: str, scale: float, digits: int) -> str:
-    """Write a figure of a row times ``scale``, with its limits in brackets if it has any; a dash if it is None.
-
-    Args:
-        row: columns by name. name: of the figure, whose limits end in ``_low`` and ``_high``. digits: decimals.
-    """
-    if row[name] is None:
-        return "-"
-    text = f"{scale * row[name]:.{digits}f}"
-    limits = [row[f"{name}_low"], row[f"{name}_high"]]
-    return (
-        text if None in limits else f"{text} [{', '.join(f'{scale * limit:.{digits}f}' for limit in limits)}]"
-    )
 
 
 @shows("calibrate.fit.Fit")

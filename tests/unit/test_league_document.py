@@ -1,19 +1,22 @@
-"""The report of a league: what its first sentences say, and what the page holds."""
+"""The document of a league: what its first sentences say, and what terminal, page and JSON have."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from dataclasses import replace
 
 import polars as pl
 import pytest
 
+from vibroswarm.documents.league import by_difficulty, league_document
+from vibroswarm.documents.league_answer import answers
 from vibroswarm.league.belief_calibration import belief_calibration
 from vibroswarm.league.entries import entries_of, floors_of
 from vibroswarm.league.fault_curves import fault_curves
-from vibroswarm.league.fronts import front_table
-from vibroswarm.league.report import answers, by_difficulty, write_league_report
-from vibroswarm.league.standings import League
+from vibroswarm.league.standings import League, Standings
+from vibroswarm.league.tables import league_tables
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.show.data import document_data
+from vibroswarm.show.page import page_html
 
 STANDINGS = pl.DataFrame(
     {
@@ -75,31 +78,26 @@ def test_the_first_sentences_name_the_best_and_what_is_sure() -> None:
     )  # fmt: skip
     assert found[0].startswith("Smallest forced error: sure, 10.0 % [9.0, 11.0]; it decides after 700 s.")
     assert "Fastest: fast, 300 s; its forced error is 30.0 %" in found[0]
-    assert "not shown to be worse in the other: fast;" in found[1]
-    assert "not shown to be better in the other: slow;" in found[1]
-    assert "better in one and worse in the other: sure." in found[1]
+    assert "faster or more accurate, no loss found: fast;" in found[1]
+    assert "slower or less accurate, no gain found: slow." in found[1]
+    assert "faster but less accurate, or slower but more accurate: sure;" in found[1]
     assert "same" not in found[1]
     assert found[2].endswith("Holm over strategies and 3 floors: sure fewer on 2, more on 1; fast more on 1.")
     assert found[3] == "At the forced error of base, the fastest front is that of sure: 550 s, against 600 s."
 
 
-def test_who_is_told_the_grid_is_said() -> None:
-    told = STANDINGS.with_columns(told=pl.Series(["boundary, grid", "boundary", "boundary"]))
-    tables = {
-        "differences": differences().clear(),
-        "fronts": FRONTS.clear(),
-        "floor_differences": on_floors(),
-    }
-    assert answers(told, tables)[1].endswith("(with a wrong grid, worse than counting): sure.")
-    assert not any("grid" in sentence for sentence in answers(STANDINGS, tables))
+def test_a_front_that_is_no_faster_is_not_called_the_fastest() -> None:
+    """Negative control."""
+    slower = FRONTS.with_columns(time_at_equal_error_s=pl.Series([600.0, None]))
+    assert said(differences().clear(), slower)[1] == "At the forced error of base, no front beats 600 s."
 
 
 def test_nothing_is_said_to_differ_where_nothing_is_shown() -> None:
     """Negative control."""
     rows = [("fast", name, -1.0, 0.05) for name in ("forced_error", "decision_time_s")]
     found = said(differences(*rows), FRONTS.clear())
-    assert found[1].endswith("no difference shown.")
-    assert found[2].endswith("no forced error differs.")
+    assert found[1].endswith("no significant difference.")
+    assert found[2].endswith("no significant difference.")
 
 
 def test_a_floor_and_its_mirror_are_averaged() -> None:
@@ -116,23 +114,46 @@ def test_a_floor_and_its_mirror_are_averaged() -> None:
     ]  # fmt: skip
 
 
-def test_the_page_says_who_wins_and_with_which_settings(tmp_path: Path) -> None:
-    base = preset("paper").with_values({"run.t_end_s": 60.0, "decision.min_observations": 5})
-    entries = entries_of(["none", "soft"], {"soft": {"strategy.soft.eta": 321.0}})
-    standings = League(base, entries, floors_of(["stripe"], [0.48]), (3,), runs=3).play()
-    tables = {
-        "differences": standings.differences(),
-        "floor_differences": standings.floor_differences(),
-        "fronts": front_table(standings),
+@pytest.fixture(scope="module")
+def standings() -> Standings:
+    base = preset("paper").with_values(
+        {"run.t_end_s": 60.0, "decision.min_observations": 5, "localisation.method": "true"}
+    )
+    entries = entries_of(["none", "soft", "places"], {"soft": {"strategy.soft.eta": 321.0}})
+    return League(base, entries, floors_of(["stripe"], [0.48]), (3,), runs=3).play()
+
+
+def test_every_table_and_figure_is_in_the_document(standings: Standings) -> None:
+    tables = league_tables(standings) | {
         "beliefs": belief_calibration(standings.league, runs=2),
         "faults": fault_curves(standings.league, kinds=["stuck_at_1"], most=1, runs=2),
     }
-    write_league_report(tmp_path, standings, tables)
-    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    document = league_document(standings, tables)
+    said = document_data(document)
+    assert said["answer"][0].startswith("Smallest forced error: ")
+    for name, frame in tables.items():
+        assert said["tables"][name] == frame.fill_nan(None).to_dicts()
+    assert set(document.tables) == {*tables, "costs", "tolerated", "settings"}
+    assert set(document.figures) == {"front", "beliefs", "faults-stuck_at_1", "floors"}
+    text = page_html(document)
     assert "Smallest forced error" in text
     assert "strategy.soft.eta = 321.0" in text
-    assert "http://" not in text.replace("http://www.w3.org", "")
-    assert "Belief and truth" in text
-    assert "Faulty robots" in text
-    write_league_report(tmp_path, standings, tables)
-    assert (tmp_path / "report.html").read_text(encoding="utf-8") == text
+    assert page_html(league_document(standings, tables)) == text
+
+
+def test_what_robots_were_told_is_said_where_they_were_not_told_the_same(standings: Standings) -> None:
+    knew = " ".join(league_document(standings).knew)
+    assert "places with true places: an upper bound" in knew
+    assert "With a wrong grid of tiles places would do worse than by counting." in knew
+    same = replace(standings.league, entries=standings.league.entries[:2]).play()
+    assert league_document(same).knew == ()
+
+
+def test_differences_of_an_entry_stand_in_one_row(standings: Standings) -> None:
+    frame = league_document(standings).tables["differences"].frame
+    assert frame["name"].to_list() == ["soft", "places"]
+    for row in standings.differences().iter_rows(named=True):
+        (beside,) = frame.filter(pl.col("name") == row["name"]).to_dicts()
+        assert beside[row["figure"]] == row["difference"]
+        assert beside[f"{row['figure']}_high"] == row["difference_high"]
+        assert beside[f"{row['figure']}_p"] == row["p_holm"]

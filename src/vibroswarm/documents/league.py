@@ -1,0 +1,371 @@
+"""The document of a league: which entry (a strategy with its settings) is best, and where."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.documents.cell_figures import columns_of, with_limits_of
+from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.league_answer import answers
+from vibroswarm.league.belief_calibration import AT_95
+from vibroswarm.league.fault_curves import MARGIN, borne
+from vibroswarm.league.standings import League, Standings
+from vibroswarm.league.tables import league_tables
+from vibroswarm.plots.error_bars import draw_error_bars
+from vibroswarm.plots.front import draw_front
+from vibroswarm.plots.heat import draw_heat
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
+from vibroswarm.show.numbers import count, listed, number, percent
+from vibroswarm.simulation import versions
+
+ENTRY: Final = Column("entry")
+SHARE: Final = Column(share=True)
+FIGURES: Final = {
+    "name": ENTRY,
+    "forced_error": Column("forced error", share=True),
+    "right": Column(share=True, wide=True),
+    "wrong": SHARE,
+    "undecided": SHARE,
+    "decision_time_s": Column("decision time", "s", decimals=0),
+    "worst_floor": Column("worst floor", wide=True),
+    "worst_floor_error": Column("error on it", share=True, wide=True),
+    "fill_ratio": Column("fill ratio"),
+    "sent": Column("messages per robot", decimals=0),
+    "bytes_on_air": Column("bytes per message"),
+    "bytes_sent": Column("bytes per robot", decimals=0),
+    "told": Column("what a robot knows"),
+}
+"""Headings and formats of the figures of entries, by column."""
+DIFFERENCES: Final = {
+    "name": ENTRY,
+    "fill_ratio": FIGURES["fill_ratio"],
+    "forced_error": Column("forced error", "points", share=True, sign=True, strip=True),
+    "forced_error_p": Column("p", p_value=True),
+    "decision_time_s": Column("decision time", "s", decimals=0, sign=True, strip=True),
+    "decision_time_s_p": Column("p", p_value=True),
+}
+"""Headings and formats of differences from the reference, by column."""
+
+
+def _table(frame: pl.DataFrame, name: str, formats: Mapping[str, Column], **how: Any) -> Table:
+    return Table(frame, columns_of(formats, frame.columns), name=name, **how)
+
+
+def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | None = None) -> Document:
+    """Return the document of a league.
+
+    Args:
+        tables: by name: those of ``league_tables``, and "beliefs" (from ``belief_calibration``) and "faults" (from
+            ``fault_curves``) if these were computed. None: those of ``league_tables``.
+    """
+    league = standings.league
+    tables = league_tables(standings) if tables is None else tables
+    return Document(
+        title="League",
+        answer=answers(standings.table, tables),
+        knew=(*told(cell.scenario for cell in league.study.cells), *_grids(standings.table)),
+        warnings=_warnings(league),
+        parts=(
+            _time_and_error(standings),
+            _costs(standings.table),
+            *_differences(tables["differences"]),
+            *_beliefs(tables.get("beliefs")),
+            *_faults(tables.get("faults")),
+            _fronts(tables["fronts"]),
+            *_by_floor(standings.floor_table, tables["floor_differences"]),
+            _settings(league),
+        ),
+        made_by={
+            "floors": str(len(league.floors)),
+            "robots": ", ".join(map(str, league.robots)),
+            "runs": f"{league.runs:,} of each floor and swarm size",
+            "seed": str(league.seed),
+            "base scenario": league.base.hash,
+            **versions(),
+        },
+        data=tables,
+    )
+
+
+def entries_document(league: League) -> Document:
+    """Return the document of a league that is not played yet: its entries."""
+    settings = _settings(league)
+    return Document("League", (f"{_size(league)}; seed {league.seed}.",), parts=settings.parts)
+
+
+def _size(league: League) -> str:
+    """Say how large a league is."""
+    return (
+        f"{count(len(league.entries), 'entry', 'entries')}, {count(len(league.floors), 'floor')}, swarms of "
+        f"{listed(map(str, league.robots))}, {count(league.runs, 'run')} of each"
+    )
+
+
+def _warnings(league: League) -> tuple[str, ...]:
+    names = [entry.label for entry in league.entries if not entry.tuned]
+    return (f"Not tuned for a league (`vibroswarm tune`): {', '.join(names)}.",) if names else ()
+
+
+def _grids(table: pl.DataFrame) -> tuple[str, ...]:
+    """Say what a wrong grid does to the entries that know the grid of tiles, if others do not."""
+    with_grid = table.filter(pl.col("told").str.split(", ").list.contains("grid"))["name"]
+    if len(with_grid) in (0, table.height):
+        return ()
+    return (f"With a wrong grid of tiles {listed(with_grid)} would do worse than by counting.",)
+
+
+def _time_and_error(standings: Standings) -> Section:
+    """Return the section with the standings and their picture."""
+    table, league = standings.table, standings.league
+    points = table.select(
+        "name",
+        **{f"error{end}": f"forced_error{end}" for end in ("", "_low", "_high")},
+        **{f"time{end}": f"decision_time_s{end}" for end in ("", "_low", "_high")},
+    )
+    frame = table.select(
+        "name",
+        *with_limits_of(["forced_error"], table.columns),
+        "right",
+        "wrong",
+        "undecided",
+        *with_limits_of(["decision_time_s", "worst_floor", "worst_floor_error"], table.columns),
+    )
+    words = (
+        f"Averages over {count(len(league.floors), 'floor')} and swarms of {listed(map(str, league.robots))}; "
+        f"{count(league.runs, 'run')} of each, 95 % intervals over motions. Forced error: wrong, or undecided and "
+        "leaning to the wrong side at the end. Undecided robots count with the whole time. The worst floor is chosen "
+        "by other motions than those that measure it."
+    )
+    front = Figure(
+        "front",
+        lambda style: draw_front(points, error_label="forced error", percent=True, style=style),
+    )
+    return Section("Time and error", (front, _table(frame, "standings", FIGURES), Text(words, "aside")))
+
+
+def _costs(table: pl.DataFrame) -> Section:
+    frame = table.select("name", "told", "sent", "bytes_on_air", "bytes_sent")
+    caption = "Messages and bytes are those that a robot sends in a run."
+    costs = _table(frame, "costs", FIGURES, caption=caption, folded=True)
+    return Section("What it costs, and what a robot knows", (costs,))
+
+
+def _differences(differences: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the section of differences from the reference; none for a single entry."""
+    if differences.is_empty():
+        return ()
+    words = (
+        "Entry - reference, motion by motion, with 95 % intervals; p by Holm over the entries. No significant "
+        "difference is not evidence of no difference."
+    )
+    table = _table(_side_by_side(differences, "name"), "differences", DIFFERENCES)
+    return (Section(f"Difference from {differences['reference'][0]}", (table, Text(words, "aside"))),)
+
+
+def _side_by_side(differences: pl.DataFrame, *index: str) -> pl.DataFrame:
+    """Put the differences in forced error and decision time beside each other: one row per index, in place of two."""
+    frame = differences.select(*index)
+    values: list[str] = [name for name in ("difference", "difference_low", "difference_high", "p_holm")
+              if name in differences.columns]  # fmt: skip
+    frame = frame.unique(maintain_order=True)
+    for figure in ("forced_error", "decision_time_s"):
+        of_figure = differences.filter(pl.col("figure") == figure)
+        names = {
+            value: value.replace("difference", figure).replace("p_holm", f"{figure}_p") for value in values
+        }
+        frame = frame.join(
+            of_figure.select(*index, *values).rename(names), on=index, how="left", maintain_order="left"
+        )
+    return frame
+
+
+def _fronts(fronts: pl.DataFrame) -> Section:
+    """Return the section on the fronts of strategies; it is folded if no front has more than one entry."""
+    # All rows have the same reference.
+    reference, time_s, error = fronts.select("reference", "reference_time_s", "reference_error").row(0)
+    words = (
+        f"Along the front of each strategy's own entries: the time at which it reaches the forced error of {reference} "
+        f"({percent(error)}), and its forced error at the decision time of {reference} ({number(time_s, 0)} s). "
+        "A dash: its front does not reach there."
+    )
+    columns = {
+        "points": Column("entries on its front"),
+        "time_at_equal_error_s": Column("time at equal error", "s", decimals=0),
+        "error_at_equal_time": Column("error at equal time", share=True),
+    }
+    frame = fronts.select(
+        "strategy",
+        "points",
+        *with_limits_of(["time_at_equal_error_s", "error_at_equal_time"], fronts.columns),
+    )
+    return Section(
+        "At equal error, and at equal time",
+        (_table(frame, "fronts", columns), Text(words, "aside")),
+        folded=not (fronts["points"] > 1).any(),
+    )
+
+
+def _beliefs(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
+    """Return the section that compares the robots' confidence with how often they are right; none without beliefs."""
+    if beliefs is None or beliefs.is_empty():
+        return ()
+    words = (
+        "Robots that decided: their mean confidence, and the share of them that were right. Floors are those that the "
+        "strategy expects (its own prior of the fill ratio), or have tiles that vibrate independently. "
+        f"'{AT_95}': p_c = 0.95 and O_c = 0."
+    )
+    columns = {
+        "name": ENTRY,
+        "prior": Column("floors"),
+        "confidence": Column(share=True),
+        "right": Column(share=True),
+        "decided": Column(share=True, decimals=0),
+    }
+    frame = beliefs.select(
+        "name", "settings", "prior", *with_limits_of(["confidence", "right"], beliefs.columns), "decided"
+    )
+    figure = Figure("beliefs", lambda style: _draw_beliefs(beliefs, style))
+    table = _table(frame, "beliefs", columns, names=3)
+    return (Section("Belief and truth", (figure, table, Text(words, "aside"))),)
+
+
+def _draw_beliefs(beliefs: pl.DataFrame, style: str) -> Any:
+    marks = [
+        {"x": f"{row['name']}, {row['settings']}", "series": f"{name}, {row['prior']}"}
+        | {to: row[f"{name}{end}"] for to, end in (("estimate", ""), ("low", "_low"), ("high", "_high"))}
+        for row in beliefs.iter_rows(named=True)
+        for name in ("confidence", "right")
+    ]
+    return draw_error_bars(
+        pl.DataFrame(marks, infer_schema_length=None),
+        label="robots that decided",
+        interval="95 % jackknife interval over motions",
+        percent=True,
+        style=style,
+    )
+
+
+def _faults(curves: pl.DataFrame | None) -> tuple[Section, ...]:
+    """Return the sections on faulty robots: the numbers tolerated, and all figures; none without faults.
+
+    Args:
+        curves: from ``fault_curves``.
+    """
+    if curves is None or curves.is_empty():
+        return ()
+    kinds = curves["kind"].unique(maintain_order=True)
+    words = (
+        "Forced error of the working robots of the smallest swarm, on random floors on both sides of 1/2; runs are "
+        f"paired. Tolerated: the 95 % interval of the rise lies below {100 * MARGIN:.0f} points, for that number of "
+        "faulty robots and all smaller ones."
+    )
+    caption = "Number of faulty robots that a strategy tolerates: forced error (%) of the others with 0, 1, ... of them"
+    columns = {"name": ENTRY, **{kind: Column(kind.replace("_", " ")) for kind in kinds}}
+    table = _table(_tolerated(curves), "tolerated", columns, caption=caption)
+    shown = {
+        "name": ENTRY,
+        "forced_error": FIGURES["forced_error"],
+        "rise": Column(unit="points", share=True, sign=True),
+        "bears": Column("tolerated"),
+    }
+    every = _table(curves, "faults", shown, names=3)
+    return (
+        Section(
+            "Faulty robots", (table, Text(words, "aside"), *(_fault_figure(curves, kind) for kind in kinds))
+        ),
+        Section("Faulty robots, all figures", (every,), folded=True),
+    )
+
+
+def _tolerated(curves: pl.DataFrame) -> pl.DataFrame:
+    """Return for each entry and kind of fault how many faulty robots it tolerates, and the forced errors, as text."""
+    number_of = {(name, kind): n for name, kind, n, _ in borne(curves).iter_rows()}
+    rows: dict[str, dict[str, str]] = {}
+    for (name, kind), part in curves.group_by("name", "kind", maintain_order=True):
+        errors = ", ".join(number(100 * error, 1) for error in part["forced_error"])
+        rows.setdefault(str(name), {})[str(kind)] = f"{number_of[name, kind]}: {errors}"
+    return pl.DataFrame([{"name": name, **row} for name, row in rows.items()], infer_schema_length=None)
+
+
+def _fault_figure(curves: pl.DataFrame, kind: str) -> Figure:
+    words = kind.replace("_", " ")
+    marks = curves.filter(pl.col("kind") == kind).select(
+        x="name",
+        series=pl.format("{} robots " + words, "faulty"),
+        estimate="forced_error",
+        low="forced_error_low",
+        high="forced_error_high",
+    )
+    return Figure(
+        f"faults-{kind}",
+        lambda style: draw_error_bars(
+            marks, label="forced error of the others", percent=True, title=words.capitalize(), style=style
+        ),
+    )
+
+
+def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the sections on single floors: a picture, differences from the reference, and all figures.
+
+    Args:
+        floors: ``Standings.floor_table``. differences: ``Standings.floor_differences``; empty for a single entry.
+    """
+    picture = Figure("floors", lambda style: _draw_floors(floors, style))
+    every = _table(floors.drop("strategy"), "floors", FIGURES, names=3)
+    return (
+        Section("Floor by floor", (picture,)),
+        *_floor_differences(differences),
+        Section("All figures, floor by floor", (every,), folded=True),
+    )
+
+
+def _floor_differences(differences: pl.DataFrame) -> tuple[Section, ...]:
+    if differences.is_empty():
+        return ()
+    frame = _side_by_side(differences, "name", "pattern", "fill_ratio")
+    table = _table(frame, "floor_differences", DIFFERENCES, names=3)
+    words = Text("Entry - reference; p by Holm over entries and floors.", "aside")
+    return (Section("Differences from the reference, floor by floor", (table, words), folded=True),)
+
+
+def _draw_floors(floors: pl.DataFrame, style: str) -> Any:
+    return draw_heat(
+        by_difficulty(floors),
+        x_label="pattern and share of tiles in the minority",
+        y_label="",
+        label="forced error (%)",
+        best="low",
+        style=style,
+    )
+
+
+def by_difficulty(floors: pl.DataFrame) -> pl.DataFrame:
+    """Average each entry's forced error over a floor and its mirror 1 - f, for a heat map.
+
+    Returns: x (pattern and the smaller fill ratio), y (entry) and value (forced error in %).
+    """
+    minority = pl.min_horizontal("fill_ratio", 1.0 - pl.col("fill_ratio")).round(6)
+    return (
+        floors.with_columns(x=pl.format("{} {}", "pattern", minority), y="name")
+        .group_by("x", "y", maintain_order=True)
+        .agg(value=100.0 * pl.col("forced_error").mean())
+    )
+
+
+def _settings(league: League) -> Section:
+    """Return the section with the fields that each entry sets."""
+    rows = [
+        (
+            entry.label,
+            entry.strategy,
+            ", ".join(f"{name} = {value}" for name, value in entry.settings.items()) or "by default",
+            entry.tuned,
+        )
+        for entry in league.entries
+    ]
+    frame = pl.DataFrame(rows, schema=["name", "strategy", "settings", "tuned"], orient="row")
+    columns = {"name": ENTRY, "settings": Column(prose=True)}
+    return Section("Settings", (_table(frame, "settings", columns, folded=True),))
