@@ -34,7 +34,7 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
 from vibroswarm.scenario.scenario import Scenario
 
-SCHEMA_VERSION: Final = 3
+SCHEMA_VERSION: Final = 4
 """Number of the format of results on disk."""
 
 RECORDED: Final = "recording"

@@ -14,10 +14,10 @@ from scipy.special import expit, logit
 from scipy.stats import norm
 
 from vibroswarm.strategies import place_map
-from vibroswarm.strategies.place_map import PAIRS, add_reading, score, share_place, weigh_pairs
+from vibroswarm.strategies.place_map import PAIRS, RATE_STEP, add_reading, score, share_place, weigh_pairs
 from vibroswarm.strategies.places import Arrays
 
-SIDE, TILE_M, STEP = 2, 0.2, 0.8
+SIDE, TILE_M = 2, 0.2
 TILES = SIDE * SIDE
 FALSE_POSITIVE, FALSE_NEGATIVE = 0.1, 0.2
 FLOORS = np.array(list(product((0, 1), repeat=TILES)))
@@ -31,7 +31,7 @@ def world(robots: int) -> Any:
 
 
 def params(**values: Any) -> Any:
-    of: dict[str, Any] = {"rate_pairs": False, "rate_step": STEP, "spread_factor": 1.0, "edge_reach_m": 0.0}
+    of: dict[str, Any] = {"rate_pairs": False, "edge_reach_m": 0.0}
     return SimpleNamespace(**of | {"variance_factor": 1.0} | values)
 
 
@@ -54,7 +54,7 @@ def add(a: Any, j: int, bit: int, x_m: float, y_m: float, spread_m: float, p: An
 
 
 def rates_of(pair: int) -> tuple[float, float]:
-    step = np.array([0.0, STEP, -STEP])
+    step = np.array([0.0, RATE_STEP, -RATE_STEP])
     return (
         float(expit(logit(FALSE_POSITIVE) + step[pair % 3])),
         float(expit(logit(FALSE_NEGATIVE) + step[pair // 3])),

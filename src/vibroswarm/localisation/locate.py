@@ -8,11 +8,11 @@ in one run; its number is run * robots + robot.
 | name | equation |
 |---|---|
 | mean, standard deviation of s_d as assumed | those of the clipped Gamma law, or ``localisation.assumed_speed_*`` |
-| density of meeting robots, 1/m | ``robots_factor`` (n - 1) / area * 2 half-width * 4 / pi |
+| density of meeting robots, 1/m | 6 (n - 1) / area * 2 half-width * 4 / pi |
 
 A robot that drives straight among n - 1 robots of the same speed meets (n - 1) / area * 2 half-width * 4 / pi of them
-per m. The half-width is that of the robot's rays at their threshold, plus that of a robot as rays see it. The default
-``robots_factor`` of 6 allows for repeated meetings, as robots turn away from each other, and makes the filter careful.
+per m. The half-width is that of the robot's rays at their threshold, plus that of a robot as rays see it. The factor
+of 6, ``ROBOTS_FACTOR``, allows for repeated meetings, as robots turn away from each other: the filter is careful.
 """
 
 from __future__ import annotations
@@ -47,6 +47,8 @@ from vibroswarm.scenario.fields import Robot
 from vibroswarm.scenario.localisation_fields import GYRO_LEVELS
 from vibroswarm.scenario.scenario import Scenario
 
+ROBOTS_FACTOR: Final = 6.0
+"""Factor by which robots assume to meet more robots than chords of straight drives would."""
 PLACES: Final[dict[str, Any]] = {
     "run": pl.UInt32,
     "robot": pl.UInt16,
@@ -265,12 +267,11 @@ def program_of(scenario: Scenario) -> LocalisationProgram:
         gyro_walk_rad_sqrt_s=math.radians(errors.walk_deg_sqrt_s),
         start_spread_m=told.start_spread_m,
         start_heading_spread_rad=math.radians(told.start_heading_spread_deg),
-        start_unknown=told.start == "unknown",
         ray_noise_m=told.ray_noise_m,
         # Noise of the bounds "no ray saw a wall" and "inside the arena": 1 mm more than that of a measured ray, about
         # the way that a robot drives between two readings of its rays.
         seen_noise_m=told.ray_noise_m + 0.001,
-        robots_per_m=told.robots_factor * density * 2.0 * half_width_m * 4.0 / math.pi,
+        robots_per_m=ROBOTS_FACTOR * density * 2.0 * half_width_m * 4.0 / math.pi,
         corrects=scenario.place_method != "dead_reckoning",
         monitors=told.monitor,
     )
@@ -359,8 +360,7 @@ def begin_robot(
 ) -> None:
     """Start the filter of robot ``i`` at the pose at which the robot assumes that it starts.
 
-    That pose is its true pose at time 0 (``x_m``, ``y_m``, ``heading_rad``) plus normal errors. If its start is unknown
-    (``program.start_unknown``), the filter does not use it, and begins spread over the arena.
+    That pose is its true pose at time 0 (``x_m``, ``y_m``, ``heading_rad``) plus normal errors.
     """
     x_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_X)
     y_m += program.start_spread_m * normal(seed, run, i, LOCALISATION, FIRST, OF_TOLD_Y)

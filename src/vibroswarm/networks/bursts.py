@@ -32,14 +32,28 @@ from vibroswarm.strategies.world import Draws, World, u
 class Params:
     """How receivers fail."""
 
-    bad_share: Annotated[float, Field(ge=0, le=1, description="Share of time in the bad state.")] = 0.0129
+    bad_share: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=1,
+            description="Share of time in the bad state; `calibrate bursts` fits all four to a recording.",
+        ),
+    ] = 0.0129
     bad_s: Annotated[
         float, Field(ge=0, le=1e9, description="Mean time in the bad state, s; 0: losses are independent.")
     ] = 10.3
     lost_in_bad: Annotated[
-        float, Field(ge=0, le=1, description="Probability that a message is lost in the bad state.")
+        float,
+        Field(
+            ge=0,
+            le=1,
+            description="Probability that a message is lost in the bad state: below 1 if bursts are not total.",
+        ),
     ] = 1.0
-    lost_in_good: Annotated[float, Field(ge=0, le=1, description="The same in the good state.")] = 0.0095
+    lost_in_good: Annotated[
+        float, Field(ge=0, le=1, description="The same in the good state: losses that are not in bursts.")
+    ] = 0.0095
 
 
 class Arrays:

@@ -28,12 +28,16 @@ class Params:
     """How late messages are."""
 
     fixed_s: Annotated[
-        float, Field(ge=0, le=1e9, description="Part of the delay that all messages have, s.")
+        float,
+        Field(ge=0, le=1e9, description="Part of the delay that all messages have, s: the radio's own."),
     ] = 1.0
     random_s: Annotated[
         float,
         Field(
-            ge=0, le=1e9, description="Mean of the exponential part, drawn for each message and receiver, s."
+            ge=0,
+            le=1e9,
+            description="Mean of the exponential part, drawn for each message and receiver, s: messages overtake each "
+            "other.",
         ),
     ] = 0.0
 

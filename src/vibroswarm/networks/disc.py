@@ -23,7 +23,11 @@ class Params:
 
     range_m: Annotated[
         float,
-        Field(gt=0, allow_inf_nan=True, description="Largest distance that a message crosses, m; or inf."),
+        Field(
+            gt=0,
+            allow_inf_nan=True,
+            description="Largest distance that a message crosses, m; or inf. Do robots need to hear all?",
+        ),
     ] = 0.5
 
 

@@ -60,10 +60,20 @@ class Params:
         ),
     ] = ()
     message_bytes: Annotated[
-        int, Field(ge=0, le=144, description="Bytes of a message; 0: those that the strategy states.")
+        int,
+        Field(
+            ge=0,
+            le=144,
+            description="Bytes of a message; 0: those that the strategy states. Does sending less lose less?",
+        ),
     ] = 144
     log_bytes: Annotated[
-        int, Field(ge=0, le=144, description="Bytes that a robot sends the base after each message; 0: none.")
+        int,
+        Field(
+            ge=0,
+            le=144,
+            description="Bytes that a robot sends the base after each message; 0: none. What does logging cost?",
+        ),
     ] = 144
     frame_ms: Annotated[
         float,

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -50,9 +49,6 @@ ESTIMATE: Final = ("x_m", "y_m", "heading_rad", "spread_m", "lagged_sample", "la
 """Columns that ``localisation.sampled`` writes: the estimated pose; the standard deviation of its place (root of the
 mean of the variances in x and y); number (-1: none yet), place and standard deviations of the sample ``lag`` ago."""
 
-UNKNOWN: Final = 0.4
-"""Standard deviation of a component at an unknown start, as a share of half the range. Components overlap, so that all
-starting poses are covered."""
 WORD: Final = 0xFFFFFFFF
 """Mask of the lowest 32 bits."""
 
@@ -99,11 +95,9 @@ class LocalisationProgram(NamedTuple):
     gyro_walk_rad_sqrt_s: float
     """Random walk of a measured angle: its standard deviation after 1 s."""
     start_spread_m: float
-    """Standard deviation of x and of y of a known start."""
+    """Standard deviation of x and of y of the start."""
     start_heading_spread_rad: float
-    """Standard deviation of the heading of a known start."""
-    start_unknown: bool
-    """Whether the robot does not know where it starts."""
+    """Standard deviation of the heading of the start."""
     robots_per_m: float
     """Density of meeting another robot, per m of the drive; after a turn in place it is twice that, per m of a ray."""
     ray_noise_m: float = 0.004
@@ -191,11 +185,11 @@ def next_uniform(f: Mixture) -> float:
 def begin(
     f: Mixture, program: LocalisationProgram, random: int, x_m: float, y_m: float, heading_rad: float
 ) -> None:
-    """Set all components to time 0: at a given pose, or spread over the arena if ``program.start_unknown``.
+    """Set all components to time 0, at a given pose.
 
     Args:
         random: initial state of the robot's random numbers, from 1 to 2^32 - 1. x_m, y_m, heading_rad: the pose at
-            which the robot assumes that it starts; not used if its start is unknown.
+            which the robot assumes that it starts.
     """
     count = f.weights.size
     f.numbers[RANDOM], f.numbers[SAMPLES] = random, 0
@@ -208,17 +202,9 @@ def begin(
                 f.covariances[i, j, k] = 0.0
         f.means[i, X], f.means[i, Y], f.means[i, HEADING] = x_m, y_m, heading_rad
         f.means[i, SPEED] = program.speed_factor
-        spread_x_m = spread_y_m = program.start_spread_m
+        f.covariances[i, X, X] = program.start_spread_m * program.start_spread_m
+        f.covariances[i, Y, Y] = program.start_spread_m * program.start_spread_m
         spread_rad = program.start_heading_spread_rad
-        # Evenly spread points in three dimensions (the R3 sequence): steps 1/r, 1/r^2, 1/r^3, where r^4 = r + 1.
-        if program.start_unknown:
-            f.means[i, X] = program.width_m * ((0.5 + 0.8191725133961645 * i) % 1.0)
-            f.means[i, Y] = program.height_m * ((0.5 + 0.6710436067037893 * i) % 1.0)
-            f.means[i, HEADING] = 2.0 * math.pi * ((0.5 + 0.5497004779019703 * i) % 1.0)
-            spread_x_m, spread_y_m = UNKNOWN * 0.5 * program.width_m, UNKNOWN * 0.5 * program.height_m
-            spread_rad = UNKNOWN * math.pi
-        f.covariances[i, X, X] = spread_x_m * spread_x_m
-        f.covariances[i, Y, Y] = spread_y_m * spread_y_m
         f.covariances[i, HEADING, HEADING] = spread_rad * spread_rad
         f.covariances[i, SPEED, SPEED] = program.speed_spread * program.speed_spread
         f.covariances[i, BIAS, BIAS] = program.gyro_bias_spread_rad_s * program.gyro_bias_spread_rad_s

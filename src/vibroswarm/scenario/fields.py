@@ -79,7 +79,8 @@ class FloorField(FrozenModel):
     redraw: Literal["run", "study"] = "run"
     """Draw a new random floor for each run, or once (that of run 0) for all."""
     image_threshold: Annotated[float, Field(gt=0, lt=1)] | None = None
-    """If ``source`` names a picture: share of full brightness from which a tile vibrates; if omitted, 0.5."""
+    """If ``source`` names a picture: share of full brightness from which a tile vibrates, for dark or pale pictures; if
+    omitted, 0.5."""
     tile_width_m: Length | None = None
     """Width of one tile; if omitted, the tiles are stretched over the arena."""
     tile_height_m: Length | None = None
@@ -171,7 +172,7 @@ class Robot(FrozenModel):
     """Slow variation: to m_d is also added a number that changes linearly between values drawn every
     ``misalignment_drift_samples`` samples, of this standard deviation over a run."""
     misalignment_drift_samples: Annotated[int, Field(ge=1, le=100_000)] | None = None
-    """Samples between these values; if omitted, 30."""
+    """Samples between these values: how slow the variation is. If omitted, 30."""
     misalignment_run_spread: Annotated[float, Field(gt=0, le=0.2)] | None = None
     """Variation from run to run, as between days: to each m_d is added a number drawn once per run, likewise."""
     speed_factor_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 3.1
@@ -255,7 +256,7 @@ class Sample(FrozenModel):
     signal_ms: Annotated[float, Field(gt=0, le=1e9)] | None = None
     """How long the accelerometer is read, at the end of the stop (``observation.observe.sense_program``); if
     omitted, 500 ms, or half the stop if that is shorter. Simulated energies are drawn, so it changes none of
-    them."""
+    them; it counts in exported robots and in recorded acceleration."""
     timer: Literal[
         "reset_after_turn", "hold_in_turn", "always", "frozen_in_avoidance", "reset_at_avoidance", "held_at_avoidance"
     ] = "reset_after_turn"  # fmt: skip
@@ -288,7 +289,7 @@ class Sensor(FrozenModel):
     still_location: Annotated[float, Field(ge=-1e6, le=1e6)] = 0.13731
     """Its shift."""
     vibrating_energies: Energies | None = None
-    """Measured energies of vibrating tiles, for model = "energies"."""
+    """Measured energies of vibrating tiles, for model = "energies": a sensor whose law is not known."""
     still_energies: Energies | None = None
     """Measured energies of still tiles."""
     # If only one of these two is omitted, it is 0 (``observation.edge_response``).

@@ -49,7 +49,8 @@ class Odometry(FrozenModel):
     (standard deviations; presumes a calibration of each robot), "poor" 3 %, 0.2 deg/s, 2 deg and 0.3 deg/sqrt(s),
     "bought" as "poor" but for a bias of 20 deg/s, which only ``rezero_noise_deg_s`` makes of use."""
     gyro_scale_spread: Annotated[float, Field(ge=0, le=0.5)] | None = None
-    """Standard deviation of the gyro's scale about 1, one a robot and run. If omitted, that of ``level``."""
+    """Standard deviation of the gyro's scale about 1, one a robot and run; if omitted, that of ``level``. This and the
+    next three are for the data sheet of your own gyro."""
     gyro_bias_spread_deg_s: Annotated[float, Field(ge=0, le=100)] | None = None
     """Standard deviation of its bias, one a robot and run, deg/s; likewise."""
     turn_noise_deg: Annotated[float, Field(ge=0, le=90)] | None = None
@@ -88,23 +89,20 @@ class Localisation(FrozenModel):
     """Components of the mixture."""
     lag: Annotated[int, Field(ge=1, le=24)] = 4
     """A sample's place is smoothed by what the robot meets until its next ``lag`` samples."""
-    start: Literal["known", "unknown"] = "known"
-    """Whether robots are told where they start (placed by hand), or may be anywhere, facing anywhere."""
     start_spread_m: Annotated[float, Field(ge=0, le=10)] = 0.005
-    """Standard deviation of the place that they are told, in x and in y."""
+    """Standard deviation of the starting place that robots are told (put down by hand), in x and in y."""
     start_heading_spread_deg: Annotated[float, Field(ge=0, le=180)] = 2.0
     """Standard deviation of the heading that they are told, deg."""
     assumed_level: Level | None = None
-    """The odometry's level that robots assume. If omitted, they know its true errors."""
+    """The odometry's level that robots assume: what does it cost to be wrong about the gyro? If omitted, they know its
+    true errors."""
     assumed_speed_factor: Annotated[float, Field(gt=0, le=100)] | None = None
-    """Mean of the speed factor s_d that robots assume. If omitted, they know its law (mean and standard deviation)."""
+    """Mean of the speed factor s_d that robots assume: what does it cost to be wrong about one's speed? If omitted,
+    they know its law (mean and standard deviation)."""
     assumed_speed_spread: Annotated[float, Field(ge=0, le=10)] | None = None
     """Standard deviation of s_d that they assume; likewise."""
     ray_noise_m: Annotated[float, Field(gt=0, le=1)] = 0.004
     """Standard deviation of the shortest ray at a wall that they assume."""
-    # The density of robots that it multiplies is that of ``localisation.locate``, for straight drives.
-    robots_factor: Annotated[float, Field(ge=0, le=1000)] = 6.0
-    """Factor by which they assume to meet more robots than chords of straight drives would."""
     monitor: bool = True
     """Whether a robot that meets more than it expects (walls that are not there, "robots" where walls are) states wider
     spreads of its places, and looks for itself further away. With "dead_reckoning" it meets nothing."""

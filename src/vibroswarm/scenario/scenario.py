@@ -33,7 +33,7 @@ from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.scenario.presets import preset_text
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 """Version of the fields of scenarios; it is part of their hashes."""
 
 
@@ -230,9 +230,6 @@ class Scenario(Sections, NotebookView):
         data = {"schema": SCHEMA_VERSION, **_without_empty(self.model_dump(mode="json", exclude_none=True))}
         # In the sections of strategy, network and task, only the table of the selected entry has an effect.
         data |= {choice.kind: choice.effective for choice in self.choices}
-        # A field that is younger than hashes is left out where it has no effect, so that they stay as they were.
-        if self.rays.noise_m == 0.0:
-            del data["rays"]["noise_m"]
         # "auto" has the hash of what it means. Of a user's code that is known only while the code is loaded, and the
         # hash must not depend on that.
         if self.strategy.code is None:

@@ -58,20 +58,40 @@ LOWEST: Final = 0.5 + 1e-6
 class Params:
     """Assumed accuracies, and when to correct them."""
 
-    accuracy: Annotated[float, Field(gt=0.5, lt=1, description="Accuracy that robots assume at first.")] = (
-        0.95
-    )
+    accuracy: Annotated[
+        float,
+        Field(
+            gt=0.5,
+            lt=1,
+            description="Accuracy that robots assume at first: what if they take their sensor for better than it is?",
+        ),
+    ] = 0.95
     flawed_robots: Annotated[
         int, Field(ge=0, le=100_000, description="Number of robots, the first ones, that assume another one.")
     ] = 1
     flawed_accuracy: Annotated[
-        float, Field(gt=0.5, lt=1, description="Accuracy that those robots assume at first.")
+        float,
+        Field(
+            gt=0.5,
+            lt=1,
+            description="Accuracy that those robots assume at first: does a flawed robot recover?",
+        ),
     ] = 0.75
     period: Annotated[
-        int, Field(ge=1, le=1_000_000, description="Readings between tests of the accuracy.")
+        int,
+        Field(
+            ge=1,
+            le=1_000_000,
+            description="Readings between tests of the accuracy: fewer correct sooner, and more often by chance.",
+        ),
     ] = 50
     type_2_error: Annotated[
-        float, Field(gt=0, lt=1, description="Width of the test: central probability of Student's T (beta).")
+        float,
+        Field(
+            gt=0,
+            lt=1,
+            description="Width of the test: central probability of Student's T (beta); wider corrects more rarely.",
+        ),
     ] = 0.1
 
 

@@ -45,17 +45,33 @@ __all__ = ["bayes_bots", "belief", "decision"]
 class Params:
     """Feedback, prior, and what counts."""
 
-    positive_feedback: Annotated[bool, Field(description="Send the decision once there is one.")] = True
+    positive_feedback: Annotated[
+        bool, Field(description="Send the decision once there is one: is feedback worth it?")
+    ] = True
     prior: Annotated[
         int, Field(ge=1, le=100_000, description="Ones, and zeros, counted before the first reading.")
     ] = 10
-    test_received: Annotated[bool, Field(description="Test the belief after each received value too.")] = True
+    test_received: Annotated[
+        bool,
+        Field(
+            description="Test the belief after each received value too: decide sooner, on the same evidence."
+        ),
+    ] = True
     sender_timeout_s: Annotated[
         float,
-        Field(ge=0, le=1e7, description="Ignore a sender for this long after one of its values counted, s."),
+        Field(
+            ge=0,
+            le=1e7,
+            description="Ignore a sender for this long after one of its values counted, s: for radios that repeat.",
+        ),
     ] = 0.0
     repeat_s: Annotated[
-        float, Field(ge=0, le=1e7, description="Time between repeated messages, s; 0: a value is sent once.")
+        float,
+        Field(
+            ge=0,
+            le=1e7,
+            description="Time between repeated messages, s; 0: a value is sent once. For radios that lose messages.",
+        ),
     ] = 0.0
 
 

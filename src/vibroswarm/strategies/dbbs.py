@@ -57,7 +57,8 @@ class Params:
     """Hypotheses and decays."""
 
     hypotheses: Annotated[
-        int, Field(ge=2, le=1000, description="Number of hypotheses of the fill ratio.")
+        int,
+        Field(ge=2, le=1000, description="Number of hypotheses of the fill ratio: how finely it is told."),
     ] = 10
     decay_own: Annotated[float, Field(ge=0, le=1, description="Power of the own social belief (lambda).")] = (
         0.8
@@ -66,7 +67,12 @@ class Params:
         float, Field(ge=0, le=1, description="Power of the other robot's social belief (mu).")
     ] = 0.4
     memory: Annotated[
-        int, Field(ge=0, le=100_000, description="Steps for which a robot is not taken again (L).")
+        int,
+        Field(
+            ge=0,
+            le=100_000,
+            description="Steps for which a robot is not taken again (L): so that one neighbour does not count twice.",
+        ),
     ] = 2
 
 

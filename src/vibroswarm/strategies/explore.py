@@ -10,9 +10,9 @@ and decision are those of ``places``.
 | map | p_t | - | as of ``places``, with the likeliest pair of error rates |
 | uncertainty of tile t | U_t | - | p_t (1 - p_t), halved for ``recent_s`` after a robot sampled there or chose it |
 | step | d | m | moving average of the distance between two samples, with a memory of 8 samples |
-| points | - | - | (x, y) + d (cos, sin) of the heading + 2 pi k / ``directions``, ``margin_m`` from walls or farther |
+| points | - | - | (x, y) + d (cos, sin) of the heading + 2 pi k / 16, 7 cm from walls or farther |
 | worth of a point | - | - | sum over tiles of U_t exp(-distance of the tile's middle / ``range_m``), \
-less the share ``turn_cost`` of it for a half turn, and proportionally less for smaller turns |
+less the share 0.3 of it for a half turn, and proportionally less for smaller turns |
 
 - Message: as of ``places``, and the tile (1 byte): 9 bytes.
 - What a robot is told about its task: as in ``places``, and the size of the arena.
@@ -42,6 +42,14 @@ from vibroswarm.strategies.world import Draws, Reading, World
 
 __all__ = ["belief", "decision", "explore"]
 
+DIRECTIONS: Final = 16
+"""Number of directions compared."""
+MARGIN_M: Final = 0.07
+"""Least distance of the points compared from walls."""
+TURN_COST: Final = 0.3
+"""Share of a point's worth that a half turn costs."""
+FIRST_STEP_M: Final = 0.15
+"""Distance between two samples, before the robot knows it."""
 STEP_MEMORY: Final = 0.125
 """Weight of the latest distance in the moving average of the step: 1 / 8."""
 UNTIL_SAMPLE_MS: Final = 1e6
@@ -52,27 +60,23 @@ UNTIL_SAMPLE_MS: Final = 1e6
 class Choice:
     """How to choose a direction."""
 
-    directions: Annotated[int, Field(ge=2, le=360, description="Number of directions compared.")] = 16
     range_m: Annotated[
-        float, Field(gt=0, le=1000, description="Distance over which a tile's worth falls by a factor e.")
+        float,
+        Field(
+            gt=0,
+            le=1000,
+            description="Distance over which a tile's worth falls by a factor e: longer for larger tiles.",
+        ),
     ] = 0.1
-    margin_m: Annotated[
-        float, Field(ge=0, le=1000, description="Least distance of the points compared from walls.")
-    ] = 0.07
-    turn_cost: Annotated[
-        float, Field(ge=0, le=1, description="Share of a point's worth that a half turn costs.")
-    ] = 0.3
     recent_s: Annotated[
         float,
         Field(
             ge=0,
             le=1e6,
-            description="Time for which a tile is worth half after a robot sampled or drove there, s.",
+            description="Time for which a tile is worth half after a robot sampled or drove there, s: longer for "
+            "slower robots.",
         ),
     ] = 25.0
-    step_m: Annotated[
-        float, Field(gt=0, le=1000, description="Distance between two samples, before it is known.")
-    ] = 0.15
 
 
 class Params(places.MapParams, Choice):
@@ -114,7 +118,7 @@ class Message(places.Message, Target):
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Begin with an empty map, undecided, without a target, and with all tiles not visited recently."""
     begin_map(s, a, d, p, w)
-    s.target, s.step_m = -1, p.step_m
+    s.target, s.step_m = -1, FIRST_STEP_M
     # A visit at -recent_s is no longer recent at time 0.
     for t in range(w.rows * w.columns):
         a.visited_s[t] = -p.recent_s
@@ -183,21 +187,21 @@ def choose_direction(s: Row, a: Row, x: Reading, p: Row, w: World) -> None:
         if x.t_s - a.visited_s[t] < p.recent_s:
             a.uncertainty[t] *= 0.5
     s.target, s.turn_rad, most = -1, 0.0, -1.0  # most: greatest worth so far; no worth is negative
-    for k in range(p.directions):
+    for k in range(DIRECTIONS):
         # The turn to point k, between -pi and pi, so that its size says how far the robot has to turn.
-        turn_rad = 2.0 * math.pi * k / p.directions
+        turn_rad = 2.0 * math.pi * k / DIRECTIONS
         if turn_rad > math.pi:
             turn_rad -= 2.0 * math.pi
         x_m = x.x_m + s.step_m * math.cos(x.heading_rad + turn_rad)
         y_m = x.y_m + s.step_m * math.sin(x.heading_rad + turn_rad)
-        if min(x_m, y_m, w.width_m - x_m, w.height_m - y_m) < p.margin_m:
+        if min(x_m, y_m, w.width_m - x_m, w.height_m - y_m) < MARGIN_M:
             continue
         worth = 0.0
         for t in range(w.rows * w.columns):
             along_m, aside_m = middle_x_m(t, w) - x_m, middle_y_m(t, w) - y_m
             away_m = math.sqrt(along_m * along_m + aside_m * aside_m)
             worth += a.uncertainty[t] * math.exp(-away_m / p.range_m)
-        worth *= 1.0 - p.turn_cost * abs(turn_rad) / math.pi
+        worth *= 1.0 - TURN_COST * abs(turn_rad) / math.pi
         if worth > most:
             most, s.turn_rad, s.target = worth, turn_rad, tile_at(x_m, y_m, w)
 

@@ -64,7 +64,11 @@ class Params:
     ] = 25
     length_m: Annotated[
         float,
-        Field(gt=0, le=100, description="Distance at which the correlation of places has fallen to 1/e, m."),
+        Field(
+            gt=0,
+            le=100,
+            description="Distance at which the correlation of places has fallen to 1/e, m: larger for larger patches.",
+        ),
     ] = 0.1
 
 

@@ -4,7 +4,7 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| pair of rates | k | - | error rates told to the robot, each as it is or shifted by +- ``rate_step`` in log odds; \
+| pair of rates | k | - | error rates told to the robot, each as it is or shifted by +- 0.7 in log odds; \
 pair 0 is as told |
 | evidence of a pair | e_k | - | sum over readings of w_j ln P(r), P(r) = sum over t of q_t m_t by that pair's map |
 | probability of a pair | c_k | - | exp(e_k) / sum |
@@ -47,6 +47,8 @@ LEAST_SPREAD_M: Final = 1e-4
 """Least standard deviation of a place: true places have 0, by which shares cannot be computed."""
 RATE: Final = 1e-3
 """Least error rate: with a rate of 0 one reading could outweigh all others."""
+RATE_STEP: Final = 0.7
+"""Step between the values of an error rate that are compared, in log odds."""
 LEAST_CREDENCE: Final = 1e-6
 """Pairs less probable than this are left out of the score."""
 
@@ -68,15 +70,15 @@ def rate_of(told: float, third: int, p: Row) -> float:
     """Return one of the three values of an error rate that are compared: as told, a step higher, or a step lower.
 
     Args:
-        told: the rate told to the robot. third: which value: 0: as told, 1: higher by ``p.rate_step`` in log odds, 2:
-            lower by ``p.rate_step``.
+        told: the rate told to the robot. third: which value: 0: as told, 1: higher by ``RATE_STEP`` in log odds, 2:
+            lower by ``RATE_STEP``.
     """
     if third == 0:
         return told
     # Rates of 0 and 1 have no log odds.
     rate = min(max(told, RATE), 1.0 - RATE)
     steps = 1.0 if third == 1 else -1.0
-    return logistic(math.log(rate / (1.0 - rate)) + p.rate_step * steps)
+    return logistic(math.log(rate / (1.0 - rate)) + RATE_STEP * steps)
 
 
 @inlined_uncached
@@ -165,13 +167,13 @@ def share_place(
     the columns and rows returned are written.
 
     Args:
-        x_m, y_m: mean of the place. spread_x_m, spread_y_m: its standard deviations; ``p.spread_factor`` scales them.
+        x_m, y_m: mean of the place. spread_x_m, spread_y_m: its standard deviations.
     Returns:
         First and last column, first and last row of the tiles that have a share. (0, -1, 0, -1) if the place is off
         the floor; then the shares must not be used.
     """
-    of_x_m = max(spread_x_m * p.spread_factor, LEAST_SPREAD_M)
-    of_y_m = max(spread_y_m * p.spread_factor, LEAST_SPREAD_M)
+    of_x_m = max(spread_x_m, LEAST_SPREAD_M)
+    of_y_m = max(spread_y_m, LEAST_SPREAD_M)
     top_m = w.bottom_m + w.rows * w.tile_height_m
     # Tiles farther than this from the mean have no share: vibration of a tile is felt up to edge_reach_m beyond its
     # edges. Columns and rows are kept on the grid; a place off the floor is detected at the end, by its shares.

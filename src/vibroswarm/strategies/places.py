@@ -25,7 +25,7 @@ minus L |
 | decision | - | - | once the belief is past p_c on either side, with ``min_samples`` own and heard readings |
 
 A sender whose readings do not depend on the place has a high suspicion. At each reading of a sender, its older
-readings lose the fraction 1 / ``trust_memory`` of their weight in surprise and suspicion. After the share
+readings lose the fraction 1 / 60 of their weight in surprise and suspicion. After the share
 ``falls_from`` of the run, the score needed falls linearly to 0 at the end of the run, so that no robot stays undecided.
 
 - Message: sender and reading (1 byte), number (1), x and y to 1 mm (2 each), standard deviations to 1 mm (1 each): 8
@@ -70,6 +70,8 @@ __all__ = ["Message", "decision", "places"]
 
 STEP_M: Final = 0.001
 """Resolution of places in messages."""
+TRUST_MEMORY: Final = 60
+"""Readings over which a sender's surprise is averaged."""
 
 
 class Message:
@@ -123,26 +125,29 @@ class MapParams:
         float,
         Field(ge=0, le=1, description="Share of the run after which the score needed falls to 0; 1: never."),
     ] = 1.0
-    spread_factor: Annotated[
-        float, Field(ge=0, le=100, description="Factor of the standard deviations of places.")
-    ] = 1.0
     trust_limit: Annotated[
         float,
-        Field(ge=0, le=1000, description="Surprise at which a sender is no longer trusted; 1000: never."),
+        Field(
+            ge=0,
+            le=1000,
+            description="Surprise at which a sender is no longer trusted; 1000: never. For lost robots.",
+        ),
     ] = 5.0
     broken_prior: Annotated[
-        float, Field(ge=0, lt=1, description="Share of robots presumed to read alike everywhere; 0: none.")
+        float,
+        Field(
+            ge=0,
+            lt=1,
+            description="Share of robots presumed to read alike everywhere; 0: none. For stuck sensors.",
+        ),
     ] = 0.1
-    trust_memory: Annotated[
-        int, Field(ge=1, le=10**6, description="Readings over which a sender's surprise is averaged.")
-    ] = 60
     rate_pairs: Annotated[
         bool,
-        Field(description="Whether nine pairs of error rates, around those told, are weighed by evidence."),
+        Field(
+            description="Whether nine pairs of error rates, around those told, are weighed by evidence: for a sensor "
+            "that is not known well."
+        ),
     ] = False
-    rate_step: Annotated[
-        float, Field(ge=0, le=10, description="Step between these pairs, in the log odds of each rate.")
-    ] = 0.7
     prior_median: Annotated[
         float,
         Field(
@@ -308,7 +313,7 @@ def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:
     Args:
         bit: the reading. probability: that of this reading, by the map without the evidence of ``j``.
     """
-    kept = 1.0 - 1.0 / p.trust_memory  # weight that older readings keep
+    kept = 1.0 - 1.0 / TRUST_MEMORY  # weight that older readings keep
     chance = min(max(probability, RATE), 1.0 - RATE)
     # If the map is right, the reading is ``bit`` with probability ``chance``, and its log probability has the mean
     # ``by_chance`` and the variance chance (1 - chance) ratio^2. a.surprise is the weighted sum of log probability -

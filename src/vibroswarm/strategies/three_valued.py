@@ -52,10 +52,18 @@ class Params:
         60.0
     )
     listen_s: Annotated[
-        float, Field(gt=0, le=1e5, description="Time of listening before each update, s.")
+        float,
+        Field(
+            gt=0, le=1e5, description="Time of listening before each update, s: longer hears more beliefs."
+        ),
     ] = 3.0
     interval_s: Annotated[
-        float, Field(ge=0.02, le=1e5, description="Time between messages while signalling, s.")
+        float,
+        Field(
+            ge=0.02,
+            le=1e5,
+            description="Time between messages while signalling, s: what the radio can carry.",
+        ),
     ] = 1.0
     patience: Annotated[
         int, Field(ge=1, le=100_000, description="Updates without change after which a robot decides.")

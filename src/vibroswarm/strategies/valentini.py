@@ -65,13 +65,28 @@ class Params:
         float, Field(gt=0, le=1e5, description="Mean time of a dissemination at quality 1, s.")
     ] = 60.0
     listen_s: Annotated[
-        float, Field(gt=0, le=1e5, description="Last part of a dissemination, in which a robot listens, s.")
+        float,
+        Field(
+            gt=0,
+            le=1e5,
+            description="Last part of a dissemination, in which a robot listens, s: longer hears more opinions.",
+        ),
     ] = 3.0
     interval_s: Annotated[
-        float, Field(ge=0.02, le=1e5, description="Time between messages while disseminating, s.")
+        float,
+        Field(
+            ge=0.02,
+            le=1e5,
+            description="Time between messages while disseminating, s: what the radio can carry.",
+        ),
     ] = 1.0
     max_opinions: Annotated[
-        int, Field(ge=1, le=100_000, description="Most opinions that count, the last ones heard.")
+        int,
+        Field(
+            ge=1,
+            le=100_000,
+            description="Most opinions that count, the last ones heard: more for larger swarms.",
+        ),
     ] = 2
     patience: Annotated[
         int,
