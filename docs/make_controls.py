@@ -14,11 +14,14 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
+from vibroswarm.documents.reproduction import reproduction_document
 from vibroswarm.paper.claims import Decided, all_claims
 from vibroswarm.paper.columns import CONTROLS
 from vibroswarm.paper.item import Settings
 from vibroswarm.paper.reproduce import reproduce
-from vibroswarm.paper.reproduction_report import write_all
+from vibroswarm.paper.reproduction_tables import TABLES, write_tables
+from vibroswarm.show.document import without_pictures
+from vibroswarm.show.page import write_page
 
 COLUMN = "paper"
 PAGE = Path(__file__).parent / "paper.md"
@@ -33,7 +36,8 @@ def verdicts(settings: Settings, folder: Path) -> dict[str, str]:
         print(f"\r{settings.control or 'plain'}: {share:.0%}", end="", file=sys.stderr)
 
     made = reproduce(settings, folder, progress=show)
-    write_all(made, folder, pictures=False)
+    write_tables(made, folder / TABLES)
+    write_page(folder / "report.html", without_pictures(reproduction_document(made)))
     print(file=sys.stderr)
     decided: list[Decided] = made.decided
     return {one.claim.id: one.verdict for one in decided if one.column == COLUMN}

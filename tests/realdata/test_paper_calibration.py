@@ -32,7 +32,7 @@ def test_the_printed_similarities_come_out_and_say_little(tmp_path: Path) -> Non
     pictures = {picture.name: picture for picture in made.item.pictures(made.tables, settings)}
     assert len(pictures) == 8
     for name in ("calibration-still", "calibration-places"):
-        assert pictures[name].draw().numbers.height > 0
+        assert pictures[name].draw(style="column").numbers.height > 0
 
 
 @pytest.mark.slow

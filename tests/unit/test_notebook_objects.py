@@ -234,12 +234,13 @@ def test_a_reproduction_shows_a_verdict_for_each_claim() -> None:
         pl.lit(None, MEASURED[name]).alias(name) for name in MEASURED if name not in row
     )
     item = next(item for item in all_items() if item.name == claim.item)
+    item = dataclasses.replace(item, pictures=lambda tables, settings: iter(()))  # it has no tables to draw
     made = (ItemResult(item, {CLAIMS: rows.select(list(MEASURED))}), ItemResult(item, {}, HOSTILE))
     reproduction = Reproduction(Settings(runs=10), made, {}, None)
     (one,) = reproduction.decided
     assert one.verdict in ("reproduced", "not reproduced")
     view = shown(reproduction, f"1 {one.verdict}", claim.statement, "10 runs", HOSTILE)
-    assert view.tags.count("tr") == 2
+    assert view.tags.count("tr") == 2 * 2, "verdicts, and the measured values"
     assert repr(reproduction) == f"Reproduction(2 items, 10 runs of each cell; 1 {one.verdict})"
     shown(one, claim.statement, one.verdict)
     shown(claim, claim.statement)

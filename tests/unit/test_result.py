@@ -258,7 +258,8 @@ def test_a_damaged_table_is_named(folder: Path, name: str, damage: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", "null", "{}", f'{{"schema_version": {SCHEMA_VERSION}}}', '{"schema_version": "x"}']
+    "text",
+    ["", "{", "[]", "null", "{}", f'{{"schema_version": {SCHEMA_VERSION}}}', '{"schema_version": "x"}'],
 )
 def test_a_damaged_head_is_named(folder: Path, text: str) -> None:
     (folder / "result.json").write_text(text, encoding="utf-8")

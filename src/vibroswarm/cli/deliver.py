@@ -67,16 +67,20 @@ def save_requested_pictures(
 ) -> None:
     """Write the pictures of a document as files, if the options of ``add_pictures`` ask for them.
 
-    Pictures that an earlier command has written are written again, since what they show may be outdated.
+    Pictures that an earlier command has written are written again, or removed with ``--no-pictures``, since what they
+    show may be outdated.
 
     Args:
         arguments: with ``out``, where earlier pictures are. folder: the folder of results, or its replacement.
     """
     from vibroswarm.cli.options import wants_picture_files
+    from vibroswarm.core.atomic_io import remove_folder
     from vibroswarm.show.figures import CAPTIONS
 
     if wants_picture_files(arguments, f"{PICTURES}/{CAPTIONS}"):
-        save_pictures(document, folder, arguments.style, progress)
+        save_pictures(document, folder, getattr(arguments, "style", "column"), progress)
+    elif (folder / PICTURES / CAPTIONS).is_file():
+        remove_folder(folder / PICTURES)
 
 
 def print_result(document: Document, arguments: argparse.Namespace) -> None:

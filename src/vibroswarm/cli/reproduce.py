@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vibroswarm.cli.options import add_out, add_pictures, add_workers, list_of, wants_picture_files, whole
+from vibroswarm.cli.options import add_out, add_pictures, add_workers, list_of, whole
 from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError, nearest
 
 if TYPE_CHECKING:
     from vibroswarm.paper.item import Settings
-    from vibroswarm.paper.reproduce import Reproduction
 
 EPILOG = """\
 examples:
@@ -69,14 +67,17 @@ def run(arguments: argparse.Namespace) -> int:
     Items whose results are in the folder ``--out`` already are not computed again. With ``--only list``, the items are
     listed instead.
     """
-    from vibroswarm.cli.out_folder import claim, deliver
-    from vibroswarm.cli.output import check_open, print_saved
+    from vibroswarm.cli.deliver import deliver, save_requested_pictures
+    from vibroswarm.cli.out_folder import claim
+    from vibroswarm.cli.output import check_open
     from vibroswarm.cli.progress import labelled_progress_bar, progress_bar
     from vibroswarm.core.atomic_io import folder_lock
+    from vibroswarm.documents.reproduction import reproduction_document
     from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items, items_named
     from vibroswarm.paper.reproduce import reproduce
-    from vibroswarm.paper.reproduction_report import FIGURES, MARKER, REPORT, write_all
+    from vibroswarm.paper.reproduction_tables import TABLES, write_tables
+    from vibroswarm.show.document import without_pictures
 
     if arguments.only == ["list"]:
         for item in all_items():
@@ -97,26 +98,20 @@ def run(arguments: argparse.Namespace) -> int:
             reproduction = reproduce(
                 settings, arguments.out, items, progress, with_cells=arguments.archive is not None
             )
-        files = wants_picture_files(arguments, f"{FIGURES}/{MARKER}")
+        write_tables(reproduction, arguments.out / TABLES)
+        document = reproduction_document(reproduction)
         with progress_bar("drawing") as progress_of_drawing:
-            write_all(
-                reproduction,
-                arguments.out,
-                progress_of_drawing,
-                pictures=not arguments.no_pictures,
-                picture_files=files,
-            )
-    if arguments.archive is not None:
-        write_archive(reproduction, arguments.archive)
-    # `deliver` needs a function that returns the document of --json. This command has no such option, so `dict`, which
-    # would return an empty document, is never called.
-    deliver(arguments, arguments.out, "reproduce", lambda: _print_verdicts(reproduction), dict)
-    figures = "figures, " if arguments.pictures else ""
-    print_saved(arguments, f"tables, {figures}the runs and a report", REPORT)
+            save_requested_pictures(document, arguments, arguments.out, progress_of_drawing)
+        if arguments.no_pictures:
+            document = without_pictures(document)
+        if arguments.archive is not None:
+            write_archive(reproduction, arguments.archive)
+        pictures = "pictures, " if arguments.pictures else ""
+        deliver(document, arguments, "reproduce", f"tables, {pictures}the runs and a report")
     return 0
 
 
-PARTS = ("items", "runs", "figures", "tables", "report.html", "printed.json", ".lock")
+PARTS = ("items", "runs", "pictures", "tables", "report.html", "printed.json", ".lock")
 """Names of the files and folders that the folder of a reproduction may hold."""
 
 
@@ -173,48 +168,3 @@ def settings_of(arguments: argparse.Namespace) -> Settings:
         recordings=recordings,
         workers=arguments.workers,
     )
-
-
-def _print_verdicts(reproduction: Reproduction) -> None:
-    """Print the counts of verdicts in each column (preset), each claim with its verdicts, and the skipped items.
-
-    If verdicts are inconclusive for lack of runs, the advice to use more runs follows the counts.
-    """
-    from textwrap import fill
-
-    from vibroswarm.cli import terminal
-    from vibroswarm.cli.output import print_line, print_paragraph
-    from vibroswarm.paper.claims import CHECKED, VERDICTS
-    from vibroswarm.paper.reproduction_report import claims_table, few_runs
-
-    table = claims_table(reproduction.decided)
-    columns = [  # the columns that have at least one verdict; a table without rows has no columns to look at
-        column
-        for column in reproduction.settings.columns
-        if table.height and table[column].null_count() < table.height
-    ]
-    for column in columns:
-        # Checks have words of their own, such as "passed".
-        for kind, verdict_words in (("claim", VERDICTS), ("check", tuple(dict.fromkeys(CHECKED.values())))):
-            counted = Counter(
-                decided.verdict
-                for decided in reproduction.decided
-                if decided.column == column and decided.claim.kind == kind
-            )
-            counts = [f"{counted[word]} {word}" for word in verdict_words if counted[word]]
-            if counts:
-                print_paragraph(f"{column}, {kind}s: {', '.join(counts)}")
-    for sentence in few_runs(reproduction.decided, reproduction.settings):
-        print_paragraph(sentence)
-    for row in table.to_dicts():
-        print_line()
-        print_paragraph(f"{row['says']} ({row['claim']})")
-        for column in columns:
-            if row[column]:
-                # the verdict, the measured value in words, and the rule by which the claim holds
-                line = f"{column}: {row[column]}; {row[f'{column}: ours']}; holds if {row['holds if']}"
-                print_line(fill(line, terminal.text_width(), initial_indent="  ", subsequent_indent="      "))
-    print_line()
-    for entry in reproduction.made:
-        if entry.skipped:
-            print_paragraph(f"{entry.item.name}: skipped. {entry.skipped}")

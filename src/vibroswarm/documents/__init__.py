@@ -14,6 +14,9 @@ DOCUMENTS: Final = {
     "vibroswarm.league.standings.League": "league:entries_document",
     "vibroswarm.league.standings.Standings": "league:league_document",
     "vibroswarm.league.tuning.Tuned": "tune:tune_document",
+    "vibroswarm.paper.claims.Claim": "reproduction:claim_document",
+    "vibroswarm.paper.claims.Decided": "reproduction:verdict_document",
+    "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
 }
 """Module and function, by module and name of the class. Packages of results take long to import, so that each module is
 imported when a document is asked for."""

@@ -1,4 +1,4 @@
-"""Notebook views (HTML) of the results of searches, calibrations and reproductions.
+"""Notebook views (HTML) of the results of searches and calibrations.
 
 Their packages take long to import. So a view is registered under the name of a class, and imports the package only
 when it is called with an object of that class.
@@ -6,7 +6,6 @@ when it is called with an object of that class.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
     from vibroswarm.optimize.loop import Found
     from vibroswarm.optimize.scenario_comparison import Checked
     from vibroswarm.optimize.validation import Front, Scored, Truth
-    from vibroswarm.paper.claims import Claim, Decided
-    from vibroswarm.paper.reproduce import Reproduction
 
 View = Callable[[Any], str]
 """A function that takes an object and returns its view as HTML."""
@@ -189,39 +186,4 @@ def _comparison(value: Comparison) -> str:
         paragraph(f"Too few values to compare: {', '.join(WORDS[feature] for feature in value.missing)}.")
         if value.missing
         else "",
-    )
-
-
-@shows("paper.reproduce.Reproduction")
-def _reproduction(value: Reproduction) -> str:
-    """Show the verdict on each claim of the paper, and the items that were skipped."""
-    from vibroswarm.paper.reproduction_report import claims_table
-
-    decided = value.decided
-    counts = Counter(one.verdict for one in decided)
-    # A column is a set of parameters of the paper; only columns with a verdict on some claim are shown.
-    columns = [name for name in value.settings.columns if any(one.column == name for one in decided)]
-    body = [
-        [row["item"], row["says"], *(row[name] or "-" for name in columns)]
-        for row in claims_table(decided).iter_rows(named=True)
-    ]
-    skipped = [f"{one.item.name}: {one.skipped}" for one in value.made if one.skipped]
-    return card(
-        "Reproduction",
-        paragraph(f"{value.settings.runs:,} runs of each cell, seed {value.settings.seed}"),
-        paragraph(", ".join(f"{count} {verdict}" for verdict, count in counts.most_common())),
-        table(["item", "claim", *columns], body, texts=2 + len(columns)),  # all columns are text
-        paragraph(f"Skipped: {'; '.join(skipped)}") if skipped else "",
-    )
-
-
-@shows("paper.claims.Claim")
-def _claim(value: Claim) -> str:
-    return card(value.id, paragraph(value.statement), paragraph(f"Holds if {value.words}."))
-
-
-@shows("paper.claims.Decided")
-def _decided(value: Decided) -> str:
-    return card(
-        value.claim.id, paragraph(value.claim.statement), paragraph(f"{value.column}: {value.verdict}")
     )

@@ -30,7 +30,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.paper.cells import Cell, CellResults
 from vibroswarm.paper.item import CLAIMS
 from vibroswarm.paper.reproduce import Reproduction
-from vibroswarm.paper.reproduction_report import cells_table, claims_table, command_of
+from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of
 from vibroswarm.simulation import versions
 
 FORMAT: Final = 4

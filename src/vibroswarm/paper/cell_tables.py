@@ -19,7 +19,7 @@ import polars as pl
 
 from vibroswarm.paper.item import Drawn, Picture, TableView
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 
 TIME, BELIEF = "decision time (s)", "belief in the truth"
 """Labels of axes."""
@@ -27,35 +27,29 @@ TIME, BELIEF = "decision time (s)", "belief in the truth"
 PAPERS_FORM: Final = {
     "printed_s": Column("printed", "s"),
     "decision_time_s": Column("mean decision time", "s"),
-    "decision_time_s_bar": Column("its bar", "s", digits=2),
+    "decision_time_s_bar": Column("its bar", "s"),
     "belief_in_truth": Column("mean belief in the truth (the paper's accuracy)"),
-    "belief_in_truth_bar": Column("its bar", digits=2),
+    "belief_in_truth_bar": Column("its bar"),
 }
 """Columns of the paper's form, without those that name the cell."""
 PROPER_FORM: Final = {
-    "decision_time_s": Column("restricted mean time", "s"),
-    "decision_time_s_low": Column("from", "s"),
-    "decision_time_s_high": Column("to", "s"),
-    "robots_right": Column("robots right", percent=True),
-    "robots_right_low": Column("from", percent=True),
-    "robots_right_high": Column("to", percent=True),
-    "robots_wrong": Column("wrong", percent=True),
-    "robots_wrong_low": Column("from", percent=True),
-    "robots_wrong_high": Column("to", percent=True),
-    "robots_undecided": Column("undecided", percent=True),
-    "robots_undecided_low": Column("from", percent=True),
-    "robots_undecided_high": Column("to", percent=True),
+    name: Column(title, unit, share=not unit, limits=(f"{name}_low", f"{name}_high"))
+    for name, title, unit in (
+        ("decision_time_s", "restricted mean time", "s"),
+        ("robots_right", "robots right", ""),
+        ("robots_wrong", "wrong", ""),
+        ("robots_undecided", "undecided", ""),
+    )
 }
 """Columns of the proper form, without those that name the cell."""
 WALK_FORM: Final = {
-    f"{name}{end}": Column(title if not end else {"_low": "from", "_high": "to"}[end], unit)
+    name: Column(title, unit, limits=(f"{name}_low", f"{name}_high"))
     for name, title, unit in (
         ("avoid_per_sample_s", "avoidance per sample", "s"),
         ("distance_m", "distance between samples", "m"),
     )
-    for end in ("", "_low", "_high")
 }
-"""Columns of how robots walked, with their limits."""
+"""Columns of how robots walked."""
 PAPERS_CAPTION: Final = (
     "As in the paper: undecided robots count with the time of the end, accuracy is the belief in the truth, "
     "and a bar is the standard deviation over robots divided by the root of the number of runs."
@@ -180,6 +174,8 @@ def _draw(
     x_label: str,
     series: str,
     constant: Sequence[str],
+    *,
+    style: str,
 ) -> Drawn:
     """Draw a figure over ``x`` with a line for each value of ``series``, in the order in which the table has them.
 
@@ -200,7 +196,13 @@ def _draw(
     order = {name: place for place, name in enumerate(series_names)}
     frame = frame.sort(pl.col("series").replace_strict(order, return_dtype=pl.Int64), "x")
     return draw_error_bars(
-        frame, x_label=x_label, label=label, interval=interval, percent=percent, constant=constant
+        frame,
+        x_label=x_label,
+        label=label,
+        interval=interval,
+        percent=percent,
+        constant=constant,
+        style=style,
     )
 
 

@@ -39,8 +39,8 @@ from vibroswarm.paper.claim_values import Row, frame, mean, share
 from vibroswarm.paper.columns import COLUMNS, scenario_of
 from vibroswarm.paper.real_data import real_floor
 from vibroswarm.plots import picture
-from vibroswarm.report.html import Column
 from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.show.document import Column
 from vibroswarm.simulation import versions
 
 Tables = dict[str, pl.DataFrame]
@@ -177,10 +177,10 @@ class Picture(NamedTuple):
 
     name: str
     title: str
-    draw: Callable[[], Drawn]
-    """Draws the picture when it is called."""
+    draw: Callable[..., Drawn]
+    """Draws the picture; takes the keyword ``style``, one of ``plots.style``."""
     folded: bool = False
-    """Whether the report shows it folded, below the others."""
+    """Whether the page shows it folded, below the others."""
 
 
 class TableView(NamedTuple):
@@ -190,7 +190,8 @@ class TableView(NamedTuple):
     """Name of the table."""
     caption: str
     columns: Mapping[str, Column]
-    """Heading and format of the columns to show, by name of the column, in order."""
+    """Heading and format of the columns to show, by name of the column, in order; limits of another column are not
+    among them."""
 
 
 @dataclass(frozen=True)

@@ -135,11 +135,13 @@ class Figure:
     """Draws it in a style of ``vibroswarm.plots.style``."""
     title: str = ""
     """Heading above it; empty: none."""
+    on_page: str = "page"
+    """The style in which pages draw it; "column" suits figures side by side."""
 
     @cached_property
     def drawn(self) -> Drawn:
         """The drawing on a page."""
-        return self.draw("page")
+        return self.draw(self.on_page)
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,11 @@ class Section:
     """Whether it is closed on a page until the reader opens it (in print it is open); a terminal leaves it out unless
     asked for everything."""
     side_by_side: bool = False
-    """Whether its sections stand two in a row on a page where there is room, except for folded ones."""
+    """Whether its sections and figures with titles stand two in a row on a page where there is room, except for folded
+    ones."""
+    wide: bool = False
+    """Whether it is for pages, where it is open; a notebook leaves it out, and so does a terminal unless asked for
+    everything."""
 
 
 Part = Text | Table | Figure | Photos | Section

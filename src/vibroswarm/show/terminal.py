@@ -58,8 +58,12 @@ def printable(text: str) -> str:
 
 def paragraph(text: str, width: int) -> list[str]:
     """Break text between words into lines of at most ``width`` characters; a number and its unit stay together."""
-    kept = re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm|points)(?!\w))", UNBROKEN, printable(text))
-    return [line.replace(UNBROKEN, " ") for line in _wrapped(kept, width)]
+    return [line.replace(UNBROKEN, " ") for line in _wrapped(_with_units(printable(text)), width)]
+
+
+def _with_units(text: str) -> str:
+    """Return text in which no line is broken between a number and its unit."""
+    return re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm|points)(?!\w))", UNBROKEN, text)
 
 
 def _wrapped(text: str, width: int) -> list[str]:
@@ -101,7 +105,7 @@ class _Printer:
     def section(self, section: Section) -> None:
         """Print a section under its heading; nothing if it has figures only."""
         shown = [part for part in section.parts if self.is_shown(part)]
-        if not shown or (section.folded and not self.wide):
+        if not shown or not self.is_open(section):
             return
         self.line()
         self.paragraph(section.title, "bold")
@@ -111,8 +115,12 @@ class _Printer:
     def is_shown(self, part: Part) -> bool:
         """Return whether anything of a part is printed."""
         if isinstance(part, Section):
-            return (self.wide or not part.folded) and any(map(self.is_shown, part.parts))
+            return self.is_open(part) and any(map(self.is_shown, part.parts))
         return isinstance(part, Text | Photos) or (isinstance(part, Table) and (self.wide or not part.folded))
+
+    def is_open(self, section: Section) -> bool:
+        """Return whether a section is printed."""
+        return self.wide or not (section.folded or section.wide)
 
     def text(self, text: Text) -> None:
         """Print a paragraph, or lines of code as they are."""
@@ -211,8 +219,9 @@ class Grid(NamedTuple):
     def widths(self, width: int) -> list[int] | None:
         """Return the widths of the columns in a table of at most ``width`` characters; None if it does not fit.
 
-        Every column has the width of its longest word at least. What is left goes to names of rows, then to numbers,
-        then to other texts, then to headings.
+        Every column has the width of its longest word at least. What is left goes to short names of rows, then to
+        numbers, then to other texts, then to headings. Where it is not enough, it goes to the longest texts, so that
+        all of them get about as many lines.
         """
         cells = [[row[column][0] for row in self.rows] for column in range(len(self.heads))]
         widths = [_longest(word for text in (head, *texts) for word in _words(text))
@@ -221,13 +230,12 @@ class Grid(NamedTuple):
         if spare < 0:
             return None
         whole = [_longest(texts) for texts in cells]
-        of_names = [size if column < self.names else 0 for column, size in enumerate(whole)]
+        is_short_name = [column < self.names and size <= width // 2 for column, size in enumerate(whole)]
+        of_names = [size if is_short else 0 for size, is_short in zip(whole, is_short_name, strict=True)]
         of_numbers = [size if is_number else 0 for size, is_number in zip(whole, self.numbers, strict=True)]
         heads = [_width(head) for head in self.heads]
         for wanted in (of_names, of_numbers, whole, heads):
-            for column, size in enumerate(wanted):
-                added = max(0, min(spare, size - widths[column]))
-                widths[column], spare = widths[column] + added, spare - added
+            spare = _widen(widths, wanted, spare)
         return widths
 
     def breaks_cells(self, width: int) -> bool:
@@ -258,6 +266,15 @@ def _words(text: str) -> list[str]:
     return text.split(" ")
 
 
+def _widen(widths: list[int], wanted: list[int], spare: int) -> int:
+    """Widen columns up to what is wanted, those with the longest texts for their width first; return what is left."""
+    while spare and (narrow := [place for place, size in enumerate(wanted) if widths[place] < size]):
+        longest = max(narrow, key=lambda place: wanted[place] / widths[place])
+        widths[longest] += 1
+        spare -= 1
+    return spare
+
+
 def _longest(texts: Iterator[str] | list[str]) -> int:
     return max(map(_width, texts), default=0)
 
@@ -281,7 +298,7 @@ def grid_of(table: Table, rows_up_to: int | None, *, wide: bool) -> tuple[Grid, 
 
 def _in_terminal(cell: Cell) -> str:
     limits = cell.limits.replace(" ", UNBROKEN)  # a line may be broken before limits, but not within
-    return printable(f"{cell.text} {limits}" if limits else cell.text)
+    return _with_units(printable(f"{cell.text} {limits}" if limits else cell.text))
 
 
 def layouts(grid: Grid, width: int) -> Iterator[Grid]:

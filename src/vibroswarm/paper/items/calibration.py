@@ -37,8 +37,8 @@ from vibroswarm.paper.real_data import (
     real_floor,
 )
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.report.html import Column
 from vibroswarm.result import Result
+from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
 
 LABELS: Final = {
@@ -73,7 +73,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     yield Picture("calibration-similarities", "Similarities between null and ceiling", draw)
 
 
-def _draw_states(states: pl.DataFrame) -> Drawn:
+def _draw_states(states: pl.DataFrame, *, style: str) -> Drawn:
     """Draw the share of time in each state and source, with intervals over sessions.
 
     Args:
@@ -87,7 +87,7 @@ def _draw_states(states: pl.DataFrame) -> Drawn:
     ]
     intervals = pl.DataFrame(rows, schema=["x", "series", "estimate", "low", "high", "runs"], orient="row")
     return draw_error_bars(
-        intervals, label="share of time", percent=True, interval="95 % interval over sessions"
+        intervals, label="share of time", percent=True, interval="95 % interval over sessions", style=style
     )
 
 
@@ -432,9 +432,9 @@ _SHOWN: Final = (
         "sessions, with that of uniform values and of a perfect simulation; by session, and real against real.",
         {
             "source": Column("source"), "feature": Column("feature"), "printed": Column("printed"),
-            "as published": Column("pooled"), "sets": Column("over sets"), "sets_low": Column("from"),
-            "sets_high": Column("to"), "null": Column("uniform"), "at equal counts": Column("equal counts"),
-            "ceiling": Column("perfect"), "session": Column("by session"), "real session": Column("real by session"),
+            "as published": Column("pooled"), "sets": Column("over sets", limits=("sets_low", "sets_high")),
+            "null": Column("uniform"), "at equal counts": Column("equal counts"), "ceiling": Column("perfect"),
+            "session": Column("by session"), "real session": Column("real by session"),
         },
     ),
     TableView(
@@ -442,9 +442,9 @@ _SHOWN: Final = (
         "Sharper measures: effect size of the energy distance, and accuracy of a classifier between these and real "
         "stretches of other robots (0.5: chance); the same for real against real. 95 % intervals over sessions.",
         {
-            "source": Column("source"), "feature": Column("feature"), "effect": Column("effect"),
-            "low": Column("from"), "high": Column("to"), "real": Column("real by real"),
-            "real_low": Column("from"), "real_high": Column("to"),
+            "source": Column("source"), "feature": Column("feature"),
+            "effect": Column("effect", limits=("low", "high")),
+            "real": Column("real by real", limits=("real_low", "real_high")),
         },
     ),
     TableView(
@@ -452,8 +452,8 @@ _SHOWN: Final = (
         "Error rates at preset `paper`'s threshold, and how robots drive; 95 % intervals over "
         "sessions.",
         {
-            "source": Column("source"), "figure": Column("figure"), "mean": Column("mean"), "low": Column("from"),
-            "high": Column("to"), "sessions": Column("sessions"),
+            "source": Column("source"), "figure": Column("figure"),
+            "mean": Column("mean", limits=("low", "high")), "sessions": Column("sessions"),
         },
     ),
 )  # fmt: skip

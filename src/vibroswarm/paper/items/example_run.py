@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, partial
 from typing import Final
 
 import polars as pl
@@ -15,9 +15,10 @@ from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings,
 from vibroswarm.plots.picture import Picture as Plotted
 from vibroswarm.plots.run import run_figure
 from vibroswarm.plots.style import settings as drawn_with
-from vibroswarm.report.html import Column
+from vibroswarm.plots.style import style_named
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
 
 ROBOTS: Final = 7
@@ -84,13 +85,13 @@ def compute(work: Work) -> Tables:
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     """Yield the picture of the example run's paths and samples."""
-    yield Picture("example-run", "Paths and samples of seven robots", lambda: _draw(tables, settings))
+    yield Picture("example-run", "Paths and samples of seven robots", partial(_draw, tables, settings))
 
 
-def _draw(tables: Tables, settings: Settings) -> Drawn:
+def _draw(tables: Tables, settings: Settings, *, style: str) -> Drawn:
     """Draw the example run, which ``example`` simulates: saved tables do not hold the whole result."""
     result = example(settings)
-    with drawn_with():
+    with drawn_with(style_named(style)):
         figure = run_figure(result)
     options = " ".join(options_of(settings.columns[0], result.scenario))
     caption = (
@@ -98,7 +99,7 @@ def _draw(tables: Tables, settings: Settings) -> Drawn:
         f"tiles that vibrate. "
         f"Alone: `vibroswarm run {options} --seed {settings.seed}`"
     )
-    return Plotted(figure, tables["samples"], caption)
+    return Plotted(figure, tables["samples"], caption, style)
 
 
 ITEM: Final = Item(

@@ -60,7 +60,7 @@ from vibroswarm.paper.items.experiment_times import (
     published_points,
 )
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 
 POOL: Final = 16
 """Robots from which the robots of each real experiment were taken."""
@@ -342,8 +342,8 @@ ITEM: Final = Item(
             "loss",
             "Packet loss as plotted, and the least-squares line.",
             {
-                "robots": Column("robots"), "plotted": Column("plotted", percent=True),
-                "line": Column("line", percent=True), "off the line": Column("off the line", percent=True),
+                "robots": Column("robots"), "plotted": Column("plotted", share=True),
+                "line": Column("line", share=True), "off the line": Column("off the line", share=True),
             },
         ),
         TableView(

@@ -28,7 +28,7 @@ from vibroswarm.paper.columns import STRATEGIES, published, sizes
 from vibroswarm.paper.item import Cells, Drawn, Settings, Work
 from vibroswarm.paper.real_data import real_floor
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 
 COLUMNS: Final = ("paper", "calibrated")
 """Presets in which the experiments are simulated."""
@@ -200,7 +200,7 @@ def fit_table(work: Work, columns: list[str]) -> pl.DataFrame:
     return pl.DataFrame(rows, infer_schema_length=None)
 
 
-def draw_fit(part: pl.DataFrame) -> Drawn:
+def draw_fit(part: pl.DataFrame, *, style: str) -> Drawn:
     """Draw our means minus the published means over the swarm size, with bars of two standard errors.
 
     Args:
@@ -209,17 +209,16 @@ def draw_fit(part: pl.DataFrame) -> Drawn:
     less, half = pl.col("less_s"), 2 * pl.col("error_s")
     frame = points(part, pl.col("strategy"), "less_s", less - half, less + half)
     label = "ours - published (s)"
-    return draw_error_bars(frame, x_label="robots", label=label, interval="two standard errors")
+    return draw_error_bars(frame, x_label="robots", label=label, interval="two standard errors", style=style)
 
 
 Z: Final = 1.96
 """Standard errors of a 95 % interval."""
 SHOWN_LOSSES: Final = {
     "column": Column("column"), "theta_E": Column("theta_E"), "gate": Column("gate"), "robots": Column("robots"),
-    "packets lost": Column("packets lost", percent=True), "published_s": Column("published", "s"),
+    "packets lost": Column("packets lost", share=True), "published_s": Column("published", "s"),
     "with_s": Column("with loss", "s"), "without_s": Column("without", "s"),
-    "change_s": Column("effect of loss", "s"), "change_low": Column("from", "s"),
-    "change_high": Column("to", "s"),
+    "change_s": Column("effect of loss", "s", limits=("change_low", "change_high")),
 }  # fmt: skip
 
 
@@ -268,7 +267,7 @@ def gaps(work: Work, column: str, threshold: float, gate: str, robots: int) -> t
     return gaps_of[0], gaps_of[1], gaps_of[0] - gaps_of[1]
 
 
-def draw_loss(part: pl.DataFrame) -> Drawn:
+def draw_loss(part: pl.DataFrame, *, style: str) -> Drawn:
     """Draw the published gaps, our gaps with loss in all settings, and our gaps without loss in the first setting.
 
     The first setting has the lowest threshold, where loss matters most.
@@ -283,4 +282,4 @@ def draw_loss(part: pl.DataFrame) -> Drawn:
         series = pl.lit(f"{name} loss, θ_E {threshold}, gate {gate}")
         frames.append(points(of_setting, series, f"{name}_s", mean - half, mean + half))
     label = "difference in time, positive - none (s)"
-    return draw_error_bars(pl.concat(frames), x_label="robots", label=label)
+    return draw_error_bars(pl.concat(frames), x_label="robots", label=label, style=style)

@@ -44,7 +44,7 @@ from vibroswarm.paper.items.experiment_times import (
     published_points,
 )
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 
 WALKED: Final = (
     ("robots-avoidance", "avoid_per_sample_s", "avoidance per sample (s)", "avoidance_s_per_sample_none"),

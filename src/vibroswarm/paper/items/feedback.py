@@ -45,7 +45,7 @@ from vibroswarm.paper.item import (
     cells_and_claims,
 )
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 
 FILL: Final = "random:0.48"
 """Floor of the grid of eta and kappa: random floors of fill ratio 0.48."""
@@ -330,7 +330,7 @@ SHARING: Final = Item(
             "Difference in decision time (positive - none); 95 % intervals over runs, paired.",
             {
                 "column": Column("column"), "cell": Column("swarm and floor"),
-                "gap_s": Column("difference", "s"), "low": Column("from", "s"), "high": Column("to", "s"),
+                "gap_s": Column("difference", "s", limits=("low", "high")),
             },
         ),
         TableView(
@@ -338,8 +338,8 @@ SHARING: Final = Item(
             "Costs of eta and kappa, 95 % intervals over runs; the least of each case is marked, partly by chance.",
             {
                 "case": Column("case"), "robots": Column("robots"), "floor": Column("floor"),
-                "eta": Column("eta"), "kappa": Column("kappa"), "cost": Column("cost"), "low": Column("from"),
-                "high": Column("to"), "least": Column("least"),
+                "eta": Column("eta"), "kappa": Column("kappa"), "cost": Column("cost", limits=("low", "high")),
+                "least": Column("least"),
             },
         ),
     ),

@@ -23,7 +23,7 @@ from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, OPTIMISED, STRATEGIES
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 
 STEPPED_RUNS: Final = 100
 """Runs by the fixed-step engine, which takes twelve times as long."""
@@ -162,8 +162,8 @@ ITEM: Final = Item(
                 "parameters": Column("parameters"), "strategy": Column("strategy"),
                 "runs": Column("runs"), "decision_time_s": Column("time", "s"),
                 "other_s": Column("on other seeds", "s"),
-                "change_s": Column("difference", "s"), "change_low": Column("from", "s"),
-                "change_high": Column("to", "s"), "holds_zero": Column("contains 0"),
+                "change_s": Column("difference", "s", limits=("change_low", "change_high")),
+                "holds_zero": Column("contains 0"),
                 "stepped_runs": Column("runs by fixed-step"), "stepped_alike": Column("of them equal, event by event"),
             },
         ),

@@ -43,7 +43,7 @@ from vibroswarm.paper.item import (
     needs_column,
 )
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 
 COLUMN: Final = "paper"
 """Preset in which the cells are simulated."""
@@ -220,16 +220,6 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
             )
 
 
-def _limits(name: str, title: str, *, percent: bool) -> dict[str, Column]:
-    """Return the columns of a figure and its interval in the table of gains, in percent or in seconds."""
-    unit = "" if percent else "s"
-    return {
-        name: Column(title, unit, percent=percent),
-        f"{name} from": Column("from", unit, percent=percent),
-        f"{name} to": Column("to", unit, percent=percent),
-    }
-
-
 ITEM: Final = Item(
     number=17,
     name="hidden-threshold",
@@ -252,10 +242,12 @@ ITEM: Final = Item(
             {
                 "robots": Column("robots"),
                 "p_c": Column("p_c of soft"),
-                "mean p_c": Column("p_c of none", digits=3),
-                **_limits("wrong_share", "wrong", percent=True),
-                **_limits("undecided_share", "undecided", percent=True),
-                **_limits("decision_time_s", "time", percent=False),
+                "mean p_c": Column("p_c of none"),
+                "wrong_share": Column("wrong", share=True, limits=("wrong_share from", "wrong_share to")),
+                "undecided_share": Column(
+                    "undecided", share=True, limits=("undecided_share from", "undecided_share to")
+                ),
+                "decision_time_s": Column("time", "s", limits=("decision_time_s from", "decision_time_s to")),
             },
         ),
         TableView(
@@ -266,8 +258,8 @@ ITEM: Final = Item(
                 "strategy": Column("strategy"),
                 "p_c": Column("p_c"),
                 "decision_time_s": Column("time", "s"),
-                "wrong_share": Column("wrong", percent=True),
-                "undecided_share": Column("undecided", percent=True),
+                "wrong_share": Column("wrong", share=True),
+                "undecided_share": Column("undecided", share=True),
             },
         ),
     ),

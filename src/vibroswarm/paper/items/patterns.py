@@ -31,7 +31,7 @@ from vibroswarm.paper.item import (
     cells_and_claims,
 )
 from vibroswarm.plots import draw_error_bars
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 
 PATTERNS: Final = {
     "diagonal": "diagonal",
@@ -94,7 +94,7 @@ DIFFICULTY: Final = Item(
                 "printed": Column("printed"),
                 "as the paper computed": Column("as the paper computed"),
                 "right": Column("correct"),
-                "printed less right": Column("printed - correct", digits=2),
+                "printed less right": Column("printed - correct"),
             },
         ),
     ),
@@ -210,7 +210,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
                 yield Picture(name, f"{column}, fill ratio {fill}: {title}", draw, folded=place > 0)
 
 
-def _draw(part: pl.DataFrame, figure: str, label: str, form: str) -> Drawn:
+def _draw(part: pl.DataFrame, figure: str, label: str, form: str, *, style: str) -> Drawn:
     """Draw a figure by pattern, with the paper's error bars (form "papers") or with 95 % intervals over runs.
 
     Args:
@@ -221,7 +221,9 @@ def _draw(part: pl.DataFrame, figure: str, label: str, form: str) -> Drawn:
     intervals = intervals.select("estimate", "low", "high", "runs", x=pl.col("pattern"), series=series)
     interval = PAPERS_BAR if form == "papers" else "95 % interval"
     # The figures robots_wrong and robots_undecided are shares.
-    return draw_error_bars(intervals, label=label, interval=interval, percent=figure.startswith("robots"))
+    return draw_error_bars(
+        intervals, label=label, interval=interval, percent=figure.startswith("robots"), style=style
+    )
 
 
 FIVE_PATTERNS: Final = Item(

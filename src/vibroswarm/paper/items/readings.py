@@ -22,7 +22,7 @@ from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import STRATEGIES, swapped_labels
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_error_bars, draw_forest
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 
 READINGS: Final[dict[str, dict[str, Any]]] = {
     "theta_E 1.55, as in Algorithm 2": {"sensor.rms_threshold": 1.55},
@@ -126,16 +126,15 @@ _CHANGE: Final = {
     "reading": Column("reading"),
     "strategy": Column("strategy"),
     **{
-        f"{name}_change{end}": Column(
-            title if not end else {"_low": "from", "_high": "to"}[end], unit, percent=percent
+        f"{name}_change": Column(
+            title, unit, share=share, limits=(f"{name}_change_low", f"{name}_change_high")
         )
-        for name, title, unit, percent in (
+        for name, title, unit, share in (
             ("decision_time_s", "change of time", "s", False),
             ("belief_in_truth", "of belief in the truth", "", False),
             ("wrong_share", "of robots wrong", "", True),
             ("undecided_share", "of robots undecided", "", True),
         )
-        for end in ("", "_low", "_high")
     },
 }
 OPEN_READINGS: Final = Item(

@@ -33,8 +33,8 @@ from vibroswarm.paper.columns import parameters, published
 from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.plots import draw_error_bars, draw_parameters, draw_search
 from vibroswarm.plots.labels import SYMBOLS
-from vibroswarm.report.html import Column
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.show.document import Column
 from vibroswarm.study.spec import Study
 
 COLUMN: Final = "paper"
@@ -189,7 +189,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     yield Picture(
         "search-scores",
         "Costs over the iterations",
-        lambda: draw_search(scores, by_particle, label="cost (mean + sd)", true=true),
+        partial(draw_search, scores, by_particle, label="cost (mean + sd)", true=true),
     )
     shares = [name for name in history.columns if name.endswith(", of its bounds")]
     means = history.select("iteration", *shares).unpivot(
@@ -205,7 +205,7 @@ def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
     )
     labels = {name.rpartition(".")[2]: label.text for name, label in SYMBOLS.items()}
     drawn = means.with_columns(pl.col("iteration").cast(pl.Int64), series=field.replace(labels))
-    yield Picture("search-parameters", "Mean of the parameters", lambda: draw_parameters(drawn))
+    yield Picture("search-parameters", "Mean of the parameters", partial(draw_parameters, drawn))
 
 
 SEARCH: Final = Item(
@@ -235,8 +235,8 @@ SEARCH: Final = Item(
                 "avoidance_threshold_mm": Column("theta_c", "mm"),
                 "min_observations": Column("O_c"),
                 "believed": Column("believed by the search"),
-                "true": Column("true"), "true_low": Column("from"), "true_high": Column("to"),
-                "less": Column("winner - this"), "less_low": Column("from"), "less_high": Column("to"),
+                "true": Column("true", limits=("true_low", "true_high")),
+                "less": Column("winner - this", limits=("less_low", "less_high")),
                 "runs": Column("fresh runs"),
             },
         ),
@@ -397,9 +397,9 @@ SEARCH_REPEATS: Final = Item(
                 "search": Column("search"), "seed": Column("seed"), "runs": Column("runs"),
                 "best": Column("best of all"),
                 "gap_first": Column("personal bests above it, first"), "gap_last": Column("last"),
-                "gap_left": Column("left", percent=True),
+                "gap_left": Column("left", share=True),
                 "cost_first": Column("mean cost, first fifth"), "cost_last": Column("last fifth"),
-                "cost_change": Column("change", percent=True),
+                "cost_change": Column("change", share=True),
             },
         ),
     ),

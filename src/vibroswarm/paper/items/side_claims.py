@@ -24,8 +24,8 @@ from vibroswarm.paper.columns import EMPIRICAL, STRATEGIES, fills, published
 from vibroswarm.paper.item import CLAIMS, Cells, Item, Picture, Settings, Tables, TableView, Work
 from vibroswarm.paper.real_data import REAL_FLOOR, real_floor
 from vibroswarm.plots import draw_density
-from vibroswarm.report.html import Column
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Column
 from vibroswarm.study.executors import processors
 
 MOST_RUNS: Final = 200
@@ -203,8 +203,8 @@ ITEM: Final = Item(
             "corners",
             "Density of samples in the corner tiles, 95 % intervals over runs.",
             {
-                "column": Column("column"), "timer": Column("timer"), "density": Column("density"),
-                "low": Column("from"), "high": Column("to"), "runs": Column("runs"),
+                "column": Column("column"), "timer": Column("timer"),
+                "density": Column("density", limits=("low", "high")), "runs": Column("runs"),
             },
         ),
         *two_forms("cells", ("column", "floor", "strategy")),

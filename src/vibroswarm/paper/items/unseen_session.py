@@ -31,7 +31,7 @@ from vibroswarm.paper.claim_values import Row, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, scenario_of
 from vibroswarm.paper.item import CLAIMS, Item, Settings, Tables, TableView, Work
 from vibroswarm.paper.real_data import AUTHORS, REAL, hash_of, missing, read_recordings, real_floor
-from vibroswarm.report.html import Column
+from vibroswarm.show.document import Column
 from vibroswarm.simulation import simulate
 
 COLUMN: Final = "calibrated"

@@ -1,0 +1,252 @@
+"""The document of the reproduction: a verdict on each claim of the paper, then its figures and tables.
+
+A column of the reproduction is a preset.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from typing import Final
+
+import polars as pl
+
+from vibroswarm.documents.knowledge import told
+from vibroswarm.paper.claims import CANNOT, CHECKED, VERDICTS, Claim, Decided
+from vibroswarm.paper.columns import COLUMNS, CONTROLS
+from vibroswarm.paper.item import Drawn, Picture, Settings, TableView
+from vibroswarm.paper.reproduce import ItemResult, Reproduction
+from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of
+from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text, Tone
+from vibroswarm.show.numbers import count
+from vibroswarm.simulation import versions
+
+ROWS_IN_SIGHT: Final = 12
+"""Tables with more rows are folded, below the pictures of the same item."""
+ROWS_WITHOUT_PICTURES: Final = 40
+"""In items without pictures, tables with more rows are folded."""
+ENOUGH: Final = 1000
+"""Number of runs that the claims' margins were set for."""
+
+
+def reproduction_document(made: Reproduction) -> Document:
+    """Return what a reproduction says: how many claims hold, the verdict on each, and a section for each item."""
+    settings, decided = made.settings, made.decided
+    return Document(
+        title="The paper, reproduced",
+        answer=(*_counts(decided), *_few_runs(decided, settings)),
+        knew=told(cell.scenario for cell in made.cells.values()),
+        warnings=_warnings(made),
+        parts=(
+            Text(
+                "Does the paper's own model give what the paper says? "
+                f"{count(settings.runs, 'run')} per cell, seed {settings.seed}."
+            ),
+            _verdicts(decided, settings),
+            *(_item(one, decided, settings) for one in made.made),
+        ),
+        made_by={"command": command_of(settings), "seed": str(settings.seed), **versions()},
+        data={"claims": claims_table(decided), "claims-measured": cells_table(decided)},
+    )
+
+
+def claim_document(claim: Claim) -> Document:
+    """Return what a claim of the paper says, and when it holds."""
+    return Document(claim.id, (claim.statement,), parts=(Text(f"Holds if {claim.words}."),))
+
+
+def verdict_document(decided: Decided) -> Document:
+    """Return the verdict on a claim with one preset."""
+    return Document(decided.claim.id, (decided.claim.statement, f"{decided.column}: {decided.verdict}."))
+
+
+def _counts(decided: Sequence[Decided]) -> list[str]:
+    """Return a sentence for each preset on how many of the paper's claims have which verdict."""
+    sentences = []
+    for column in COLUMNS:
+        of_column = [one for one in decided if one.column == column]
+        claims = [one.verdict for one in of_column if one.claim.kind == "claim"]
+        checks = [one.verdict for one in of_column if one.claim.kind == "check"]
+        parts = [f"of {count(len(claims), 'claim')} {_counted(claims, VERDICTS)}"] if claims else []
+        # a check passes or fails, since no run could turn it
+        parts += (
+            [f"of {count(len(checks), 'check')} {_counted(checks, tuple(CHECKED.values()))}"]
+            if checks
+            else []
+        )
+        sentences += [f"Preset {column}: {'; '.join(parts)}."] if parts else []
+    return sentences
+
+
+def _counted(found: Sequence[str], words: Sequence[str]) -> str:
+    """Write how often each word was found, in the order of ``words``: ``3 reproduced, 1 inconclusive``."""
+    return ", ".join(f"{found.count(word)} {word}" for word in dict.fromkeys(words) if word in found)
+
+
+def _few_runs(decided: Sequence[Decided], settings: Settings) -> list[str]:
+    """Return the advice to use more runs, if verdicts are inconclusive and there are fewer runs than ``ENOUGH``."""
+    unsure = sum(one.verdict == "inconclusive" for one in decided)
+    if not unsure or settings.runs >= ENOUGH:
+        return []
+    verdicts = f"{count(unsure, 'verdict')} {'is' if unsure == 1 else 'are'} inconclusive"
+    return [f"{verdicts}: {count(settings.runs, 'run')} are too few to tell; use --runs {ENOUGH}."]
+
+
+def _warnings(made: Reproduction) -> tuple[str, ...]:
+    skipped = [f"{one.item.name}: skipped. {one.skipped}" for one in made.made if one.skipped]
+    control = made.settings.control
+    if control is None:
+        return tuple(skipped)
+    return (f"This is a negative control, not the reproduction: {CONTROLS[control]}.", *skipped)
+
+
+def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
+    """Return the section with the verdicts on all claims and checks."""
+    tables = []
+    for kind, caption in _CAPTIONS.items():
+        frame = _claims_in_words(decided, settings, kind=kind)
+        if frame is not None:
+            caption = caption.format(command_of(settings))
+            tables.append(Table(frame.drop("measured"), _CLAIMS, caption, f"{kind}s"))
+    if not tables:
+        return Section("Verdicts", (Text("No claim was measured."),))
+    measured = Table(cells_table(decided), _CELLS, name="claims-measured", names=3)
+    return Section(
+        "Verdicts",
+        (
+            *tables,
+            Section("How verdicts are found", (Text(_RULE), Text(_PRINTED)), wide=True),
+            Section("Measured values of each claim", (measured,), folded=True),
+        ),
+    )
+
+
+_RULE: Final = (
+    "A claim is reproduced if the whole interval of each of its values lies within the bounds set beforehand; not "
+    "reproduced if none does and at least one lies wholly outside; in part if at least one lies within and at least "
+    "one outside. It cannot be asked where the preset's floors or sensor do not allow the question. Otherwise it is "
+    "inconclusive: more runs may settle it. Intervals are corrected for the number of claims of a preset (Holm) and, "
+    "except for 'reproduced', for the number of values of a claim."
+)
+_PRINTED: Final = (
+    "Every number here was computed, except those called printed or published, which are the paper's. The caption of "
+    "each table has the command that makes it; rows of cells have their own command in the CSV."
+)
+_CAPTIONS: Final = {
+    "claim": "Claims of the paper, with the measured value and its corrected interval, or the range of several. "
+    "Command: `{}`",
+    "check": "Checks, which do not count as verdicts: constants of a preset, two numbers of the paper, one search, or "
+    "ours against ours. Command: `{}`",
+}
+"""Captions of the tables of verdicts, by kind of claim; {} becomes the command of the reproduction."""
+_TONES: Final[dict[str, Tone]] = {
+    "reproduced": "good", "in part": "fair", "not reproduced": "bad", "inconclusive": "open", CANNOT: "open",
+    "passed": "good", "failed": "bad", "open": "open",
+}  # fmt: skip
+_CLAIMS: Final = {
+    "claim": Column(prose=True),
+    "measured": Column(prose=True),
+    "holds if": Column(wide=True),
+    "id": Column(wide=True),
+    "why not": Column(prose=True, wide=True),
+} | {column: Column(tones=_TONES) for column in COLUMNS}
+_CELLS: Final = {
+    "estimate": Column("value", limits=("low", "high")),
+    "level": Column("level", decimals=6),
+    "holds": Column("state", tones={"holds": "good", "fails": "bad", "open": "open", CANNOT: "open"}),
+    "why": Column("why not", prose=True),
+}  # fmt: skip
+
+
+def _claims_in_words(
+    decided: Sequence[Decided],
+    settings: Settings,
+    items: Sequence[str] | None = None,
+    kind: str | None = None,
+) -> pl.DataFrame | None:
+    """Return a table of claims with a column for each preset that has verdicts: the verdict, and below it the value.
+
+    Args:
+        items, kind: which claims, as for ``claims_table``.
+    Returns: None if there is no such claim.
+    """
+    claims = claims_table(decided, items, kind)
+    if claims.is_empty():
+        return None
+    shown = [column for column in settings.columns if claims[column].null_count() < claims.height]
+    reasons = [pl.format("{}: {}", pl.lit(column), f"{column}: why not") for column in shown]
+    frame = claims.select(
+        pl.col("says").alias("claim"),
+        "measured",
+        "holds if",
+        *(pl.format("{}:\n{}", column, f"{column}: ours").alias(column) for column in shown),
+        pl.col("claim").alias("id"),
+        pl.concat_str(reasons, separator="\n", ignore_nulls=True).replace("", None).alias("why not"),
+    )
+    return frame.drop("why not") if frame["why not"].null_count() == frame.height else frame
+
+
+def _item(one: ItemResult, decided: Sequence[Decided], settings: Settings) -> Section:
+    """Return the section of one item: text, claims, short tables, pictures, then folded tables and pictures."""
+    title, about = f"{one.item.number}. {one.item.title}", tuple(map(Text, one.item.about))
+    if one.skipped:
+        return Section(title, (*about, Text(f"Skipped: {one.skipped}")), wide=True)
+    pictures = list(one.item.pictures(one.tables, settings))
+    in_sight = ROWS_IN_SIGHT if pictures else ROWS_WITHOUT_PICTURES
+    tables = _tables(one, settings)
+    parts: list[Part] = [
+        *about,
+        *_claims_of_item(one, decided, settings),
+        *(table for table in tables if table.frame.height <= in_sight),
+        *(_figure(picture) for picture in pictures if not picture.folded),
+    ]
+    if long := tuple(table for table in tables if table.frame.height > in_sight):
+        parts.append(Section("All numbers", long, folded=True))
+    if others := tuple(_figure(picture) for picture in pictures if picture.folded):
+        parts.append(Section("Pictures of the other presets", others, folded=True, side_by_side=True))
+    return Section(title, tuple(parts), wide=True, side_by_side=len(pictures) > 1)
+
+
+def _claims_of_item(one: ItemResult, decided: Sequence[Decided], settings: Settings) -> list[Table]:
+    frame = _claims_in_words(decided, settings, [one.item.name])
+    caption = "Claims, with the measured value and its corrected interval, or the range of several."
+    caption = f"{caption} {_command(one, settings)}"
+    return [] if frame is None else [Table(frame.drop("id"), _CLAIMS, caption, f"{one.item.name}-claims")]
+
+
+def _command(one: ItemResult, settings: Settings) -> str:
+    return f"Command: `{command_of(settings, one.item.name)}`."
+
+
+def _tables(one: ItemResult, settings: Settings) -> list[Table]:
+    """Return the tables of an item that have rows: some are not made for presets that were not requested."""
+    found = []
+    for place, view in enumerate(one.item.shown, start=1):
+        frame = one.tables.get(view.table)
+        if frame is not None and not frame.is_empty():
+            found.append(_table(frame, view, f"{one.item.name}-{place}", _command(one, settings)))
+    return found
+
+
+def _table(frame: pl.DataFrame, view: TableView, name: str, command: str) -> Table:
+    """Return a table of an item, with commands in its caption.
+
+    Args:
+        name: file name, without suffix, of the CSV that the page's link saves; not a file in ``tables/``.
+        command: sentence with the command that makes the item.
+    """
+    caption = f"{view.caption} {command}"
+    if "command" in frame.columns:
+        caption += f" First row: `{frame['command'][0]}`."
+    # not every table of cells has every column of a form: "printed_s", for example, exists only in some
+    columns = {title: column for title, column in view.columns.items() if title in frame.columns}
+    limits = [end for column in columns.values() for end in column.limits or ()]
+    return Table(frame.select(*columns, *limits), columns, caption, name)
+
+
+def _figure(picture: Picture) -> Figure:
+    return Figure(picture.name, partial(_draw, picture), picture.title, on_page="column")
+
+
+def _draw(picture: Picture, style: str) -> Drawn:
+    return picture.draw(style=style)
