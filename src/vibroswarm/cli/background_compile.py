@@ -13,24 +13,30 @@ import os
 import subprocess
 import sys
 import threading
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
-LATER: Final = ("vibroswarm.observation.", "vibroswarm.inference.", "vibroswarm_generated.none_ideal_")
-"""Modules whose kernels the second process compiles."""
+if TYPE_CHECKING:
+    from vibroswarm.scenario.scenario import Scenario
+
+LATER: Final = ("vibroswarm.observation.", "vibroswarm.inference.")
+"""Modules whose kernels the second process compiles, besides those generated for a strategy and a network."""
 EXCEPT: Final = "vibroswarm.inference.closed_loop"
 """Module of kernels of searches, which match a prefix of ``LATER``, but which the second process does not compile."""
 WAIT_S: Final = 60.0
 """Longest wait of this process for the end of the second process."""
 COMMAND: Final = (
-    "from vibroswarm.cli.background_compile import end_with_parent, compile_later; "
-    "end_with_parent(); compile_later()"
+    "import sys; from vibroswarm.cli.background_compile import end_with_parent, compile_later; "
+    "end_with_parent(); compile_later(*sys.argv[1:])"
 )
-"""Python program that the second process runs."""
+"""Python program that the second process runs; its arguments are those of ``compile_later``."""
 
 
-def begin() -> bool:
+def begin(scenario: Scenario | None = None) -> bool:
     """Start the second process; make this process wait for it before loading a kernel that the second one compiles.
 
+    Args:
+        scenario: whose strategy and network will be needed; if it is not given, or names a user's code, those of
+            ``compile_later`` are compiled.
     Returns:
         True if the second process was started. False if there is only one processor, if there is no kernel cache that
         both processes can use, or if the process cannot be started.
@@ -42,9 +48,13 @@ def begin() -> bool:
     processors = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if processors < 2 or not sys.executable or cache_folder() is None:
         return False
+    pair = ("none", "ideal")
+    if scenario is not None and not scenario.codes:
+        pair = (scenario.strategy.name, scenario.network.name)
+    later = (*LATER, f"vibroswarm_generated.{'_'.join(pair)}_")
     try:
         process = subprocess.Popen(
-            child_python.command("-c", COMMAND),
+            child_python.command("-c", COMMAND, *pair),
             env=child_python.environment(),  # so that the second process imports the same vibroswarm and Numba
             # Nothing is written to this pipe. It closes when this process ends, and then the second process ends too
             # (``end_with_parent``).
@@ -67,7 +77,7 @@ def begin() -> bool:
         need not compile them too. This function is called before any kernel is loaded from the cache or compiled. After
         ``WAIT_S`` the second process is killed; this process then compiles what is missing itself.
         """
-        if module.startswith(LATER) and module != EXCEPT:
+        if module.startswith(later) and module != EXCEPT:
             try:
                 process.wait(WAIT_S)
             except subprocess.TimeoutExpired:
@@ -88,22 +98,23 @@ def end_with_parent() -> None:
     threading.Thread(target=exit_when_stdin_closes, daemon=True).start()
 
 
-def compile_later() -> None:
+def compile_later(strategy: str = "none", network: str = "ideal") -> None:
     """In the second process: observe a single sample and infer from it, which compiles the kernels of ``LATER``.
 
-    The compiled kernels are saved in the cache. The preset ``text`` has the strategy ``none`` and the network
-    ``ideal``, so the kernels generated for this pair (``vibroswarm_generated.none_ideal_``) are among them. The tables
-    of motion hold one sample of robot 0, and the end of every robot; columns that do not matter are 0.
+    The compiled kernels are saved in the cache; those generated for the strategy and the network are among them. The
+    tables of motion hold one sample of robot 0, and the end of every robot; columns that do not matter are 0. At last
+    the hash of the code is saved, which the result will need.
     """
     import polars as pl
 
+    from vibroswarm.core.code_version import code_hash
     from vibroswarm.floors.floor import Floor
     from vibroswarm.inference.replay import infer
     from vibroswarm.motion.source import ENDS, MOTION, Motion
     from vibroswarm.observation.observe import observe
     from vibroswarm.scenario.scenario import preset
 
-    scenario = preset("text")
+    scenario = preset("text").with_values({"strategy.name": strategy, "network.name": network})
     # a single still tile
     floor = Floor([[0]], scenario.arena.width_m, scenario.arena.height_m)  # type: ignore[arg-type]
     row = {"run": 0, "robot": 0, "sample": 0, "stop_start_s": 1.0, "time_s": 2.0, "x_m": 0.5, "y_m": 0.5}
@@ -117,3 +128,4 @@ def compile_later() -> None:
     )
     observations = observe(scenario, seed=1, samples=samples, floors={0: floor})  # run 0 has this floor
     infer(scenario, seed=1, motion=Motion(samples, ends), observations=observations)
+    code_hash()

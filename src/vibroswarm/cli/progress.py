@@ -12,6 +12,7 @@ from vibroswarm.cli.terminal import printing, report
 
 if TYPE_CHECKING:
     from vibroswarm.optimize.methods import SearchProgress
+    from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.study.runner import StudyProgress
 
 LINE_EVERY_S = 10.0
@@ -182,7 +183,7 @@ _reported: set[tuple[str, ...]] = set()
 """Motion sources whose compilation was reported."""
 
 
-def say_compiling(*sources: str) -> None:
+def say_compiling(*sources: str, scenario: Scenario | None = None) -> None:
     """Unless an engine is cached, report on stderr that kernels are compiled, and start a second process for some.
 
     The second process compiles the kernels of observation and inference (``background_compile``), while this process
@@ -190,12 +191,13 @@ def say_compiling(*sources: str) -> None:
 
     Args:
         sources: names of the motion sources (engines) of which at least one must be cached; without names, any engine.
+        scenario: whose kernels of inference are compiled; if it is not given, those of a strategy without feedback.
     """
     from vibroswarm.cli.background_compile import begin
     from vibroswarm.core.jit import cache_folder, is_cached
 
     if sources not in _reported and not is_cached(*sources):
         _reported.add(sources)  # once: without a folder for the cache, kernels never are cached
-        begin()  # if no second process can be started, this process compiles all kernels itself
+        begin(scenario)  # if no second process can be started, this process compiles all kernels itself
         duration = "once (about 15 s; cached for later runs)" if cache_folder() is not None else "about 15 s"
         report(f"compiling the engine, {duration} ...")

@@ -82,9 +82,10 @@ def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Res
         motion: name of the motion source (engine).
         segments: whether to also record the positions between samples.
     """
-    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.cli.progress import progress_bar, say_compiling
     from vibroswarm.simulation import simulate
 
+    say_compiling(scenario=scenario)
     with progress_bar("simulating") as progress:
         return simulate(scenario, seed, runs=1, motion=motion, segments=segments, progress=progress)
 

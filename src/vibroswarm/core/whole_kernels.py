@@ -16,15 +16,21 @@ kernels are compiled in Numba's way: to the same numbers, but more slowly.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Final
 
 import numba
 from numba import _dynfunc  # type: ignore[attr-defined]
 from numba.core import compiler, typed_passes
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.compiler_machinery import PassManager, _pass_registry, register_pass
+from numba.core.errors import new_error_context as error_context  # type: ignore[attr-defined]
+from numba.core.postproc import PostProcessor
 from numba.core.runtime.nrt import rtsys
 from numba.core.targetconfig import ConfigStack
+from numba.core.transforms import canonicalize_cfg
+
+from vibroswarm.core.numba_shortcuts import shortcuts
 
 KNOWN: Final = ((0, 68),)
 """Versions of Numba whose inner parts are as this module takes them to be."""
@@ -33,6 +39,11 @@ KNOWN: Final = ((0, 68),)
 def is_known() -> bool:
     """Return whether this version of Numba is one of ``KNOWN``."""
     return numba.version_info[:2] in KNOWN
+
+
+def faster() -> AbstractContextManager[None]:
+    """Return a context manager under which Numba compiles faster (``numba_shortcuts``); the caller holds its lock."""
+    return shortcuts() if is_known() else nullcontext()
 
 
 def declare(function: Callable[..., Any], from_python: bool, **options: Any) -> Any:
@@ -184,6 +195,23 @@ def _no_entry(library: Any, fndesc: Any, env: Any) -> Any:
     return _dynfunc.make_function(fndesc.lookup_module(), name, "not for Python", 0, env, (library,))
 
 
+class _Passes(PassManager):
+    """Numba's passes, run without events, timings, and Numba's checks of its own passes."""
+
+    def _runPass(self, index: int, pss: Any, internal_state: Any) -> None:  # noqa: N802  (Numba's name)
+        pss.analysis = self._analysis
+        with error_context("Pass {name}", name=pss.name()):
+            changes = [
+                run(internal_state) for run in (pss.run_initialization, pss.run_pass, pss.run_finalizer)
+            ]
+        if _pass_registry.get(type(pss)).mutates_CFG:
+            function = internal_state.func_ir
+            if any(changes):
+                PostProcessor(function).run()
+            else:
+                function.blocks = canonicalize_cfg(function.blocks)
+
+
 class _OurCompiler(compiler.CompilerBase):
     """Compiles by Numba's passes, with ``lowering`` in place of Numba's last step."""
 
@@ -200,7 +228,7 @@ class _OurCompiler(compiler.CompilerBase):
         """Return the one list of passes; the flags of this function are on top of Numba's stack by now."""
         _under_way.append(ConfigStack.top_or_none())
         numbas: Any = compiler.DefaultPassBuilder
-        passes = PassManager("vibroswarm")
+        passes = _Passes("vibroswarm")
         for define in (
             numbas.define_untyped_pipeline,
             numbas.define_typed_pipeline,

@@ -1,0 +1,180 @@
+"""Parts of Numba that take most of the time of a compilation, done faster while one of our kernels is compiled.
+
+Numba types and translates a function in Python; LLVM takes less than a third of the time. Much of the rest is spent on
+repetition: the type of ``a + b`` is looked for among dozens of templates at each addition, settings are compared entry
+by entry, the variables of every statement are listed some twenty times, and events are sent that nobody listens to.
+What is computed here is what Numba computes, so the compiled kernels are the same.
+
+These are inner parts of Numba, used with the versions that ``whole_kernels.KNOWN`` lists. They are replaced under
+Numba's lock and only while one of our kernels is compiled, so a user's own compilations are as they were.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
+from typing import Any, Final
+
+from numba.core import dispatcher, event, ir
+from numba.core.postproc import PostProcessor, VariableLifetime
+from numba.core.targetconfig import ConfigStack, TargetConfig
+from numba.core.transforms import canonicalize_cfg
+from numba.core.types.functions import BaseFunction
+
+Signatures = dict[tuple[Any, ...], tuple[Any, Any, Any, Any]]
+"""Signatures by function, context, argument types and settings: each with the function, which is so kept alive, the key
+of the implementation and the settings."""
+
+
+def list_variables(self: Any, value: Any) -> list[Any]:
+    """Return the variables in a value of an instruction; in place of ``ir.Inst._rec_list_vars``."""
+    del self
+    found: list[Any] = []
+    _collect(value, found)
+    return found
+
+
+WITHOUT_VARIABLES: Final = {
+    ir.Loc,
+    str,
+    int,
+    float,
+    bool,
+    type(None),
+    ir.Const,
+    ir.Global,
+    ir.FreeVar,
+    ir.Arg,
+}
+"""Types of values that hold no variable; most values are of one of these."""
+
+
+def _collect(value: Any, found: list[Any]) -> None:
+    """Append the variables in a value to ``found``, in order."""
+    kind = type(value)
+    if kind is ir.Var:
+        found.append(value)
+    elif kind in WITHOUT_VARIABLES:
+        return
+    elif isinstance(value, ir.Var):
+        found.append(value)
+    elif isinstance(value, ir.Inst):
+        found.extend(value.list_vars())  # type: ignore[no-untyped-call]
+    elif isinstance(value, list | tuple):
+        for each in value:
+            _collect(each, found)
+    elif isinstance(value, dict):
+        for each in value.values():
+            _collect(each, found)
+
+
+def equal_settings(self: Any, other: Any) -> bool:
+    """Return whether settings are equal, comparing only those that are given; in place of ``TargetConfig.__eq__``."""
+    if self is other:
+        return True
+    if not isinstance(other, TargetConfig):
+        return False
+    if type(self) is not type(other):
+        return bool(self.values() == other.values())  # type: ignore[no-untyped-call]
+    mine, theirs = self._values, other._values
+    return bool(mine == theirs) or all(
+        getattr(self, name) == getattr(other, name) for name in {**mine, **theirs}
+    )
+
+
+def hash_of_settings(self: Any) -> int:
+    """Return a hash for settings, which need not tell them apart; in place of ``TargetConfig.__hash__``."""
+    return hash(type(self))
+
+
+def remembering(numbas: Callable[..., Any], signatures: Signatures) -> Callable[..., Any]:
+    """Return ``BaseFunction.get_call_type`` that looks a signature up among the known ones first.
+
+    Args:
+        numbas: Numba's own. signatures: those that are known; extended.
+    """
+
+    def get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+        settings = ConfigStack.top_or_none()  # type: ignore[no-untyped-call]
+        key = (id(self), id(context), args, tuple(kws.items()), settings)
+        known = signatures.get(key)
+        if known is None:
+            signature = numbas(self, context, args, kws)
+            # Settings are a part of the key, and may be changed later: a copy is kept.
+            kept = None if settings is None else settings.copy()
+            implementation = self._impl_keys[signature.args]
+            signatures[*key[:-1], kept] = (self, context, signature, implementation)
+            return signature
+        _, _, signature, self._impl_keys[signature.args] = known
+        return signature
+
+    return get_call_type
+
+
+def post_process(numbas: Callable[..., None]) -> Callable[..., None]:
+    """Return ``PostProcessor.run`` without the lists of variables at the beginning of each block.
+
+    Only generators, and functions that Numba leaves to Python's interpreter, need these lists.
+    """
+
+    def run(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
+        function = self.func_ir
+        if function.is_generator:
+            numbas(self, emit_dels, extend_lifetimes)
+            return
+        function.blocks = canonicalize_cfg(function.blocks)  # type: ignore[no-untyped-call]
+        function.variable_lifetime = VariableLifetime(function.blocks)  # type: ignore[no-untyped-call]
+        function.generator_info = None
+        if emit_dels:
+            self._insert_var_dels(extend_lifetimes=extend_lifetimes)
+
+    return run
+
+
+def no_timer(kind: str, callback: Callable[[float], None]) -> Any:
+    """Measure nothing; in place of ``event.install_timer`` in dispatchers, which time all calls of LLVM."""
+    del kind, callback
+    return nullcontext()
+
+
+class _Events:
+    """The module ``numba.core.event`` for dispatchers, without timers."""
+
+    install_timer = staticmethod(no_timer)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(event, name)
+
+
+_signatures: Final[Signatures] = {}
+_depth = 0
+"""How many of our kernels are being compiled, one for the other."""
+
+
+def replacements() -> list[tuple[Any, str, Any]]:
+    """Return what is replaced: its owner, its name there, and what takes its place."""
+    return [
+        (ir.Inst, "_rec_list_vars", list_variables),
+        (TargetConfig, "__eq__", equal_settings),
+        (TargetConfig, "__hash__", hash_of_settings),
+        (BaseFunction, "get_call_type", remembering(BaseFunction.get_call_type, _signatures)),
+        (PostProcessor, "run", post_process(PostProcessor.run)),
+        (dispatcher, "ev", _Events()),
+    ]
+
+
+@contextmanager
+def shortcuts() -> Iterator[None]:
+    """Context manager: take the shortcuts. The caller holds Numba's lock."""
+    global _depth
+    ours = replacements() if _depth == 0 else []  # inside another one they are taken already
+    numbas = [(owner, name, vars(owner)[name]) for owner, name, _ in ours]
+    _depth += 1
+    try:
+        for owner, name, part in ours:
+            setattr(owner, name, part)
+        yield
+    finally:
+        _depth -= 1
+        for owner, name, part in numbas:
+            setattr(owner, name, part)

@@ -1,0 +1,101 @@
+"""``core.numba_shortcuts``: what Numba computes, and only while a kernel of ours is compiled."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+from numba.core import compiler, ir
+from numba.core.compiler import Flags
+
+from vibroswarm.core import whole_kernels
+from vibroswarm.core.jit import PLAIN, kernel
+from vibroswarm.core.numba_shortcuts import (
+    equal_settings,
+    hash_of_settings,
+    list_variables,
+    replacements,
+    shortcuts,
+)
+
+pytestmark = [
+    pytest.mark.skipif(PLAIN, reason="nothing is compiled"),
+    pytest.mark.skipif(not whole_kernels.is_known(), reason="no shortcuts with this version of Numba"),
+]
+
+
+def mixed(values: Any, limit: int) -> Any:
+    """What shortcuts are about: operators on several types, branches, loops, tuples, calls."""
+    total, least = 0.0, math.inf
+    for k in range(values.size):
+        x, y = values[k] + k, (values[k] * 2 if k > limit else values[k] / 3)
+        if x > y and k != limit:
+            total += math.sqrt(abs(x - y)) + np.minimum(x, y)
+        else:
+            least = min(least, float(int(y) % 7), x)
+    return total, least, -limit
+
+
+def machine_code(values: Any) -> str:
+    """Compile ``mixed``; names differ in a counter of compiled functions."""
+    compiled = numba.njit(mixed)
+    expected = mixed(values, 3)
+    assert compiled(values, 3) == pytest.approx(expected)
+    (text,) = compiled.inspect_llvm().values()
+    return re.sub(r"v\d+B", "", str(text))
+
+
+def test_the_code_is_that_which_numba_makes() -> None:
+    values = np.linspace(-3.0, 9.0, 20)
+    numbas = machine_code(values)
+    with shortcuts():
+        assert machine_code(values) == numbas
+        assert machine_code(values) == numbas, "from remembered signatures"
+
+
+def test_the_variables_of_a_statement_are_those_which_numba_lists() -> None:
+    function = compiler.run_frontend(mixed)  # type: ignore[attr-defined]
+    statements = [statement for block in function.blocks.values() for statement in block.body]
+    assert len(statements) > 50
+    numbas = [statement.list_vars() for statement in statements]
+    assert sum(map(len, numbas)) > 100
+    with shortcuts():
+        assert ir.Inst._rec_list_vars is list_variables
+        assert [statement.list_vars() for statement in statements] == numbas
+
+
+def test_settings_are_equal_if_all_entries_are() -> None:
+    one, other = Flags(), Flags()
+    other.nrt = False  # as it is by default
+    assert one == other
+    assert equal_settings(one, other)
+    assert hash_of_settings(one) == hash_of_settings(other)
+    other.nrt = True
+    assert one != other
+    assert not equal_settings(one, other)
+    assert not equal_settings(one, None)
+
+
+def test_numba_is_as_it_was_outside_of_our_kernels() -> None:
+    parts = [(owner, name) for owner, name, _ in replacements()]
+    before = [vars(owner)[name] for owner, name in parts]
+    inside: list[bool] = []
+    with shortcuts(), shortcuts():
+        inside += [vars(owner)[name] is not old for (owner, name), old in zip(parts, before, strict=True)]
+    assert all(inside)
+    assert [vars(owner)[name] for owner, name in parts] == before
+    with pytest.raises(ValueError, match="fails"), shortcuts():
+        raise ValueError("fails")
+    assert [vars(owner)[name] for owner, name in parts] == before
+
+    @kernel
+    def refused(x: int) -> Any:
+        return x.nothing  # type: ignore[attr-defined]
+
+    with pytest.raises(numba.TypingError, match="nothing"):
+        refused(1)
+    assert [vars(owner)[name] for owner, name in parts] == before
