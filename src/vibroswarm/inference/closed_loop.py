@@ -344,7 +344,7 @@ class ClosedLoop:
     def all_decided_s(self) -> float | None:
         """Time of the latest current decision, s; None while any robot is undecided."""
         agents = self.replayer.swarm.agents
-        if (agents["decision"] == -1).any():
+        if agents["decision"].min() < 0:
             return None
         return float(agents["decided_s"].max())
 

@@ -9,7 +9,7 @@ entry; the table of such an entry is a plain dictionary that is not validated.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any, ClassVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError, model_serializer, model_validator
@@ -43,6 +43,12 @@ def field_error(error: ValidationError, suggest: Callable[[str], str], prefix: s
     message = first["msg"][0].lower() + first["msg"][1:]
     # An error about the scenario as a whole names no field.
     return InputError(f"{shown(value)} is wrong: {message}{hint}", field=prefix + name or "scenario")
+
+
+@lru_cache(maxsize=256)
+def _defaults_of(params: type[BaseModel]) -> Any:
+    """Return an entry's default parameters; models are frozen, so one serves all scenarios."""
+    return params()
 
 
 class Choice(FrozenModel):
@@ -198,7 +204,7 @@ class Choice(FrozenModel):
         if own_table is not None:
             return own_table
         entries = type(self).known()
-        return entries[name].params() if name in entries else {}
+        return _defaults_of(entries[name].params) if name in entries else {}
 
     @property
     def defaults(self) -> dict[str, Any]:
