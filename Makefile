@@ -35,6 +35,7 @@ lint: $(VENV)/dev.done
 
 bench: $(VENV)/dev.done
 	$(BIN)/python benchmarks/stage_timing.py --peers
+	$(BIN)/python benchmarks/stage_ratios.py
 	$(BIN)/python benchmarks/page_frame.py
 
 clean:

@@ -1,11 +1,13 @@
-"""``benchmarks/stage_timing.py`` and its peer; nothing here asserts a speed."""
+"""``benchmarks/stage_timing.py``, its peer, and ``benchmarks/stage_ratios.py``; nothing here asserts a speed."""
 
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
+import stage_ratios
 import stage_timing
 from pymunk_walk import pymunk_version, pymunk_walk
 from stage_timing import main
@@ -108,3 +110,28 @@ def test_bad_input_is_refused(line, capsys):
         main(line.split())
     assert error.value.code == 2
     assert line.split()[0] in capsys.readouterr().err
+
+
+def test_ratios_are_of_every_stage_and_strategy_and_a_loss_is_marked(capsys, monkeypatch, tmp_path):
+    """What each task would do is not done."""
+    monkeypatch.setattr(stage_ratios, "RECORDED", tmp_path / "ratios.csv")
+    done = []
+    works = [work for work, runs, call in stage_ratios.tasks()]
+    for stage in ("motion, 5 robots", "motion, 100 robots", "observation", "localisation"):
+        assert stage in works
+    assert {f"inference, {name}" for name in stage_ratios.names()} <= set(works)
+    assert stage_ratios.recorded() == {}
+    ratios = stage_ratios.measure([(work, 2, lambda: done.append(1)) for work in works], turns=1)
+    assert len(done) == 2 * len(works)
+    assert all(each.least == each.ratio == each.most > 0 for each in ratios)
+    stage_ratios.write([replace(each, ratio=1.0) for each in ratios])
+    now = [replace(each, ratio=1.3 if each.work == "observation" else 1.05) for each in ratios]
+    rows = stage_ratios.compared(now, stage_ratios.recorded())
+    assert [row["work"] for row in rows if row["is_loss"]] == ["observation"]
+    assert {round(row["change"], 6) for row in rows} == {0.3, 0.05}
+    stage_ratios.print_ratios(rows)
+    assert "Slower by more than 10 %: observation." in capsys.readouterr().out
+
+
+def test_every_stage_and_strategy_has_a_recorded_ratio():
+    assert set(stage_ratios.recorded()) == {work for work, _, _ in stage_ratios.tasks()}

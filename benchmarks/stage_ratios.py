@@ -1,0 +1,201 @@
+"""CPU time of every stage and strategy, relative to a fixed piece of work: shows a loss of speed when it is made.
+
+    python benchmarks/stage_ratios.py [--write] [--json]
+
+The fixed piece of work (``fixed_work``) belongs to no part of vibroswarm and never changes, so a ratio to it changes
+only with our code, and a little with compiler and processor. Each timing is taken directly after one of the fixed
+work, and the median of these ratios is compared with the one in ``stage_ratios.csv``, which ``--write`` replaces.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from statistics import median
+from typing import Any, Final
+
+import numba
+import polars as pl
+
+from stage_timing import SEED, cpu_model, scenario_of
+from vibroswarm.cli.options import add_json
+from vibroswarm.cli.output import print_json, print_paragraph, print_table
+from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.localisation.locate import locate
+from vibroswarm.motion.source import source
+from vibroswarm.observation.observe import observe
+from vibroswarm.simulation import floors_of, summarise
+from vibroswarm.strategies import names
+
+RECORDED: Final = Path(__file__).with_suffix(".csv")
+"""The ratios to compare with, and the processor on which they were taken."""
+TURNS: Final = 9
+"""Timings of each task, after one that warms up."""
+LOSS: Final = 0.1
+"""A ratio that has grown by more than this share is marked."""
+MOTIONS: Final = {5: 16, 10: 8, 100: 4}
+"""Number of robots, and of runs that are timed at once."""
+RUNS: Final = 16
+"""Runs of the other stages that are timed at once."""
+ROUNDS: Final = 1_000_000
+"""Length of the fixed work: some 10 ms."""
+
+
+@dataclass(frozen=True)
+class Ratio:
+    """The cost of one task."""
+
+    work: str
+    cpu_ms_a_run: float
+    ratio: float
+    """CPU time of a run relative to the fixed work."""
+    least: float
+    most: float
+    """Smallest and largest ratio of a turn."""
+
+
+@numba.njit
+def fixed_work(rounds: int) -> float:
+    """Do what kernels mostly do: mix integers, and take branches, roots and quotients that depend on them."""
+    state, total = 88172645463325252, 0.0
+    for _ in range(rounds):
+        state ^= (state << 13) & 0xFFFFFFFFFFFFFFF
+        state ^= state >> 7
+        state ^= (state << 17) & 0xFFFFFFFFFFFFFFF
+        share = (state & 0xFFFFF) / 1048576.0
+        if share < 0.5:
+            total += math.sqrt(share + total * total)
+        elif share < 0.75:
+            total = total / (1.0 + share)
+        else:
+            total -= share
+    return total
+
+
+def tasks() -> Iterable[tuple[str, int, Callable[[], object]]]:
+    """Yield the tasks: what each does, how many runs at once, and the call that does it."""
+    for robots, runs in MOTIONS.items():
+        moving = scenario_of(robots)
+        yield (
+            f"motion, {robots} robots",
+            runs,
+            partial(source("event").batch, moving, SEED, range(runs), False),
+        )
+    scenario = scenario_of(5)
+    located = scenario.with_values({"strategy.name": "places"})
+    chosen = range(RUNS)
+    floors = floors_of(scenario, SEED, chosen)
+    motion = source("event").batch(scenario, SEED, chosen, False, True)
+    timeline = timeline_of(scenario, motion)
+    seen = observe(scenario, SEED, motion.samples, floors, energies=False)
+    yield "observation", RUNS, partial(observe, scenario, SEED, motion.samples, floors, energies=False)
+    yield "localisation", RUNS, partial(locate, located, SEED, motion)
+    for name in names():
+        decided = scenario.with_values({"strategy.name": name})
+        # The timeline caches what does not depend on the strategy's own program, such as estimated places.
+        yield f"inference, {name}", RUNS, partial(summarise, decided, SEED, floors, timeline, seen)
+
+
+def measure(chosen: Iterable[tuple[str, int, Callable[[], object]]], turns: int = TURNS) -> list[Ratio]:
+    """Time each task ``turns`` times, each time directly after the fixed work."""
+    fixed_work(1)  # compiled here
+    ratios = []
+    for work, runs, call in chosen:
+        call()  # compiles, and fills caches
+        times_ms, relative = [], []
+        for _ in range(turns):
+            fixed_ms = cpu_ms(partial(fixed_work, ROUNDS))
+            times_ms.append(cpu_ms(call) / runs)
+            relative.append(times_ms[-1] / fixed_ms)
+        ratios.append(Ratio(work, median(times_ms), median(relative), min(relative), max(relative)))
+    return ratios
+
+
+def cpu_ms(call: Callable[[], object]) -> float:
+    """Return the CPU time of a call, ms, of all threads of this process."""
+    began_ns = time.process_time_ns()
+    call()
+    return max(time.process_time_ns() - began_ns, 1) / 1e6
+
+
+def recorded() -> dict[str, float]:
+    """Return the recorded ratios by task; empty if none are recorded."""
+    if not RECORDED.is_file():
+        return {}
+    table = pl.read_csv(RECORDED)
+    return dict(zip(table["work"], table["ratio"], strict=True))
+
+
+def write(ratios: Sequence[Ratio]) -> None:
+    """Record these ratios."""
+    table = pl.DataFrame({"work": [each.work for each in ratios], "ratio": [each.ratio for each in ratios]})
+    table.with_columns(pl.col("ratio").round_sig_figs(3), cpu=pl.lit(cpu_model())).write_csv(RECORDED)
+
+
+def compared(ratios: Sequence[Ratio], before: dict[str, float]) -> list[dict[str, Any]]:
+    """Return each ratio with the recorded one, the change, and whether it is a loss; None where none is recorded."""
+    rows = []
+    for each in ratios:
+        old = before.get(each.work)
+        change = None if old is None else each.ratio / old - 1.0
+        is_loss = change is not None and change > LOSS
+        rows.append({**asdict(each), "recorded": old, "change": change, "is_loss": is_loss})
+    return rows
+
+
+def print_ratios(rows: Sequence[dict[str, Any]]) -> None:
+    """Print the table, and below it which tasks have become slower."""
+    print_paragraph(
+        f"CPU time of a run relative to a fixed piece of work; medians of {TURNS} turns, in which each timing follows "
+        f"one of the fixed work. {cpu_model()}"
+    )
+    print_table(
+        ["", "ms per run", "ratio", "min - max", "recorded", "change, %"],
+        [
+            [
+                row["work"],
+                f"{row['cpu_ms_a_run']:.3g}",
+                f"{row['ratio']:.3g}",
+                f"{row['least']:.3g} - {row['most']:.3g}",
+                "-" if row["recorded"] is None else f"{row['recorded']:.3g}",
+                "-"
+                if row["change"] is None
+                else f"{100 * row['change']:+.0f}{' !' if row['is_loss'] else ''}",
+            ]
+            for row in rows
+        ],
+    )
+    slower = [row["work"] for row in rows if row["is_loss"]]
+    if slower:
+        print_paragraph(f"Slower by more than {100 * LOSS:.0f} %: {', '.join(slower)}.")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure, and print or record the ratios."""
+    parser = argparse.ArgumentParser(
+        description="Compare CPU times of all stages and strategies with a fixed piece of work. Takes a minute, and "
+        "two more to compile.",
+        allow_abbrev=False,
+    )
+    parser.add_argument("--write", action="store_true", help=f"record the ratios in {RECORDED.name}")
+    add_json(parser)
+    chosen = parser.parse_args(arguments)
+    ratios = measure(tasks())
+    rows = compared(ratios, recorded())
+    if chosen.json:
+        print_json({"cpu": cpu_model(), "ratios": rows})
+    else:
+        print_ratios(rows)
+    if chosen.write:
+        write(ratios)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
