@@ -347,7 +347,7 @@ def test_starts_that_do_not_fit_into_the_budget_are_refused() -> None:
     )  # one point is always made
 
 
-@pytest.mark.parametrize("name", ["evaluations", "finalists", "fresh"])
+@pytest.mark.parametrize("name", ["evaluations", "finalists", "fresh", "surface"])
 def test_settings_without_a_default_rule_cannot_be_none(name: str) -> None:
     with pytest.raises(InputError, match=rf"search\.{name}: None is wrong"):
         SearchSettings(**{name: None})

@@ -146,7 +146,7 @@ def test_the_account_and_the_best_are_the_archives(found: Found, truth: Truth) -
     assert stages["fresh runs of the start"]["runs"] == 150
     best = rows_of(report, "best-candidates")
     assert len(best) == min(20, len(found.archive))
-    of_race = [row for row in best if row["origin"].startswith(("finalist", "start"))]
+    of_race = [row for row in best if row["origin"].startswith(("finalist", "start", "surface"))]
     assert best[: len(of_race)] == of_race
     assert len(of_race) == stages["race"]["candidates"] == 2
     assert [row["key"] for row in best if row["origin"].endswith(", the winner")] == [str(found.best)]

@@ -26,6 +26,7 @@ from vibroswarm.optimize.journal import JOURNAL, Journal, Step
 from vibroswarm.optimize.methods import Ask, Iteration, Method, Random, SearchProgress, Sobol
 from vibroswarm.optimize.pso import Pso
 from vibroswarm.optimize.race import Race
+from vibroswarm.optimize.response_surface import optima
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.study.executors import Workers, workers_for
@@ -214,15 +215,19 @@ class _Loop:
     def _finalists(self, method: Method) -> list[int]:
         """Choose the candidates of the race, and return their keys.
 
-        They are, in this order of preference, the best candidate of the method, the starts, and further good candidates
-        of the method. Starts are added to the archive as new candidates, without runs.
+        They are, in this order of preference, the best candidate of the method, the minima of the response surfaces
+        (functions of the point that are fitted to the scores), the starts, and further good candidates of the method.
+        Surface minima and starts are added to the archive as new candidates, without runs.
         """
         # At most ``settings.finalists``, and fewer if the runs of the race are too few for 20 runs of each: with fewer
         # runs, the standard error of a score (mean + sd) would be more than a third of the score.
         count = min(self.search.settings.finalists, max(self.search.final_runs // 20, 1))
-        starts = self.search.starts[: count - 1]  # one place is left for the method's best candidate
-        best = method.finalists(count - len(starts))
-        return [*best, *(self.archive.new(point, "start") for point in starts)]
+        keys = range(len(self.archive))
+        points = optima(self.archive, keys, self.search.seed) if self.search.settings.surface else []
+        added = [*((p, "surface") for p in points), *((p, "start") for p in self.search.starts)]
+        added = added[: count - 1]  # one place is left for the method's best candidate
+        best = method.finalists(count - len(added))
+        return [*best, *(self.archive.new(point, origin) for point, origin in added)]
 
     def _run_method(self, method: Method, stage: str, wanted: int) -> None:
         """Run a method, step by step, until it makes no further requests.

@@ -410,10 +410,10 @@ def _shown(value: Any, as_number: bool) -> float | str | None:
 def _stage(candidate: Candidate) -> str:
     """Return the stage in which a candidate ran, "race" or "search".
 
-    Candidates that were added for the race have the origin "finalist KEY" or "start". Starts that the method itself
-    proposes have the origin of the method, such as "pso 1".
+    Candidates that were added for the race have the origin "finalist KEY", "surface" or "start". Starts that the method
+    itself proposes have the origin of the method, such as "pso 1".
     """
-    of_race = candidate.origin == "start" or candidate.origin.startswith("finalist ")
+    of_race = candidate.origin in ("surface", "start") or candidate.origin.startswith("finalist ")
     return "race" if of_race else "search"
 
 

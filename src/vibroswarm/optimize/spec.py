@@ -45,7 +45,7 @@ from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.study.spec import Cell, Study
 
-FORMAT: Final = 3
+FORMAT: Final = 2
 """Version of the files in a search's folder."""
 METHODS: Final = ("pso", "random", "sobol", "tpe", "gp", "cmaes", "nsga2")
 KEYS: Final = ("space", "objective", "search", "pso", "start")
@@ -75,6 +75,8 @@ class SearchSettings(NotebookView):
     be 0. Default: 40 % of the budget, but 0 with several objectives or with the paper's swarm."""
     finalists: int = 12
     """Largest number of finalists."""
+    surface: bool = True
+    """Whether minima of a response surface are finalists too."""
     numbers: str = "independent"
     """``independent`` runs for each evaluation, or ``common`` runs for all candidates (see ``evaluate``)."""
     fresh: int = 2000
@@ -88,6 +90,8 @@ class SearchSettings(NotebookView):
         """
         check_choice(self.method, "search.method", METHODS)
         check_choice(self.numbers, "search.numbers", NUMBERS)
+        if not isinstance(self.surface, bool):
+            raise InputError(f"{self.surface!r} is wrong; give true or false", field="search.surface")
         for name, low in (("evaluations", 1), ("budget", 1), ("final", 0), ("finalists", 1), ("fresh", 2)):
             value = getattr(self, name)
             # ``budget`` and ``final`` may be None: ``Search`` computes their defaults from its other parts.
