@@ -35,4 +35,16 @@ _leave_working_folder_out()
 
 import lazy_loader  # noqa: E402 - it must not be a file of the working folder either
 
+from vibroswarm.core.displayed import writers  # noqa: E402 - as above
+
+
+def _as_html(value: object) -> str:
+    """Return what a notebook shows for a public object; the module that writes it is imported when it is needed."""
+    from vibroswarm.notebook.views import html_of
+
+    return html_of(value)
+
+
+writers.append(_as_html)
+
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

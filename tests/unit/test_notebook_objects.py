@@ -126,7 +126,8 @@ def test_every_public_class_has_a_view_and_no_text_with_all_its_values(kind: typ
 def test_large_values_give_a_short_text_and_a_view_in_which_nothing_runs(kind: Any) -> None:
     """Made of large and hostile values, of which only the general view and text may be given."""
     from vibroswarm.core.notebook_view import NotebookView
-    from vibroswarm.notebook.views import record
+    from vibroswarm.documents.notebook import values_document
+    from vibroswarm.show.page import fragment_html
 
     value = object.__new__(kind)
     for place, field in enumerate(dataclasses.fields(kind)):
@@ -135,7 +136,7 @@ def test_large_values_give_a_short_text_and_a_view_in_which_nothing_runs(kind: A
     assert text.startswith(f"{kind.__name__}(")
     assert len(text) < 200
     assert "\n" not in text
-    view = Markup(record(value))
+    view = Markup(fragment_html(values_document(value)))
     view.check_inert()
     assert len(view.text) < 20_000
 

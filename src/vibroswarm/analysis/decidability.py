@@ -42,7 +42,8 @@ from scipy.special import ndtri
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
-from vibroswarm.core.notebook_view import NotebookView, html_view
+from vibroswarm.core.displayed import html_view
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import truth_on

@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri, stdtrit
 
 from vibroswarm.analysis.binomial import probability_above, probability_at_most
-from vibroswarm.core.notebook_view import html_view
+from vibroswarm.core.displayed import html_view
 from vibroswarm.errors import InputError
 
 DRAWS: Final = 1999

@@ -41,8 +41,9 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.calibrate.features import histogram, shapeless
+from vibroswarm.core.displayed import html_view
 from vibroswarm.core.distances import sum_of_distances
-from vibroswarm.core.notebook_view import NotebookView, html_view
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniforms
 
 Floats = NDArray[np.float64]

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sized
 from dataclasses import fields, is_dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
+from vibroswarm.core.displayed import html_view
 from vibroswarm.errors import shown
 
 MOST_CHARACTERS: Final = 180
@@ -70,12 +70,6 @@ def short_value(value: object) -> str:
     if callable(value) and hasattr(value, "__name__"):
         return str(value.__name__)
     return f"{type(value).__name__} of {len(value)}" if isinstance(value, Sized) else type(value).__name__
-
-
-def html_view(value: object) -> str:
-    """Return the HTML that a notebook shows for a public object; texts from scenarios and files are escaped."""
-    # Views import pictures and pages, which are layers above this one, so their module is imported only when needed.
-    return str(import_module("vibroswarm.notebook.views").html_of(value))
 
 
 class NotebookView:

@@ -21,10 +21,13 @@ from vibroswarm.analysis.verdict import (
     verdict,
 )
 from vibroswarm.documents.knowledge import told
+from vibroswarm.plots.picture import Picture
+from vibroswarm.plots.run import run_figure
+from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.document import Column, Document, Part, Table, Text
+from vibroswarm.show.document import Column, Document, Figure, Part, Table, Text
 from vibroswarm.show.numbers import count
 
 MOST_ROBOTS: Final = 20
@@ -34,7 +37,7 @@ WIDEST_MAP: Final = 16
 
 
 def result_document(result: Result) -> Document:
-    """Return the document of a result: of its run, or of all its runs if there are several."""
+    """Return the document of a result: of its run, or of all its runs if there are several or none."""
     numbers = result.runs["run"].to_list()
     return run_document(result, numbers[0]) if len(numbers) == 1 else runs_document(result)
 
@@ -53,6 +56,7 @@ def run_document(result: Result, run: int) -> Document:
     parts += [Text(OPINION_NOTE)] if opinions else []
     parts += robot_tables(found, "opinion" if opinions else "share of ones")
     parts += _map(result, run)
+    parts.append(Figure("run", lambda style: _picture(result, run)))
     return Document(
         title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
         answer=(*failure_sentences(result), *_outcome(found)),
@@ -62,6 +66,13 @@ def run_document(result: Result, run: int) -> Document:
         made_by=_made_by(result),
         data=_verdict_data(found) | _failed_parts(result, run),
     )
+
+
+def _picture(result: Result, run: int) -> Picture:
+    """Draw the floor, and paths and samples of the robots."""
+    samples = result.motion.filter(pl.col("run") == run).select("robot", "sample", "x_m", "y_m")
+    with MATPLOTLIB_LOCK:
+        return Picture(run_figure(result, run), samples, f"Floor, paths and samples of run {run}.")
 
 
 def verdict_document(found: Verdict) -> Document:

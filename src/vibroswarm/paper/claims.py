@@ -68,7 +68,8 @@ from typing import Any, Final, NamedTuple
 import polars as pl
 from scipy.special import betaincinv, stdtrit
 
-from vibroswarm.core.notebook_view import NotebookView, html_view, short_text
+from vibroswarm.core.displayed import html_view
+from vibroswarm.core.notebook_view import NotebookView, short_text
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.paper.columns import COLUMNS
 

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 import polars as pl
 
-from vibroswarm.core.notebook_view import NotebookView, html_view
+from vibroswarm.core.displayed import html_view
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, share_from, shown, whole_number_of
 
 if TYPE_CHECKING:
