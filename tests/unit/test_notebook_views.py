@@ -208,7 +208,7 @@ def test_a_study_answers(studied: StudyResult, tmp_path: Path) -> None:
     (answer,) = compared.answers
     assert repr(compared).splitlines()[1] == answer.sentence
     assert compared.table["reference"].unique().to_list() == [0]
-    assert answer.sentence in Markup(compared._repr_html_()).text
+    assert answer.sentence in Markup(compared._repr_html_()).text.replace("\u00a0", " ")
     assert studied.plot("robots_wrong").numbers.height == 2
     with pytest.raises(ValueError, match=r"did you mean 'robots_wrong'.*choices: outcomes"):
         studied.plot("robots_wrongs")
