@@ -76,11 +76,13 @@ def svg_alone(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw only the first picture of a study's report: for tests of its words, tables and files."""
-    from vibroswarm.study import study_report
+    """A study's document has only its first figure: for tests of its words, tables and files."""
+    from vibroswarm.documents import study
 
-    whole = study_report.pictures_of
-    monkeypatch.setattr(study_report, "pictures_of", lambda outcome: islice(whole(outcome), 1))
+    whole = study.outcome_figures
+    monkeypatch.setattr(study, "outcome_figures", lambda outcome: islice(whole(outcome), 1))
+    for name in ("time_figures", "comparison_figures", "front_figures", "sampling_figures"):
+        monkeypatch.setattr(study, name, lambda outcome: ())
 
 
 @pytest.fixture(autouse=True)

@@ -35,7 +35,7 @@ _leave_working_folder_out()
 
 import lazy_loader  # noqa: E402 - it must not be a file of the working folder either
 
-from vibroswarm.core.displayed import writers  # noqa: E402 - as above
+from vibroswarm.core.displayed import makers, writers  # noqa: E402 - as above
 
 
 def _as_html(value: object) -> str:
@@ -45,6 +45,14 @@ def _as_html(value: object) -> str:
     return html_of(value)
 
 
+def _as_document(value: object) -> object:
+    """Return the document of a result; the module that makes it is imported when it is needed."""
+    from vibroswarm.documents import document_of
+
+    return document_of(value)
+
+
 writers.append(_as_html)
+makers.append(_as_document)
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

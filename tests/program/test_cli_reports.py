@@ -161,16 +161,14 @@ def test_json_holds_all_and_nothing_else_is_said(capsys: pytest.CaptureFixture[s
     code, out, _ = told(capsys, "evaluate", "--runs", "12", "--strategy", "none,soft", "--json", *SMALL)
     assert code == 0
     about = json.loads(out)
-    assert [cell["name"] for cell in about["cells"]] == ["none", "soft"]
-    cell = about["cells"][0]
-    assert cell["swarm_right"]["n"] == 12
-    assert (
-        cell["decision_time_s"]["low"]
-        <= cell["decision_time_s"]["estimate"]
-        <= cell["decision_time_s"]["high"]
-    )
-    assert {one["figure"] for one in about["comparisons"]} >= {"decision_time_s", "right_share"}
-    assert about["second_block_seed"] != about["seed"]
+    tables = about["tables"]
+    assert [cell["name"] for cell in tables["cells"]] == ["none", "soft"]
+    cell = tables["summary"][0]
+    assert cell["runs"] == 12
+    assert cell["decision_time_s_low"] <= cell["decision_time_s"] <= cell["decision_time_s_high"]
+    assert {one["figure"] for one in tables["comparisons"]} >= {"decision_time_s", "right_share"}
+    assert about["made_by"]["second block"].startswith("seed ")
+    assert not about["made_by"]["second block"].startswith(f"seed {about['made_by']['seed']},")
 
 
 def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -334,17 +332,14 @@ def test_until_a_precision_tells_the_interval_that_was_looked_at(
     line = ["evaluate", "--until", "40%", "--json", "--no-confirm", "--no-pictures", *SMALL]
     code, out, _ = told(capsys, *line)
     assert code == 0
-    cell = json.loads(out)["cells"][0]
-    assert cell["runs"] == cell["settled"]["runs"] == 100
-    assert cell["settled"]["reached"]
-    assert (
-        cell["decision_time_s"]["level"]
-        == cell["settled"]["level"]
-        == pytest.approx(1 - 0.05 * 6 / 3.14159**2, abs=1e-5)
-    )
-    assert cell["belief_in_truth"]["level"] == 0.95
-    half = (cell["decision_time_s"]["high"] - cell["decision_time_s"]["low"]) / 2
-    assert half <= 0.4 * cell["decision_time_s"]["estimate"]
+    tables = json.loads(out)["tables"]
+    (cell,), (precision,) = tables["summary"], tables["precision"]
+    assert cell["runs"] == precision["runs"] == 100
+    assert precision["reached"]
+    assert precision["level"] == pytest.approx(1 - 0.05 * 6 / 3.14159**2, abs=1e-5)
+    assert cell["level"] == 0.95  # of all other figures
+    half = (cell["decision_time_s_high"] - cell["decision_time_s_low"]) / 2
+    assert half <= 0.4 * cell["decision_time_s"]
 
 
 def test_a_precision_that_is_not_reached_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:

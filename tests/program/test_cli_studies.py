@@ -101,7 +101,7 @@ def test_evaluate_varies_presets(capsys):
         "--json",
     ]
     assert main([*line, "--set", "run.t_end_s=50"]) == 0
-    cells = json.loads(capsys.readouterr().out)["cells"]
+    cells = json.loads(capsys.readouterr().out)["tables"]["cells"]
     for cell, name in zip(cells, ("paper", "text", "calibrated"), strict=True):
         wanted = preset(name).with_values({"swarm.robots": 3, "run.t_end_s": 50})
         assert cell["scenario_hash"] == wanted.hash
@@ -125,7 +125,7 @@ def test_evaluate_keeps_nothing_without_a_folder(tmp_path, monkeypatch, capsys):
         main(["evaluate", *SHORT, "--runs", "10", "--vary", "strategy.soft.eta=1,2", "--json", *QUIET]) == 0
     )
     told = json.loads(capsys.readouterr().out)
-    assert [cell["varied"] for cell in told["cells"]] == [{"strategy.soft.eta": 1}, {"strategy.soft.eta": 2}]
+    assert [cell["strategy.soft.eta"] for cell in told["tables"]["cells"]] == [1, 2]
     assert list(tmp_path.iterdir()) == []
 
 

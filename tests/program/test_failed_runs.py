@@ -71,7 +71,8 @@ def test_failed_runs_are_counted_in_table_report_and_results(
     assert result.summary()["failed_runs"].to_list() == [2, 2]
     assert result.runs(0)["undecided"].to_list()[1] == 2
     assert main(["evaluate", *BRIEF, "--motion", failing, "--json"]) == 0
-    assert [cell["failed_runs"] for cell in json.loads(capsys.readouterr().out)["cells"]] == [2, 2]
+    summary = json.loads(capsys.readouterr().out)["tables"]["summary"]
+    assert [cell["failed_runs"] for cell in summary] == [2, 2]
 
 
 @pytest.mark.usefixtures("one_picture")

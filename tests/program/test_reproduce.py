@@ -100,9 +100,9 @@ def test_one_cell_alone_gives_the_same_numbers(folder: Path, capsys: pytest.Capt
     words = row["command"].split()[1:]
     capsys.readouterr()
     assert main([*words, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)["cells"][0]
-    assert told["decision_time_s"]["estimate"] == row["decision_time_s"]
-    assert told["belief_in_truth"]["low"] == row["belief_in_truth_low"]
+    (told,) = json.loads(capsys.readouterr().out)["tables"]["summary"]
+    assert told["decision_time_s"] == row["decision_time_s"]
+    assert told["belief_in_truth_low"] == row["belief_in_truth_low"]
 
 
 def test_a_second_run_takes_what_is_there(folder: Path) -> None:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from helpers.table_checks import check_table, lost
-from vibroswarm.cli import main, tables
+from vibroswarm.cli import main
+from vibroswarm.show import terminal
 
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
 COMMANDS = re.findall(
@@ -26,16 +26,16 @@ def few(command: str) -> list[str]:
 
 @pytest.fixture
 def laid_out(monkeypatch, tmp_path):
-    """Tables and the lines that they became, as commands print them in an empty folder at 80 columns."""
+    """Tables that commands print in an empty folder at 80 columns, before they are laid out."""
     found = []
-    real = tables.layout
+    real = terminal.layouts
 
-    def layout(table, width):
-        lines = real(table, width)
-        found.append((table, width, lines))
-        return lines
+    def layouts(grid, width):
+        assert width == 80
+        found.append(grid)
+        return real(grid, width)
 
-    monkeypatch.setattr(tables, "layout", layout)
+    monkeypatch.setattr(terminal, "layouts", layouts)
     monkeypatch.setenv("COLUMNS", "80")
     monkeypatch.chdir(tmp_path)
     study = re.search(
@@ -43,6 +43,12 @@ def laid_out(monkeypatch, tmp_path):
     )
     Path("fill.toml").write_text(study[0].removesuffix("```"), encoding="utf-8")
     return found
+
+
+def lost(grid: terminal.Grid, printed: str) -> set[str]:
+    """Words of a table that are not printed."""
+    words = {word for row in grid.rows for text, _ in row for word in text.replace("\u00a0", " ").split()}
+    return words - set(printed.split())
 
 
 @pytest.mark.slow
@@ -62,29 +68,27 @@ def test_every_command(laid_out, capsys):
         for line in printed.splitlines():
             is_path = "/" in line or command.startswith("scenario")
             assert len(line) <= 80 or is_path, f"{command}: {line}"
-    for table, width, lines in list(laid_out):
-        assert width == 80
-        assert lost(table, lines) == []
-        check_table(table)
+        for grid in laid_out[before:]:
+            assert lost(grid, printed) == set()
 
 
 @pytest.mark.slow
 def test_the_numbers_are_those_of_the_json(laid_out, capsys):
     command = "evaluate --strategy none,soft --runs 8 --no-pictures --no-confirm"
     assert main(shlex.split(f"{command} --json")) == 0
-    cells = json.loads(capsys.readouterr().out)["cells"]
+    summary = json.loads(capsys.readouterr().out)["tables"]["summary"]
     assert main(shlex.split(f"{command} --wide")) == 0
     printed = capsys.readouterr().out
-    for cell in cells:
-        figure = cell["swarm_right"]
-        share, low, high = (f"{100 * figure[k]:.1f}" for k in ("estimate", "low", "high"))
+    for cell in summary:
+        share, low, high = (f"{100 * cell[f'swarm_right{end}']:.1f}" for end in ("", "_low", "_high"))
         assert re.search(rf"(?<!\d){share}(?!\d)", printed)
         assert f"[{low}, {high}]" in printed
 
 
 def test_a_lost_name_and_a_cut_number_are_found():
-    table = tables.table_of(["cell", "time, s"], [["random:0.48, soft", "773 [753, 793]"]])
-    lines = tables.layout(table, 80)
-    assert lost(table, lines) == []
-    assert lost(table, [line[:-4] for line in lines]) == ["793"]
-    assert lost(table, [line[4:] for line in lines]) == ["random:0.48, soft"]
+    grid = terminal.Grid(
+        ["cell", "time, s"], [[("random:0.48, soft", ""), ("773 [753, 793]", "")]], 1, [False, True]
+    )
+    assert lost(grid, "random:0.48, soft  773 [753, 793]") == set()
+    assert lost(grid, "random:0.48, soft  773 [753,") == {"793]"}
+    assert lost(grid, "om:0.48, soft  773 [753, 793]") == {"random:0.48,"}

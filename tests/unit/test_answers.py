@@ -11,11 +11,14 @@ import pytest
 from vibroswarm.analysis.forced_error import MatchedError, Reached, front_settings, matched_error, reached
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Confirmation, Paired
+from vibroswarm.documents.study_words import at_equal_error, question, sentence
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.show.numbers import listed
 from vibroswarm.strategies import known
-from vibroswarm.study.answers import Answer, answers_of, question
+from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.cell_comparison import Compared
 from vibroswarm.study.spec import Study
+from vibroswarm.study.summary import outcome_of
 
 STUDY = Study.of(preset("paper"), 1, strategy__name=["none", "soft"])
 NONE, SOFT = STUDY.cells
@@ -55,27 +58,25 @@ def at_equal(value: float, low: float, high: float) -> MatchedError:
 
 
 def test_a_comparison_is_one_sentence_with_the_wrong_decisions_in_it() -> None:
-    assert answer(*PUBLISHED).sentence == (
-        "soft against none: 127 s faster [102, 153], 11.9 points more right [8.4, 15.5], 6.7 points more wrong "
-        "[3.9, 9.4], 18.6 points fewer undecided [14.5, 23.0]; confirmed on other seeds."
+    assert sentence(answer(*PUBLISHED)) == (
+        "soft is faster than none, and wrong more often: 127 s faster [102, 153], 11.9 points more right [8.4, 15.5], "
+        "6.7 points more wrong [3.9, 9.4], 18.6 points fewer undecided [14.5, 23.0]; confirmed on other seeds."
     )
-    assert answer(*PUBLISHED).headline == "soft is faster than none, and wrong more often"
 
 
 def test_what_is_not_significant_or_not_confirmed_is_said_to_be_so() -> None:
     open_ = (PUBLISHED[0], (0.002, -0.01, 0.02, 0.8), (0.013, 0.001, 0.024, 0.06), PUBLISHED[3])
     found = answer(*open_, confirmed=(True, False, False, False))
-    assert found.sentence == (
-        "soft against none: 127 s faster [102, 153], 18.6 points fewer undecided [14.5, 23.0]; time confirmed on "
-        "other seeds, undecided not confirmed. Not significant: right +0.2 points [-1.0, +2.0], wrong +1.3 points "
-        "[+0.1, +2.4]."
+    assert sentence(found) == (
+        "soft is faster than none; no difference shown in wrong decisions: 127 s faster [102, 153], 18.6 points fewer "
+        "undecided [14.5, 23.0]; time confirmed on other seeds, undecided not confirmed. Not significant: right +0.2 "
+        "points [-1.0, +2.0], wrong +1.3 points [+0.1, +2.4]."
     )
-    assert found.headline == "soft is faster than none; no difference shown in wrong decisions"
     nothing = answer(*((0.004, -0.01, 0.02, 0.8),) * 4)
-    assert nothing.sentence.startswith("soft against none: no significant difference (time 0.0 s [0.0, 0.0]")
-    assert "not repeated on other seeds" in answer(*PUBLISHED, confirmed=None).sentence
+    assert sentence(nothing).startswith("soft and none: no significant difference (time 0.0 s [0.0, 0.0]")
+    assert "not repeated on other seeds" in sentence(answer(*PUBLISHED, confirmed=None))
     undefined = answer(PUBLISHED[0], *((math.nan,) * 4,) * 3)
-    assert "right not defined" in undefined.sentence
+    assert "right not defined" in sentence(undefined)
 
 
 @pytest.mark.parametrize(
@@ -84,13 +85,13 @@ def test_what_is_not_significant_or_not_confirmed_is_said_to_be_so() -> None:
         (at_equal(40.0, -57.0, 175.0), "not shown to be better: it is wrong more often."),
         (at_equal(40.0, 7.0, 175.0), "not shown to be better: it is wrong more often."),
         (at_equal(-40.0, -75.0, -7.0), "faster, and not only because it is wrong more often."),
-        (at_equal(math.nan, math.nan, math.nan), "never errs so seldom."),
+        (at_equal(math.nan, math.nan, math.nan), "does not reach this error."),
     ],
 )
 def test_what_is_faster_only_because_it_errs_more_is_not_called_better(
     matched: MatchedError, ending: str
 ) -> None:
-    found = answer(*PUBLISHED, matched=matched).at_equal_error
+    found = at_equal_error(answer(*PUBLISHED, matched=matched))
     assert found.startswith("At equal error (24.8 %, that of soft), each with its best settings: ")
     assert found.endswith(ending)
 
@@ -154,30 +155,25 @@ def test_settings_are_of_strategies_that_exist() -> None:
 def test_a_difference_at_equal_error_without_limits_is_not_called_insignificant() -> None:
     unknown = Interval(-127.0, math.nan, math.nan, 0.95, 300, "bootstrap")
     matched = MatchedError(True, 0.1, 769.0, unknown, unknown)
-    told = answer(*PUBLISHED, matched=matched).at_equal_error
-    assert told is not None
+    told = at_equal_error(answer(*PUBLISHED, matched=matched))
     assert "no significant difference" not in told
-    assert "-127 s, but in too many resamples" in told
+    assert "-127 s, but too few runs to give limits." in told
 
 
 def test_the_question_names_only_what_all_cells_share() -> None:
-    ends = Study.of(preset("paper"), 3, run__t_end_s=[50.0, 100.0]).run()
-    assert "5 robots, floor" in question(ends, [])
-    assert "up to" not in question(ends, [])
+    def of(**varied: list[object]) -> str:
+        return question(outcome_of(Study.of(preset("paper"), 3, **varied).run(), compare=False))
+
+    ends = of(run__t_end_s=[50.0, 100.0])
+    assert "5 robots, floor" in ends
+    assert "up to" not in ends
     floors = ["random:0.48", "random:0.52"]
-    all_varied = Study.of(
-        preset("paper"), 3, run__t_end_s=[50.0, 60.0], swarm__robots=[5, 6], floor__source=floors
-    )
-    assert question(all_varied.run(), []) == "8 cells: 3 runs each, seed 1."
-    assert "up to 1200 s" in question(Study.of(preset("paper"), 3, swarm__robots=[5, 6]).run(), [])
+    all_varied = of(run__t_end_s=[50.0, 60.0], swarm__robots=[5, 6], floor__source=floors)
+    assert all_varied == "8 cells: 3 runs each, seed 1."
+    assert "up to 1200 s" in of(swarm__robots=[5, 6])
 
 
 def test_names_with_commas_are_listed_between_semicolons() -> None:
-    from vibroswarm.study.answers import _joined
-
-    assert _joined(["none"], "or") == "none"
-    assert _joined(["none", "positive", "soft"], "or") == "none, positive or soft"
-    assert (
-        _joined(["random:0.48, none", "random:0.52, none"], "and")
-        == "random:0.48, none; and random:0.52, none"
-    )
+    assert listed(["none"], "or") == "none"
+    assert listed(["none", "positive", "soft"], "or") == "none, positive or soft"
+    assert listed(["random:0.48, none", "random:0.52, none"]) == "random:0.48, none; and random:0.52, none"

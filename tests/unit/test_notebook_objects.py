@@ -41,7 +41,8 @@ ROOT = Path(__file__).parents[2]
 STUBS = sorted(Path(vibroswarm.__file__).parent.rglob("*.pyi"))
 MORE = ("plots", "networks", "tasks", "strategies", "testing", "league.standings", "league.entries", "league.tuning",
         "calibrate.effect", "calibrate.message_loss", "calibrate.fit_camera", "analysis.forced_error",
-        "optimize.scenario_comparison", "optimize.sensitivity", "optimize.validation", "optimize.archive")  # fmt: skip
+        "optimize.scenario_comparison", "optimize.sensitivity", "optimize.validation", "optimize.archive",
+        "study.study_outputs")  # fmt: skip
 """Modules of public names and of results of public functions, beside the stubs and the API pages."""
 NO_OBJECTS = (
     *("Array", "NoParams", "NoArrays", "NoState", "Bit", "State", "Params", "Work", "Workers", "Bar"),

@@ -205,10 +205,10 @@ def test_a_study_answers(studied: StudyResult, tmp_path: Path) -> None:
     assert summary.height == 2
     assert {"strategy.name", "decision_time_s", "decision_time_s_low", "robots_right"} <= set(summary.columns)
     compared = studied.compare("none")
-    (answer,) = compared.answers
-    assert repr(compared).splitlines()[1] == answer.sentence
+    (sentence,) = compared.sentences
+    assert repr(compared).splitlines()[1] == sentence
     assert compared.table["reference"].unique().to_list() == [0]
-    assert answer.sentence in Markup(compared._repr_html_()).text.replace("\u00a0", " ")
+    assert sentence in Markup(compared._repr_html_()).text.replace("\u00a0", " ").replace("\u2212", "-")
     assert studied.plot("robots_wrong").numbers.height == 2
     with pytest.raises(ValueError, match=r"did you mean 'robots_wrong'.*choices: outcomes"):
         studied.plot("robots_wrongs")
@@ -221,7 +221,7 @@ def test_a_study_writes_its_report_and_shows_it(studied: StudyResult, tmp_path: 
     report = studied.report(tmp_path / "report")
     document = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
     assert report.path == tmp_path / "report" / "report.html"
-    assert studied.compare().answers[0].sentence in html.unescape(document).replace("\u00a0", " ")
+    assert studied.compare().sentences[0] in html.unescape(document).replace("\u00a0", " ")
     view = Markup(report._repr_html_())
     view.check_inert()
     assert view.frames == [document]

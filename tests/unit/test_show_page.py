@@ -170,6 +170,14 @@ def test_a_document_that_is_kept_is_the_same_without_its_figures() -> None:
     assert again.tables["cells"].frame.equals(whole.tables["cells"].frame)
 
 
+def test_columns_without_a_value_are_texts_or_numbers_as_before() -> None:
+    types = {"cell": pl.String, "better": pl.String, "time": pl.Float64, "runs": pl.Int64}
+    frame = pl.DataFrame({"cell": ["a"], "better": [None], "time": [None], "runs": [None]}, schema=types)
+    again = document_from(json.loads(kept(Document("x", (), parts=(Table(frame),)))), "document.json")
+    types_again = again.tables["table"].frame.schema
+    assert [kind.is_numeric() for kind in types_again.values()] == [False, False, True, True]
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from vibroswarm.documents.figure_axes import label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.study.picture_axes import label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.study.spec import Study
 
 PAPER = preset("paper")

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vibroswarm.cli import main
+from vibroswarm.documents.figure_axes import layout_of
 from vibroswarm.study.cell_comparison import pairs_of
 from vibroswarm.study.factors import names_of, words_of_points
-from vibroswarm.study.picture_axes import layout_of
 from vibroswarm.study.spec import Study
 
 BASE = {"run": {"t_end_s": 20.0}, "swarm": {"robots": 2}}

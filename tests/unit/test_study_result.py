@@ -232,7 +232,7 @@ def test_strategies_are_compared_at_equal_error_only_on_request(monkeypatch: pyt
     requested = outcome_of(result, equal_error=True)
     assert all(answer.matched is not None for answer in requested.answers)
     assert [sorted(names) for names in together] == [["none", "positive", "soft"]]
-    assert result.compare("none", equal_error=True).answers[0].at_equal_error.startswith("At equal error")
+    assert result.compare("none", equal_error=True).sentences[1].startswith("At equal error")
 
 
 def test_scenarios_replayed_together_reach_what_each_reaches_alone() -> None:

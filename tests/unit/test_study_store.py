@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
+from vibroswarm.documents.study import study_document
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, batch_of, do_batch
@@ -421,7 +422,7 @@ def test_each_missing_run_of_failed_batches_is_counted_once(copy: Path) -> None:
     store.add_failure(batch_of(STUDY, group, 30, 40), "because")
     store.add_failure(batch_of(STUDY, group, 35, 45), "because")
     add(store, 28, 32)
-    warnings = outcome_of(StudyResult.open(copy)).warnings
+    warnings = study_document(outcome_of(StudyResult.open(copy))).warnings
     assert [words for words in warnings if "13 runs of none, soft failed" in words], warnings
 
 
@@ -478,7 +479,8 @@ def test_a_second_block_of_which_all_runs_failed_is_said(copy: Path, tmp_path: P
     store.add_failure(batch_of(again, plan_of(again).groups[0], 0, 30), "because")
     outcome = outcome_of(StudyResult.open(copy), StudyResult.open(tmp_path / "again"))
     assert outcome.replicate is None
-    (words,) = [words for words in outcome.warnings if words.startswith("on other seeds, ")]
+    warnings = study_document(outcome).warnings
+    (words,) = [words for words in warnings if words.startswith("on other seeds, ")]
     assert "30 runs of none, soft failed" in words
 
 

@@ -13,8 +13,8 @@ from vibroswarm.cli.output import add_open, open_page
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
+    from vibroswarm.show.document import Document
     from vibroswarm.study.store import Store
-    from vibroswarm.study.summary import Outcome
 
 
 EPILOG = """\
@@ -141,7 +141,7 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
         elif store is not None:
             results, needed = results_or_need(store)
             document |= {"results_need": needed} if needed else {}
-            document |= {} if results is None else {"results": results.as_dict()}
+            document |= {} if results is None else document_data(results)
         print_json(document)
         return
     for line in lines:
@@ -291,15 +291,13 @@ def study_lines(about: dict[str, Any]) -> list[str]:
     return lines
 
 
-def results_of(store: Store) -> Outcome | None:
-    """Summarise the finished runs of a study.
+def results_of(store: Store) -> Document | None:
+    """Return what the finished runs of a study say; None if no run is finished.
 
-    If the folder holds a repetition of the study on other seeds (``SECOND``), the summary states which comparisons are
+    If the folder holds a repetition of the study on other seeds (``SECOND``), the document states which comparisons are
     confirmed by it.
-
-    Returns:
-        The summary; None if no run is finished.
     """
+    from vibroswarm.documents.study import study_document
     from vibroswarm.study.cell_comparison import SECOND
     from vibroswarm.study.store import HEAD
     from vibroswarm.study.study_result import StudyResult
@@ -313,10 +311,10 @@ def results_of(store: Store) -> Outcome | None:
     repetition = StudyResult.open(second) if (second / HEAD).exists() else None
     # The table is there if strategies were compared at equal error when the study was run.
     equal_error = (store.folder / "equal_error.csv").is_file()
-    return outcome_of(result, repetition, equal_error=equal_error)
+    return study_document(outcome_of(result, repetition, equal_error=equal_error))
 
 
-def results_or_need(store: Store) -> tuple[Outcome | None, str]:
+def results_or_need(store: Store) -> tuple[Document | None, str]:
     """Return the results of a study (``results_of``) and an empty text; or None and the user's code that they need.
 
     Results may need a strategy, network or task of the user. Without ``--trust``, ``show`` does not run such code; then
@@ -332,15 +330,15 @@ def results_or_need(store: Store) -> tuple[Outcome | None, str]:
 
 
 def print_results(store: Store) -> None:
-    """Print the tables of a study, or which code of the user they need; print nothing if no run is finished."""
+    """Print what a study says, or which code of the user it needs; print nothing if no run is finished."""
+    from vibroswarm.cli.deliver import print_in_terminal
     from vibroswarm.cli.output import print_line, print_paragraph
-    from vibroswarm.cli.studies import print_tables
 
-    outcome, needed = results_or_need(store)
+    document, needed = results_or_need(store)
     if needed:
         print_paragraph(
             f"Results need code that is not loaded ({needed}). Run the command that made them again to print them."
         )
-    if outcome is not None:
+    if document is not None:
         print_line()
-        print_tables(outcome)
+        print_in_terminal(document)

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli.options import (
     add_execution_options,
     add_json,
     add_pictures,
     add_style,
-    wants_picture_files,
 )
-from vibroswarm.cli.output import add_open, print_paragraph, print_table, with_interval
+from vibroswarm.cli.output import add_open
 from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError, RunError
 
@@ -188,6 +188,7 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
         job: the shard that will be run; None if the whole study will be run.
     """
     from vibroswarm.cli.progress import say_compiling
+    from vibroswarm.show.numbers import duration
     from vibroswarm.study.plan import plan_of
     from vibroswarm.study.runner import expected
     from vibroswarm.study.store import Store
@@ -223,24 +224,16 @@ def print_plan(study: Study, out: Path | None, job: Job | None) -> None:
     report(f"To do: {left.runs:,} runs of motion, about {duration(left.core_s)} of one core{part} ({how})")
 
 
-def duration(seconds: float) -> str:
-    """Return a duration in a fitting unit: 0.4 s, 25 s, 12 min, 3.5 h."""
-    if seconds < 10:
-        return f"{seconds:.1f} s"
-    if seconds < 120:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 7200 else f"{seconds / 3600:.1f} h"
-
-
-def print_outcome(result: StudyResult, second: StudyResult | None, arguments: argparse.Namespace) -> int:
-    """Summarise a study and print its tables; with ``--out``, save numbers and report; return the exit code.
+def print_outcome(result: StudyResult, second: StudyResult | None, arguments: argparse.Namespace) -> None:
+    """Summarise a study and print it; with ``--out``, save its tables, its page, and pictures on request.
 
     Args:
         result: the study with its finished runs; without any, ``outcome_of`` raises ``InputError``.
         second: the repetition of its cells on other seeds, which confirms comparisons; None if it was not run.
     """
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.deliver import print_result
     from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.documents.study import study_document
     from vibroswarm.study.summary import outcome_of, write_outcome
 
     # `outcome_of` reports the progress of its replays for the comparison at equal error.
@@ -248,55 +241,35 @@ def print_outcome(result: StudyResult, second: StudyResult | None, arguments: ar
         outcome = outcome_of(result, second, arguments.reference, progress, equal_error=arguments.equal_error)
     if arguments.out is not None:
         write_outcome(outcome, arguments.out)
-    if arguments.json:
-        print_json(outcome.as_dict())
-    else:
-        print_tables(outcome)
-        _print_hint(outcome)
-    sys.stdout.flush()  # the tables are seen before the report's pictures are drawn, which takes a while
+    print_result(study_document(outcome), arguments)
+    sys.stdout.flush()  # the tables are seen before the page's pictures are drawn, which takes a while
     if arguments.out is not None and not arguments.no_pictures:
-        _draw(outcome, arguments)
+        _write_page(outcome, arguments)
     _print_saved(arguments)
-    return 0
 
 
-def _print_hint(outcome: Outcome) -> None:
-    """Print how strategies are compared at equal error, if one is faster but wrong more often, and they were not."""
-    from vibroswarm.study.cell_comparison import pairs_at_equal_error
-
-    comparable = pairs_at_equal_error(outcome.result, outcome.comparisons)
-    names = [
-        answer.faster_and_more_wrong
-        for answer in outcome.answers
-        if answer.matched is None and (answer.cell.number, answer.reference.number) in comparable
-    ]
-    traded = list(dict.fromkeys(name for name in names if name is not None))
-    if traded:
-        print_paragraph(
-            f"Faster but wrong more often: {', '.join(traded)}. Not compared at equal error; add --equal-error."
-        )
-
-
-def _draw(outcome: Outcome, arguments: argparse.Namespace) -> None:
-    """Write the report of a study and its table of references; and its pictures, if requested or written before.
-
-    Pictures that an earlier command has written are drawn again, since they may show fewer runs.
+def _write_page(outcome: Outcome, arguments: argparse.Namespace) -> None:
+    """Write the page of a study, its table of references, and its pictures, if they are requested.
 
     A reference of a cell is how fast a decision could have been made if all samples had been known in one place at
     once. References are computed for studies with few cells only.
     """
+    from vibroswarm.cli.deliver import REPORT, save_requested_pictures
     from vibroswarm.cli.progress import progress_bar
-    from vibroswarm.study.baselines import reference_table, references_of
-    from vibroswarm.study.study_report import MARKER, PICTURES, write_pictures_and_report
-    from vibroswarm.study.summary import write_table
+    from vibroswarm.documents.study import study_document
+    from vibroswarm.show.page import write_page
+    from vibroswarm.study.baselines import references_of
+    from vibroswarm.study.summary import write_outcome
 
     with progress_bar("references") as progress:
-        references = references_of(outcome.result, progress=progress)
-    if references:
-        write_table(reference_table(references), arguments.out / "references")
-    style = arguments.style if wants_picture_files(arguments, f"{PICTURES}/{MARKER}") else None
+        references = tuple(references_of(outcome.result, progress=progress))
+    outcome = replace(outcome, references=references)
+    write_outcome(outcome, arguments.out)
+    document = study_document(outcome)
     with progress_bar("drawing") as progress:
-        write_pictures_and_report(outcome, references, arguments.out, style, progress)
+        write_page(arguments.out / REPORT, document, progress)
+    with progress_bar("writing pictures") as progress:
+        save_requested_pictures(document, arguments, arguments.out, progress)
 
 
 def _print_saved(arguments: argparse.Namespace) -> None:
@@ -315,159 +288,3 @@ def _print_saved(arguments: argparse.Namespace) -> None:
         "" if arguments.no_pictures else ", pictures and a report" if arguments.pictures else " and a report"
     )
     print_saved(arguments, f"{saved}, the runs (shards){drawn}", page)
-
-
-MOST_SENTENCES: Final = 12
-"""Greatest number of comparisons, or of cells, that are described in sentences."""
-NOTES: Final = (
-    "Differences run by run: the first minus the second, 95 % sign-flip intervals; right, wrong and undecided in "
-    "percentage points of robots; * p < 0.05, corrected over all comparisons (Holm). No significant difference is not "
-    "evidence of no difference."
-)
-"""The note below the table of differences."""
-
-
-def print_tables(outcome: Outcome) -> None:
-    """Print the answer of a study, the figures of its cells, the differences of comparisons, and warnings."""
-    print_answers(outcome)
-    _print_cells(outcome)
-    runs = {cell_outcome.summary.runs for cell_outcome in outcome.cells}
-    count = f"{min(runs):,}" if len(runs) == 1 else f"{min(runs):,} to {max(runs):,}"
-    print_paragraph(
-        f"{count} runs per cell; in brackets 95 % intervals over runs (Wilson, t). An undecided run counts with its "
-        "whole time."
-    )
-    _print_agreements(outcome)
-    # With --until, intervals are computed several times (looks), and the study ends when one is narrow enough. So that
-    # the last interval holds at the study's level (95 %), the interval of each look has a higher level.
-    until = outcome.result.study.until
-    levels = {cell_outcome.settled.level for cell_outcome in outcome.cells if cell_outcome.settled}
-    if until is not None and levels:
-        levels_text = " to ".join(f"{100 * level:.2f} %" for level in sorted({min(levels), max(levels)}))
-        print_paragraph(
-            f"Intervals of {until.figure} are at {levels_text}, corrected for repeated looks: they hold at "
-            f"{100 * until.level:g} %."
-        )
-    print_effects(outcome)
-    for warning in outcome.warnings:
-        print_paragraph(f"Warning: {warning}")
-
-
-def _print_cells(outcome: Outcome) -> None:
-    """Print the figures of each cell as a table, with the number of failed runs if any run failed."""
-    print_table(
-        [
-            "cell",
-            *(["failed runs"] if outcome.has_failed_runs else []),
-            "swarms right, %",
-            "swarms wrong, %",
-            "split, %",
-            "incomplete, %",
-            "robots undecided, %",
-            "decision time, s",
-            "belief in the truth",
-        ],
-        [
-            [
-                cell_outcome.cell.name,
-                *([cell_outcome.failed.height] if outcome.has_failed_runs else []),
-                *(
-                    with_interval(share, ".1f", scale=100.0)
-                    for share in (
-                        cell_outcome.summary.swarm_right,
-                        cell_outcome.summary.swarm_wrong,
-                        cell_outcome.summary.swarm_split,
-                        cell_outcome.summary.swarm_incomplete,
-                        cell_outcome.summary.robots_undecided,
-                    )
-                ),
-                with_interval(cell_outcome.summary.decision_time_s, ".0f"),
-                with_interval(cell_outcome.summary.belief_in_truth, ".3f"),
-            ]
-            for cell_outcome in outcome.cells
-        ],
-        more=("split, %", "incomplete, %", "belief in the truth"),  # printed with --wide only
-    )
-
-
-def _print_agreements(outcome: Outcome) -> None:
-    """Print on what swarms agreed, and whether agreement lasted, for cells with runs in which no answer is right.
-
-    Nothing is printed if there are no such cells. A dash: decisions are final, or no swarm agreed.
-    """
-    from vibroswarm.study.answers import lacks_truth
-
-    cells = [cell_outcome for cell_outcome in outcome.cells if lacks_truth(cell_outcome.summary)]
-    if not cells:
-        return
-    rows = []
-    for cell_outcome in cells:
-        figures = cell_outcome.summary
-        shares = (
-            figures.agreed_on_0, figures.agreed_on_1, figures.swarm_split, figures.swarm_incomplete,
-            figures.agreement_lasted,
-        )  # fmt: skip
-        texts = [with_interval(share, ".1f", scale=100.0) for share in shares]
-        rows.append([cell_outcome.cell.name, *texts, with_interval(figures.consensus_time_s, ".0f")])
-    print_table(
-        [
-            "cell",
-            "agreed on 0, %",
-            "agreed on 1, %",
-            "split, %",
-            "incomplete, %",
-            "lasted, %",
-            "agreement, s",
-        ],
-        rows,
-    )
-    print_paragraph(
-        "Runs without a right answer: on what their swarms agreed (0: less, 1: more), as a share of all runs. Lasted: "
-        "share of the agreements that held at the end, where opinions may change. Runs without agreement count with "
-        "their whole time."
-    )
-
-
-def print_answers(outcome: Outcome) -> None:
-    """Print the notes and the question of a study, and the sentences of its answer."""
-    for note in outcome.notes:
-        print_paragraph(note)
-    print_paragraph(outcome.question)
-    print()
-    for sentence in answer_lines(outcome):
-        print_paragraph(sentence)
-    print()
-
-
-def answer_lines(outcome: Outcome) -> list[str]:
-    """Return sentences on the first ``MOST_SENTENCES`` comparisons, or on the first cells if a study compares none.
-
-    If comparisons or cells are left out, a last sentence states their number.
-    """
-    from vibroswarm.study.answers import cell_sentences
-
-    if not outcome.answers:
-        lines = cell_sentences(outcome.cells[:MOST_SENTENCES])
-        left = len(outcome.cells) - len(lines)  # there is one sentence for each cell
-        return lines + ([f"... and {left} more cells."] if left else [])
-    lines = []
-    for answer in outcome.answers[:MOST_SENTENCES]:
-        lines += [answer.sentence, *([answer.at_equal_error] if answer.at_equal_error else [])]
-    left = len(outcome.answers) - MOST_SENTENCES
-    return lines + ([f"... and {left} more comparisons, below."] if left > 0 else [])
-
-
-def print_effects(outcome: Outcome) -> None:
-    """Print a row for each comparison of two cells: the differences in time, right, wrong and undecided; then a note.
-
-    A star marks significant differences. Nothing is printed if no cells are compared.
-    """
-    if not outcome.answers:
-        return
-    rows = []
-    for answer in outcome.answers:
-        # the differences in the order of the columns below
-        effects = [effect.number + ("*" if effect.significant else "") for effect in answer.effects]
-        rows.append([answer.name, *(text.replace(" points", "") for text in effects)])  # NOTES names the unit
-    print_table(["compared", "time", "right", "wrong", "undecided"], rows)
-    print_paragraph(NOTES)

@@ -18,7 +18,6 @@ DOCUMENTS: Final = {
     "vibroswarm.floors.design.FloorDesign": "objects:design_document",
     "vibroswarm.plots.picture.Picture": "objects:picture_document",
     "vibroswarm.study.spec.Study": "objects:study_document",
-    "vibroswarm.study.study_outputs.Comparison": "objects:comparison_document",
     "vibroswarm.study.study_outputs.ReportFile": "objects:report_document",
     "vibroswarm.study.study_result.StudyResult": "objects:study_result_document",
     "vibroswarm.league.standings.League": "league:entries_document",
@@ -27,6 +26,8 @@ DOCUMENTS: Final = {
     "vibroswarm.paper.claims.Claim": "reproduction:claim_document",
     "vibroswarm.paper.claims.Decided": "reproduction:verdict_document",
     "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
+    "vibroswarm.study.study_outputs.Comparison": "study:comparison_document",
+    "vibroswarm.study.summary.Outcome": "study:study_document",
 }
 """Module and function, by module and name of the class. Packages of results take long to import, so that each module is
 imported when a document is asked for."""

@@ -19,7 +19,7 @@ from vibroswarm.show.document import Document, Figure, Section, Table, Text
 from vibroswarm.show.numbers import number
 from vibroswarm.study.factors import LABEL, PRESET
 from vibroswarm.study.spec import Cell, Study
-from vibroswarm.study.study_outputs import Comparison, ReportFile
+from vibroswarm.study.study_outputs import ReportFile
 from vibroswarm.study.study_result import StudyResult
 
 MOST_CELLS: Final = 500
@@ -106,13 +106,6 @@ def study_result_document(result: StudyResult) -> Document:
     )
     then = Text("Next: .summary(), .compare(), .plot(), .report()")
     return Document("Study result", (repr(result),), parts=(Table(cells, name="cells", names=2), then))
-
-
-def comparison_document(comparison: Comparison) -> Document:
-    """Return the document of the comparisons of a study's cells: a sentence for each pair."""
-    outcome = comparison.outcome
-    title, sentences = outcome.question, tuple(comparison.sentences)
-    return Document(title, sentences[:1], knew=tuple(outcome.notes), parts=tuple(map(Text, sentences[1:])))
 
 
 def report_document(report: ReportFile) -> Document:

@@ -26,8 +26,9 @@ from vibroswarm.optimize.search_tables import GRID_LUCK, short_names, value_said
 from vibroswarm.optimize.validation import Truth
 from vibroswarm.plots import Picture
 from vibroswarm.report.html import Column, Report, ReportCode, ReportPicture, ReportTable, Section, picture_of
+from vibroswarm.show.made_by import versions_in_words
+from vibroswarm.show.numbers import counts
 from vibroswarm.study.plan import plan_of
-from vibroswarm.study.study_report import count_range, versions_in_words
 
 TITLES: Final = {
     "grid-score": "The score",
@@ -90,8 +91,8 @@ def _lead(nodes: Nodes, truth: Truth | None) -> tuple[str, ...]:
     grid = nodes.grid
     varied = ", ".join(f"`{name}`" for name in grid.study.varied)
     aim = f"for the lowest {grid.objective.words}"
-    runs = count_range(node.scored.score.n for node in nodes.nodes)
-    first = f"{len(nodes.nodes)} cells over {varied}, {runs} runs per cell, {aim}."
+    runs = counts((node.scored.score.n for node in nodes.nodes), "run")
+    first = f"{len(nodes.nodes)} cells over {varied}, {runs} per cell, {aim}."
     if truth is None:
         return *nodes.notes, first, QUOTE
     return *nodes.notes, first, best_words(nodes.best.cell.point, truth, grid.objective.unit), QUOTE

@@ -43,7 +43,7 @@ from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import TELLING, Front, Truth
 from vibroswarm.plots import Picture
 from vibroswarm.report.html import Column, Report, ReportCode, ReportPicture, ReportTable, Section, picture_of
-from vibroswarm.study.study_report import versions_in_words
+from vibroswarm.show.made_by import versions_in_words
 
 ENOUGH: Final = 0.9
 """Share of the budget from which a search counts as finished."""

@@ -17,19 +17,34 @@ from pydantic import PlainSerializer, PlainValidator
 
 
 def _frame_of(values: Any) -> pl.DataFrame:
-    """Check that a value is a table, or make one of the values of its columns."""
+    """Check that a value is a table, or make one of what ``_values_of`` returns."""
     if isinstance(values, pl.DataFrame):
         return values
-    if not isinstance(values, dict) or not all(isinstance(column, list) for column in values.values()):
+    if not isinstance(values, dict):
         raise ValueError("is not a table: the values of columns by name")
-    return pl.DataFrame(values)
+    return pl.DataFrame({name: _series_of(column) for name, column in values.items()})
 
 
-Frame = Annotated[
-    pl.DataFrame,
-    PlainValidator(_frame_of),
-    PlainSerializer(lambda frame: frame.to_dict(as_series=False)),
-]
+def _series_of(column: Any) -> pl.Series:
+    if isinstance(column, dict) and list(column) == ["texts"]:
+        return pl.Series(column["texts"], dtype=pl.String)
+    if not isinstance(column, list):
+        raise ValueError("is not a table: the values of columns by name")
+    series = pl.Series(column)
+    return series.cast(pl.Float64) if series.dtype == pl.Null else series
+
+
+def _values_of(frame: pl.DataFrame) -> dict[str, Any]:
+    """Return the values of columns by name; texts that are all missing are marked, to be told from numbers."""
+    return {
+        series.name: {"texts": series.to_list()}
+        if series.null_count() == series.len() and not series.dtype.is_numeric()
+        else series.to_list()
+        for series in frame
+    }
+
+
+Frame = Annotated[pl.DataFrame, PlainValidator(_frame_of), PlainSerializer(_values_of)]
 """A table of polars, which is kept as the values of its columns by name (``stored``)."""
 
 Tone = Literal["", "good", "fair", "bad", "open"]

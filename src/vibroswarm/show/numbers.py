@@ -101,7 +101,7 @@ def number(
         text = f"{value:.0f}"
     else:
         text = f"{value:.{digits}g}"
-    return f"+{text}" if sign and value > 0 else text
+    return f"+{text}" if sign and value > 0 and text.strip("0.") else text
 
 
 def percent(share: float | None, decimals: int = 1, *, sign: bool = False) -> str:
@@ -162,7 +162,21 @@ def count(n: int, thing: str, things: str = "") -> str:
     return f"{n:,} {thing if n == 1 else things or f'{thing}s'}"
 
 
-def listed(words: Iterable[str]) -> str:
-    """Join words as a sentence does: ``a``, ``a and b``, ``a, b and c``."""
+def counts(numbers: Iterable[int], thing: str) -> str:
+    """Write the range of numbers of things, at least one: ``1,000 runs`` if all are equal; ``100 to 1,000 runs``."""
+    *others, last = sorted(set(numbers))
+    return f"{others[0]:,} to {count(last, thing)}" if others else count(last, thing)
+
+
+def listed(words: Iterable[str], word: str = "and") -> str:
+    """Join words as a sentence does: ``a``, ``a and b``, ``a, b and c``; with semicolons if one has a comma itself.
+
+    Args:
+        word: what stands before the last one.
+    """
     *first, last = words
-    return f"{', '.join(first)} and {last}" if first else last
+    if not first:
+        return last
+    if any(", " in each for each in (*first, last)):
+        return f"{'; '.join(first)}; {word} {last}"
+    return f"{', '.join(first)} {word} {last}"

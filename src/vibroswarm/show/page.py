@@ -9,6 +9,7 @@ import base64
 import hashlib
 import math
 import re
+from collections.abc import Callable
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -43,14 +44,21 @@ PHOTO_ADDRESS: Final = re.compile(r"data:image/(?:jpeg|png);base64,[A-Za-z0-9+/=
 """Allowed addresses of photographs. They hold the photograph itself, and no character that has to be escaped."""
 
 
-def write_page(path: Path | str, document: Document) -> None:
+def write_page(
+    path: Path | str, document: Document, progress: Callable[[float], None] = lambda share: None
+) -> None:
     """Write a document as an HTML file, completely or not at all; an existing file is replaced.
 
+    Args:
+        progress: called with the share of figures that are drawn.
     Raises:
         InputError: a figure is not a plain SVG or too large, the address of a photograph is not a data URI of a JPEG or
             PNG, or the folder cannot be written.
         RunError: the disk is full or failed.
     """
+    for place, figure in enumerate(document.figures.values(), start=1):
+        _ = figure.drawn  # it is drawn once
+        progress(place / len(document.figures))
     text = page_html(document)
     with whole_file(Path(path)) as part:
         part.write_text(text, encoding="utf-8", newline="\n")

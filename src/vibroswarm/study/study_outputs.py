@@ -5,21 +5,24 @@ The functions here do the work of the methods of ``StudyResult``. Pandas and xar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import polars as pl
 
 from vibroswarm.core.atomic_io import OURS, whole_folder
+from vibroswarm.core.displayed import document_of
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.plots.picture import Picture
-from vibroswarm.study.answers import Answer, cell_sentences
+from vibroswarm.show.document import Document
+from vibroswarm.show.figures import write_figures
+from vibroswarm.show.page import write_page
+from vibroswarm.study.answers import Answer
 from vibroswarm.study.baselines import references_of
 from vibroswarm.study.cell_comparison import comparison_table, second_block
-from vibroswarm.study.pictures import pictures_of
-from vibroswarm.study.study_report import REPORT, write_pictures_and_report
 from vibroswarm.study.summary import Outcome, outcome_of, write_outcome
 
 if TYPE_CHECKING:
@@ -27,6 +30,12 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from vibroswarm.study.study_result import StudyResult
+
+
+REPORT: Final = "report.html"
+"""Name of the page."""
+PICTURES: Final = "pictures"
+"""Name of the folder of pictures, beside the page."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,9 +55,8 @@ class Comparison(NotebookView):
 
         If no cells are compared, there is a sentence about each cell instead.
         """
-        lines = [line for one in self.answers for line in (one.sentence, one.at_equal_error) if line]
-        lines = lines or cell_sentences(self.outcome.cells)
-        return lines + [f"Warning: {words}" for words in self.outcome.warnings]
+        document = self._document
+        return [*document.answer, *(f"Warning: {words}" for words in document.warnings)]
 
     @property
     def table(self) -> pl.DataFrame:
@@ -60,8 +68,13 @@ class Comparison(NotebookView):
             return pl.DataFrame()
         return comparison_table(self.outcome.comparisons)
 
+    @cached_property
+    def _document(self) -> Document:
+        document: Document = document_of(self)
+        return document
+
     def __repr__(self) -> str:
-        return "\n".join([*self.outcome.notes, self.outcome.question, *self.sentences])
+        return "\n".join([*self._document.knew, self._document.title, *self.sentences])
 
 
 @dataclass(frozen=True)
@@ -93,16 +106,17 @@ def compared(
 
 
 def plotted(result: StudyResult, name: str, style: str) -> Picture:
-    """Draw one of the study's pictures (``pictures.pictures_of``) by its name.
+    """Draw one of the figures of the study's document by its name.
 
     Raises:
-        InputError: there is no such style, or the study has no such picture; the message lists those that it has.
+        InputError: there is no such style, or the study has no such figure; the message lists those that it has.
     """
-    named = {picture.name: picture for picture in pictures_of(outcome_of(result, compare=False))}
-    if name not in named:  # only the pictures of comparisons need the comparisons, which take longer
-        named = {picture.name: picture for picture in pictures_of(outcome_of(result))}
-    check_choice(name, "name", named)
-    return named[name].draw(style=style)
+    figures = document_of(outcome_of(result, compare=False)).figures
+    if name not in figures:  # only the figures of comparisons need the comparisons, which take longer
+        figures = document_of(outcome_of(result)).figures
+    check_choice(name, "name", figures)
+    drawn: Picture = figures[name].draw(style)
+    return drawn
 
 
 def reported(result: StudyResult, folder: Path | None, replace: bool) -> ReportFile:
@@ -135,8 +149,11 @@ def _write(result: StudyResult, folder: Path) -> ReportFile:
     # The report keeps the comparison at equal error that the study's folder has.
     equal_error = (result.store.folder / "equal_error.csv").is_file()
     outcome = outcome_of(result, equal_error=equal_error)
+    outcome = replace(outcome, references=tuple(references_of(result)))
     write_outcome(outcome, folder)
-    write_pictures_and_report(outcome, references_of(result), folder, "column")
+    document = document_of(outcome)
+    write_page(folder / REPORT, document)
+    write_figures(folder / PICTURES, document, "column")
     return ReportFile(folder / REPORT)
 
 

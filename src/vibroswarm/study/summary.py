@@ -1,7 +1,7 @@
-"""Summarise a study: the figures of its cells with intervals, comparisons, and warnings.
+"""Summarise a study: the figures of its cells with intervals, and comparisons.
 
 A run failed if its source of motion gave it up; its robots count as undecided (``batch_table``). A batch failed if its
-simulation raised an error; its runs are not stored and are in no figure (``store``). Both give warnings.
+simulation raised an error; its runs are not stored and are in no figure (``store``).
 """
 
 from __future__ import annotations
@@ -20,14 +20,13 @@ from vibroswarm.analysis.cell_summary import CellSummary, summary
 from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.forced_error import forced_error_by_run
 from vibroswarm.analysis.intervals import Interval, mean_interval
-from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import RunError
 from vibroswarm.inference.outcomes import numbers
-from vibroswarm.study.answers import Answer, answers_of, question
-from vibroswarm.study.batch_table import failed_words
+from vibroswarm.study.answers import Answer, answers_of
+from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import Compared, at_equal_error, comparison_table, comparisons
 from vibroswarm.study.precision import Settled, figure_of
 from vibroswarm.study.spec import Cell
@@ -80,6 +79,8 @@ class Outcome(NotebookView):
     """An answer for each pair of cells that is compared."""
     failed_replicate: StudyResult | None = None
     """The second block, if all its batches failed, so that none of its runs is stored; else None."""
+    references: tuple[References, ...] = ()
+    """How soon could have been decided from the same samples, of ``baselines.references_of``; empty: not computed."""
 
     def __repr__(self) -> str:
         return f"Outcome({len(self.cells)} cells, {len(self.answers)} comparisons, of {self.result!r})"
@@ -102,88 +103,6 @@ class Outcome(NotebookView):
     def has_failed_runs(self) -> bool:
         """Whether the source of motion gave up a run; only then is there a column ``failed_runs``."""
         return any(cell.failed.height > 0 for cell in self.cells)
-
-    @cached_property
-    def question(self) -> str:
-        """The question that the study asks: what is compared, in which setting, in how many runs."""
-        return question(self.result, self.comparisons)
-
-    @cached_property
-    def notes(self) -> list[str]:
-        """Sentences to be read before the answer: that robots knew their true places, if they used them."""
-        return true_places_notes(one.cell.scenario for one in self.cells)
-
-    @property
-    def warnings(self) -> list[str]:
-        """Sentences on what may invalidate the figures, such as failed or missing runs; empty if all is well."""
-        # Cells with the same floor and threshold have the same warning about their floor: it is given once.
-        warnings = list(dict.fromkeys(
-            f"{_floor_words(c)}: {c.decidable.says}" for c in self.cells if c.decidable.is_warning
-        ))  # fmt: skip
-        store = self.result.store
-        cells = self.result.cells
-        warnings += [failed_words(c.cell, c.failed, c.summary.runs) for c in self.cells if c.failed.height]
-        if store.failures:
-            warnings.append(_failed_batches_words(self.result))
-        for replicate in (self.replicate, self.failed_replicate):
-            if replicate is not None and replicate.store.failures:
-                warnings.append(f"on other seeds, {_failed_batches_words(replicate)}")
-        if self.without_runs:
-            names = ", ".join(cell.name for cell in self.without_runs)
-            warnings.append(f"there are no runs of {names}.")
-        lost = int((cells["wanted"] - cells["there"]).sum())
-        if lost and not store.failures:  # failed batches already have a warning
-            warnings.append(
-                f"{lost:,} of {int(cells['wanted'].sum()):,} runs are missing; run the same command again."
-            )
-        warnings += [f"a damaged shard was left out: {words}" for words in store.damaged]
-        if len(store.made_by) > 1:
-            warnings.append(
-                "runs were made by different versions of the software; they may not be repeatable as a whole."
-            )
-        until = self.result.study.until
-        # Cells that have the most runs that are allowed, and are still not precise enough.
-        imprecise = [c for c in self.cells if c.settled is not None and not c.settled.reached]
-        if until is not None and imprecise:
-            warnings.append(
-                f"in {len(imprecise)} of {len(self.cells)} cells {until.figure} is not known to "
-                f"{100 * until.half_width:g} % after {until.max_runs:,} runs, the most that were allowed."
-            )
-        return warnings
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the whole summary as plain values, for JSON."""
-        study = self.result.study
-        return {
-            "study_hash": study.hash,
-            "name": study.name,
-            "seed": study.seed,
-            "cells": [
-                {
-                    "cell": row.cell.number,
-                    "name": row.cell.name,
-                    "varied": row.cell.point,
-                    "scenario_hash": row.cell.scenario.hash,
-                    **row.summary.as_dict(),
-                    **({"failed_runs": row.failed.height} if self.has_failed_runs else {}),
-                    "forced_error": row.forced_error.as_dict(),
-                    "walk": row.walk,
-                    "decidability": row.decidable.as_dict(),
-                    "settled": None if row.settled is None else row.settled._asdict(),
-                }
-                for row in self.cells
-            ],
-            "comparisons": [row.as_row() for row in self.comparisons],
-            "answers": [
-                {"sentence": answer.sentence, "at_equal_error": answer.at_equal_error}
-                for answer in self.answers
-            ],
-            "equal_error": [answer.as_row() for answer in self.answers if answer.matched is not None],
-            "second_block_seed": None if self.replicate is None else self.replicate.study.seed,
-            "notes": self.notes,
-            "warnings": self.warnings,
-            "versions": self.result.store.made_by,
-        }
 
 
 def outcome_of(
@@ -264,19 +183,6 @@ def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
     return replace(result, selected=with_runs), without
 
 
-def _failed_batches_words(result: StudyResult) -> str:
-    """Write how many runs of which cells are missing because their batches failed, with the first cause.
-
-    The store has at least one failure. All cells of a failed batch are named, whether they are selected or not.
-    """
-    failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
-    names = dict.fromkeys(cell.name for failure in failures for cell in groups[failure["group"]].cells)
-    return (
-        f"{len(result.store.lost_runs):,} runs of {', '.join(names)} failed and are in no figure, so that figures of "
-        f"the others may be biased ({failures[0]['why']})."
-    )
-
-
 _SETTLED: Final = {
     "right": "robots_right",
     "wrong": "robots_wrong",
@@ -326,17 +232,11 @@ def _walk(runs: pl.DataFrame) -> dict[str, Any]:
     return columns
 
 
-def _floor_words(one: CellOutcome) -> str:
-    """Name the floor and the sensor threshold of a cell, on which its decidability depends."""
-    floor = one.cell.scenario.floor
-    return f"floor {floor.source}, threshold {one.cell.scenario.sensor.rms_threshold:g}"
-
-
 def write_outcome(outcome: Outcome, folder: Path) -> None:
-    """Write ``summary``, ``comparisons`` and ``equal_error`` as CSV and Parquet into a study's folder.
+    """Write ``summary``, ``comparisons``, ``equal_error`` and ``references`` as CSV and Parquet into a study's folder.
 
-    The last two are written only if cells are compared, and compared at equal error. Otherwise, earlier files of these
-    names are removed, since they are not of this summary.
+    The others are written only if cells are compared, compared at equal error, and references are computed. Otherwise,
+    earlier files of ``comparisons`` and ``equal_error`` are removed, since they are not of this summary.
 
     Raises:
         InputError: a file cannot be created. RunError: the disk is full or failed, or a file cannot be removed.
@@ -346,6 +246,8 @@ def write_outcome(outcome: Outcome, folder: Path) -> None:
         tables["comparisons"] = comparison_table(outcome.comparisons)
     if matched := [answer.as_row() for answer in outcome.answers if answer.matched is not None]:
         tables["equal_error"] = pl.DataFrame(matched, infer_schema_length=None)
+    if outcome.references:
+        tables["references"] = reference_table(list(outcome.references))
     for name, table in tables.items():
         write_table(table, folder / name)
     for name in {"comparisons", "equal_error"} - set(tables):

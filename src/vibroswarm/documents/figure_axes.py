@@ -1,4 +1,4 @@
-"""Lay out the cells of a study in a picture.
+"""Lay out the cells of a study in a figure.
 
 If a numeric field is varied, it is the x axis, and cells that are equal in all other fields make a series (one line).
 Otherwise each cell stands for itself.
@@ -19,7 +19,7 @@ from vibroswarm.study.spec import SOURCE, Cell
 
 @dataclass(frozen=True)
 class Layout:
-    """The position of each cell in a picture; cells are given by their numbers."""
+    """The position of each cell in a figure; cells are given by their numbers."""
 
     field: str | None
     """The numeric field along x, None if there is no such field."""
@@ -57,7 +57,7 @@ def layout_of(cells: Sequence[Cell]) -> Layout:
 def plane_of(cells: Sequence[Cell]) -> tuple[str, str] | None:
     """Return the names of the two numeric fields with at least three values each, for the axes of a map.
 
-    A field with fewer values is no axis: each of its values has a map of its own (``pictures``).
+    A field with fewer values is no axis: each of its values has a map of its own (``study_figures``).
 
     Returns: None unless there are exactly two such fields.
     """
@@ -81,7 +81,7 @@ def label_of(field: str) -> str:
 
 
 def name_of(cell: Cell) -> str:
-    """Name a cell in a picture: by its varied values with symbols and units, or else by ``Cell.name``."""
+    """Name a cell in a figure: by its varied values with symbols and units, or else by ``Cell.name``."""
     # ``Cell.name`` is not just the varied values if the cell has a label, if nothing is varied (then it is the
     # strategy), or if the cell's number distinguishes it from an equal name (``factors.names_of``).
     is_named_by_values = cell.point and cell.name == cell.words_of(cell.point)

@@ -1,14 +1,13 @@
-"""Choose and draw the pictures that fit a study.
+"""The figures of a study, in groups; each is declared with what draws it, and drawn when a page or a file needs it.
 
-A picture is chosen here together with the function that draws it, and drawn later, in the style of a page or a paper.
-Most pictures are drawn from the figures of the study's cells. The pictures of samples need the samples themselves,
-which a study rarely saves: some of its runs are simulated again from the seed, and the picture says how many.
+Most figures are drawn from the figures of the study's cells. Those of samples need the samples themselves, which a
+study rarely saves: some of its runs are simulated again from the seed, and the caption says how many. The name of a
+figure is its file name without a suffix; ``StudyResult.plot`` takes it too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
@@ -17,6 +16,7 @@ import polars as pl
 from scipy.special import betainc
 
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
+from vibroswarm.documents.figure_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.plots.comparisons import draw_forest, draw_outcomes
 from vibroswarm.plots.curves import draw_belief, draw_detection, draw_incidence
@@ -25,58 +25,61 @@ from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.picture import Picture
+from vibroswarm.show.document import Figure
 from vibroswarm.study.cell_comparison import Compared
-from vibroswarm.study.picture_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.study.spec import SOURCE
 from vibroswarm.study.summary import CellOutcome, Outcome
 
 MOST_ROWS: Final = 48
-"""Most cells in a picture with one row for each cell."""
+"""Most cells in a figure with one row for each cell."""
 MOST_SERIES: Final = 8
-"""Most lines in a picture."""
+"""Most lines in a figure."""
 MOST_PANELS: Final = 6
-"""Most pictures of a kind."""
+"""Most figures of a kind."""
 SIMULATED_RUNS: Final = 100
-"""Most runs of a cell simulated again for a picture of samples."""
+"""Most runs of a cell simulated again for a figure of samples."""
 MOST_POINTS: Final = 400
-"""Most points of the picture of detection."""
+"""Most points of the figure of detection."""
 TIMES: Final = 121
 """Number of points of a curve over time."""
 
 
-@dataclass(frozen=True)
-class NamedPicture:
-    """A picture's file name, its title, and the function that draws it."""
+def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
+    """Yield outcomes, figures of the cells, maps over two fields, and which fill ratios are judged correctly.
 
-    name: str
-    title: str
-    draw: Callable[..., Picture]
-    """Takes the style by keyword."""
-
-
-def pictures_of(outcome: Outcome) -> Iterator[NamedPicture]:
-    """Yield all pictures that fit the study, the most informative first.
-
-    A picture with a row for each cell is left out if there are more than ``MOST_ROWS`` cells, boxes at more than half
-    as many. Figures along a numeric field are always yielded: ``_bars`` limits their lines and rows. The name
-    of a picture is its file name without a suffix; ``StudyResult.plot`` takes it too.
+    A figure with a row for each cell is left out if there are more than ``MOST_ROWS`` cells. Those along a numeric
+    field are always yielded: ``_bars`` limits their lines and rows.
     """
     cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
     if len(cells) <= MOST_ROWS:
-        yield NamedPicture("outcomes", "Outcomes of the swarms", partial(_outcomes, cells))
-    for figure, title, label, percent in _FIGURES:
+        yield _figure("outcomes", "Outcomes of the swarms", partial(_outcomes, cells))
+    for name, title, label, percent in _FIGURES:
         if layout.x is not None or len(cells) <= MOST_ROWS:
-            yield NamedPicture(figure, title, _bars(cells, layout, figure, label, percent))
+            yield _figure(name, title, partial(_bars, cells, layout, name, label, percent))
     yield from _planes(cells)
-    yield from _incidences(outcome, layout)
-    if len(cells) <= MOST_ROWS // 2:
-        yield NamedPicture("consensus-box", "Time of consensus, run by run", _spread(outcome))
-    yield from _fronts(cells)
-    yield from _forests(outcome.comparisons)
     # ``swarm_right.n`` counts the runs with a truth: those in which one of the two decisions is right.
     if layout.field == SOURCE and any(row.summary.swarm_right.n for row in cells):
-        yield NamedPicture("detection", "Which fill ratios are judged correctly", _detection(cells, layout))
-    yield from _samples(outcome)
+        yield _figure(
+            "detection", "Which fill ratios are judged correctly", partial(_detection, cells, layout)
+        )
+
+
+def time_figures(outcome: Outcome) -> Iterator[Figure]:
+    """Yield decisions, consensus and beliefs over time.
+
+    Boxes are left out if there are more than half of ``MOST_ROWS`` cells; beliefs if there are more than
+    ``MOST_SERIES`` cells, or no robot sampled.
+    """
+    yield from _incidences(outcome)
+    if len(outcome.cells) <= MOST_ROWS // 2:
+        yield _figure("consensus-box", "Time of consensus, run by run", partial(_spread, outcome))
+    if len(outcome.cells) <= MOST_SERIES and any(_sampled(outcome, one) for one in outcome.cells):
+        yield _figure("belief", "Belief over time", partial(_belief, outcome))
+
+
+def _figure(name: str, title: str, draw: Callable[..., Picture]) -> Figure:
+    """Declare a figure; ``draw`` takes the style by keyword."""
+    return Figure(name, lambda style: draw(style=style), title)
 
 
 _FIGURES: Final = (
@@ -85,7 +88,8 @@ _FIGURES: Final = (
     ("robots_right", "Robots that decided rightly", "robots right", True),
     ("robots_wrong", "Robots that decided wrongly", "robots wrong", True),
 )
-"""Figures with a picture: field of ``cell_summary.CellSummary``, title, label of the axis, whether it is a share."""
+"""Quantities of cells that are drawn: field of ``cell_summary.CellSummary``, title, label of the axis, whether it is a
+share."""
 
 
 def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
@@ -102,9 +106,9 @@ def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
 
 
 def _bars(
-    cells: Sequence[CellOutcome], layout: Layout, figure: str, label: str, percent: bool
-) -> Callable[..., Picture]:
-    """Return the function that draws a figure with its intervals.
+    cells: Sequence[CellOutcome], layout: Layout, figure: str, label: str, percent: bool, style: str
+) -> Picture:
+    """Draw a figure of the cells with its intervals.
 
     It is drawn along ``layout.x`` with a line for each series. If there is no x, or if there are more than
     ``MOST_SERIES`` lines, each cell has a row of its own instead, up to ``MOST_ROWS`` cells.
@@ -127,17 +131,17 @@ def _bars(
             pl.all().exclude("x", "series"),
         )
         frame = frame.head(MOST_ROWS)
-    return partial(
-        draw_error_bars,
+    return draw_error_bars(
         frame,
         x_label="" if too_many_lines else layout.label,
         label=label,
         interval="95 % interval",
         percent=percent,
+        style=style,
     )
 
 
-def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
+def _planes(cells: Sequence[CellOutcome]) -> Iterator[Figure]:
     """Yield heat maps of decision time and of swarms right over two numeric fields.
 
     There are two maps for each combination of the values of the other varied fields, up to ``MOST_PANELS``
@@ -161,13 +165,13 @@ def _planes(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
             title = f"{label} over {label_of(plane[0])} and {label_of(plane[1])}" + (
                 f": {rest}" if rest else ""
             )
-            yield NamedPicture(name, title, _heat(part, plane, figure, label, best))
+            yield _figure(name, title, partial(_heat, part, plane, figure, label, best))
 
 
 def _heat(
-    cells: Sequence[CellOutcome], plane: tuple[str, str], figure: str, label: str, best: str
-) -> Callable[..., Picture]:
-    """Return the function that draws a figure as a map over the two fields of ``plane``.
+    cells: Sequence[CellOutcome], plane: tuple[str, str], figure: str, label: str, best: str, style: str
+) -> Picture:
+    """Draw a figure of the cells as a map over the two fields of ``plane``.
 
     Args:
         figure: name in ``CellSummary``. label: of its colours. best: whether ``low`` or ``high`` values are better.
@@ -182,22 +186,23 @@ def _heat(
         for cell_outcome in cells
     ]
     x_label, y_label = label_of(plane[0]), label_of(plane[1])
-    return partial(draw_heat, _frame(rows), x_label=x_label, y_label=y_label, label=label, best=best)
+    return draw_heat(_frame(rows), x_label=x_label, y_label=y_label, label=label, best=best, style=style)
 
 
-def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
-    """Yield pictures of decisions over time, each once for robots and once for swarms.
+def _incidences(outcome: Outcome) -> Iterator[Figure]:
+    """Yield figures of decisions over time, each once for robots and once for swarms.
 
-    In a picture each cell has two lines: right decisions upwards and wrong decisions downwards. If there are at most
-    ``MOST_SERIES // 2`` cells, one picture shows all of them, with at most ``MOST_SERIES`` lines. Otherwise there is a
-    picture for each value of x, the numeric field along the axis; without such a field there is none. A picture for one
-    value may show up to ``MOST_SERIES`` cells, and is left out if the value has more. Of the pictures that remain, the
+    In a figure each cell has two lines: right decisions upwards and wrong decisions downwards. If there are at most
+    ``MOST_SERIES // 2`` cells, one figure shows all of them, with at most ``MOST_SERIES`` lines. Otherwise there is a
+    figure for each value of x, the numeric field along the axis; without such a field there is none. A figure for one
+    value may show up to ``MOST_SERIES`` cells, and is left out if the value has more. Of the figures that remain, the
     first ``MOST_PANELS`` are yielded. A cell is left out if none of its runs has a truth, that is, a right decision.
     """
     # ``swarm_right.n`` counts the runs with a truth, whether or not their swarms decided rightly.
     cells = [cell_outcome for cell_outcome in outcome.cells if cell_outcome.summary.swarm_right.n]
+    layout = layout_of([cell_outcome.cell for cell_outcome in outcome.cells])
     if 0 < len(cells) <= MOST_SERIES // 2:
-        panels = {"": cells}  # the cells of each picture, by the words that its title adds
+        panels = {"": cells}  # the cells of each figure, by the words that its title adds
     elif layout.x is not None:
         panels = {}
         for cell_outcome in cells:
@@ -206,20 +211,20 @@ def _incidences(outcome: Outcome, layout: Layout) -> Iterator[NamedPicture]:
             )
     else:
         return
-    # Here ``MOST_SERIES`` limits the cells of a picture, so the lines in either direction.
+    # Here ``MOST_SERIES`` limits the cells of a figure, so the lines in either direction.
     panels_shown = [(words, part) for words, part in panels.items() if len(part) <= MOST_SERIES][:MOST_PANELS]
     for number, (words, part) in enumerate(panels_shown):
         for unit in ("robot", "swarm"):
             name = f"incidence-{unit}s" + (f"-{number + 1}" if len(panels_shown) > 1 else "")
             title = f"Decisions of {unit}s over time" + (f": {words}" if words else "")
-            # ``words`` is empty for the picture of all cells, in which curves are named by cell and not by series.
-            yield NamedPicture(name, title, _incidence(outcome, part, layout if words else None, unit))
+            # ``words`` is empty for the figure of all cells, in which curves are named by cell and not by series.
+            yield _figure(name, title, partial(_incidence, outcome, part, layout if words else None, unit))
 
 
 def _incidence(
-    outcome: Outcome, cells: Sequence[CellOutcome], layout: Layout | None, unit: str
-) -> Callable[..., Picture]:
-    """Return the function that draws decisions over time, with the curves of each cell.
+    outcome: Outcome, cells: Sequence[CellOutcome], layout: Layout | None, unit: str, style: str
+) -> Picture:
+    """Draw decisions over time, with the curves of each cell.
 
     Args:
         layout: names the curves by their series; None: they are named by their cells.
@@ -237,18 +242,18 @@ def _incidence(
     count = min(cell_outcome.summary.runs for cell_outcome in cells)
     size = min(cell_outcome.cell.scenario.swarm.robots for cell_outcome in cells)
     t_end_s = max(cell_outcome.summary.t_end_s for cell_outcome in cells)
-    return partial(
-        draw_incidence,
+    return draw_incidence(
         pl.concat(frames),
         runs=count * size if unit == "robot" else count,
         unit="robot" if unit == "robot" else "run",
         interval=f"95 % interval over {count} runs",
         t_end=t_end_s,
+        style=style,
     )
 
 
-def _spread(outcome: Outcome) -> Callable[..., Picture]:
-    """Return the function that draws the distribution of consensus times for each cell.
+def _spread(outcome: Outcome, style: str) -> Picture:
+    """Draw the distribution of consensus times for each cell.
 
     A run without consensus has no such time (null); it is counted as "without consensus".
     """
@@ -257,29 +262,29 @@ def _spread(outcome: Outcome) -> Callable[..., Picture]:
         _, runs = outcome.result.tables(cell_outcome.cell.number)
         frames.append(runs.select(cell=pl.lit(name_of(cell_outcome.cell)), value="consensus_time_s"))
     t_end_s = max(cell_outcome.summary.t_end_s for cell_outcome in outcome.cells)
-    return partial(
-        draw_boxes,
+    return draw_boxes(
         pl.concat(frames),
         label="time of consensus (s)",
         t_end=t_end_s,
         missing="without consensus",
+        style=style,
     )
 
 
-def _fronts(cells: Sequence[CellOutcome]) -> Iterator[NamedPicture]:
-    """Yield a picture of decision time against error for each floor, for at most the first ``MOST_PANELS`` floors.
+def front_figures(outcome: Outcome) -> Iterator[Figure]:
+    """Yield a figure of decision time against error for each floor, for at most the first ``MOST_PANELS`` floors.
 
     A front shows settings among which one may choose. The floor cannot be chosen, so cells on different floors are in
-    different pictures. A floor with only one cell has no picture.
+    different figures. A floor with only one cell has no figure.
     """
     floors: dict[str, list[CellOutcome]] = {}
-    for cell_outcome in cells:
+    for cell_outcome in outcome.cells:
         floors.setdefault(str(cell_outcome.cell.point.get(SOURCE, "")), []).append(cell_outcome)
     for number, (floor, part) in enumerate(list(floors.items())[:MOST_PANELS]):
         if len(part) > 1:
             name = "front" + (f"-{number + 1}" if len(floors) > 1 else "")
             title = "Time against error" + (f": {floor}" if floor else "")
-            yield NamedPicture(name, title, partial(_front, part))
+            yield _figure(name, title, partial(_front, part))
 
 
 def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
@@ -305,8 +310,8 @@ def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
     return draw_front(_frame(rows), error_label="forced error", percent=True, style=style)
 
 
-def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
-    """Yield one picture for each compared figure, with its paired differences and their intervals."""
+def comparison_figures(compared: Sequence[Compared]) -> Iterator[Figure]:
+    """Yield one figure for each compared quantity, with its paired differences and their intervals."""
     for figure, title, label, better in (
         ("decision_time_s", "Decision time, run by run", "difference in decision time (s)", "low"),
         ("right_share", "Robots right, run by run", "difference in robots right (percentage points)", "high"),
@@ -336,11 +341,11 @@ def _forests(compared: Sequence[Compared]) -> Iterator[NamedPicture]:
         ][:MOST_ROWS]
         if rows:
             draw = partial(draw_forest, _frame(rows), label=label, better=better)
-            yield NamedPicture(f"compared-{figure.replace('_', '-')}", title, draw)
+            yield _figure(f"compared-{figure.replace('_', '-')}", title, draw)
 
 
-def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Picture]:
-    """Return the function that draws the share of runs without a right consensus against the fill ratio.
+def _detection(cells: Sequence[CellOutcome], layout: Layout, style: str) -> Picture:
+    """Draw the share of runs without a right consensus against the fill ratio.
 
     Args:
         layout: with the fill ratio along x.
@@ -360,34 +365,32 @@ def _detection(cells: Sequence[CellOutcome], layout: Layout) -> Callable[..., Pi
                 "runs": cell_outcome.summary.runs,
             }
         )
-    # The picture has one boundary: that of the first cell.
+    # The figure has one boundary: that of the first cell.
     boundary = cells[0].cell.scenario.decision.decision_boundary
-    return partial(draw_detection, _frame(rows).head(MOST_POINTS), boundary=boundary)
+    return draw_detection(_frame(rows).head(MOST_POINTS), boundary=boundary, style=style)
 
 
-def _samples(outcome: Outcome) -> Iterator[NamedPicture]:
-    """Yield pictures from samples: where robots sampled, and beliefs over time.
+def sampling_figures(outcome: Outcome) -> Iterator[Figure]:
+    """Yield figures of where robots sampled.
 
-    Cells of a group share their motion, so each group has one picture of where robots sampled. These pictures are left
-    out if there are more than ``MOST_PANELS`` groups. The picture of beliefs is left out if there are more than
-    ``MOST_SERIES`` cells. Both are left out if no robot sampled.
+    Cells of a group share their motion, so each group has one figure. There are none if there are more than
+    ``MOST_PANELS`` groups, or if no robot sampled.
     """
     groups = outcome.result.plan.groups
-    if len(groups) <= MOST_PANELS:
-        for group in groups:
-            in_group = (cell_outcome for cell_outcome in outcome.cells if cell_outcome.cell in group.cells)
-            # Cells of a group may end at different times, so the first one may have no samples, unlike the others.
-            one = next((cell_outcome for cell_outcome in in_group if _sampled(outcome, cell_outcome)), None)
-            if one is not None:
-                name = "density" + (f"-{group.number + 1}" if len(groups) > 1 else "")
-                words = f": {name_of(one.cell)}" if len(groups) > 1 else ""
-                yield NamedPicture(name, f"Where robots sampled{words}", partial(_density, outcome, one))
-    if len(outcome.cells) <= MOST_SERIES and any(_sampled(outcome, one) for one in outcome.cells):
-        yield NamedPicture("belief", "Belief over time", partial(_belief, outcome))
+    if len(groups) > MOST_PANELS:
+        return
+    for group in groups:
+        in_group = (cell_outcome for cell_outcome in outcome.cells if cell_outcome.cell in group.cells)
+        # Cells of a group may end at different times, so the first one may have no samples, unlike the others.
+        one = next((cell_outcome for cell_outcome in in_group if _sampled(outcome, cell_outcome)), None)
+        if one is not None:
+            name = "density" + (f"-{group.number + 1}" if len(groups) > 1 else "")
+            words = f": {name_of(one.cell)}" if len(groups) > 1 else ""
+            yield _figure(name, f"Where robots sampled{words}", partial(_density, outcome, one))
 
 
 def _sampled(outcome: Outcome, one: CellOutcome) -> bool:
-    """Return whether any robot sampled in those runs of a cell that are simulated again for a picture."""
+    """Return whether any robot sampled in those runs of a cell that are simulated again for a figure."""
     number = one.cell.number
     of_robots = outcome.result.unsorted_rows(number).select("run", "samples")
     chosen = of_robots.filter(pl.col("run").is_in(outcome.result.runs_again(number, SIMULATED_RUNS)))

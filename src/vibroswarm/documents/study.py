@@ -1,0 +1,500 @@
+"""The document of a study: what its comparisons say, its cells, and how they came to decide.
+
+The answer is a sentence for each pair of cells, or for each cell if none are compared. Then come the differences, the
+outcome of the cells, decisions over time, comparisons with the second block, comparisons at equal error, references,
+how robots sampled, and decidability.
+"""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.documents.cell_figures import figure_columns, limits_of, with_limits_of
+from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.study_figures import (
+    comparison_figures,
+    front_figures,
+    outcome_figures,
+    sampling_figures,
+    time_figures,
+)
+from vibroswarm.documents.study_words import (
+    SHORT,
+    at_equal_error,
+    cell_sentence,
+    question,
+    sentence,
+    title_of,
+    traded,
+    warnings_of,
+)
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
+from vibroswarm.show.made_by import versions_in_words
+from vibroswarm.show.numbers import count, counts, listed, number, percent
+from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
+from vibroswarm.study.baselines import References, reference_table
+from vibroswarm.study.cell_comparison import Compared, comparison_table
+from vibroswarm.study.study_outputs import Comparison
+from vibroswarm.study.summary import Outcome
+
+MOST_SENTENCES: Final = 12
+"""Most comparisons, or cells, that are described in sentences; and most rows of differences on the first screen."""
+
+
+def study_document(outcome: Outcome) -> Document:
+    """Return what a study says; without ``Outcome.references`` their table is left out."""
+    head, compared = _differences_parts(outcome)
+    sections = (
+        _outcome_section(outcome),
+        Section("Decisions over time", tuple(time_figures(outcome)), wide=True),
+        Section("Compared run by run", (*compared, *_compared_parts(outcome.comparisons))),
+        _equal_error_section(outcome.answers),
+        Section(
+            "Time against error", (*_reference_parts(outcome.references), *front_figures(outcome)), wide=True
+        ),
+        Section(
+            "How the robots sampled",
+            (_sampling_table(outcome), *sampling_figures(outcome)),
+            wide=True,
+        ),
+        Section("Can it be decided at all", (Text(_DECIDABILITY), _decidability_table(outcome)), wide=True),
+    )
+    return Document(
+        title=title_of(outcome.result),
+        answer=_answer(outcome),
+        knew=told(one.cell.scenario for one in outcome.cells),
+        warnings=tuple(warnings_of(outcome)),
+        parts=(Text(question(outcome)), *head, *(section for section in sections if section.parts)),
+        made_by=_made_by(outcome),
+        data=_data(outcome),
+    )
+
+
+def comparison_document(comparison: Comparison) -> Document:
+    """Return what the comparisons of a study's cells say, without its figures."""
+    outcome = comparison.outcome
+    head, compared = _differences_parts(outcome)
+    parts: list[Part] = [*head]
+    if compared:
+        parts.append(Section("Compared run by run", tuple(compared)))
+    equal_error = _equal_error_section(outcome.answers)
+    if equal_error.parts:
+        parts.append(equal_error)
+    if not outcome.answers:
+        parts.append(_outcome_table(outcome))
+    data = _data(outcome)
+    return Document(
+        title=question(outcome),
+        answer=_answer(outcome, math.inf),
+        knew=told(one.cell.scenario for one in outcome.cells),
+        warnings=tuple(warnings_of(outcome)),
+        parts=tuple(parts),
+        made_by=_made_by(outcome),
+        data={name: data[name] for name in ("comparisons", "equal_error") if name in data},
+    )
+
+
+def _answer(outcome: Outcome, most: float = MOST_SENTENCES) -> tuple[str, ...]:
+    """Return sentences on the first ``most`` comparisons, or on the first cells if a study compares none.
+
+    If comparisons or cells are left out, a last sentence states their number.
+    """
+    if not outcome.answers:
+        lines = [cell_sentence(one) for number, one in enumerate(outcome.cells) if number < most]
+        left = len(outcome.cells) - len(lines)
+        return (*lines, *([f"... and {count(left, 'more cell')}, below."] if left else []))
+    lines, shown = [], [answer for number, answer in enumerate(outcome.answers) if number < most]
+    for answer in shown:
+        lines += [sentence(answer), *([at_equal_error(answer)] if answer.matched is not None else [])]
+    left = len(outcome.answers) - len(shown)
+    return (*lines, *([f"... and {count(left, 'more comparison')}, below."] if left else []))
+
+
+def _differences_parts(outcome: Outcome) -> tuple[list[Part], list[Part]]:
+    """Return the first parts of the document, and those with which the comparisons begin.
+
+    The table of differences is among the first, unless it is too long for the first screen.
+    """
+    first: list[Part] = []
+    if names := traded(outcome):
+        first.append(
+            Text(
+                f"Faster but wrong more often: {listed(names)}. Not compared at equal error; add --equal-error."
+            )
+        )
+    if not outcome.answers:
+        return first, []
+    table = _differences_table(outcome.answers)
+    if len(outcome.answers) <= MOST_SENTENCES:
+        return [*first, table], []
+    return first, [table]
+
+
+def _differences_table(answers: Sequence[Answer]) -> Table:
+    """Tabulate the differences of each pair of cells, one row each."""
+    rows = []
+    for answer in answers:
+        row: dict[str, Any] = {"name": answer.name}
+        for effect in answer.effects:
+            ends = zip((effect.figure, *limits_of(effect.figure)), effect.interval[:3], strict=True)
+            row |= {name: value if math.isfinite(value) else None for name, value in ends}
+        better = {True: [], False: [], None: []}  # type: dict[bool | None, list[str]]
+        for effect in answer.effects:
+            better[effect.better].append(SHORT[effect.figure])
+        row |= {"better": ", ".join(better[True]) or None, "worse": ", ".join(better[False]) or None}
+        rows.append(row)
+    columns = {
+        "name": Column("compared"),
+        "decision_time_s": Column(
+            "time", "s", decimals=0, sign=True, strip=True, limits=limits_of("decision_time_s")
+        ),
+        **{
+            name: Column(SHORT[name], "points", share=True, sign=True, strip=True, limits=limits_of(name))
+            for name in ("right_share", "wrong_share", "undecided_share")
+        },
+        "better": Column("better in", tones={"": "good"}),
+        "worse": Column("worse in", tones={"": "bad"}),
+    }
+    caption = (
+        "Differences run by run, first - second, with 95 % sign-flip intervals; points: percentage points of robots. "
+        f"Better and worse: p < {SIGNIFICANT:g}, corrected over all comparisons (Holm). No significant difference is "
+        "not evidence of no difference."
+    )
+    frame = pl.DataFrame(
+        rows, infer_schema_length=None, schema_overrides={"better": pl.String, "worse": pl.String}
+    )
+    return Table(frame, columns, caption=caption, name="differences")
+
+
+_OUTCOME: Final = (
+    "swarm_right",
+    "swarm_wrong",
+    "swarm_split",
+    "swarm_incomplete",
+    "robots_right",
+    "robots_wrong",
+    "robots_undecided",
+    "decision_time_s",
+    "forced_error",
+    "belief_in_truth",
+)
+"""Figures in the table of outcomes."""
+_OUTCOME_IF_WIDE: Final = (
+    "runs",
+    "swarm_split",
+    "swarm_incomplete",
+    "robots_right",
+    "robots_wrong",
+    "forced_error",
+    "belief_in_truth",
+)
+_OUTCOME_WORDS: Final = (
+    "Swarms right: all robots of the run are. Split: robots decided differently; incomplete: a robot did not decide. "
+    "Forced error: robots wrong, or undecided and leaning to the wrong side at the end. Belief in the truth: the "
+    "probability that a robot gives the right answer when it decides, or at its last sample; not a share of right "
+    "decisions. Under feedback it is an opinion: it counts what robots concluded as if it were readings. Intervals are "
+    "over runs, since the robots of a run influence each other. `summary.csv` has all figures."
+)
+
+
+def _outcome_section(outcome: Outcome) -> Section:
+    parts: list[Part] = [_outcome_table(outcome)]
+    lacking = [one.cell.number for one in outcome.cells if lacks_truth(one.summary)]
+    if lacking:
+        parts.append(_agreement_table(outcome, lacking))
+    if words := _levels(outcome):
+        parts.append(Text(words))
+    parts.append(Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True))
+    return Section("Outcome", (*parts, *outcome_figures(outcome)))
+
+
+def _outcome_table(outcome: Outcome) -> Table:
+    """Tabulate decision time, shares and belief of each cell."""
+    runs = counts((one.summary.runs for one in outcome.cells), "run")
+    ends = sorted({one.summary.t_end_s for one in outcome.cells})
+    whole = f"{number(ends[0])} s" if len(ends) == 1 else "the whole run"
+    names = ["runs", *(["failed_runs"] if outcome.has_failed_runs else []), *_OUTCOME]
+    rows = outcome.table.select("name", *with_limits_of(names, outcome.table.columns))
+    columns = {"name": Column("cell"), **figure_columns(rows.columns, _OUTCOME_IF_WIDE)}
+    caption = f"{runs} per cell; in brackets 95 % intervals over runs (Wilson, t). Undecided robots count as {whole}."
+    return Table(rows, columns, caption=caption, name="outcome")
+
+
+def _agreement_table(outcome: Outcome, lacking: Sequence[int]) -> Table:
+    """Tabulate on what the swarms agreed, of the cells with runs in which no answer is right."""
+    names = (
+        "agreed_on_0",
+        "agreed_on_1",
+        "swarm_split",
+        "swarm_incomplete",
+        "agreement_lasted",
+        "consensus_time_s",
+    )
+    rows = outcome.table.filter(pl.col("cell").is_in(lacking)).select(
+        "name", "runs", *with_limits_of(names, outcome.table.columns)
+    )
+    columns = {"name": Column("cell"), **figure_columns(rows.columns, ("runs",))}
+    caption = (
+        "Runs without a right answer: on what their swarms agreed, as a share of all runs; 95 % intervals over runs. "
+        "Lasted: share of the agreements that held at the end, where opinions may change (a dash: decisions are "
+        "final). Runs without agreement count with their whole time."
+    )
+    return Table(rows, columns, caption=caption, name="agreement")
+
+
+def _levels(outcome: Outcome) -> str:
+    """Write the levels of the intervals of the figure with the wanted precision; empty without one.
+
+    Intervals are computed several times (looks), and the study ends when one is narrow enough. So that the last one
+    holds at the study's level (95 %), the interval of each look has a higher level.
+    """
+    until = outcome.result.study.until
+    levels = {one.settled.level for one in outcome.cells if one.settled}
+    if until is None or not levels:
+        return ""
+    shown = " to ".join(percent(level, 2) for level in sorted({min(levels), max(levels)}))
+    return (
+        f"Intervals of {until.figure} are at {shown}, corrected for repeated looks: they hold at "
+        f"{number(100 * until.level)} %."
+    )
+
+
+_COMPARED: Final = {
+    "decision_time_s": "Decision time",
+    "right_share": "Share of robots right",
+    "wrong_share": "Share of robots wrong",
+    "undecided_share": "Share of robots undecided",
+    "forced_error": "Forced error",
+}
+"""Figures of the tables of comparisons, in words. The belief in the truth is compared too, but has no table."""
+_COMPARED_WORDS: Final = (
+    "Cells with one seed have the same motion and noise in each run, so they are compared in pairs of runs. Intervals "
+    "are from sign flips; p-values are corrected over all comparisons (Holm). Each is repeated on other seeds, with "
+    "fresh motion and floors: a difference is confirmed only if both show it."
+)
+
+
+def _compared_parts(compared: Sequence[Compared]) -> list[Part]:
+    """Return how comparisons are made, a table for each figure, and their figures."""
+    if not compared:
+        return []
+    table = comparison_table(compared)
+    tables = tuple(_compared_table(table, figure) for figure in _COMPARED)
+    return [
+        Section("How they compare, and on other seeds", (Text(_COMPARED_WORDS), *tables), wide=True),
+        *comparison_figures(compared),
+    ]
+
+
+def _compared_table(table: pl.DataFrame, figure: str) -> Table:
+    """Tabulate the differences of a figure, and those in the second block, if there is one."""
+    is_share = figure != "decision_time_s"
+    unit, decimals = ("points", 1) if is_share else ("s", 0)
+
+    def difference(name: str, title: str) -> Column:
+        return Column(title, unit, share=is_share, decimals=decimals, sign=True, limits=limits_of(name))
+
+    columns = {
+        "name": Column("compared"),
+        "difference": difference("difference", "difference"),
+        "p_holm": Column("p, corrected", p_value=True),
+        "again_difference": difference("again_difference", "on other seeds"),
+        "confirmed": Column("difference is", tones={"confirmed": "good", "not confirmed": "open"}),
+        "wins": Column("runs better"),
+        "ties": Column("equal"),
+        "losses": Column("worse"),
+    }
+    columns = {name: column for name, column in columns.items() if name in table.columns}
+    if "confirmed" in columns:
+        words = pl.when("confirmed").then(pl.lit("confirmed")).otherwise(pl.lit("not confirmed"))
+        table = table.with_columns(confirmed=words)
+    rows = table.filter(pl.col("figure") == figure).select(with_limits_of(columns, table.columns))
+    return Table(
+        rows, columns, caption=f"{_COMPARED[figure]}: first - second.", name=f"compared-{figure}", folded=True
+    )
+
+
+_EQUAL_ERROR_WORDS: Final = (
+    "Every strategy becomes faster if it may err more. Here both are compared along what they reach with their own "
+    "settings (credible threshold and minimum of observations, for most), replayed on the same runs: the time at which "
+    "each reaches the error of the one that errs more as it was run, and the error of each at that one's time. Error "
+    "is the forced error: robots wrong, or undecided and leaning to the wrong side. Limits are those of a bootstrap "
+    "over runs. A dash: a strategy does not reach there. First - second."
+)
+
+
+def _equal_error_section(answers: Sequence[Answer]) -> Section:
+    """Tabulate the comparisons at equal error and at equal time; without any, the section has no parts."""
+    matched = [answer.as_row() for answer in answers if answer.matched is not None]
+    if not matched:
+        return Section("At equal error", ())
+    columns = {
+        "name": Column("compared"),
+        "error": Column("at the forced error", share=True),
+        "time_difference_s": Column(
+            "difference in time", "s", decimals=0, sign=True, limits=limits_of("time_difference_s")
+        ),
+        "time_s": Column("at the time", "s", decimals=0),
+        "error_difference": Column(
+            "difference in forced error",
+            "points",
+            share=True,
+            sign=True,
+            limits=limits_of("error_difference"),
+        ),
+        "runs": Column("runs"),
+    }
+    frame = pl.DataFrame(matched, infer_schema_length=None)
+    table = Table(frame.select(with_limits_of(columns, frame.columns)), columns, name="equal_error")
+    return Section("At equal error", (Text(_EQUAL_ERROR_WORDS), table), wide=True)
+
+
+_REFERENCE_WORDS: Final = (
+    "Each strategy is compared with two references on the same samples: pooled counting (all bits in one place at "
+    "once, wrong as often as the strategy), and what could be known from all bits and their positions, given the "
+    "sensor and the fill ratio but not the side of the boundary, at a posterior error of 5 %.",
+    "No rule that uses the same bits and is as sure in every run decides sooner, if floors are drawn from that prior. "
+    "The bound does not apply to a strategy that is wrong more or less often. For what could be known, every second "
+    "run is on a floor with the fill ratio mirrored across the boundary: over both sides the expected share known and "
+    "wrong is the mean posterior error at the time of knowing, which is slightly below 5 %.",
+)
+_REFERENCE_COLUMNS: Final = {
+    "strategy_time_s": Column("strategy: time", "s", decimals=0),
+    "strategy_error": Column("strategy: wrong", share=True),
+    "pooled_time_s": Column("pooled counting: time", "s", decimals=0),
+    "pooled_error": Column("pooled counting: wrong", share=True),
+    "slower_than_pooled_s": Column("strategy - pooled counting", "s", decimals=0, sign=True),
+    "known_time_s": Column("could be known: time", "s", decimals=0),
+    "known": Column("known by the end", share=True),
+    "known_wrong": Column("known and wrong", share=True),
+    "known_claimed": Column("posterior error when known", share=True),
+}
+
+
+def _reference_parts(references: Sequence[References]) -> tuple[Part, ...]:
+    """Return the table of references by cell, and what they are; nothing without references.
+
+    Cells with few stored runs have fewer runs than the caption gives.
+    """
+    if not references:
+        return ()
+    table = reference_table(list(references))
+    # A reference that is missing in all cells has no column in the table.
+    names = [name for name in _REFERENCE_COLUMNS if name in table.columns]
+    columns = {name: replace(_REFERENCE_COLUMNS[name], limits=limits_of(name)) for name in names}
+    runs = max(reference.runs for reference in references)
+    again = f"From {count(runs, 'run')} per cell, simulated again from the seed"
+    caption = f"{again}; half of them tuned the pooled threshold."
+    rows = table.select("name", *with_limits_of(names, table.columns))
+    notes = tuple(map(Text, (*_REFERENCE_WORDS, *_reference_notes(references))))
+    return (*notes, Table(rows, {"name": Column("cell"), **columns}, caption=caption, name="references"))
+
+
+def _reference_notes(references: Sequence[References]) -> Iterable[str]:
+    """Return the notes of the references, each once; a note that does not apply to all cells names its cells first."""
+    cells: dict[str, list[str]] = {}  # names of the cells with each note
+    for reference in references:
+        for words in reference.says:
+            cells.setdefault(words, []).append(reference.cell.name)
+    return (
+        words if len(names) == len(references) else f"{', '.join(names)}: {words}"
+        for words, names in cells.items()
+    )
+
+
+def _sampling_table(outcome: Outcome) -> Table:
+    """Tabulate how the robots of each cell sampled.
+
+    The correlation of consecutive bits and the packet loss are known only for cells with references, whose runs were
+    simulated again; for other cells they are empty.
+    """
+    by_cell = {reference.cell.number: reference.as_row() for reference in outcome.references}
+    rows = [
+        {
+            "name": one.cell.name,
+            **{k: v for k, v in one.walk.items() if not k.endswith(("_low", "_high"))},
+            **{name: by_cell.get(one.cell.number, {}).get(name) for name in ("lag_one", "packet_loss")},
+        }
+        for one in outcome.cells
+    ]
+    columns = {
+        "name": Column("cell"),
+        "avoid_per_sample_s": Column("avoidance per sample", "s"),
+        "distance_m": Column("distance between samples", "m"),
+        "spacing_s": Column("time between samples", "s"),
+        "ones": Column("read as vibrating", share=True),
+        "effective_samples": Column("effective number of independent samples"),
+        "lag_one": Column("correlation of consecutive bits"),
+        "packet_loss": Column("packet loss", share=True),
+    }
+    frame = pl.DataFrame(rows, infer_schema_length=None)
+    empty = [name for name in ("lag_one", "packet_loss") if frame[name].null_count() == frame.height]
+    return Table(frame.drop(empty), columns, caption="Means over runs.", name="sampling")
+
+
+_DECIDABILITY: Final = (
+    "The share of ones that the swarm will read, from the sensor's error rates, the floor and the boundary. If it lies "
+    "on the wrong side of what robots compare it with, more samples only make the wrong answer more certain. Samples "
+    "needed are independent ones."
+)
+
+
+def _decidability_table(outcome: Outcome) -> Table:
+    """Tabulate whether each cell can be decided at all (``analysis.decidability``)."""
+    columns = {
+        "name": Column("cell"),
+        "verdict": Column("can it be decided"),
+        "share": Column("share of ones expected", share=True),
+        "boundary": Column("boundary", share=True),
+        "tested": Column("robots compare it with", share=True),
+        "threshold": Column("sensor threshold"),
+        # The thresholds with which the robots would decide rightly; None: none, or not computed.
+        "mending_low": Column("decidable for thresholds from"),
+        "mending_high": Column("to"),
+        "samples_needed": Column("samples needed for 5 % wrong"),
+    }
+    return Table(_decidable(outcome).select(list(columns)), columns, name="decidability")
+
+
+def _decidable(outcome: Outcome) -> pl.DataFrame:
+    rows = [
+        {"cell": one.cell.number, "name": one.cell.name, **one.decidable.as_dict()} for one in outcome.cells
+    ]
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def _made_by(outcome: Outcome) -> Mapping[str, str]:
+    """Return hash, seeds, source of motion, versions, and the command that repeats the study."""
+    study = outcome.result.study
+    made_by = {"study": study.hash, "seed": str(study.seed), "engine": study.motion}
+    if outcome.replicate is not None:  # the runs from another seed, with which differences are confirmed
+        second = outcome.replicate.study
+        made_by["second block"] = f"seed {second.seed}, {second.runs} runs per cell"
+    made_by |= versions_in_words(outcome.result.store.made_by)
+    folder = outcome.result.store.folder
+    again = ["vibroswarm", "sweep", f"{folder}/study.toml", "--out", f"{folder}"]
+    return made_by | {"again": shlex.join(again)}
+
+
+def _data(outcome: Outcome) -> dict[str, pl.DataFrame]:
+    """Return the tables of a study for JSON, those of its folder among them."""
+    data = {"cells": outcome.result.cells, "summary": outcome.table, "decidability": _decidable(outcome)}
+    if outcome.comparisons:
+        data["comparisons"] = comparison_table(outcome.comparisons)
+    if matched := [answer.as_row() for answer in outcome.answers if answer.matched is not None]:
+        data["equal_error"] = pl.DataFrame(matched, infer_schema_length=None)
+    if outcome.references:
+        data["references"] = reference_table(list(outcome.references))
+    if settled := [
+        {"cell": one.cell.number, "name": one.cell.name, **one.settled._asdict()}
+        for one in outcome.cells
+        if one.settled is not None
+    ]:
+        data["precision"] = pl.DataFrame(settled)
+    return data

@@ -1,0 +1,320 @@
+"""Sentences about a study: its question, what each comparison of two cells says, its cells, and warnings.
+
+    soft is faster than none, and wrong more often: 127 s faster [102, 153], 11.9 points more right [8.4, 15.5], 6.7
+    points more wrong [3.9, 9.4]; confirmed on other seeds.
+
+Shares are shares of robots, and "points" are percentage points.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+from vibroswarm.analysis.intervals import Interval
+from vibroswarm.analysis.paired import side
+from vibroswarm.analysis.verdict import answers_of as answers_in_words
+from vibroswarm.show.numbers import Estimate, count, counts, listed, percent, with_limits
+from vibroswarm.study.answers import Answer, Effect, lacks_truth
+from vibroswarm.study.batch_table import failed_words
+from vibroswarm.study.cell_comparison import pairs_at_equal_error
+from vibroswarm.study.study_result import StudyResult
+from vibroswarm.study.summary import CellOutcome, Outcome
+
+SHORT: Final = {
+    "decision_time_s": "time",
+    "right_share": "right",
+    "wrong_share": "wrong",
+    "undecided_share": "undecided",
+}
+"""Short names of the figures of an answer."""
+_HIGHER_LOWER: Final = {
+    "decision_time_s": ("slower", "faster"),
+    "right_share": ("more right", "fewer right"),
+    "wrong_share": ("more wrong", "fewer wrong"),
+    "undecided_share": ("more undecided", "fewer undecided"),
+}
+"""Words for a higher and for a lower value."""
+MOST_NAMES: Final = 6
+"""The cells of a question are named if there are at most this many."""
+
+
+def title_of(result: StudyResult) -> str:
+    """Return the study's name; without one, the names of its selected cells, or their number if they are many."""
+    names = [result.study.cells[number].name for number in result.selected]
+    return result.study.name or (listed(names) if len(names) <= MOST_NAMES else count(len(names), "cell"))
+
+
+def question(outcome: Outcome) -> str:
+    """Write what the study asks: which cells are compared, in which setting, and in how many runs.
+
+    Without comparisons, the text is no question: it names the cells, the setting and the runs.
+    """
+    cells = [one.cell for one in outcome.cells]
+    first, study = cells[0].scenario, outcome.result.study
+    # The setting is what all cells share: a varied field is not part of it, but of the cells' names.
+    settings = {
+        "swarm.robots": count(first.swarm.robots, "robot"),
+        "floor.source": f"floor {first.floor.source}",
+        "run.t_end_s": f"up to {first.run.t_end_s:g} s",
+    }
+    where = ", ".join(words for field, words in settings.items() if field not in study.varied)
+    names = [cell.name for cell in cells]
+    which = listed(names, "or") if 1 < len(names) <= MOST_NAMES else title_of(outcome.result)
+    runs = counts((one.summary.runs for one in outcome.cells), "run")
+    setting = f"{where}; {runs}" if where else runs
+    if not outcome.comparisons:
+        return f"{which}: {setting}{' each' * (len(cells) > 1)}, seed {study.seed}."
+    return (
+        f"Which decides sooner, and which is wrong more often: {which}? {setting[0].upper()}{setting[1:]} each, "
+        "compared run by run."
+    )
+
+
+def headline(answer: Answer) -> str:
+    """Write which of two cells is faster and which is wrong more often, in a few words."""
+    by_figure = {effect.figure: effect for effect in answer.effects}
+    time = _comparative(by_figure["decision_time_s"], "slower", "faster")
+    wrong = _comparative(by_figure["wrong_share"], "wrong more often", "wrong less often")
+    first, reference = answer.first_name, answer.reference_name
+    if time is None and wrong is None:
+        return f"{first} and {reference}: no difference shown in time or wrong decisions"
+    if time is None:
+        return f"{first} is {wrong} than {reference}; no difference shown in time"
+    about_wrong = "; no difference shown in wrong decisions" if wrong is None else f", and {wrong}"
+    return f"{first} is {time} than {reference}{about_wrong}"
+
+
+def _comparative(effect: Effect, if_higher: str, if_lower: str) -> str | None:
+    if not effect.significant:
+        return None
+    return if_lower if effect.interval.estimate < 0 else if_higher
+
+
+def sentence(answer: Answer) -> str:
+    """Write all significant differences and whether they are confirmed; a second sentence lists the others."""
+    shown = [effect for effect in answer.effects if effect.significant]
+    others = [effect for effect in answer.effects if not effect.significant]
+    where = f" ({answer.rest})" if answer.rest else ""
+    if not shown:
+        names = f"{answer.first_name} and {answer.reference_name}"
+        return f"{names}{where}: no significant difference ({_differences(others)})."
+    text = f"{headline(answer)}{where}: {', '.join(map(_in_words, shown))}; {_confirmed(shown)}."
+    return text + (f" Not significant: {_differences(others)}." if others else "")
+
+
+def at_equal_error(answer: Answer) -> str:
+    """Write the comparison at equal error and what follows from it; empty if the pair was not compared so."""
+    found = answer.matched
+    if found is None:
+        return ""
+    # The strategies are compared at the error of the one that errs more as run: settings can always make a strategy
+    # err more often, but not always less often.
+    erring_more = answer.first_name if found.of_first else answer.reference_name
+    where = f"At equal error ({percent(found.error)}, that of {erring_more}), each with its best settings: "
+    difference = found.time_difference_s
+    # A safeguard: as run, neither errs more than this, so ``matched_error`` always gives an estimate.
+    if math.isnan(difference.estimate):
+        return f"{where}not known, since one of the two does not reach this error."
+    if math.isnan(difference.low) or math.isnan(difference.high):
+        return f"{where}{_signed('decision_time_s', difference)}, but too few runs to give limits."
+    # There is no p-value at equal error: the difference is significant if its interval excludes 0.
+    if side(difference) == 0:
+        return (
+            f"{where}no significant difference in time, {_signed('decision_time_s', difference)}."
+            f"{_conclusion(answer, None)}"
+        )
+    return (
+        f"{where}{answer.first_name} {_directed('decision_time_s', difference)}."
+        f"{_conclusion(answer, difference.estimate < 0)}"
+    )
+
+
+def _conclusion(answer: Answer, first_is_faster_at_equal_error: bool | None) -> str:
+    """Write whether a strategy that is faster and wrong more often, as run, is faster at equal error too.
+
+    Args:
+        first_is_faster_at_equal_error: None if the difference at equal error is not significant.
+    Returns: a sentence after a space. It is empty unless one of the two is significantly faster and also wrong
+        significantly more often.
+    """
+    faster = answer.faster_and_more_wrong
+    if faster is None:
+        return ""
+    first_is_faster = faster == answer.first_name
+    if first_is_faster_at_equal_error is None or first_is_faster_at_equal_error != first_is_faster:
+        return f" So {faster} is faster as run, but not shown to be better: it is wrong more often."
+    return f" So {faster} is faster, and not only because it is wrong more often."
+
+
+def _in_words(effect: Effect) -> str:
+    return _directed(effect.figure, effect.interval)
+
+
+def _directed(figure: str, difference: Interval) -> str:
+    """Write the size of a difference, its direction in words, and its interval: ``127 s faster [102, 153]``.
+
+    The difference must not be 0: the words would have no sense.
+    """
+    scale, unit = (1, "s") if figure == "decision_time_s" else (100, "points")
+    estimate, low, high = (scale * value for value in difference[:3])
+    if_higher, if_lower = _HIGHER_LOWER[figure]
+    decimals = _decimals(figure, difference)
+    if estimate > 0:
+        return with_limits(Estimate(estimate, low, high), f"{unit} {if_higher}", decimals)
+    return with_limits(Estimate(-estimate, -high, -low), f"{unit} {if_lower}", decimals)
+
+
+def _signed(figure: str, difference: Interval) -> str:
+    """Write a difference with its sign, unit and interval: ``-127 s [-153, -102]``; or ``not defined``."""
+    if math.isnan(difference.estimate):
+        return "not defined"
+    unit = "s" if figure == "decision_time_s" else "points"
+    return with_limits(difference, unit, _decimals(figure, difference), sign=True)
+
+
+def _decimals(figure: str, difference: Interval) -> int:
+    """Return 0 of times if the estimate or a limit is 10.0 s or more, otherwise 1."""
+    largest = max((abs(value) for value in difference[:3] if math.isfinite(value)), default=0.0)
+    return 0 if figure == "decision_time_s" and largest >= 9.95 else 1
+
+
+def _differences(effects: Iterable[Effect]) -> str:
+    """List effects with short name and difference: ``time -127 s [-153, -102], wrong +6.7 points [3.9, 9.4]``."""
+    return ", ".join(
+        f"{SHORT[effect.figure]} {_signed(effect.figure, effect.interval)}" for effect in effects
+    )
+
+
+def _confirmed(shown: Sequence[Effect]) -> str:
+    """Write which of the significant differences ``shown``, at least one, the runs from the other seed confirm.
+
+    Returns: such as ``time confirmed on other seeds, wrong not confirmed``.
+    """
+    if not any(effect.repeated for effect in shown):
+        return "not repeated on other seeds"
+    confirmed = [SHORT[effect.figure] for effect in shown if effect.confirmed]
+    unconfirmed = [SHORT[effect.figure] for effect in shown if not effect.confirmed]
+    if not unconfirmed:
+        return "confirmed on other seeds"
+    if not confirmed:
+        return f"{listed(unconfirmed)} not confirmed on other seeds"
+    return f"{listed(confirmed)} confirmed on other seeds, {listed(unconfirmed)} not confirmed"
+
+
+def cell_sentence(one: CellOutcome) -> str:
+    """Write a cell's shares of right, wrong and undecided robots, and its decision time.
+
+    Shares that are undefined are left out. If no answer is right in some runs, a second sentence says on what the
+    swarms agreed.
+    """
+    figures = one.summary
+    shares = {
+        "right": figures.robots_right,
+        "wrong": figures.robots_wrong,
+        "undecided": figures.robots_undecided,
+    }
+    words = [
+        f"{with_limits(share, '%')} {word}"
+        for word, share in shares.items()
+        if not math.isnan(share.estimate)
+    ]
+    time = with_limits(figures.decision_time_s, "s", 0)
+    agreement = f" {_agreement(one)}" if lacks_truth(figures) else ""
+    return f"{one.cell.name}: robots {', '.join(words)}; decision time {time}.{agreement}"
+
+
+def _agreement(one: CellOutcome) -> str:
+    """Write on what the swarms of a cell agreed; and whether agreement lasted, if opinions may change."""
+    figures = one.summary
+    less, more = answers_in_words(one.cell.scenario)
+    lasted = ""
+    if figures.agreement_lasted.n:
+        lasted = f"; {with_limits(figures.agreement_lasted, '%')} of the agreements lasted to the end"
+    return (
+        f"Swarms agreed on '{less}' in {with_limits(figures.agreed_on_0, '%')} of the runs, on '{more}' in "
+        f"{with_limits(figures.agreed_on_1, '%')}; {with_limits(figures.swarm_split, '%')} split, "
+        f"{with_limits(figures.swarm_incomplete, '%')} incomplete{lasted}."
+    )
+
+
+def traded(outcome: Outcome) -> list[str]:
+    """Name the strategies that are faster but wrong more often, and could be compared at equal error but were not."""
+    comparable = pairs_at_equal_error(outcome.result, outcome.comparisons)
+    names = [
+        answer.faster_and_more_wrong
+        for answer in outcome.answers
+        if answer.matched is None and (answer.cell.number, answer.reference.number) in comparable
+    ]
+    return list(dict.fromkeys(name for name in names if name is not None))
+
+
+def warnings_of(outcome: Outcome) -> list[str]:
+    """Write what may invalidate the figures, such as failed or missing runs; empty if all is well."""
+    # Cells with the same floor and threshold have the same warning about their floor: it is given once.
+    floors = dict.fromkeys(
+        f"{_floor_words(one)}: {one.decidable.says}" for one in outcome.cells if one.decidable.is_warning
+    )
+    failed = [
+        failed_words(one.cell, one.failed, one.summary.runs) for one in outcome.cells if one.failed.height
+    ]
+    return [*floors, *failed, *_missing_runs(outcome), *_store_warnings(outcome), *_imprecise(outcome)]
+
+
+def _floor_words(one: CellOutcome) -> str:
+    """Name the floor and the sensor threshold of a cell, on which its decidability depends."""
+    scenario = one.cell.scenario
+    return f"floor {scenario.floor.source}, threshold {scenario.sensor.rms_threshold:g}"
+
+
+def _missing_runs(outcome: Outcome) -> list[str]:
+    """Write which runs failed or are missing."""
+    words = [_failed_batches(outcome.result)] if outcome.result.store.failures else []
+    for replicate in (outcome.replicate, outcome.failed_replicate):
+        if replicate is not None and replicate.store.failures:
+            words.append(f"on other seeds, {_failed_batches(replicate)}")
+    if outcome.without_runs:
+        words.append(f"there are no runs of {', '.join(cell.name for cell in outcome.without_runs)}.")
+    cells = outcome.result.cells
+    lost = int((cells["wanted"] - cells["there"]).sum())
+    if lost and not outcome.result.store.failures:  # failed batches already have a warning
+        words.append(
+            f"{lost:,} of {count(int(cells['wanted'].sum()), 'run')} are missing; run the same command again."
+        )
+    return words
+
+
+def _failed_batches(result: StudyResult) -> str:
+    """Write how many runs of which cells are missing because their batches failed, with the first cause.
+
+    The store has at least one failure. All cells of a failed batch are named, whether they are selected or not.
+    """
+    failures, groups = result.store.failures, {group.number: group for group in result.plan.groups}
+    names = dict.fromkeys(cell.name for failure in failures for cell in groups[failure["group"]].cells)
+    return (
+        f"{count(len(result.store.lost_runs), 'run')} of {', '.join(names)} failed and are in no figure, so that "
+        f"figures of the others may be biased ({failures[0]['why']})."
+    )
+
+
+def _store_warnings(outcome: Outcome) -> list[str]:
+    store = outcome.result.store
+    words = [f"a damaged shard was left out: {damage}" for damage in store.damaged]
+    if len(store.made_by) > 1:
+        words.append(
+            "runs were made by different versions of the software; they may not be repeatable as a whole."
+        )
+    return words
+
+
+def _imprecise(outcome: Outcome) -> list[str]:
+    """Write of how many cells the figure with the wanted precision is not precise enough after the most runs."""
+    until = outcome.result.study.until
+    imprecise = [one for one in outcome.cells if one.settled is not None and not one.settled.reached]
+    if until is None or not imprecise:
+        return []
+    return [
+        f"in {len(imprecise)} of {count(len(outcome.cells), 'cell')} {until.figure} is not known to "
+        f"{100 * until.half_width:g} % after {count(until.max_runs, 'run')}, the most that were allowed."
+    ]
