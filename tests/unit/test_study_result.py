@@ -18,6 +18,9 @@ from polars.testing import assert_frame_equal
 import vibroswarm
 from vibroswarm import InputError, Scenario, Study, StudyResult, preset
 from vibroswarm.analysis.forced_error import Reached, reached, reached_together
+from vibroswarm.documents import study as study_documents
+from vibroswarm.plots import draw_outcomes
+from vibroswarm.show.document import Figure
 from vibroswarm.study.cell_comparison import at_equal_error, comparisons
 from vibroswarm.study.summary import outcome_of
 
@@ -256,3 +259,22 @@ def test_a_report_never_replaces_runs(tmp_path: Path) -> None:
     assert StudyResult.open(tmp_path / "other").runs().height == 3
     result.report(tmp_path / "third")
     assert result.report(tmp_path / "third", replace=True).path.is_file()
+
+
+def test_a_figure_that_is_declared_is_on_the_page_in_the_files_and_in_python(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Nothing lists the names of figures: what a group yields is shown."""
+    counts = pl.DataFrame({"cell": ["a"], "right": [1], "wrong": [0]})
+    new = Figure("brand-new", lambda style: draw_outcomes(counts, style=style), "Brand new")
+    groups = ("outcome_figures", "time_figures", "comparison_figures", "front_figures", "sampling_figures")
+    for name in groups:
+        monkeypatch.setattr(study_documents, name, lambda outcome: ())
+    result = Study.of(SHORT, 3, strategy__name=["none", "soft"]).run()
+    with pytest.raises(InputError, match="there is no 'brand-new'"):
+        result.plot("brand-new")  # the control: no group declares it
+    monkeypatch.setattr(study_documents, "time_figures", lambda outcome: (new,))
+    assert result.plot("brand-new").numbers.height == 1
+    page = result.report(tmp_path / "r").path.read_text(encoding="utf-8")
+    assert page.count('aria-label="brand-new"') == 1
+    assert (tmp_path / "r" / "pictures" / "brand-new.svg").is_file()

@@ -15,8 +15,8 @@ from typing import Final, NamedTuple
 
 import polars as pl
 
-from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.documents.cell_figures import limits_of
+from vibroswarm.documents.knowledge import told
 from vibroswarm.plots.curves import draw_detection
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import Scenario
@@ -66,7 +66,7 @@ def detection_document(
     return Document(
         title="How many robots, and how much time?",
         answer=_answer(found, scenario, tolerated),
-        knew=tuple(true_places_notes([scenario])),
+        knew=told([scenario]),
         warnings=tuple(warnings),
         parts=(*parts, Section("All numbers", numbers, folded=True)),
         made_by={"scenario": scenario.hash, "seed": str(seed), **versions()},

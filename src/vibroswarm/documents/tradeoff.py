@@ -12,8 +12,8 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.documents.cell_figures import figure_columns, with_limits_of
+from vibroswarm.documents.knowledge import told
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.picture import Picture
 from vibroswarm.scenario.scenario import Scenario
@@ -34,7 +34,7 @@ def tradeoff_document(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Doc
     return Document(
         title=f"Time against wrong decisions: {scenario.strategy.name}",
         answer=_answer(front, curve.height),
-        knew=tuple(true_places_notes([scenario])),
+        knew=told([scenario]),
         parts=(
             Text(_setting_of(curve, scenario)),
             Section("The front", (Text(_FRONT), figure, _front_table(front))),
