@@ -160,7 +160,7 @@ def test_a_search_counts_its_crashed_runs_and_still_has_a_winner(monkeypatch: py
     assert 0 < found.archive.failed < found.runs == 14
     assert math.isfinite(found.believed)
     assert found.archive[found.best].failed > 0 or found.archive.failed > 0
-    from vibroswarm.optimize.search_tables import failures_in
+    from vibroswarm.documents.search_words import failures_in
 
     assert "dropped" in failures_in(found.archive)
     # Control: elsewhere a candidate with a failed run cannot win.

@@ -7,9 +7,11 @@ import json
 import numpy as np
 import pytest
 
+from vibroswarm.documents.sensitivity import sensitivity_document
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.sensitivity import indices, saltelli, sobol_indices
 from vibroswarm.optimize.spec import Search
+from vibroswarm.show.data import document_data
 
 pytest.importorskip("SALib")
 
@@ -70,5 +72,5 @@ def test_a_point_needs_a_run(replicates: float) -> None:
 def test_indices_of_a_constant_cost_are_null_in_json() -> None:
     """They are not defined, and JSON has no nan."""
     found = indices(["a", "b"], np.ones((8 * 4, 2)))
-    text = json.dumps(found.as_dict(), allow_nan=False)
-    assert json.loads(text)["fields"][0]["total"] is None
+    text = json.dumps(document_data(sensitivity_document(found)), allow_nan=False)
+    assert json.loads(text)["tables"]["fields"][0]["total"] is None

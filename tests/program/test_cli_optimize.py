@@ -59,34 +59,33 @@ def test_a_search_is_made_kept_and_gone_on_with(
     out = tmp_path / "out"
     assert main(["optimize", search, "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert "believed by the search" in said
-    assert "true, on fresh runs" in said
+    assert said.startswith("Best: ")
+    assert "during the search (believed)" in said
+    assert "on fresh runs (true)" in said
     assert "none failed" in said
     assert said.endswith(f"Report: open {out / 'report.html'} in a browser\n")
     page = (out / "report.html").read_bytes()
-    for name in ("best.toml", "result.json", "history.csv", "journal.jsonl"):
+    for name in ("best.toml", "printed.json", "history.csv", "journal.jsonl"):
         assert (out / name).is_file()
     assert page.count(b"<figure") == 2
-    assert not (out / "scores.png").exists()
-    assert not (out / "parameters.svg").exists()
+    assert not (out / "pictures").exists()
     assert main(["show", str(out)]) == 0
     assert "Done: 150 of 150 runs (100 %)" in capsys.readouterr().out
     journal = (out / "journal.jsonl").read_bytes()
     assert main(["optimize", search, "--out", str(out), "--json"]) == 0
     about = json.loads(capsys.readouterr().out)
-    assert about == json.loads((out / "result.json").read_text())
     assert (out / "journal.jsonl").read_bytes() == journal
-    assert not (out / "scores.png").exists()
+    assert not (out / "pictures").exists()
     assert (out / "report.html").read_bytes() == page  # written anew, with nothing of its time in it
     assert main(["optimize", search, "--out", str(out), "--pictures"]) == 0
-    assert (out / "scores.png").is_file()
-    assert (out / "parameters.svg").is_file()
+    assert (out / "pictures" / "scores.png").is_file()
+    assert (out / "pictures" / "parameters.svg").is_file()
     assert (out / "report.html").read_bytes() == page
     capsys.readouterr()
-    assert about["truth"]["says"].replace(" %", "\u00a0%").encode() in page
-    assert about["runs"]["search"] == 150
-    low, high = (about["truth"]["true"]["score"][end] for end in ("low", "high"))
-    assert low < about["truth"]["true"]["score"]["estimate"] < high
+    assert about["answer"][0][:20].encode() in page
+    assert sum(row["runs"] for row in about["tables"]["runs"] if row["stage"] in ("search", "race")) == 150
+    true = about["tables"]["truth"][1]
+    assert true["score_low"] < true["score"] < true["score_high"]
     with monkeypatch.context() as patched:  # what the page says may be said in its folder
         patched.chdir(out)
         for command in COMMANDS:
@@ -99,7 +98,7 @@ def test_a_search_is_made_kept_and_gone_on_with(
     # More fresh runs are advised where too few were made; the search is not repeated.
     assert main(["optimize", search, "--out", str(out), "--fresh", "130", "--json"]) == 0
     about = json.loads(capsys.readouterr().out)
-    assert about["truth"]["true"]["score"]["n"] == 130
+    assert about["tables"]["truth"][1]["runs"] == 130
     assert (out / "journal.jsonl").read_bytes() == journal
 
 
@@ -145,7 +144,14 @@ def test_killed_and_gone_on_with_it_gives_the_same_bit_by_bit(
     assert 0 < lines(out) < lines(whole)
     assert main(command) == 0
     capsys.readouterr()
-    for name in ("result.json", "best.toml", "history.csv", "candidates.csv", "journal.jsonl", "report.html"):
+    for name in (
+        "printed.json",
+        "best.toml",
+        "history.csv",
+        "candidates.csv",
+        "journal.jsonl",
+        "report.html",
+    ):
         assert (out / name).read_bytes() == (whole / name).read_bytes()
 
 
@@ -177,22 +183,25 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     assert "on other seeds" in capsys.readouterr().out
     assert main([*options, "--cost", "decision_time", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["confirmed"]
-    assert found["difference"]["high"] < 0
-    assert "p.toml is better" in found["says"]
-    figures = {one["figure"]: one for one in found["figures"]}
-    assert figures["decision_time_s"]["difference"]["high"] < 0
+    first, second = found["tables"]["differences"]
+    assert first["confirmed"]
+    assert first["difference_high"] < 0
+    assert second["difference_high"] < 0
+    assert "p.toml is better" in found["answer"][0]
+    figures = {one["figure"]: one for one in found["tables"]["figures"]}
+    assert figures["decision_time_s"]["difference_high"] < 0
     floors = tmp_path / "floors.toml"
     floors.write_text(SMALL + '[grid]\n"floor.source" = ["stripe:0.48", "alternating:0.48"]\n')
     assert main(["optimize", str(floors), *options[1:], "--json"]) == 0
-    in_cases = json.loads(capsys.readouterr().out)["first"]
-    assert len(in_cases["cases"]) == 2
-    assert in_cases["score"]["estimate"] == max(case["estimate"] for case in in_cases["cases"])
+    tables = json.loads(capsys.readouterr().out)["tables"]
+    cases = [row["score"] for row in tables["cases"] if row["name"] == str(short)]
+    assert len(cases) == 2
+    assert tables["scores"][0]["score"] == max(cases)
     same = ["optimize", "--check", str(short), "--against", str(short), "--runs", "20", "--json"]
     assert main(same) == 0
     found = json.loads(capsys.readouterr().out)
-    assert found["difference"]["estimate"] == 0
-    assert "does not mean that they are equal" in found["says"]
+    assert found["tables"]["differences"][0]["difference"] == 0
+    assert "does not mean that they are equal" in found["answer"][0]
 
 
 @pytest.mark.slow
@@ -206,15 +215,16 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
     )
     said = capsys.readouterr().out
     assert "luck" in said
-    assert "believed by the search" in said
-    about = json.loads((out / "result.json").read_text())
-    assert about["truth"]["true"]["score"]["n"] == 50
-    assert about["truth"]["believed"] == min(cell["score"] for cell in about["cells"])
-    assert about["truth"]["true"]["values"] == about["best"]
-    assert about["truth"]["believed"] != about["truth"]["true"]["score"]["estimate"]  # other runs
+    assert "during the search (believed)" in said
+    assert main(["show", str(out), "--json"]) == 0
+    tables = json.loads(capsys.readouterr().out)["tables"]
+    believed, true, _ = tables["truth"]
+    assert true["runs"] == 50
+    assert believed["score"] == min(cell["score"] for cell in tables["grid"])
+    assert believed["score"] != true["score"]  # other runs
     table = pl.read_csv(out / "grid.csv")
     assert table.height == 6
-    assert (out / "grid-score.png").is_file()
+    assert (out / "pictures" / "grid-score.png").is_file()
     assert said.endswith(f"Report: open {out / 'report.html'} in a browser\n")
     page = (out / "report.html").read_bytes()
     again = ["optimize", str(out / "grid.toml"), "--method", "grid", "--fresh", "50", "--out", str(out)]

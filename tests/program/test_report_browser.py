@@ -11,11 +11,12 @@ from typing import Any
 import polars as pl
 import pytest
 
+from vibroswarm.documents.search import search_document
 from vibroswarm.optimize import Search, run_search, truth_of
-from vibroswarm.optimize import write_report as write_search
 from vibroswarm.plots import draw_boxes, draw_heat, draw_outcomes
 from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
 from vibroswarm.report.parts import ReportAnswer, ReportEffect
+from vibroswarm.show.page import write_page
 
 Open = Callable[..., Any]
 NASTY = "</script><img src=x onerror=alert(1)><script>alert(2)</script>"
@@ -90,9 +91,9 @@ def search_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     found = run_search(search)
     truth = truth_of(found, runs=40)
     at_start = replace(truth.others[0], values=truth.winner.values)
-    folder = tmp_path_factory.mktemp("search")
-    write_search(found, replace(truth, believed=0.1, others=(at_start,)), folder)
-    return folder / "report.html"
+    file = tmp_path_factory.mktemp("search") / "report.html"
+    write_page(file, search_document(found, replace(truth, believed=0.1, others=(at_start,))))
+    return file
 
 
 @pytest.fixture
@@ -386,17 +387,17 @@ def test_the_page_of_a_search_is_read_from_its_warnings_down(
     assert any("nothing better was found" in text for text in warnings)
     tops = [
         page.locator(at).first.bounding_box()["y"]
-        for at in ("aside.warning", ".lead", "#s1p1", "svg.drawing")
+        for at in ("aside.warning", ".lead", "#s1-1", "svg.drawing")
     ]
     assert tops == sorted(tops)
-    assert page.locator("#s1p1 tbody tr").count() == 3
-    assert page.locator("#s1p1 td.bad").inner_text() == "lucky"
+    assert page.locator("#s1-1 tbody tr").count() == 3
+    assert page.locator("#s1-1 td.bad").inner_text() == "lucky"
     drawings = page.locator("svg.drawing")
     assert drawings.count() == 2
     assert all(drawings.nth(k).bounding_box()["width"] > 250 for k in range(2))
     beside = drawings.nth(0).bounding_box()["y"] == drawings.nth(1).bounding_box()["y"]
     assert beside == (width == 1000)
-    folded = page.locator("pre[aria-label='search.toml']")
+    folded = page.locator("details pre")
     assert not folded.is_visible()
     page.evaluate("document.querySelectorAll('details').forEach((d) => { d.open = true; })")
     assert folded.inner_text().startswith("format = 2")

@@ -36,11 +36,12 @@ from vibroswarm.paper.items import all_items
 from vibroswarm.paper.reproduce import ItemResult, Reproduction
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.scenario.scenario import FieldNames, field_names
+from vibroswarm.show.numbers import number
 
 ROOT = Path(__file__).parents[2]
 STUBS = sorted(Path(vibroswarm.__file__).parent.rglob("*.pyi"))
 MORE = ("plots", "networks", "tasks", "strategies", "testing", "league.standings", "league.entries", "league.tuning",
-        "calibrate.effect", "calibrate.message_loss", "calibrate.fit_camera", "analysis.forced_error",
+        "calibrate.effect", "calibrate.message_loss", "calibrate.fit_camera", "analysis.forced_error", "optimize.grid",
         "optimize.scenario_comparison", "optimize.sensitivity", "optimize.validation", "optimize.archive",
         "study.study_outputs")  # fmt: skip
 """Modules of public names and of results of public functions, beside the stubs and the API pages."""
@@ -182,13 +183,13 @@ def truth(found: Found) -> Truth:
 
 
 def test_a_search_shows_its_winner_and_how_scores_fell(found: Found, truth: Truth) -> None:
-    view = shown(found, f"{found.believed:.4g}", f"{found.runs:,} runs", *found.values)
+    view = shown(found, f"Believed score: {number(found.believed)}", f"{found.runs:,} runs", *found.values)
     assert "img" in view.tags
     assert repr(found).startswith(
         f"Found(pso, {len(found.archive)} candidates in {found.runs} runs; believed score "
     )
     assert f"true {truth.winner.score.estimate:.4g}" in repr(truth)
-    shown(truth, truth.words, f"{truth.winner.score.estimate:.4g}")
+    shown(truth, truth.words, number(truth.believed))
     assert isinstance(truth.winner, Scored)
     shown(truth.winner, truth.winner.name)
     shown(found.search)

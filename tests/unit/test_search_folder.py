@@ -15,7 +15,7 @@ from vibroswarm.core.atomic_io import LOCK_FILE, folder_lock
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.journal import JOURNAL, held
 from vibroswarm.optimize.loop import run_search
-from vibroswarm.optimize.search_report import candidate_table
+from vibroswarm.optimize.search_files import candidate_table
 from vibroswarm.optimize.spec import Search
 
 SMALL = (

@@ -12,13 +12,14 @@ import numpy as np
 import pytest
 
 from helpers.dask_cluster import Cluster
+from vibroswarm.documents.search import search_document
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize import evaluate
 from vibroswarm.optimize.evaluate import derived_seed
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.outcomes import Outcomes
-from vibroswarm.optimize.search_report import as_dict, candidate_table, history_table, write_report
+from vibroswarm.optimize.search_files import candidate_table, history_table, write_search
 from vibroswarm.optimize.spec import Search, SearchSettings
 from vibroswarm.optimize.validation import front_of, truth_of
 from vibroswarm.study import executors
@@ -229,9 +230,9 @@ def test_failed_runs_are_counted_and_shown(
     assert found.archive.score(bad.key) == np.inf
     assert found.best != bad.key
     assert found.runs == 90
-    about = as_dict(found, None)
-    assert about["runs"]["failed"] == 3
-    assert "crash" in about["runs"]["failed_because"][0]
+    (failures,) = search_document(found).tables["failures"].frame.to_dicts()
+    assert failures["runs"] == 3
+    assert "crash" in failures["why"]
     assert same(found, run_search(small(), tmp_path / "s"))
 
 
@@ -293,11 +294,7 @@ def test_the_difference_is_named_for_what_it_is(whole: Found) -> None:
 
 
 def test_what_is_kept(tmp_path: Path, whole: Found) -> None:
-    truth = truth_of(whole, runs=50)
-    write_report(whole, truth, tmp_path / "out")
-    about = json.loads((tmp_path / "out" / "result.json").read_text())
-    assert about["truth"]["true"]["score"]["n"] == 50
-    assert about["best"] == whole.values
+    write_search(whole, tmp_path / "out")
     from vibroswarm import Scenario
 
     best = Scenario.read(tmp_path / "out" / "best.toml")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import sys
 from dataclasses import replace
 from itertools import pairwise
@@ -16,12 +15,13 @@ import pytest
 
 from helpers import search_functions as functions
 from vibroswarm.analysis.tradeoff import pareto_front
+from vibroswarm.documents.search import search_document
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.methods import Method, Random, Sobol
 from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.search_report import candidate_table, write_report
+from vibroswarm.optimize.search_files import candidate_table, write_search
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import front_of
 
@@ -148,10 +148,11 @@ def assert_front_is_scored_again(found: Found, folder: Path) -> None:
     assert front.too_little[0] == pytest.approx(
         np.median([1 - m.believed[0] / m.true[0].estimate for m in front.members])
     )
-    write_report(found, None, folder, "column", front)
+    write_search(found, folder, front)
     assert pl.read_csv(folder / "front.csv")["key"].to_list() == list(found.front)
-    assert (folder / "true-front.svg").is_file()
-    assert json.loads((folder / "result.json").read_text())["front"]["says"] == front.words
+    document = search_document(found, front=front)
+    assert front.words in document.answer[0]
+    assert "true-front" in document.figures
 
 
 def test_several_objectives_take_the_method_for_them() -> None:

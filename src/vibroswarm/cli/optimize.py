@@ -15,7 +15,6 @@ from vibroswarm.cli.options import (
     add_out,
     add_pictures,
     add_style,
-    wants_picture_files,
     whole,
 )
 from vibroswarm.cli.output import add_open, check_open
@@ -25,6 +24,7 @@ from vibroswarm.errors import InputError
 if TYPE_CHECKING:
     from vibroswarm.optimize.spec import Search
     from vibroswarm.optimize.validation import Front, Truth
+    from vibroswarm.show.document import Document
 
 EPILOG = """\
 a search file (default: the paper's five parameters, starting from its P0):
@@ -192,13 +192,12 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
 
     Returns the exit code.
     """
-    from vibroswarm.cli.optimize_output import print_found
-    from vibroswarm.cli.out_folder import claim, deliver
-    from vibroswarm.cli.output import print_saved
+    from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.progress import search_progress
+    from vibroswarm.documents.search import search_document
     from vibroswarm.optimize.journal import Journal
     from vibroswarm.optimize.loop import check_libraries, run_search
-    from vibroswarm.optimize.search_report import PICTURES, as_dict, write_report
+    from vibroswarm.optimize.search_files import made_by, write_search
     from vibroswarm.optimize.validation import fresh_runs, front_of, truth_of
 
     execution = _execution(arguments)
@@ -221,21 +220,26 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     if len(search.objectives) == 1:  # the winner, and each start of the search for comparison
         with _counting("scoring on fresh runs", search.settings.fresh * (1 + len(search.starts))) as counted:
             truth = truth_of(result, progress=counted, **execution)
+    versions = []
     if arguments.out is not None:
-        style = arguments.style if wants_picture_files(arguments, *PICTURES) else None
-        with_pictures = not arguments.no_pictures
-        write_report(result, truth, arguments.out, style, front, with_pictures=with_pictures)
-    deliver(
-        arguments,
-        arguments.out,
-        "optimize",
-        lambda: print_found(result, truth, front),
-        lambda: as_dict(result, truth, front),
-    )
-    print_saved(
-        arguments, "best.toml, result.json, history.csv, candidates.csv, the search itself", "report.html"
-    )
+        write_search(result, arguments.out, front)
+        versions = made_by(arguments.out)
+    document = search_document(result, truth, front, versions)
+    _deliver(document, arguments, "optimize", "best.toml, history.csv, candidates.csv, the search itself")
     return 0
+
+
+def _deliver(document: Document, arguments: argparse.Namespace, command: str, saved: str) -> None:
+    """Save and print the document of a search or a grid, with pictures as the options say."""
+    from vibroswarm.cli.deliver import REPORT, print_result, save, save_requested_pictures
+    from vibroswarm.cli.output import print_saved
+    from vibroswarm.show.document import without_pictures
+
+    if arguments.out is not None:
+        save(without_pictures(document) if arguments.no_pictures else document, arguments.out, command)
+        save_requested_pictures(document, arguments, arguments.out)
+    print_result(document, arguments)
+    print_saved(arguments, f"{saved}, pictures" if arguments.pictures else saved, REPORT)
 
 
 def _grid(arguments: argparse.Namespace) -> int:
@@ -243,13 +247,12 @@ def _grid(arguments: argparse.Namespace) -> int:
 
     ``--cost`` replaces the grid's objective by one with default statistic and parameters, even if the file has others.
     """
-    from vibroswarm.cli.optimize_output import print_grid, print_truth
-    from vibroswarm.cli.out_folder import claim, deliver
-    from vibroswarm.cli.output import print_paragraph, print_saved
+    from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.progress import say_compiling, study_progress
+    from vibroswarm.documents.grid import grid_document
     from vibroswarm.optimize.grid import FRESH, Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.objective import Objective
-    from vibroswarm.optimize.search_report import PICTURES, write_grid
+    from vibroswarm.optimize.search_files import grid_made_by, write_grid
     from vibroswarm.study.run import run as run_study
     from vibroswarm.study.store import Store
 
@@ -271,26 +274,22 @@ def _grid(arguments: argparse.Namespace) -> int:
     nodes = scores_of(Grid(study, objective), result)
     with study_progress("scoring on fresh runs") as progress:
         truth = truth_of_grid(nodes, fresh, progress=progress, **execution)
+    versions = []
     if arguments.out is not None:
-        style = arguments.style if wants_picture_files(arguments, *PICTURES) else None
-        write_grid(nodes, arguments.out, style, truth, with_pictures=not arguments.no_pictures)
-
-    def show() -> None:
-        for note in nodes.notes:
-            print_paragraph(note)
-        print_truth(truth, nodes.best.cell.point, objective)
-        print_grid(nodes)
-
-    deliver(arguments, arguments.out, "optimize --method grid", show, lambda: nodes.as_dict(truth))
-    print_saved(arguments, "best.toml, grid.toml, grid.csv, result.json, the runs (shards)", "report.html")
+        write_grid(nodes, arguments.out)
+        versions = grid_made_by(arguments.out)
+    document = grid_document(nodes, truth, versions)
+    _deliver(
+        document, arguments, "optimize --method grid", "best.toml, grid.toml, grid.csv, the runs (shards)"
+    )
     return 0
 
 
 def _sensitivity(arguments: argparse.Namespace) -> int:
     """Compute Sobol indices of the fields of a search, print and save them; return the exit code."""
-    from vibroswarm.cli.optimize_output import print_sensitivity
-    from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
-    from vibroswarm.cli.output import print_saved
+    from vibroswarm.cli.deliver import deliver
+    from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
+    from vibroswarm.documents.sensitivity import sensitivity_document
     from vibroswarm.optimize.sensitivity import design_of, sobol_indices, write_sensitivity
 
     names = ("method", "noise", "fresh", "check", "against", "runs")
@@ -311,15 +310,8 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
         indices = sobol_indices(search, budget, progress=counted, **_execution(arguments))
     if arguments.out is not None:
         write_sensitivity(indices, arguments.out)
-    deliver(
-        arguments,
-        arguments.out,
-        "optimize --sensitivity",
-        lambda: print_sensitivity(indices),
-        indices.as_dict,
-        work=work,
-    )
-    print_saved(arguments, "sensitivity.csv")
+    document = sensitivity_document(indices)
+    deliver(document, arguments, "optimize --sensitivity", "sensitivity.csv", work)
     return 0
 
 
@@ -328,9 +320,9 @@ def _check(arguments: argparse.Namespace) -> int:
 
     Of the search, the comparison uses only the cases, the first objective, the source of motion and the seed.
     """
-    from vibroswarm.cli.optimize_output import print_comparison
-    from vibroswarm.cli.output import print_json
+    from vibroswarm.cli.deliver import print_result
     from vibroswarm.cli.scenario_warnings import warn_of
+    from vibroswarm.documents.scenario_comparison import checked_document
     from vibroswarm.optimize.scenario_comparison import compare_scenarios, scenario_named
 
     _refuse(arguments, ("method", "noise", "budget", "fresh", "out"), "applies to a search, not to --check")
@@ -358,8 +350,5 @@ def _check(arguments: argparse.Namespace) -> int:
             progress=counted,
             **_execution(arguments),
         )
-    if arguments.json:
-        print_json(comparison.as_dict())
-    else:
-        print_comparison(comparison)
+    print_result(checked_document(comparison), arguments)
     return 0

@@ -22,6 +22,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -216,10 +217,10 @@ def read_printed(folder: Path) -> Printed | None:
     """Read ``printed.json`` of a folder; None if the folder has no such file.
 
     Raises:
-        InputError: the file is damaged, or of a newer format.
+        InputError: the file is damaged, of a newer format, or no plain file.
     """
     path = folder / PRINTED
-    if not path.is_file():
+    if not os.path.lexists(path):  # what is there but is no plain file is refused below
         return None
     about = read_json(path, "what a command printed")
     check_format(entry(about, "format", int, path), FORMAT, str(path))

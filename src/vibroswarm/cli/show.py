@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -122,7 +121,7 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
                 field=str(folder),
             )
         state = held(folder)
-        lines = search_lines(state, with_result=printed is None)
+        lines = search_lines(state, is_validated=printed is not None)
     elif (folder / HEAD).exists():
         store = Store.open(folder)
         state = state_of(store)
@@ -217,16 +216,12 @@ def state_of(store: Store) -> dict[str, Any]:
     }
 
 
-def search_lines(about: dict[str, Any], *, with_result: bool = True) -> list[str]:
-    """Describe the state of a search's folder in sentences, and its result if the search is validated.
+def search_lines(about: dict[str, Any], *, is_validated: bool) -> list[str]:
+    """Describe the state of a search's folder in sentences.
 
     Args:
-        about: the content of the folder, as ``journal.held`` returns it. In its result, the believed score is the score
-            on the search's own runs, and the true score is the score on fresh runs.
-        with_result: whether to describe the result too, or only the state.
+        about: the content of the folder, as ``journal.held`` returns it. is_validated: whether the folder has results.
     """
-    from vibroswarm.optimize.search_tables import values_said
-
     done, requested = about["runs_there"], about["runs_wanted"]
     lines = [
         f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
@@ -234,21 +229,8 @@ def search_lines(about: dict[str, Any], *, with_result: bool = True) -> list[str
         f"{about['runs_failed']:,} failed.",
         f"Fields: {', '.join(about['fields'])}.",
     ]
-    if about["result"] is None:
+    if not is_validated:
         lines.append("Not validated on fresh runs yet; run the same optimize command to resume.")
-        return lines
-    if not with_result:
-        return lines
-    if truth := about["result"].get("truth"):  # of a search with one objective
-        score = truth["true"]["score"]  # of the best candidate, on fresh runs
-        believed, estimate, low, high = (
-            math.nan if value is None else value  # JSON has no NaN: it is saved as null
-            for value in (truth["believed"], score["estimate"], score["low"], score["high"])
-        )
-        lines.append(f"Best: {values_said(about['result']['best'])}")
-        lines.append(f"Believed {believed:.4g}, true {estimate:.4g} [{low:.4g}, {high:.4g}]. {truth['says']}")
-    if front := about["result"].get("front"):  # the Pareto front of a search with several objectives
-        lines.append(front["says"])
     return lines
 
 

@@ -28,6 +28,13 @@ DOCUMENTS: Final = {
     "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
     "vibroswarm.study.study_outputs.Comparison": "study:comparison_document",
     "vibroswarm.study.summary.Outcome": "study:study_document",
+    "vibroswarm.optimize.grid.Nodes": "grid:grid_document",
+    "vibroswarm.optimize.loop.Found": "search:search_document",
+    "vibroswarm.optimize.scenario_comparison.Checked": "scenario_comparison:checked_document",
+    "vibroswarm.optimize.sensitivity.Sensitivity": "sensitivity:sensitivity_document",
+    "vibroswarm.optimize.validation.Front": "search:front_document",
+    "vibroswarm.optimize.validation.Scored": "search:scored_document",
+    "vibroswarm.optimize.validation.Truth": "search:truth_document",
 }
 """Module and function, by module and name of the class. Packages of results take long to import, so that each module is
 imported when a document is asked for."""

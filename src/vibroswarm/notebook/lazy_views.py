@@ -1,4 +1,4 @@
-"""Notebook views (HTML) of the results of searches and calibrations.
+"""Notebook views (HTML) of the results of calibrations.
 
 Their packages take long to import. So a view is registered under the name of a class, and imports the package only
 when it is called with an object of that class.
@@ -10,27 +10,23 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.notebook.elements import card, details, paragraph, rows, table
-from vibroswarm.notebook.views import frame, picture_image
 
 if TYPE_CHECKING:
     from vibroswarm.calibrate.fit import Fit
     from vibroswarm.calibrate.real_vs_simulated import Comparison
-    from vibroswarm.optimize.loop import Found
-    from vibroswarm.optimize.scenario_comparison import Checked
-    from vibroswarm.optimize.validation import Front, Scored, Truth
 
 View = Callable[[Any], str]
 """A function that takes an object and returns its view as HTML."""
 
 VIEWS: Final[dict[str, View]] = {}
-"""Views by the module and name of the class, such as ``vibroswarm.optimize.loop.Found``."""
+"""Views by the module and name of the class, such as ``vibroswarm.calibrate.fit.Fit``."""
 
 
 def shows(name: str) -> Callable[[View], View]:
     """Return a decorator that registers a function as the view of a class.
 
     Args:
-        name: module and name of the class without "vibroswarm.", such as ``optimize.loop.Found``.
+        name: module and name of the class without "vibroswarm.", such as ``calibrate.fit.Fit``.
     """
 
     def register(view: View) -> View:
@@ -45,86 +41,6 @@ def lazy_view_of(value: object) -> View | None:
     """Return the view of an object's class, or else of its nearest base class with a view; None if there is none."""
     names = (f"{kind.__module__}.{kind.__qualname__}" for kind in type(value).__mro__)
     return next((VIEWS[name] for name in names if name in VIEWS), None)
-
-
-@shows("optimize.loop.Found")
-def _found(value: Found) -> str:
-    """Show a search: the winner's values with their bounds, and the scores over the iterations of the method.
-
-    With several objectives, the winner's score is that under the first one, and a line says how many candidates are on
-    the front. With one objective, a warning says that the winner was not scored on fresh runs.
-    """
-    from vibroswarm.optimize.search_page import warnings_of, warnings_of_runs
-    from vibroswarm.optimize.search_report import pictures
-    from vibroswarm.optimize.search_tables import value_said
-    from vibroswarm.plots.style import SERIES_UP_TO
-
-    objective = value.search.objectives[0]
-    head = (
-        f"{value.search.settings.method} over {value.search.space.size} fields, for the lowest {objective.words}: "
-        f"{len(value.archive):,} candidates in {value.runs:,} runs. Believed score of the winner: "
-        f"{value.believed:.4g} {objective.unit}".rstrip()
-    )
-    values = value.values
-    body = [
-        [dimension.name, value_said(values[dimension.name]), f"{dimension.low:g}", f"{dimension.high:g}"]
-        for dimension in value.search.space
-    ]
-    parts = [paragraph(head), table(["field", "winner", "lowest", "highest"], body)]
-    # A search has no results of the steps after it: truth and front. From ``front=None``, ``warnings_of`` would
-    # conclude that there is no front.
-    if value.front:
-        parts.append(paragraph(f"Candidates on the front: {len(value.front)}. Next: front_of(found)."))
-        warnings = warnings_of_runs(value, truth=None, front=None)
-    else:
-        warnings = warnings_of(value, truth=None, front=None, made_by=[])
-    parts += [paragraph(text) for text in warnings]
-    if value.history and value.search.space.size <= SERIES_UP_TO:  # more fields cannot be distinguished
-        parts.append(picture_image(pictures(value, truth=None)["scores"], width_px=420))
-    return card("Search", *parts, paragraph("Next: truth_of(found), write_report(found, folder)"))
-
-
-@shows("optimize.validation.Truth")
-def _truth(value: Truth) -> str:
-    """Show the score that a search believed, the score on fresh runs, and the differences from other candidates."""
-    from vibroswarm.optimize.search_tables import interval_said
-
-    score = value.winner.score
-    numbers = {
-        "believed score": f"{value.believed:.4g}",
-        "true score": f"{interval_said(score)} ({score.n:,} fresh runs)",
-    }
-    numbers |= {
-        f"winner - {other.name}": interval_said(less, sign=True)
-        for other, less in zip(value.others, value.against, strict=True)
-    }
-    return card("Score on fresh runs", paragraph(value.words), rows(numbers))
-
-
-@shows("optimize.validation.Scored")
-def _scored(value: Scored) -> str:
-    from vibroswarm.optimize.search_tables import interval_said
-
-    return card(value.name, rows({"score": interval_said(value.score), **value.values}))
-
-
-@shows("optimize.validation.Front")
-def _front(value: Front) -> str:
-    return card("Pareto front", paragraph(value.words), frame(value.table))
-
-
-@shows("optimize.scenario_comparison.Checked")
-def _checked(value: Checked) -> str:
-    """Show the scores of two scenarios, and the difference of the scores on each of two blocks of seeds."""
-    from vibroswarm.optimize.search_tables import interval_said
-
-    numbers = {
-        value.first.name: interval_said(value.first.score),
-        value.second.name: interval_said(value.second.score),
-        "difference": interval_said(value.difference, sign=True),
-        "difference on other seeds": interval_said(value.replicate, sign=True),
-    }
-    return card(value.objective.words, paragraph(value.says), rows(numbers))
 
 
 @shows("calibrate.fit.Fit")

@@ -10,8 +10,9 @@ from .outcomes import Outcomes as Outcomes
 from .outcomes import outcomes_of as outcomes_of
 from .pso import PsoSettings as PsoSettings
 from .scenario_comparison import compare_scenarios as compare_scenarios
-from .search_report import best_scenario as best_scenario
-from .search_report import write_report as write_report
+from .search_files import best_scenario as best_scenario
+from .search_files import write_grid as write_grid
+from .search_files import write_search as write_search
 from .sensitivity import ped_anova as ped_anova
 from .sensitivity import sobol_indices as sobol_indices
 from .space import Space as Space

@@ -24,7 +24,6 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError
@@ -166,11 +165,6 @@ class Nodes(NotebookView):
         return min(self.nodes, key=lambda node: (node.scored.score.estimate, node.cell.number))
 
     @property
-    def notes(self) -> list[str]:
-        """Sentences to be read before the result: that robots knew their true places, if they used them."""
-        return true_places_notes(node.cell.scenario for node in self.nodes)
-
-    @property
     def table(self) -> pl.DataFrame:
         """One row per cell: its values, its score and its distance above the best score (with limits), other figures.
 
@@ -187,17 +181,6 @@ class Nodes(NotebookView):
                 "robots_undecided": node.undecided, "runs": score.n,
             })  # fmt: skip
         return pl.DataFrame(rows, infer_schema_length=None)
-
-    def as_dict(self, truth: Truth | None = None) -> dict[str, Any]:
-        """Return plain values for JSON; ``truth`` is the score of the best cell on fresh runs, None if not computed."""
-        return {
-            "method": "grid",
-            "objective": self.grid.objective.as_values(),
-            "best": self.best.cell.point,
-            "truth": None if truth is None else truth.as_dict(),
-            "as_good_as_best": [node.cell.point for node in self.nodes if node.as_good],
-            "cells": self.table.to_dicts(),
-        }
 
 
 def scores_of(grid: Grid, result: StudyResult) -> Nodes:

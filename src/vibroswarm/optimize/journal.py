@@ -25,8 +25,8 @@ import numpy as np
 
 from vibroswarm.core.atomic_io import LOCK_FILE as LOCK
 from vibroswarm.core.atomic_io import folder_lock, remove_leftovers, temporary_stem, write_files
-from vibroswarm.core.untrusted_files import entry, number, read_bytes, read_json, texts
-from vibroswarm.errors import InputError, RunError, check_format, shown, warn_once
+from vibroswarm.core.untrusted_files import entry, read_bytes, read_json, texts
+from vibroswarm.errors import InputError, RunError, check_format, warn_once
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import Ask
 from vibroswarm.optimize.spec import FORMAT, Search, differences
@@ -277,14 +277,13 @@ def held(folder: Path) -> dict[str, Any]:
 
     ``runs_there`` is the number of runs in the journal, ``runs_wanted`` the number planned for the whole search. A
     finished search may have slightly fewer: methods other than pso request a fixed number of runs of each candidate,
-    which may not divide their budget. ``result`` is that of ``held_result``.
+    which may not divide their budget.
 
     Raises:
         InputError: a file in the folder is damaged.
     """
     search = Search.read(folder / SEARCH)
     steps = list(steps_in(folder))
-    result = held_result(folder / "result.json")
     # In ``Step.found``, a failed piece is (reason, number of runs).
     failed = [
         piece[1] for step in steps for pieces in step.found for piece in pieces if isinstance(piece, tuple)
@@ -299,40 +298,7 @@ def held(folder: Path) -> dict[str, Any]:
         "runs_there": sum(ask.runs for step in steps for ask in step.asks),
         "runs_failed": sum(failed),
         "steps": len(steps),
-        "result": result,
     }
-
-
-def held_result(path: Path) -> dict[str, Any] | None:
-    """Read the result of a search from the file ``path``, and check the entries that ``vibroswarm show`` displays.
-
-    These are the winner's values (``best``); its believed and true score, and the sentence that compares them
-    (``truth``); and, with several objectives, the sentence about the Pareto front (``front``).
-
-    Returns:
-        All entries of the file; None if it does not exist: ``search_report`` writes it after the end of the search.
-    Raises:
-        InputError: the file is damaged.
-    """
-    # A link whose target is missing does not exist, but must not pass as an unfinished search: reading it is an error.
-    if not (path.exists() or path.is_symlink()):
-        return None
-    result = read_json(path, "the result of a search")
-    best = entry(result, "best", dict, path)
-    for name, value in best.items():
-        if not isinstance(value, str | int | float):
-            raise InputError(f"is damaged: 'best' has {shown(value)} for {name}", field=str(path))
-    if (truth := result.get("truth")) is not None:
-        score = entry(entry(truth, "true", dict, path), "score", dict, path)
-        for part, name in ((truth, "believed"), (score, "low"), (score, "estimate"), (score, "high")):
-            # Null is allowed: it stands for a number that is not finite. ``number`` refuses a missing entry.
-            if part.get(name) is not None or name not in part:
-                number(part, name, path)
-        entry(truth, "says", str, path)
-    if (front := result.get("front")) is not None:
-        entry(front, "says", str, path)
-    checked: dict[str, Any] = result
-    return checked
 
 
 def _piece(given: Any) -> Any:

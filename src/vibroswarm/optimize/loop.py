@@ -17,7 +17,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.archive import Archive
@@ -100,14 +99,6 @@ class Found(NotebookView):
     def values(self) -> Values:
         """The winner's values."""
         return dict(self.archive[self.best].values)
-
-    @property
-    def notes(self) -> list[str]:
-        """Sentences to be read before the result: that robots knew their true places, if they used them."""
-        found = [self.values, *(self.archive[key].values for key in self.front)]
-        return true_places_notes(
-            case.scenario.with_values(values) for values in found for case in self.search.cases
-        )
 
     @property
     def believed(self) -> float:

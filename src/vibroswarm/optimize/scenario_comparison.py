@@ -50,6 +50,8 @@ class Checked(NotebookView):
     """The same difference on the second block of runs."""
     figures: tuple[Paired, ...] = ()
     """Comparisons of the ``FIGURES``, on the first block."""
+    scenarios: tuple[Scenario, ...] = ()
+    """The two scenarios."""
 
     @property
     def confirmed(self) -> bool:
@@ -65,19 +67,6 @@ class Checked(NotebookView):
         if side(self.difference):  # significant, but not in the second block, or with the other sign there
             return "The second block of seeds does not confirm the difference."
         return "No significant difference, which does not mean that they are equal."
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "objective": self.objective.as_values(),
-            "first": self.first.as_dict(),
-            "second": self.second.as_dict(),
-            "difference": self.difference.as_dict(),
-            "again": self.replicate.as_dict(),
-            "confirmed": self.confirmed,
-            "says": self.says,
-            "figures": [paired.as_dict() for paired in self.figures],
-        }
 
 
 def scenario_named(text: str, field: str) -> Scenario:
@@ -164,6 +153,7 @@ def compare_scenarios(
         difference=paired_score(objective, scored_first, scored_second),
         replicate=paired_score(objective, again_first, again_second),
         figures=compare(figures_first, figures_second, FIGURES),
+        scenarios=(first, second),
     )
 
 

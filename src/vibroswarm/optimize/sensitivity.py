@@ -26,13 +26,13 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import generator, plain
+from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
@@ -86,12 +86,6 @@ class Sensitivity(NotebookView):
     noise_share: float
     """Share of the variance of the points' means that is noise of the runs, both as estimated. If it is 1 or more, all
     indices are nan. It is 0 with a single run per point, where the noise is unknown, and if the cost does not vary."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON, which has no nan: None in its place."""
-        own = {name: plain(value) for name, value in vars(self).items()}
-        fields = [{name: plain(value) for name, value in vars(index).items()} for index in self.fields]
-        return {**own, "fields": fields}
 
 
 def sobol_indices(

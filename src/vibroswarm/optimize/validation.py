@@ -71,18 +71,6 @@ class Scored(NotebookView):
         """Each part that has a limit, compared with it in words: within, beyond, or not significantly different."""
         return {name: _beyond((self.parts or {})[name], limit) for name, limit in self.limits.items()}
 
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "name": self.name,
-            "values": self.values,
-            "score": self.score.as_dict(),
-            "cases": [case.as_dict() for case in self.cases],
-            "parts": {k: v.as_dict() for k, v in (self.parts or {}).items()},
-            "limits": {k: {"limit": v, "says": self.near[k]} for k, v in self.limits.items()},
-            "runs_failed": self.failed,
-        }
-
 
 @dataclass(frozen=True)
 class Truth(NotebookView):
@@ -160,19 +148,6 @@ class Truth(NotebookView):
                 f"The believed score is {-100 * share:.0f} % too high: the winner was unlucky in the search."
             ),
         }[self.luck]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {
-            "believed": plain(self.believed),
-            "true": self.winner.as_dict(),
-            "difference_share": plain(self.difference),
-            "says": self.words,
-            "others": [
-                {**other.as_dict(), "winner_less_this": paired.as_dict()}
-                for other, paired in zip(self.others, self.against, strict=True)
-            ],
-        }
 
 
 def truth_of(
@@ -429,23 +404,6 @@ class Front(NotebookView):
                 row |= {f"{name}, true low": plain(true.low), f"{name}, true high": plain(true.high)}
             rows.append(row | {"fresh runs": self.runs - member.failed, "failed": member.failed})
         return pl.DataFrame(rows, infer_schema_length=None)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return plain values for JSON; scores are in the order of the objectives, whose names are left out."""
-        return {
-            "says": self.words,
-            "fresh_runs_each": self.runs,
-            "members": [
-                {
-                    "values": member.values,
-                    "believed": [plain(score) for score in member.believed],
-                    "true": [score.as_dict() for score in member.true],
-                    "stays": member.stays,
-                    "runs_failed": member.failed,
-                }
-                for member in self.members
-            ],
-        }
 
 
 def fresh_runs(found: Found) -> int:

@@ -26,7 +26,7 @@ import polars as pl
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.optimize import Found, PsoSettings, Search, Truth, run_search, truth_of
 from vibroswarm.optimize.objective import Objective
-from vibroswarm.optimize.search_report import candidate_table, history_table
+from vibroswarm.optimize.search_files import candidate_table, history_table
 from vibroswarm.optimize.space import PAPER, Space
 from vibroswarm.paper.claim_values import Row, exact, frame, mean, of_interval
 from vibroswarm.paper.columns import parameters, published

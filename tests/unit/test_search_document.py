@@ -1,4 +1,4 @@
-"""The page of a search says what its numbers say, warnings first, and nothing in a name breaks it."""
+"""The document of a search says what its numbers say, with warnings, and nothing in a name breaks its page."""
 
 from __future__ import annotations
 
@@ -14,20 +14,25 @@ import numpy as np
 import pytest
 
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.optimize import evaluate
+from vibroswarm.documents.grid import grid_document
+from vibroswarm.documents.scenario_comparison import checked_document
+from vibroswarm.documents.search import search_document
+from vibroswarm.documents.search_words import bound_of, values_text
+from vibroswarm.documents.sensitivity import sensitivity_document
+from vibroswarm.optimize import compare_scenarios, evaluate
 from vibroswarm.optimize.grid import Grid, Nodes, scores_of, truth_of_grid
-from vibroswarm.optimize.grid_page import grid_page
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.outcomes import Outcomes
-from vibroswarm.optimize.search_page import search_page
-from vibroswarm.optimize.search_report import as_dict, grid_pictures, made_by, write_grid, write_report
-from vibroswarm.optimize.search_tables import bound_of, winner_words
+from vibroswarm.optimize.search_files import made_by, write_grid, write_search
+from vibroswarm.optimize.sensitivity import indices
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import LUCK, Front, Member, Truth, front_of, is_too_short, truth_of
 from vibroswarm.plots.labels import setting_words
-from vibroswarm.report.html import Report, report_html
+from vibroswarm.scenario.scenario import preset
+from vibroswarm.show.document import Document, Text, walk, without_pictures
+from vibroswarm.show.page import page_html
 from vibroswarm.simulation import versions
 from vibroswarm.study.run import run as run_study
 from vibroswarm.study.spec import Study
@@ -79,25 +84,17 @@ def seen(text: str) -> str:
     return " ".join(html.unescape(re.sub(r"<[^>]*>", " ", body)).replace("\u00a0", " ").split())
 
 
-def page_of(found: Found, truth: Truth | None, front: Front | None = None) -> Report:
-    return search_page(found, truth, front, {}, MADE)
+def page_of(found: Found, truth: Truth | None, front: Front | None = None) -> Document:
+    return search_document(found, truth, front, MADE)
 
 
-def rows_of(report: Report, name: str) -> list[dict[str, Any]]:
-    """A table of a report, wherever it stands."""
-
-    def parts(sections: Any) -> Iterator[Any]:
-        for section in sections:
-            yield from section.parts
-            yield from parts(section.sections)
-
-    (frame,) = (
-        part.frame
-        for part in parts(report.sections)
-        if getattr(part, "name", "") == name and hasattr(part, "frame")
-    )
-    rows: list[dict[str, Any]] = frame.to_dicts()
+def rows_of(document: Document, name: str) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = document.tables[name].frame.to_dicts()
     return rows
+
+
+def code_of(document: Document) -> list[str]:
+    return [part.words for part in walk(document.parts) if isinstance(part, Text) and part.kind == "code"]
 
 
 def test_the_three_numbers_are_those_of_the_truth(found: Found, truth: Truth) -> None:
@@ -106,22 +103,23 @@ def test_the_three_numbers_are_those_of_the_truth(found: Found, truth: Truth) ->
     score = truth.winner.score
     assert believed["score"] == found.believed
     assert believed["runs"] == found.archive[found.best].count
-    assert (true["score"], true["low"], true["high"], true["runs"]) == (
+    assert (true["score"], true["score_low"], true["score_high"], true["runs"]) == (
         score.estimate,
         score.low,
         score.high,
         150,
     )
     assert difference["score"] == pytest.approx(score.estimate - found.believed)
+    assert difference["share"] == truth.difference
     assert difference["luck"] == truth.luck
-    assert truth.words in seen(report_html(report))
+    assert truth.words in seen(page_html(report))
 
 
 def test_the_winner_stands_beside_the_start_and_the_bounds(found: Found, truth: Truth) -> None:
     report = page_of(found, truth)
     (against,) = rows_of(report, "against")
     paired = truth.against[0]
-    assert (against["less"], against["less_low"], against["less_high"]) == (
+    assert (against["difference"], against["difference_low"], against["difference_high"]) == (
         paired.estimate,
         paired.low,
         paired.high,
@@ -130,12 +128,11 @@ def test_the_winner_stands_beside_the_start_and_the_bounds(found: Found, truth: 
     gate = values["decision.min_observations"]
     assert gate["winner"] == found.values["decision.min_observations"]
     assert (gate["other 0"], gate["low"], gate["high"]) == (20, 0, 60)
-    text = seen(report_html(report))
+    text = seen(page_html(report))
     assert "vibroswarm run --scenario best.toml" in text
     assert "vibroswarm optimize search.toml --check best.toml --against paper" in text
     assert "vibroswarm optimize search.toml --out ." in text
-    (file,) = re.findall(r'aria-label="search.toml"><code>(.*?)</code>', report_html(report), flags=re.DOTALL)
-    assert html.unescape(file) == found.search.to_toml()
+    assert code_of(report) == [found.search.to_toml()]
 
 
 def test_the_account_and_the_best_are_the_archives(found: Found, truth: Truth) -> None:
@@ -169,12 +166,12 @@ def test_cases_and_what_a_score_is_made_of() -> None:
     error = truth.winner.parts or {}
     wrong = parts["wrong of those who decide, %"]
     assert wrong["value"] == 100 * error["robot_error"].estimate
-    assert wrong["says"] == truth.winner.near["robot_error"]
-    assert parts["decision time, s"]["says"] is None
-    assert "each in 2 cases" in report.lead[0]
+    assert wrong["against limit"] == truth.winner.near["robot_error"]
+    assert parts["decision time, s"]["against limit"] is None
+    assert "each in 2 cases" in seen(page_html(report))
 
 
-def warned(report: Report, *words: str) -> bool:
+def warned(report: Document, *words: str) -> bool:
     return any(all(word in text for word in words) for text in report.warnings)
 
 
@@ -270,10 +267,10 @@ def test_what_was_not_done_is_a_warning(found: Found, truth: Truth) -> None:
     longer = replace(found, search=found.search.with_settings(final=600, budget=700))
     assert warned(page_of(longer, truth), "The search is not finished: 90 of 690 runs.")
     assert warned(page_of(found, None), "not scored on fresh runs")
-    assert "Believed and true" not in [section.title for section in page_of(found, None).sections]
-    both = search_page(found, truth, None, {}, [*MADE, {"vibroswarm": "2"}])
+    assert "truth" not in page_of(found, None).tables
+    both = search_document(found, truth, None, [*MADE, {"vibroswarm": "2"}])
     assert warned(both, "Different versions")
-    assert both.details["made by (2)"] == "vibroswarm 2"
+    assert both.made_by["made by (2)"] == "vibroswarm 2"
 
 
 def test_versions_are_those_that_began_it_and_those_of_now(found: Found, tmp_path: Path) -> None:
@@ -303,7 +300,7 @@ def test_failed_runs_stand_first_with_why(monkeypatch: pytest.MonkeyPatch, truth
     (why,) = rows_of(report, "failures")
     assert (why["runs"], why["candidates"]) == (3, 1)
     assert sum(row["failed"] for row in rows_of(report, "runs")) == 3 + 7
-    text = report_html(report)
+    text = page_html(report)
     assert "<img" not in text
     assert "&lt;img src=x onerror=alert(1)&gt;" in text
 
@@ -316,9 +313,10 @@ def test_fresh_runs_are_counted_with_those_that_failed(found: Found, truth: Trut
         for scored, size in zip((truth.winner, truth.others[0]), sizes, strict=True)
     )
     lame = replace(truth, winner=winner, others=(other, *truth.others[1:]))
-    whole = as_dict(found, truth)["runs"]["fresh"]
-    assert whole == sum(scored.rows.shape[0] for scored in (truth.winner, *truth.others))
-    assert as_dict(found, lame)["runs"]["fresh"] == whole
+    for one in (truth, lame):
+        fresh = rows_of(page_of(found, one), "runs")[2:]
+        assert [row["runs"] for row in fresh] == [150, 150]
+    assert [row["failed"] for row in fresh] == [1, 2]
 
 
 def test_nothing_in_a_name_breaks_a_page(found: Found, truth: Truth) -> None:
@@ -326,29 +324,27 @@ def test_nothing_in_a_name_breaks_a_page(found: Found, truth: Truth) -> None:
     mine = Objective(NASTY, function=lambda outcomes: outcomes.time_s.mean(axis=1))
     named = replace(truth, others=(replace(truth.others[0], name=NASTY),))
     for changed in (search, replace(search, objectives=(mine,))):
-        text = report_html(page_of(replace(found, search=changed), named))
+        text = page_html(page_of(replace(found, search=changed), named))
         assert "<img" not in text
         assert text.count("<script>") == 1
         assert f"<title>{html.escape(NASTY)}</title>" in text
     assert "search.toml" not in text  # a cost that is a function is in no file
-    assert "search.toml" in report_html(page_of(found, truth))
+    assert "search.toml" in page_html(page_of(found, truth))
 
 
-def test_a_page_is_written_with_pictures_and_without_the_same_each_time(
-    found: Found, truth: Truth, tmp_path: Path
+def test_a_page_is_the_same_each_time_and_has_figures_unless_they_are_left_out(
+    found: Found, truth: Truth
 ) -> None:
-    for folder, style in (("a", "column"), ("b", "slide"), ("d", None)):
-        write_report(found, truth, tmp_path / folder, style)
-    write_report(found, truth, tmp_path / "c", with_pictures=False)
-    text = {name: (tmp_path / name / "report.html").read_bytes() for name in "abcd"}
-    assert text["a"] == text["b"] == text["d"]  # whatever the folder, and the style of the files beside it
-    assert text["a"].count(b"<figure") == text["a"].count(b'class="drawing"') == 2
-    assert text["c"].count(b"<figure") == 0
-    read = seen(text["a"].decode())
+    document = page_of(found, truth)
+    assert list(document.figures) == ["scores", "parameters"]
+    text = page_html(document)
+    assert page_html(page_of(found, truth)) == text
+    assert text.count("<figure") == text.count('class="drawing"') == 2
+    read = seen(text)
     assert "From the 30 runs of the search before the race. The line across: 150 fresh runs." in read
-    assert truth.words in seen(text["c"].decode())
-    files = {name: (tmp_path / name / "scores.svg").exists() for name in "abcd"}
-    assert files == {"a": True, "b": True, "c": False, "d": False}
+    without = page_html(without_pictures(document))
+    assert without.count("<figure") == 0
+    assert truth.words in seen(without)
 
 
 def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
@@ -363,20 +359,22 @@ def test_a_front_is_a_table_of_believed_and_true(tmp_path: Path) -> None:
         for name, believed, true in zip(front.names, member.believed, member.true, strict=True):
             assert row[f"{name}, believed"] == believed
             assert (row[f"{name}, true low"], row[f"{name}, true high"]) == (true.low, true.high)
-    assert front.words in seen(report_html(report))
+    assert front.words in seen(page_html(report))
     beaten = replace(front, members=(replace(front.members[0], stays=False, failed=3), *front.members[1:]))
     told = page_of(found, None, beaten)
     assert warned(told, beaten.words)
     assert warned(told, "3 fresh runs of the front's candidates FAILED")
-    assert warned(page_of(found, None), "There is no front")
-    assert as_dict(found, None, beaten)["runs"]["fresh"] == front.runs * len(front.members)
-    write_report(found, None, tmp_path, front=front)
-    assert (tmp_path / "report.html").read_text().count("<figure") == 3
+    assert warned(page_of(found, None), "The front was not scored on fresh runs")
+    assert warned(page_of(replace(found, front=()), None), "There is no front")
+    assert rows_of(told, "runs")[-1]["runs"] == front.runs * len(front.members)
+    assert list(told.figures) == ["true-front", "scores", "parameters"]
+    write_search(found, tmp_path, front)
+    assert (tmp_path / "front.csv").is_file()
 
 
 def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path: Path) -> None:
     truth = truth_of_grid(nodes, 50)
-    report = grid_page(nodes, truth, grid_pictures(nodes), MADE)
+    report = grid_document(nodes, truth, MADE)
     believed, true, _ = rows_of(report, "truth")
     assert (believed["score"], believed["runs"]) == (nodes.best.scored.score.estimate, 20)
     assert (true["score"], true["runs"]) == (truth.winner.score.estimate, 50)
@@ -385,7 +383,7 @@ def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path
     standing = [row["standing"] for row in cells]
     assert standing.count("the lowest") == 1
     assert standing.count("not significant") == sum(node.as_good for node in nodes.nodes) - 1
-    text = report_html(report)
+    text = page_html(report)
     assert text.count("<figure") == 3
     assert "All cells replay one motion" in text
     assert (truth.words in report.warnings) == (truth.luck != "not significant")
@@ -396,18 +394,17 @@ def test_a_grid_has_its_cells_and_the_lowest_scored_again(nodes: Nodes, tmp_path
     eta = nodes.best.cell.point["strategy.soft.eta"]
     assert warned(report, "edge of the grid", "`eta`") == (eta in (10.0, 1000.0))
     assert not warned(report, "`kappa`")  # two values have no middle
-    write_grid(nodes, tmp_path, None, truth, with_pictures=False)
-    assert "<figure" not in (tmp_path / "report.html").read_text()
+    write_grid(nodes, tmp_path)
     again = Grid.read(tmp_path / "grid.toml")
     assert again.study.hash == nodes.grid.study.hash
     assert (again.study.runs, again.study.seed, again.objective) == (20, 1, nodes.grid.objective)
-    assert warned(grid_page(nodes, None, {}, MADE), "not scored on fresh runs")
+    assert warned(grid_document(nodes, None, MADE), "not scored on fresh runs")
 
 
 def test_a_grid_that_moves_robots_claims_no_shared_motion(nodes: Nodes) -> None:
     vary = {"walk.walk_duration_scale_ms": [1000.0, 2000.0]}
     grid = Grid(Study({"preset": "paper", "run": {"t_end_s": 60.0}}, {"grid": vary}, 4), Objective())
-    told = seen(report_html(grid_page(scores_of(grid, run_study(grid.study)), None, {}, MADE)))
+    told = seen(page_html(grid_document(scores_of(grid, run_study(grid.study)), None, MADE)))
     assert "one motion" not in told
     assert "walk.walk_duration_scale_ms" in told
 
@@ -433,6 +430,46 @@ def test_a_front_with_scores_of_0_has_no_share_of_them() -> None:
 def test_large_values_of_fields_have_no_exponent() -> None:
     field = "walk.walk_duration_location_ms"
     assert setting_words(field, 12000.0) == "γ₀ 12000"
-    assert winner_words({field: 12000.0}) == "walk duration, location γ₀ 12000 ms"
+    assert values_text({field: 12000.0}) == "walk duration, location γ₀ 12000 ms"
     assert setting_words(field, 4750.25) == "γ₀ 4750"
     assert setting_words("swarm.robots", 12000) == "robots 12000"
+
+
+def test_a_comparison_says_which_is_better_and_what_robots_knew() -> None:
+    short = {"run.t_end_s": 100.0, "decision.min_observations": 5, "swarm.robots": 2}
+    first = preset("paper").with_values(short | {"strategy.name": "soft"})
+    second = preset("paper").with_values(
+        short | {"strategy.name": "places", "localisation.method": "true", "decision.min_observations": 60}
+    )
+    aim = Objective("time_at_error")
+    cases = ({"floor.source": "stripe:0.48"}, {"floor.source": "alternating:0.48"})
+    found = compare_scenarios(first, second, aim, 6, names=("soft", "places"), cases=cases)
+    document = checked_document(found)
+    assert document.answer[0] == found.says
+    assert "places with true places: an upper bound" in document.knew[0]
+    assert [row["score"] for row in rows_of(document, "scores")] == [
+        found.first.score.estimate,
+        found.second.score.estimate,
+    ]
+    assert len(rows_of(document, "cases")) == 4
+    assert len(rows_of(document, "parts")) == 6
+    assert document.data["differences"]["difference"].to_list() == [
+        found.difference.estimate,
+        found.replicate.estimate,
+    ]
+    figures = {row["figure"]: row for row in rows_of(document, "figures")}
+    exact = {row["figure"]: row for row in document.data["figures"].to_dicts()}
+    assert figures["robots wrong, %"]["first"] == 100 * exact["wrong_share"]["first"]
+    assert figures["decision time, s"]["first"] == exact["decision_time_s"]["first"]
+
+
+def test_a_sensitivity_names_what_matters_and_what_does_not() -> None:
+    pytest.importorskip("SALib")
+    costs = np.array([[k % 7 + 5.0 * (k // 7 % 2), k % 7 + 5.0 * (k // 7 % 2) + 0.1] for k in range(64)])
+    document = sensitivity_document(indices(["one.matters", "other.not"], costs))
+    words = " ".join(document.answer)
+    rows = document.data["fields"].to_dicts()
+    for row in rows:
+        assert (f"No significant effect: {row['name']}" in words) == (not row["total_low"] > 0)
+    hidden = sensitivity_document(indices(["a.b", "c.d"], np.ones((64, 2))))
+    assert hidden.answer[0].startswith("No effect can be estimated")

@@ -1,0 +1,218 @@
+"""The document of a grid: the cell with the lowest score, and all cells.
+
+The score of a cell on the runs by which the lowest cell was chosen is its believed score; the true score of the lowest
+cell is that on fresh runs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final
+
+import polars as pl
+
+from vibroswarm.documents.cell_figures import columns_of
+from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.search import captioned, commands, file_section, truth_section
+from vibroswarm.documents.search_words import (
+    DIFFERENT_VERSIONS,
+    aim,
+    best_sentence,
+    luck_warning,
+    short_names,
+    value_text,
+    values_text,
+)
+from vibroswarm.optimize.grid import Nodes
+from vibroswarm.optimize.search_files import file_text
+from vibroswarm.optimize.validation import Truth
+from vibroswarm.plots.heat import draw_heat
+from vibroswarm.plots.labels import label_of
+from vibroswarm.plots.picture import Picture
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
+from vibroswarm.show.made_by import versions_in_words
+from vibroswarm.show.numbers import count, counts, decimals_of, listed, with_limits
+from vibroswarm.simulation import versions
+from vibroswarm.study.plan import plan_of
+
+FIGURES: Final = {
+    "score": "The score",
+    "decision_time_s": "The decision time",
+    "belief_in_truth": "The belief in the truth",
+}
+"""Titles of the figures of two varied fields, by the column that they show."""
+CELLS: Final = {
+    "standing": Column("run by run", tones={"the lowest": "good", "not significant": "open"}),
+    "decision_time_s": Column("decision time", "s", decimals=0),
+    "robots_wrong": Column("robots wrong", share=True),
+    "robots_undecided": Column("robots undecided", share=True),
+    "belief_in_truth": Column("belief in the truth", decimals=3, wide=True),
+    "runs": Column(wide=True),
+}
+"""Headings and formats of the columns of cells that have no unit of the score."""
+
+
+def grid_document(
+    nodes: Nodes, truth: Truth | None = None, made_by: Sequence[Mapping[str, str]] = ()
+) -> Document:
+    """Return the document of a grid.
+
+    Args:
+        truth: the score of the lowest cell on fresh runs, if it was determined.
+        made_by: the versions of the programs that made the grid, one entry for each set of versions; by default the
+            current ones.
+    """
+    grid, best = nodes.grid, nodes.best
+    unit = grid.objective.unit
+    text = file_text(grid)
+    # There is no table of cases: the lowest cell is a single scenario.
+    scores = [] if truth is None else [truth_section(truth, best.scored.score.n, (), unit)]
+    made_by = made_by or [versions()]
+    return Document(
+        title=grid.study.name or f"A grid, for the lowest {grid.objective.words}",
+        answer=(_answer(nodes, truth),),
+        knew=told(node.cell.scenario for node in nodes.nodes),
+        warnings=tuple(_warnings(nodes, truth, made_by)),
+        parts=(
+            Text(_how(nodes)),
+            *scores,
+            *_figures(nodes),
+            Section("The cells", (_cell_table(nodes),)),
+            *file_section(text, "grid.toml"),
+        ),
+        made_by=_made_by(nodes, truth, made_by),
+        data={"grid": nodes.table},
+    )
+
+
+def _answer(nodes: Nodes, truth: Truth | None) -> str:
+    best, unit = nodes.best, nodes.grid.objective.unit
+    if truth is not None:
+        return best_sentence(best.cell.point, truth, unit)
+    return f"Best: {values_text(best.cell.point)}. Score on its own runs: {with_limits(best.scored.score, unit)}."
+
+
+def _how(nodes: Nodes) -> str:
+    """Say what was varied, and with how many runs."""
+    varied = ", ".join(f"`{name}`" for name in nodes.grid.study.varied)
+    runs = counts((node.scored.score.n for node in nodes.nodes), "run")
+    return (
+        f"{count(len(nodes.nodes), 'cell')} over {varied}, {runs} per cell, for the lowest "
+        f"{aim(nodes.grid.objective)}. {_shared(nodes)}"
+    ).rstrip()
+
+
+def _shared(nodes: Nodes) -> str:
+    """Return the sentence which says that all cells share motion, or an empty text if they do not."""
+    # A group of the plan has the cells that share motion.
+    is_shared = len(plan_of(nodes.grid.study).groups) == 1
+    return "All cells replay one motion, so that they are compared run by run." if is_shared else ""
+
+
+def _warnings(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    if truth is None:
+        yield "The lowest cell was not scored on fresh runs: only the score on its own runs is shown."
+    elif words := luck_warning(truth):
+        yield words
+    if others := sum(node.as_good for node in nodes.nodes if node is not nodes.best):
+        yield (
+            f"Beside the lowest cell, {others} of {len(nodes.nodes) - 1} are not significantly different from it. "
+            "Which of them is lowest is luck."
+        )
+    if edges := _edges(nodes):
+        yield f"The lowest cell lies at the edge of the grid: {listed(edges)}. Better values may lie beyond."
+    if len(made_by) > 1:
+        yield DIFFERENT_VERSIONS
+
+
+def _edges(nodes: Nodes) -> list[str]:
+    """Describe the fields in which the lowest cell is at the edge of the grid, such as "`eta` 750 (750 to 2500)".
+
+    Only fields with at least three values, all of them numbers, are checked: of two values, each is at an edge.
+    """
+    edges = []
+    best = nodes.best.cell.point
+    short = short_names(list(best))
+    for name, value in best.items():
+        values = {node.cell.point.get(name) for node in nodes.nodes}
+        numbers = sorted(v for v in values if isinstance(v, int | float) and not isinstance(v, bool))
+        if len(numbers) == len(values) > 2 and value in (numbers[0], numbers[-1]):
+            ends = f"{value_text(numbers[0])} to {value_text(numbers[-1])}"
+            edges.append(f"`{short[name]}` {value_text(value)} ({ends})")
+    return edges
+
+
+def _cell_table(nodes: Nodes) -> Table:
+    """Tabulate the cells: values, scores, how they compare with the lowest cell, and other figures."""
+    unit, table = nodes.grid.objective.unit, nodes.table
+    standing = [
+        "the lowest" if node is nodes.best else "not significant" if node.as_good else "higher"
+        for node in nodes.nodes
+    ]
+    varied = [name for name in nodes.grid.study.varied if name in table.columns]
+    frame = table.with_columns(standing=pl.Series(standing)).select(
+        *varied, pl.col("^score.*$"), "standing", pl.col("^above_best.*$"), "decision_time_s", "robots_wrong",
+        "robots_undecided", "belief_in_truth", "runs",
+    )  # fmt: skip
+    decimals = decimals_of(table["score"], 4)
+    formats = {name: Column(end) for name, end in short_names(varied).items()}
+    formats |= {
+        "score": Column("score", unit, decimals=decimals),
+        "above_best": Column("above the lowest", unit, decimals=decimals, sign=True, wide=True),
+        **CELLS,
+    }
+    columns = columns_of(formats, frame.columns)
+    return Table(frame, columns, "With 95 % intervals.", "grid", names=len(varied))
+
+
+def _figures(nodes: Nodes) -> tuple[Section, ...]:
+    """Return the section with the cells as heat maps; none unless exactly two fields are varied."""
+    if len(nodes.grid.study.varied) != 2:
+        return ()
+    figures = [
+        Figure(
+            f"grid-{name.replace('_', '-')}",
+            captioned(lambda style, name=name: _draw(nodes, name, style), f" {_shared(nodes)}".rstrip()),
+            title,
+            on_page="column",
+        )
+        for name, title in FIGURES.items()
+    ]
+    return (Section("The cells as pictures", tuple(figures), side_by_side=True),)
+
+
+def _draw(nodes: Nodes, name: str, style: str) -> Picture:
+    """Draw a column of the cells over the two varied fields: the first is x, the second y."""
+    varied = nodes.grid.study.varied
+    labels = {
+        "score": f"cost ({nodes.grid.objective.words})",
+        "decision_time_s": "decision time (s)",
+        "belief_in_truth": "belief in the truth",
+    }
+    x_label, y_label = (label_of(field).text for field in varied)
+    return draw_heat(
+        nodes.table.select(x=varied[0], y=varied[1], value=name, runs="runs"),
+        x_label=x_label,
+        y_label=y_label,
+        label=labels[name],
+        best="high" if name == "belief_in_truth" else "low",
+        style=style,
+    )
+
+
+def _made_by(nodes: Nodes, truth: Truth | None, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return what repeats a grid, and the commands for its lowest cell."""
+    study = nodes.grid.study
+    file = "grid.toml" if file_text(nodes.grid) else ""
+    texts = {
+        "study": study.hash,
+        "seed": str(study.seed),
+        "objective": nodes.grid.objective.words,
+        "engine": study.motion,
+        **versions_in_words(made_by),
+        **commands(file, against="paper"),
+    }
+    if file:
+        fresh = "" if truth is None else f" --fresh {truth.winner.score.n}"
+        texts["to repeat, in this folder"] = f"vibroswarm optimize grid.toml --method grid{fresh} --out ."
+    return texts

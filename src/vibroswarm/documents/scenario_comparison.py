@@ -1,0 +1,82 @@
+"""The document of a comparison of two scenarios under one objective."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import polars as pl
+
+from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.search_tables import frame_of, limits, parts_of
+from vibroswarm.documents.search_words import aim
+from vibroswarm.optimize.scenario_comparison import Checked
+from vibroswarm.show.document import Column, Document, Table
+from vibroswarm.show.numbers import count, with_limits
+
+TITLES: Final = {
+    "decision_time_s": "decision time, s",
+    "right_share": "robots right, %",
+    "wrong_share": "robots wrong, %",
+    "undecided_share": "robots undecided, %",
+}
+"""Names of the figures that are compared as well; shares are in percent."""
+
+
+def checked_document(found: Checked) -> Document:
+    """Return the document of a comparison."""
+    unit, scenarios = found.objective.unit, (found.first, found.second)
+    failed = [
+        f"{one.failed:,} runs of {one.name} FAILED and are in no figure." for one in scenarios if one.failed
+    ]
+    difference, again = (with_limits(each, sign=True) for each in (found.difference, found.replicate))
+    words = (
+        f"{found.first.name} - {found.second.name}, {aim(found.objective)}: {difference} on "
+        f"{count(found.first.score.n, 'fresh run')} of each, in pairs; {again} on other seeds."
+    )
+    figures = frame_of([paired.as_row() for paired in found.figures])
+    case_names = [str(k + 1) for k in range(len(found.first.cases))]
+    return Document(
+        title=f"{found.first.name} against {found.second.name}",
+        answer=(found.says, words),
+        knew=told(found.scenarios),
+        warnings=tuple(failed),
+        parts=(_scores(found), *parts_of(scenarios, case_names, unit), _figures(figures, found)),
+        made_by={"objective": found.objective.words},
+        data={"differences": _differences(found), "figures": figures},
+    )
+
+
+def _scores(found: Checked) -> Table:
+    rows = [
+        {"name": one.name, **limits("score", one.score), "runs": one.score.n, "failed": one.failed}
+        for one in (found.first, found.second)
+    ]
+    columns = {
+        "name": Column("scenario"),
+        "score": Column("score", found.objective.unit, limits=("score_low", "score_high")),
+        "failed": Column("failed runs", wide=True),
+    }
+    return Table(frame_of(rows), columns, name="scores")
+
+
+def _differences(found: Checked) -> pl.DataFrame:
+    """Tabulate the difference of the scores on each block of seeds, and whether the second confirms the first."""
+    return frame_of(
+        [
+            {"seeds": seeds, **limits("difference", each), "pairs": each.n, "confirmed": found.confirmed}
+            for seeds, each in (("first", found.difference), ("second", found.replicate))
+        ]
+    )
+
+
+def _figures(figures: pl.DataFrame, found: Checked) -> Table:
+    """Tabulate the differences of other figures."""
+    numbers = ["first", "second", "difference", "difference_low", "difference_high"]
+    factor = pl.when(pl.col("figure").str.ends_with("_share")).then(100.0).otherwise(1.0)
+    shown = figures.select(pl.col("figure").replace(TITLES), pl.col(numbers) * factor)
+    columns = {
+        "first": Column(found.first.name, decimals=1),
+        "second": Column(found.second.name, decimals=1),
+        "difference": Column(sign=True, decimals=1, limits=("difference_low", "difference_high")),
+    }
+    return Table(shown, columns, "First - second, run by run, with 95 % intervals.", "figures")

@@ -1,0 +1,325 @@
+"""The document of a search: the winner or the Pareto front, and whether it was luck.
+
+The believed score of a candidate is the one by which the search chose it; the true score is that on fresh runs, which
+played no part in the choice (``optimize.validation``). A start is a given point that is compared with the winner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.intervals import plain
+from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.search_tables import (
+    BEST,
+    account,
+    against,
+    against_table,
+    best_table,
+    failure_table,
+    frame_of,
+    front_table,
+    history_of,
+    truth_tables,
+    value_table,
+)
+from vibroswarm.documents.search_words import (
+    aims,
+    beaten,
+    best_sentence,
+    failures_in,
+    other_names,
+    values_text,
+    warnings_of,
+)
+from vibroswarm.optimize.loop import Found
+from vibroswarm.optimize.search_files import file_text
+from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.validation import Front, Scored, Truth
+from vibroswarm.plots.front import draw_front
+from vibroswarm.plots.labels import label_of, setting_words
+from vibroswarm.plots.picture import Picture
+from vibroswarm.plots.search import draw_parameters, draw_search
+from vibroswarm.plots.style import SERIES_UP_TO
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Document, Figure, Part, Section, Table, Text
+from vibroswarm.show.made_by import versions_in_words
+from vibroswarm.show.numbers import count, listed, number, with_limits
+from vibroswarm.simulation import versions
+
+QUOTE: Final = (
+    "Quote the true score with its interval: the candidate that looks best of many was partly lucky, and fresh runs "
+    "played no part in the choice."
+)
+
+
+def search_document(
+    found: Found,
+    truth: Truth | None = None,
+    front: Front | None = None,
+    made_by: Sequence[Mapping[str, str]] = (),
+) -> Document:
+    """Return the document of a search.
+
+    Args:
+        truth: the winner and the starts on fresh runs, if they were scored.
+        front: the Pareto front on fresh runs, with several objectives.
+        made_by: the versions of the programs that made the search, several entries if other versions began it; by
+            default the current ones.
+    """
+    search = found.search
+    made_by = made_by or [versions()]
+    sections = [
+        *_truth_sections(found, truth),
+        *([] if front is None else [_front_section(found, front)]),
+        # With a front no single candidate wins.
+        *([] if found.front else [_values_section(found, truth)]),
+        _history_section(found, truth),
+        _runs_section(found, truth, front),
+        *file_section(file_text(search), "search.toml"),
+    ]
+    return Document(
+        title=search.study.name or f"A search for the lowest {aims(search)}",
+        answer=tuple(_answer(found, truth, front)),
+        knew=told(_scenarios(found, truth)),
+        warnings=warnings_of(found, truth, front, made_by),
+        parts=(Text(_how(found)), *sections),
+        made_by=_made_by(search, made_by),
+    )
+
+
+def truth_document(truth: Truth) -> Document:
+    """Return the document of a winner on fresh runs, without its search."""
+    others = [against(truth, [other.name for other in truth.others])] if truth.others else []
+    return Document("Score on fresh runs", (truth.words,), parts=(*truth_tables(truth), *others))
+
+
+def scored_document(scored: Scored) -> Document:
+    """Return the document of one set of values and its score."""
+    frame = pl.DataFrame(
+        {"field": list(scored.values), "value": [str(value) for value in scored.values.values()]}
+    )
+    words = f"Score on {count(scored.score.n, 'run')}: {with_limits(scored.score)}."
+    return Document(scored.name, (words,), parts=(Table(frame, name="values"),) if scored.values else ())
+
+
+def front_document(front: Front) -> Document:
+    """Return the document of a Pareto front on fresh runs, without its search."""
+    names = list(front.members[0].values)
+    return Document("Pareto front", (front.words,), parts=(front_table(front, names),))
+
+
+def _answer(found: Found, truth: Truth | None, front: Front | None) -> Iterator[str]:
+    search = found.search
+    if truth is not None:
+        yield best_sentence(found.values, truth, search.objectives[0].unit)
+        yield from beaten(search, truth)
+    elif front is not None:
+        yield (
+            f"{count(len(front.members), 'candidate')} on the Pareto front of {listed(front.names)}. {front.words}"
+        )
+    elif found.front:
+        yield f"Candidates on the front: {len(found.front)}. Next: front_of(found)."
+    else:
+        unit = search.objectives[0].unit
+        yield (
+            f"Best: {values_text(found.values)}. Believed score: {number(found.believed)} {unit}".rstrip()
+            + "."
+        )
+
+
+def _scenarios(found: Found, truth: Truth | None) -> Iterator[Scenario]:
+    """Yield the scenarios of the winner, of the front, and of what the winner is compared with."""
+    others = () if truth is None else truth.others
+    shown = [
+        found.values,
+        *(found.archive[key].values for key in found.front),
+        *(other.values for other in others),
+    ]
+    for case in found.search.cases:
+        yield from (case.scenario.with_values(values) for values in shown)
+
+
+def _how(found: Found) -> str:
+    """Say what was searched, and how many runs that took."""
+    search = found.search
+    cases = f", each in {len(search.cases)} cases" if len(search.cases) > 1 else ""
+    return (
+        f"`{search.settings.method}` over {count(search.space.size, 'field')}, for the lowest {aims(search)}: "
+        f"{count(len(found.archive), 'candidate')} in {count(found.runs, 'run')}{cases}; {failures_in(found.archive)}."
+    )
+
+
+def _truth_sections(found: Found, truth: Truth | None) -> Iterator[Section]:
+    """Yield the scores of the winner, and its comparison with the starts and other values if there are any."""
+    if truth is None:
+        return
+    search = found.search
+    cases = [cell.name for cell in search.cases]
+    yield truth_section(truth, found.archive[found.best].count, cases, search.objectives[0].unit)
+    if truth.others:
+        yield Section("Against the start", (against_table(search, truth),))
+
+
+def truth_section(truth: Truth, believed_runs: int, cases: Sequence[str], unit: str) -> Section:
+    """Return the section with the believed and the true score.
+
+    Args:
+        believed_runs: number of runs of the believed score. cases: names of the cases. unit: of the score.
+    """
+    words = [Text(truth.words)] if truth.luck == "not significant" else []  # otherwise they are a warning
+    tables = truth_tables(truth, believed_runs, cases, unit)
+    return Section("Believed and true", (*words, *tables, Text(QUOTE, "aside")))
+
+
+def _values_section(found: Found, truth: Truth | None) -> Section:
+    """Return the section with the winner's values beside those of the starts."""
+    search = found.search
+    named = [] if truth is None else zip(other_names(search, truth), truth.others, strict=True)
+    return Section(
+        "The winner's values", (value_table(search, found.values, {name: one.values for name, one in named}),)
+    )
+
+
+def _front_section(found: Found, front: Front) -> Section:
+    """Return the section with the Pareto front: believed and true scores, and a figure of two objectives."""
+    first = found.search.objectives[0].words
+    words = (
+        f"`best.toml` is the best candidate of the search by {first} alone. To run another one, set its values: "
+        "`vibroswarm run --scenario best.toml --set FIELD=VALUE`, in the folder of the search."
+    )
+    parts: list[Part] = [front_table(front, found.search.space.names), Text(words, "aside")]
+    if len(front.names) == 2:
+        more = f" From {front.runs:,} fresh runs of each candidate."
+        draw = captioned(lambda style: _draw_front(front, style), more)
+        parts.append(Figure("true-front", draw, "The front on fresh runs"))
+    return Section("The front", tuple(parts))
+
+
+def _history_section(found: Found, truth: Truth | None) -> Section:
+    """Return the section with the figures and the table of the iterations, and the best candidates.
+
+    With several objectives the best candidates are left out, since they are those of the front. There are no figures if
+    the space has more fields than a figure can distinguish.
+    """
+    parts: list[Part] = []
+    if found.history and found.search.space.size <= SERIES_UP_TO:
+        race = " before the race" if found.race else ""
+        more = f" From the {found.history[-1].runs:,} runs of the search{race}."
+        line = f" The line across: {truth.winner.score.n:,} fresh runs." if truth else ""
+        scores = captioned(lambda style: _draw_scores(found, truth, style), more + line)
+        parameters = captioned(lambda style: _draw_parameters(found, style), more)
+        parts = [
+            Figure("scores", scores, "How the scores fell", on_page="column"),
+            Figure("parameters", parameters, "Where in their bounds the candidates lay", on_page="column"),
+        ]
+    if len(found.search.objectives) == 1:
+        title = f"The best {min(BEST, len(found.archive))} candidates"
+        parts.append(Section(title, (best_table(found),), folded=True))
+    parts.append(Section("Iteration by iteration", (history_of(found),), folded=True))
+    return Section("How the search went", tuple(parts), side_by_side=True)
+
+
+def _runs_section(found: Found, truth: Truth | None, front: Front | None) -> Section:
+    """Return the section with the runs that search, race and fresh runs took, and why runs failed."""
+    failures = failure_table(found.archive)
+    tables = (account(found, truth, front), *(() if failures is None else (failures,)))
+    return Section("Runs", tables)
+
+
+def file_section(text: str, name: str) -> tuple[Section, ...]:
+    """Return the section with the file of a search or grid; none if there is no text."""
+    return (Section(f"The file {name}", (Text(text, "code"),), folded=True),) if text else ()
+
+
+def captioned(draw: Any, more: str) -> Any:
+    """Return a function that draws a picture and adds to its caption from which runs it is."""
+
+    def drawn(style: str) -> Picture:
+        picture: Picture = draw(style)
+        return replace(picture, caption=f"{picture.caption}{more}")
+
+    return drawn
+
+
+def _draw_scores(found: Found, truth: Truth | None, style: str) -> Picture:
+    """Draw best and mean score of each iteration, the personal bests of a swarm, and the true score as a line."""
+    objective, history = found.search.objectives[0], found.history
+    scores = pl.DataFrame(
+        [(one.number, plain(one.best), plain(one.mean)) for one in history],
+        schema={"iteration": pl.Int64, "best": pl.Float64, "mean": pl.Float64},
+        orient="row",
+    )
+    rows = [(one.number, k, plain(score)) for one in history for k, score in enumerate(one.personal)]
+    personal = pl.DataFrame(rows, schema=["iteration", "particle", "score"], orient="row") if rows else None
+    label = f"cost ({objective.words})" + (f", {objective.unit}" if objective.unit else "")
+    true = None if truth is None else truth.winner.score.estimate
+    return draw_search(scores, personal, label=label, true=true, style=style)
+
+
+def _draw_parameters(found: Found, style: str) -> Picture:
+    """Draw the mean of each field over the candidates of an iteration, as a fraction of the field's bounds."""
+    names = found.search.space.names
+    texts = [label_of(name).text for name in names]
+    # Fields of two sections may have one name; they are then named in full.
+    series = [text if texts.count(text) == 1 else name for name, text in zip(names, texts, strict=True)]
+    shares = [
+        (iteration.number, name, share)
+        for iteration in found.history
+        for name, share in zip(series, iteration.mean_point, strict=True)
+    ]
+    return draw_parameters(
+        pl.DataFrame(shares, schema=["iteration", "series", "share"], orient="row"), style=style
+    )
+
+
+def _draw_front(front: Front, style: str) -> Picture:
+    """Draw the scores on fresh runs of a front of two objectives; ``draw_front`` calls them time and error."""
+    rows = [
+        {
+            "name": ", ".join(setting_words(name, value) for name, value in member.values.items()),
+            "time": first.estimate, "time_low": first.low, "time_high": first.high,
+            "error": second.estimate, "error_low": second.low, "error_high": second.high, "front": member.stays,
+        }
+        for member in front.members
+        for first, second in [member.true]  # the scores under both objectives
+    ]  # fmt: skip
+    first_label, second_label = (
+        f"{name} ({unit})" if unit else name for name, unit in zip(front.names, front.units, strict=True)
+    )
+    return draw_front(frame_of(rows), time_label=first_label, error_label=second_label, style=style)
+
+
+def _made_by(search: Search, made_by: Sequence[Mapping[str, str]]) -> dict[str, str]:
+    """Return what repeats a search, and the commands for its winner."""
+    # A start is the name of a preset, or a table of values.
+    presets = [start for start in search.to_values()["start"] if isinstance(start, str)]
+    file = "search.toml" if file_text(search) else ""
+    texts = {
+        "search": search.hash,
+        "seed": str(search.seed),
+        "method": search.settings.method,
+        "objective": aims(search),
+        "engine": search.study.motion,
+        **versions_in_words(made_by),
+        **commands(file, presets[0] if presets else "paper"),
+    }
+    if file:
+        texts["to repeat, in this folder"] = "vibroswarm optimize search.toml --out ."
+    return texts
+
+
+def commands(file: str, against: str) -> dict[str, str]:
+    """Return the command that runs ``best.toml``, and the one that compares it with a preset on other runs.
+
+    Args:
+        file: the file of the search or grid; if it is empty, the second command is left out, since it needs the file.
+        against: the preset.
+    """
+    run = {"one run of the best, in this folder": "vibroswarm run --scenario best.toml"}
+    check = f"vibroswarm optimize {file} --check best.toml --against {against}"
+    return run | ({"scored once more on other runs, in pairs, twice": check} if file else {})

@@ -1,0 +1,263 @@
+"""Sentences on searches and grids: values of fields, failed runs, and reasons not to trust a result.
+
+The believed score of a candidate is the one by which the search chose it; the true score is that on fresh runs, which
+played no part in the choice (``optimize.validation``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.loop import Found
+from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.space import Dimension
+from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.validation import TELLING, Front, Truth
+from vibroswarm.plots.labels import label_of
+from vibroswarm.show.numbers import listed, number, percent, with_limits
+
+ENOUGH: Final = 0.9
+"""Share of the budget from which a search counts as finished."""
+WIDE: Final = 0.25
+"""Relative half-width of the true score's interval above which there are too few fresh runs."""
+EDGE: Final = 0.01
+"""A value closer to a bound than this fraction of the range lies at it."""
+REASONS: Final = 3
+"""Number of reasons for failed runs in a warning; a table has all."""
+DIFFERENT_VERSIONS: Final = "Different versions made parts of it; as a whole it may not be repeatable."
+
+
+def value_text(value: Any) -> str:
+    """Write a value of a field: a float with up to six significant digits, any other value in full."""
+    return number(value, digits=6) if isinstance(value, float) else str(value)
+
+
+def values_text(values: Mapping[str, Any]) -> str:
+    """Write values of fields in words, such as ``sample interval τ 4750 ms``.
+
+    A float has up to four significant digits, or all digits before the point; the file ``best.toml`` has all.
+
+    Args:
+        values: by the full names of the fields.
+    """
+    phrases = []
+    for name, value in values.items():
+        label, text = label_of(name), number(value, digits=4) if isinstance(value, float) else str(value)
+        phrases.append(" ".join(part for part in (label.words, label.symbol, text, label.unit) if part))
+    return ", ".join(phrases)
+
+
+def short_names(names: Sequence[str]) -> dict[str, str]:
+    """Map full names of fields to their last parts; a name whose last part occurs twice keeps its full form."""
+    last = [name.rpartition(".")[2] for name in names]
+    return {name: end if last.count(end) == 1 else name for name, end in zip(names, last, strict=True)}
+
+
+def bound_of(dimension: Dimension, value: Any) -> str:
+    """Return "lower" or "upper" if a value lies at that bound of its field, else an empty text."""
+    if dimension.choices:  # a list of values has no bounds
+        return ""
+    share = place_of(dimension, value)
+    return "lower" if share <= EDGE else "upper" if share >= 1.0 - EDGE else ""
+
+
+def place_of(dimension: Dimension, value: Any) -> float:
+    """Return the position of a number between its bounds, on the scale of the field, as a fraction from 0 to 1.
+
+    A value that rounding put beyond a bound, which ``Dimension.share`` would refuse, counts as lying at the bound. The
+    dimension must be a range, not a list of choices.
+    """
+    return dimension.share(min(max(value, dimension.low), dimension.high))
+
+
+def aim(objective: Objective) -> str:
+    """Write what an objective minimises, and its unit."""
+    return f"{objective.words} ({objective.unit})" if objective.unit else objective.words
+
+
+def aims(search: Search) -> str:
+    """Write what a search minimises, with units."""
+    return listed(map(aim, search.objectives))
+
+
+def other_names(search: Search, truth: Truth) -> list[str]:
+    """Return the names of ``truth.others``, in the same order: first the starts, then other requested values.
+
+    The name of a start that is a preset has the preset in brackets.
+    """
+    starts = search.to_values()["start"]  # each is the name of a preset, or a table of values
+    return [
+        f"{other.name} ({starts[k]})" if k < len(starts) and isinstance(starts[k], str) else other.name
+        for k, other in enumerate(truth.others)
+    ]
+
+
+def standing(truth: Truth, place: int) -> str:
+    """Compare the winner, run by run, with the start or other candidate at index ``place`` of ``truth.others``.
+
+    Returns: "better" if the winner costs significantly less, "worse" if it costs significantly more, else
+        "not significant"; "the same" if both have the same values.
+    """
+    other, paired = truth.others[place], truth.against[place]
+    if other.values == truth.winner.values:
+        return "the same"
+    return "better" if paired.high < 0 else "worse" if paired.low > 0 else "not significant"
+
+
+def failed_runs(failed: int, *, dropped: bool = False) -> str:
+    """Write how many runs of a search failed, and what that means for the candidates of these runs.
+
+    Args:
+        dropped: whether failed runs are left out of the scores, as in the paper's program.
+    """
+    if not failed:
+        return "none failed"
+    if dropped:
+        return (
+            f"{failed:,} runs FAILED and are dropped: scores are of the other runs, as in the paper's program"
+        )
+    return f"{failed:,} runs FAILED; a candidate with a failed run cannot win"
+
+
+def failures_in(archive: Archive) -> str:
+    """Write how many runs of the candidates in ``archive`` failed, and what that means for them."""
+    return failed_runs(archive.failed, dropped=archive.drops_failed)
+
+
+def best_sentence(values: Mapping[str, Any], truth: Truth, unit: str) -> str:
+    """Write a winner's values, its true score, and its believed score.
+
+    Args:
+        values: by field. unit: of the scores; empty: none.
+    """
+    score = truth.winner.score
+    believed = f"{number(truth.believed)} {unit}".rstrip()
+    return (
+        f"Best: {values_text(values)}. True score, on {score.n:,} fresh runs: {with_limits(score, unit)}; "
+        f"believed score: {believed}."
+    )
+
+
+def warnings_of(
+    found: Found, truth: Truth | None, front: Front | None, made_by: Sequence[Mapping[str, str]]
+) -> tuple[str, ...]:
+    """Return the reasons not to trust a search, the most serious first; the arguments of ``search_document``."""
+    words = [_unfinished(found), *_failures(found, truth, front)]
+    if truth is not None:
+        words += [
+            luck_warning(truth),
+            *_not_beaten(found.search, truth),
+            _at_bounds(found.search, found.values),
+        ]
+    elif front is not None:
+        words.append(_front_luck(front))
+    elif found.front:
+        words.append("The front was not scored on fresh runs: only believed scores are shown.")
+    elif len(found.search.objectives) > 1:
+        words.append("There is no front: no candidate has scores under all objectives.")
+    else:
+        words.append("The winner was not scored on fresh runs: only believed scores are shown.")
+    words.append(DIFFERENT_VERSIONS if len(made_by) > 1 else "")
+    return tuple(filter(None, words))
+
+
+def _unfinished(found: Found) -> str:
+    """Warn of an unfinished search.
+
+    A search counts as finished if the runs that are left of its budget are fewer than those of one step, or fewer than
+    a tenth of the budget: a method cannot always use its last runs.
+    """
+    search = found.search
+    budget = search.search_runs + search.final_runs
+    step = search.pso.runs_an_iteration if search.settings.method == "pso" else search.settings.evaluations
+    if found.runs > min(budget - step, ENOUGH * budget):
+        return ""
+    return f"The search is not finished: {found.runs:,} of {budget:,} runs."
+
+
+def _failures(found: Found, truth: Truth | None, front: Front | None) -> Iterator[str]:
+    """Warn of failed runs: in the search, and on fresh runs of the winner, the starts and the front."""
+    if found.archive.failed:
+        causes = "; ".join(sorted({c.why for c in found.archive.candidates if c.why})[:REASONS])
+        yield f"{failures_in(found.archive)}." + (f" Why: {causes}" if causes else "")
+    for scored in () if truth is None else (truth.winner, *truth.others):
+        if scored.failed:
+            yield f"{scored.failed:,} fresh runs of the {scored.name} FAILED and are in no figure."
+    if failed := 0 if front is None else sum(member.failed for member in front.members):
+        yield f"{failed:,} fresh runs of the front's candidates FAILED and are in no figure."
+
+
+def luck_warning(truth: Truth) -> str:
+    """Warn of a difference between the believed and the true score, or of too few fresh runs to see one."""
+    if truth.luck != "not significant":
+        return truth.words
+    score = truth.winner.score
+    if score.estimate == 0:  # a relative width is not defined
+        return ""
+    # relative half-width of the interval, on its wider side
+    within = max(score.high - score.estimate, score.estimate - score.low) / abs(score.estimate)
+    if within <= WIDE:
+        return ""
+    known = f"to within {percent(within, 0)}" if math.isfinite(within) else "without limits"
+    return (
+        f"Too few validation runs: the true score is known {known}. Raise `--fresh` to see whether the believed score "
+        "is too low."
+    )
+
+
+def _not_beaten(search: Search, truth: Truth) -> Iterator[str]:
+    """Warn of each start that the winner does not significantly beat.
+
+    There is no warning for a swarm whose particles never moved, of which ``luck_warning`` says so.
+    """
+    names = other_names(search, truth)[: len(search.starts)]  # the starts are the first of the others
+    for k, name in enumerate(() if truth.too_short else names):
+        comparison, difference = standing(truth, k), with_limits(truth.against[k], sign=True)
+        if comparison == "the same":
+            yield f"The winner is the {name} itself: nothing better was found."
+        elif comparison == "not significant":
+            yield (
+                f"The winner does not differ significantly from the {name} (winner - {name}: {difference}): "
+                "nothing was found."
+            )
+        elif comparison == "worse":
+            yield f"The winner is worse than the {name} (winner - {name}: {difference})."
+
+
+def beaten(search: Search, truth: Truth) -> Iterator[str]:
+    """Write a sentence for each start or other candidate that the winner significantly beats."""
+    for k, name in enumerate(other_names(search, truth)):
+        if standing(truth, k) == "better":
+            difference = with_limits(truth.against[k], sign=True)
+            yield f"It costs less than the {name}, run by run on the same fresh runs (winner - {name}: {difference})."
+
+
+def _at_bounds(search: Search, values: Mapping[str, Any]) -> str:
+    """Warn of values of the winner at a bound of the space."""
+    short, words = short_names(search.space.names), []
+    for dimension in search.space:
+        value = values[dimension.name]
+        if which := bound_of(dimension, value):
+            bound = dimension.low if which == "lower" else dimension.high
+            words.append(
+                f"`{short[dimension.name]}` {value_text(value)} ({which} bound {value_text(float(bound))})"
+            )
+    return (
+        f"The winner lies at a bound of the space: {', '.join(words)}. Better values may lie beyond."
+        if words
+        else ""
+    )
+
+
+def _front_luck(front: Front) -> str:
+    """Warn of a front that fresh runs do not confirm.
+
+    They do not if a candidate of the search's front is not on the front that the scores on fresh runs make, or if the
+    median over the candidates of (true - believed) / abs(true) is beyond ``TELLING`` for an objective.
+    """
+    is_left = not all(member.stays for member in front.members)
+    is_biased = any(abs(share) > TELLING for share in front.too_little)
+    return front.words if is_left or is_biased else ""
