@@ -123,9 +123,11 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
         state = held(folder)
         lines = search_lines(state, is_validated=printed is not None)
     elif (folder / HEAD).exists():
+        from vibroswarm.documents.study_state import state_sentences, study_state
+
         store = Store.open(folder)
-        state = state_of(store)
-        lines = study_lines(state)
+        state = study_state(store)
+        lines = state_sentences(state)
     if printed is None and not state:  # neither saved output nor a study or search
         _show_result(folder, arguments)
         return
@@ -173,47 +175,8 @@ def _show_result(folder: Path, arguments: argparse.Namespace) -> None:
     print_result(result_document(read_result(folder)), arguments)
 
 
-MOST_FAILED = 5
-"""Batches that are listed one by one."""
 OF_CODE: Final = ("strategy.name", "network.name", "task.name")
 """Fields of a scenario that may name the user's own code."""
-
-
-def state_of(store: Store) -> dict[str, Any]:
-    """Return the state of a study's folder in plain values: how much is done, damaged and failed.
-
-    ``--json`` prints these values, and ``study_lines`` describes them.
-
-    ``runs_wanted`` and ``runs_there`` are sums over cells; ``runs_each`` is the number of runs per cell, None if it
-    depends on a precision (``until``).
-    """
-    from vibroswarm.study.plan import plan_of
-    from vibroswarm.study.study_result import StudyResult
-
-    study, plan = store.study, plan_of(store.study)
-    # one row for each cell, with the numbers of its runs that are wanted and of those that are there
-    cells = StudyResult(study, store, selected=tuple(cell.number for cell in study.cells)).cells
-    size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
-    return {
-        "folder": str(store.folder),
-        "name": study.name,
-        "study_hash": study.hash,
-        "seed": study.seed,
-        "varied": study.varied,
-        "cells": len(study.cells),
-        "motion_groups": len(plan.groups),
-        "runs_wanted": int(cells["wanted"].sum()),
-        "runs_there": int(cells["there"].sum()),
-        "runs_each": study.runs,
-        "until": None if study.until is None else study.until.as_values(),
-        "shards": len(store.shards),
-        "bytes": size,
-        "keeps": ["robots and runs", *study.keep],
-        "damaged": store.damaged,
-        "failed_batches": store.failures,
-        "left_over_files": store.left_over,
-        "made_by": store.made_by,
-    }
 
 
 def search_lines(about: dict[str, Any], *, is_validated: bool) -> list[str]:
@@ -231,45 +194,6 @@ def search_lines(about: dict[str, Any], *, is_validated: bool) -> list[str]:
     ]
     if not is_validated:
         lines.append("Not validated on fresh runs yet; run the same optimize command to resume.")
-    return lines
-
-
-def study_lines(about: dict[str, Any]) -> list[str]:
-    """Describe the state of a study's folder in sentences: how much is done, damage, failures, and how to resume.
-
-    Args:
-        about: the state of the study, as ``state_of`` returns it.
-    """
-    requested, done = about["runs_wanted"], about["runs_there"]
-    each = (
-        f"{about['runs_each']:,} each"
-        if about["runs_each"]
-        else f"until {about['until']['figure']} is known to {about['until']['until']}"
-    )
-    name = f"{about['name'] or 'Study'} in {about['folder']}"
-    lines = [
-        f"{name}: {about['cells']} cells, runs {each}, seed {about['seed']}.",
-        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['shards']} shards, "
-        f"{about['bytes'] / 1e6:.1f} MB; saved: {', '.join(about['keeps'])}.",
-        f"Varied: {', '.join(about['varied']) or 'nothing'}.",
-    ]
-    lines += [f"Damaged, to be recomputed: {words}" for words in about["damaged"]]
-    failed = about["failed_batches"]
-    lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in failed[:MOST_FAILED]]
-    if len(failed) > MOST_FAILED:
-        lines.append(
-            f"... and {len(failed) - MOST_FAILED} more failed batches, in {about['folder']}/failures."
-        )
-    if about["left_over_files"]:
-        lines.append(f"{about['left_over_files']} incomplete files of killed processes; they are ignored.")
-    lines += [
-        f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
-        for versions in about["made_by"]
-    ]
-    if len(about["made_by"]) > 1:
-        lines.append("Parts come from different versions; the whole may not be repeatable.")
-    if done < requested:
-        lines.append(f"To resume: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
     return lines
 
 

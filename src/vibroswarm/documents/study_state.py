@@ -1,0 +1,86 @@
+"""What the folder of a study holds: how much is done, damaged and failed, and how to go on."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from vibroswarm.show.numbers import count, number
+from vibroswarm.study.plan import plan_of
+from vibroswarm.study.store import Store
+from vibroswarm.study.study_result import StudyResult
+
+MOST_FAILED: Final = 5
+"""Batches that are listed one by one."""
+
+
+def study_state(store: Store) -> dict[str, Any]:
+    """Return the state of a study's folder in plain values: how much is done, damaged and failed.
+
+    ``--json`` prints these values, and ``state_sentences`` writes them in words.
+
+    ``runs_wanted`` and ``runs_there`` are sums over cells; ``runs_each`` is the number of runs per cell, None if it
+    depends on a precision (``until``).
+    """
+    study, plan = store.study, plan_of(store.study)
+    # one row for each cell, with the numbers of its runs that are wanted and of those that are there
+    cells = StudyResult(study, store, selected=tuple(cell.number for cell in study.cells)).cells
+    size = sum(path.stat().st_size for shard in store.shards for path in shard.files.values())
+    return {
+        "folder": str(store.folder),
+        "name": study.name,
+        "study_hash": study.hash,
+        "seed": study.seed,
+        "varied": study.varied,
+        "cells": len(study.cells),
+        "motion_groups": len(plan.groups),
+        "runs_wanted": int(cells["wanted"].sum()),
+        "runs_there": int(cells["there"].sum()),
+        "runs_each": study.runs,
+        "until": None if study.until is None else study.until.as_values(),
+        "shards": len(store.shards),
+        "bytes": size,
+        "keeps": ["robots and runs", *study.keep],
+        "damaged": store.damaged,
+        "failed_batches": store.failures,
+        "left_over_files": store.left_over,
+        "made_by": store.made_by,
+    }
+
+
+def state_sentences(about: dict[str, Any]) -> list[str]:
+    """Describe the state of a study's folder in sentences: how much is done, damage, failures, and how to resume.
+
+    Args:
+        about: the state of the study, as ``study_state`` returns it.
+    """
+    requested, done = about["runs_wanted"], about["runs_there"]
+    each = (
+        f"{about['runs_each']:,} each"
+        if about["runs_each"]
+        else f"until {about['until']['figure']} is known to {about['until']['until']}"
+    )
+    name = f"{about['name'] or 'Study'} in {about['folder']}"
+    lines = [
+        f"{name}: {count(about['cells'], 'cell')}, runs {each}, seed {about['seed']}.",
+        f"Done: {done:,} of {count(requested, 'run')} ({number(100 * done / max(requested, 1), digits=4)} %), in "
+        f"{count(about['shards'], 'shard')}, {about['bytes'] / 1e6:.1f} MB; saved: {', '.join(about['keeps'])}.",
+        f"Varied: {', '.join(about['varied']) or 'nothing'}.",
+    ]
+    lines += [f"Damaged, to be recomputed: {words}" for words in about["damaged"]]
+    failed = about["failed_batches"]
+    lines += [f"Failed: batch {f['batch']}, seed {f['seed']}: {f['why']}" for f in failed[:MOST_FAILED]]
+    if len(failed) > MOST_FAILED:
+        more = count(len(failed) - MOST_FAILED, "more failed batch", "more failed batches")
+        lines.append(f"... and {more}, in {about['folder']}/failures.")
+    if about["left_over_files"]:
+        files = count(about["left_over_files"], "incomplete file")
+        lines.append(f"Ignored: {files} of killed processes.")
+    lines += [
+        f"Made by vibroswarm {versions['vibroswarm']} (code {versions['code']}) on {versions['architecture']}."
+        for versions in about["made_by"]
+    ]
+    if len(about["made_by"]) > 1:
+        lines.append("Parts come from different versions; the whole may not be repeatable.")
+    if done < requested:
+        lines.append(f"To resume: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
+    return lines
