@@ -11,7 +11,7 @@ SITE ?= out/site
 # stands in no folder of sources.
 TESTED := PYTHONDONTWRITEBYTECODE= PYTHONPYCACHEPREFIX="$(abspath $(VENV))/bytecode" $(BIN)/python -m pytest
 
-.PHONY: demo test test-slow docs lint bench clean
+.PHONY: demo test test-slow ledger docs lint bench clean
 
 demo: $(VENV)/run.done
 	$(BIN)/vibroswarm run --preset paper --strategy soft --seed 2 --out "$(OUT)" --force
@@ -22,6 +22,10 @@ test: $(VENV)/dev.done
 # Cold starts, statistics, clusters, whole reports: half of the time of all tests. CI runs both.
 test-slow: $(VENV)/dev.done
 	$(TESTED) -n 2 --dist worksteal -m slow $(ARGS)
+
+# Values that no change may change unasked; make test looks at a part of them.
+ledger: $(VENV)/dev.done
+	$(BIN)/python tests/helpers/ledger.py
 
 docs: $(VENV)/docs.done
 	$(BIN)/python -m sphinx -q -E -W --keep-going -b html docs "$(SITE)"

@@ -1,0 +1,256 @@
+"""The ledger: hashes over values, of which no change of the code that is not meant may change one bit.
+
+    python tests/helpers/ledger.py            the whole ledger: what differs from ``ledger.json``
+    python tests/helpers/ledger.py --short    a part of it, within a minute if kernels are compiled
+    python tests/helpers/ledger.py --write    makes ``ledger.json`` again, after a change of values that is meant; the
+                                             commit says what has changed, and why
+
+``ledger.toml`` lists the combinations. Hashes are of values in the order of the columns that are named here or in
+``ledger.json``: files and columns may be added. One that is renamed is renamed in ``ledger.json`` too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import hashlib
+import io
+import json
+import os
+import re
+import sys
+import tempfile
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from vibroswarm import InputError, Result, preset, simulate
+from vibroswarm.cli import main as vibroswarm
+from vibroswarm.export.c_library import library_files
+from vibroswarm.simulation import versions
+
+HERE = Path(__file__).parents[1] / "golden"
+LIST = tomllib.loads((HERE / "ledger.toml").read_text(encoding="utf-8"))
+FILE = HERE / "ledger.json"
+RECORDINGS = "VIBROSWARM_RUGBOT"
+"""Environment variable with the folder of recordings that some commands need."""
+MADE_BY = ("numpy", "numba", "scipy", "polars", "architecture")
+"""Other versions of these may round otherwise."""
+
+COLUMNS = {
+    "motion": ("run", "robot", "sample", "stop_start_s", "time_s", "x_m", "y_m", "heading_rad", "drive_s", "turn_s",
+               "avoid_s", "stop_s"),
+    "observations": ("tile", "energy", "observation"),
+    "inference": ("message", "alpha", "beta", "messages_received", "belief_below", "decision"),
+    "places": ("x_m", "y_m", "spread_m"),
+    "robots": ("run", "robot", "decision", "decision_time_s", "belief_at_decision", "belief_below", "belief_in_truth",
+               "alpha", "beta", "samples", "sent", "messages_received"),
+    "runs": ("run", "consensus_time_s", "fill_ratio", "truth", "right", "wrong", "undecided", "end_s"),
+    "ends": ("run", "robot", "end_s", "x_m", "y_m", "heading_rad", "stop_start_s"),
+}  # fmt: skip
+"""Tables and columns of a result of which the values are held."""
+
+Hashes = dict[str, Any]
+"""Hashes by name of what they are of; those of a command's tables by table and column."""
+
+
+def made_by() -> dict[str, str]:
+    """The versions that values are repeatable with, to the bit."""
+    return {name: versions()[name] for name in MADE_BY}
+
+
+def all_hashes(short: bool) -> Hashes:
+    """Make every value of the ledger, or of its short part, and hash it."""
+    found: Hashes = {}
+    for block in LIST["runs"]:
+        for name, values in combinations(block, short):
+            found[f"{block['name']}: {name}"] = hash_of_runs(block, values)
+    for block in LIST["export"]:
+        for name, text in exported_programs(block, short):
+            found[f"{block['name']}: {name}"] = hash_of_program(text)
+    return found | hashes_of_commands(short)
+
+
+def combinations(block: Mapping[str, Any], short: bool) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield name and values of each combination of a block's choices, or of every so many."""
+    choices = [LIST["choices"][kind].items() for kind in block["of"]]
+    for chosen in list(product(*choices))[:: block["short"] if short else 1]:
+        values = {field: value for _, fields in chosen for field, value in fields.items()}
+        yield ", ".join(name for name, _ in chosen), values
+
+
+def hash_of_runs(block: Mapping[str, Any], values: Mapping[str, Any]) -> str:
+    """Simulate the runs of a combination and hash them; "refused" if no swarm can be asked that."""
+    try:
+        return hash_of_result(result_of(block, values))
+    except InputError:
+        return "refused"
+
+
+def result_of(block: Mapping[str, Any], values: Mapping[str, Any]) -> Result:
+    """Simulate the runs of a combination."""
+    fields = block.get("values", {}) | values
+    name, motion = fields.pop("preset", block.get("preset")), fields.pop("motion", "event")
+    return simulate(preset(name).with_values(fields), LIST["seed"], block["runs"], motion=motion)
+
+
+def hash_of_result(result: Result) -> str:
+    """16 hexadecimal digits of the values of a result's tables."""
+    digest = hashlib.sha256()
+    for table, names in COLUMNS.items():
+        frame = getattr(result, table)
+        for name in names if frame is not None else ():
+            digest.update(bits_of(frame[name]))
+    return digest.hexdigest()[:16]
+
+
+def bits_of(values: pl.Series) -> bytes:
+    """A column as doubles: null is not a number."""
+    return np.ascontiguousarray(values.cast(pl.Float64).fill_null(float("nan")).to_numpy()).tobytes()
+
+
+def exported_programs(block: Mapping[str, Any], short: bool) -> Iterator[tuple[str, str]]:
+    """Yield name and text of the robot's program in C for every preset and choice."""
+    pairs = list(product(block["presets"], LIST["choices"][block["of"]].items()))
+    for base, (name, values) in pairs[:: block["short"] if short else 1]:
+        files = library_files(preset(base).with_values(values))
+        yield (
+            f"{base}, {name}",
+            "\n".join(files[file] for file in sorted(files) if file.endswith((".c", ".h"))),
+        )
+
+
+def hash_of_program(text: str) -> str:
+    """16 hexadecimal digits of a program's tokens: no comments, no hashes, no layout."""
+    without_comments = re.sub(r"/\*.*?\*/|//[^\n]*", " ", text, flags=re.DOTALL)
+    without_hashes = re.sub(r"[0-9a-f]{12,}", "#", without_comments)
+    return hashlib.sha256(" ".join(without_hashes.split()).encode()).hexdigest()[:16]
+
+
+def hashes_of_commands(short: bool) -> Hashes:
+    """Run the commands in a folder of their own, and hash the numbers that they write or print."""
+    found: Hashes = {}
+    recordings = os.environ.get(RECORDINGS)
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        for name, text in LIST["files"].items():
+            Path(name).write_text(text, encoding="utf-8")
+        for block in LIST["command"]:
+            if (short and not block.get("short")) or ("needs" in block and not recordings):
+                continue
+            printed = printed_by([word.format(recordings=recordings) for word in block["run"]])
+            if "tables" in block:
+                files = [file for pattern in block["tables"] for file in sorted(Path().glob(pattern))]
+                for file in files:
+                    found[f"{block['name']}: {file.as_posix()}"] = hashes_of_file(file)
+            else:
+                found[f"{block['name']}: printed"] = hashes_of_numbers(json.loads(printed))
+    return found
+
+
+def printed_by(words: Sequence[str]) -> str:
+    """Run a command in this process, and return what it prints.
+
+    Raises:
+        RuntimeError: it fails.
+    """
+    out, said = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(said):
+        code = vibroswarm(list(words))
+    if code:
+        raise RuntimeError(f"vibroswarm {' '.join(words)}: exit code {code}\n{said.getvalue()}")
+    return out.getvalue()
+
+
+def hashes_of_file(file: Path) -> dict[str, str]:
+    """Hashes of the numbers in a file, by column of a table, or by place in a TOML file."""
+    if file.suffix == ".toml":
+        return hashes_of_numbers(tomllib.loads(file.read_text(encoding="utf-8")))
+    if file.suffix == ".parquet":
+        return hashes_of_table(pl.read_parquet(file))
+    return hashes_of_table(pl.read_csv(file, infer_schema_length=None))
+
+
+def hashes_of_table(frame: pl.DataFrame) -> dict[str, str]:
+    """8 hexadecimal digits of each column of numbers or truth values."""
+    return {
+        name: hashlib.sha256(bits_of(frame[name])).hexdigest()[:8]
+        for name, kind in frame.schema.items()
+        if kind.is_numeric() or kind == pl.Boolean
+    }
+
+
+def hashes_of_numbers(document: Any) -> dict[str, str]:
+    """8 hexadecimal digits of the numbers of each place of a nested document; items of a list have one place."""
+    numbers: dict[str, list[float]] = {}
+
+    def collect(value: Any, place: str) -> None:
+        if isinstance(value, dict):
+            for name, part in value.items():
+                collect(part, f"{place}.{name}" if place else name)
+        elif isinstance(value, list):
+            for part in value:
+                collect(part, place)
+        elif isinstance(value, int | float):
+            numbers.setdefault(place, []).append(float(value))
+
+    collect(document, "")
+    return {
+        place: hashlib.sha256(np.array(values).tobytes()).hexdigest()[:8] for place, values in numbers.items()
+    }
+
+
+def differences(found: Hashes, kept: Hashes, *, all_there: bool) -> list[str]:
+    """What is not as it was kept; an empty list if nothing.
+
+    Args:
+        all_there: whether everything that is kept must have been found too.
+    """
+    said = []
+    for name, value in found.items():
+        if name not in kept:
+            said.append(f"{name}: is not in the ledger")
+        elif isinstance(value, str):
+            said += [f"{name}: differs"] if value != kept[name] else []
+        else:
+            changed = [part for part, digits in kept[name].items() if value.get(part) != digits]
+            said += [f"{name}: {', '.join(changed)} differ"] if changed else []
+    return said + ([f"{name}: is missing" for name in kept if name not in found] if all_there else [])
+
+
+def kept_hashes() -> Hashes:
+    """The hashes that are kept, and ``made by``: the versions that made them."""
+    kept: Hashes = json.loads(FILE.read_text(encoding="utf-8"))
+    return kept
+
+
+def main() -> int:
+    """Compare with what is kept, or keep what is found."""
+    parser = argparse.ArgumentParser(description="Compare the values of the ledger.")
+    parser.add_argument("--short", action="store_true", help="a part of it only")
+    parser.add_argument("--write", action="store_true", help="keep what is found")
+    options = parser.parse_args()
+    if not os.environ.get(RECORDINGS):
+        print(f"{RECORDINGS} does not name the recordings: what needs them is left out", file=sys.stderr)
+    found = all_hashes(options.short)
+    if options.write:
+        kept = kept_hashes() if FILE.exists() else {}
+        document = {"made by": made_by(), **(kept | found if options.short else found)}
+        FILE.write_text(json.dumps(document | {"made by": made_by()}, indent=1) + "\n", encoding="utf-8")
+        print(f"wrote {len(found)} entries to {FILE.name}")
+        return 0
+    kept = kept_hashes()
+    if kept.pop("made by") != made_by():
+        print(f"the ledger was made by other versions: {kept_hashes()['made by']}, here is {made_by()}")
+        return 1
+    said = differences(found, kept, all_there=not options.short and bool(os.environ.get(RECORDINGS)))
+    print("\n".join(said) or f"All {len(found)} entries are as they were.")
+    return 1 if said else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
