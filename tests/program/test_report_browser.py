@@ -14,8 +14,7 @@ import pytest
 from vibroswarm.documents.search import search_document
 from vibroswarm.optimize import Search, run_search, truth_of
 from vibroswarm.plots import draw_boxes, draw_heat, draw_outcomes
-from vibroswarm.report.html import Column, Report, ReportTable, Section, picture_of, write_report
-from vibroswarm.report.parts import ReportAnswer, ReportEffect
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
 from vibroswarm.show.page import write_page
 
 Open = Callable[..., Any]
@@ -31,10 +30,10 @@ FRAME = pl.DataFrame(
 )
 
 
-def made() -> Report:
-    table = ReportTable(
+def made() -> Document:
+    table = Table(
         FRAME,
-        {"time": Column("decision time", "s"), "right": Column("right", percent=True)},
+        {"time": Column("decision time", "s"), "right": Column("right", share=True)},
         "What came out",
         "cells",
     )
@@ -43,24 +42,27 @@ def made() -> Report:
     )
     values = pl.DataFrame({"cell": FRAME["cell"].to_list() * 10, "value": [float(n * 29) for n in range(40)]})
     grid = pl.DataFrame([{"x": x, "y": y, "value": x * y + 0.5} for x in range(4) for y in range(3)])
-    return Report(
+    outcomes = Figure("outcomes", lambda style: draw_outcomes(counts, style=style))
+    times = Figure("times", lambda style: draw_boxes(values, t_end=1200, style=style))
+    heat = Figure("map", lambda style: draw_heat(grid, best="low", style=style))
+    return Document(
         f"A study {NASTY}",
         ("What was found.",),
-        (f"Mind {NASTY}",),
-        (
-            Section("Outcomes", ("Text.",), (table, picture_of(draw_outcomes(counts), "outcomes"))),
-            Section("Times", (), (picture_of(draw_boxes(values, t_end=1200, style="page"), "times"),)),
-            Section("Map", (), (picture_of(draw_heat(grid, best="low"), "map"),)),
-            Section("More", ("Below.",), (), (Section("Hidden", ("Inside.",), (table,)),), folded=True),
+        warnings=(f"Mind {NASTY}",),
+        parts=(
+            Section("Outcomes", (Text("Text."), table, outcomes)),
+            Section("Times", (times,)),
+            Section("Map", (heat,)),
+            Section("More", (Text("Below."), Section("Hidden", (Text("Inside."), table))), folded=True),
         ),
-        {"seed": "7", "folder": FOLDER},
+        made_by={"seed": "7", "folder": FOLDER},
     )
 
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file = tmp_path_factory.mktemp("report") / "report.html"
-    write_report(file, made())
+    write_page(file, made())
     return file
 
 
@@ -69,16 +71,17 @@ def long_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A report of many sections, each with two pictures beside each other and a folded table; and a table of claims."""
     counts = pl.DataFrame({"cell": ["a", "b"], "right": [5, 2], "wrong": [1, 1]})
     below = tuple(
-        Section(f"Picture {n}", parts=(picture_of(draw_outcomes(counts), f"p{n}"),)) for n in (1, 2)
+        Section(f"Picture {n}", (Figure(f"p{n}", lambda style: draw_outcomes(counts, style=style)),))
+        for n in (1, 2)
     )
-    table = Section("All numbers", parts=(ReportTable(FRAME),), folded=True)
+    table = Section("All numbers", (Table(FRAME),), folded=True)
     prose, marked = Column(prose=True), Column(tones={"not": "bad"})
     kinds = {"says": prose, "measured": prose, "paper": marked, "text": marked, "calibrated": marked}
-    claims = ReportTable(pl.DataFrame([dict.fromkeys(kinds, "not so, but nearly all of it")]), kinds)
-    first = Section("Item 0", ("Text.",), (claims,), (*below, table), side_by_side=True)
-    others = (Section(f"Item {n}", ("Text.",), (), (*below, table), side_by_side=True) for n in range(1, 20))
+    claims = Table(pl.DataFrame([dict.fromkeys(kinds, "not so, but nearly all of it")]), kinds)
+    first = Section("Item 0", (Text("Text."), claims, *below, table), side_by_side=True)
+    others = (Section(f"Item {n}", (Text("Text."), *below, table), side_by_side=True) for n in range(1, 20))
     file = tmp_path_factory.mktemp("long") / "report.html"
-    write_report(file, Report("Long", sections=(first, *others)))
+    write_page(file, Document("Long", (), parts=(first, *others)))
     return file
 
 
@@ -141,39 +144,43 @@ IN_SIGHT = """() => {
 @pytest.mark.parametrize(("width", "height"), [(1400, 900), (400, 800)])
 def test_the_first_screen_answers(open_report: Open, tmp_path: Path, width: int, height: int) -> None:
     """Which is faster, which is wrong more often, and how sure that is: in sight without scrolling, with 3 answers."""
-    effects = [
-        ReportEffect("time", "-127 s", "[-153, -102]", -127, -153, -102, "good", "better"),
-        ReportEffect("right", "+11.9 points", "[+8.4, +15.5]", 11.9, 8.4, 15.5, "good", "better"),
-        ReportEffect("wrong", "+6.7 points", "[+3.9, +9.4]", 6.7, 3.9, 9.4, "bad", "worse"),
-        ReportEffect("undecided", "-18.6 points", "[-23.0, -14.5]", -18.6, -23, -14.5, "good", "better"),
-    ]
+    effects = pl.DataFrame(
+        {
+            "figure": ["time", "right", "wrong", "undecided"],
+            "difference": [-127.0, 11.9, 6.7, -18.6],
+            "low": [-153.0, 8.4, 3.9, -23.0],
+            "high": [-102.0, 15.5, 9.4, -14.5],
+            "it is": ["better", "better", "worse", "better"],
+        }
+    )
+    columns = {
+        "difference": Column(sign=True, decimals=1, strip=True, limits=("low", "high")),
+        "it is": Column(tones={"better": "good", "worse": "bad"}),
+    }
     sentence = "soft against none: 127 s faster [102, 153], 6.7 points more wrong [3.9, 9.4]; confirmed on other seeds."
     aside = "At equal error (24.8 %, that of soft): no significant difference in time, +94 s [-56, +226]."
-    answer = ReportAnswer("soft is faster than none, and wrong more often", sentence, aside, tuple(effects))
+    parts = (Text(aside, "aside"), Table(effects, columns), *made().parts)
     file = tmp_path / "report.html"
-    asked = "Which decides sooner, and which is wrong more often: none or soft? 5 robots; 300 runs each."
-    write_report(
-        file, replace(made(), title="none and soft", lead=(asked,), warnings=(), answers=(answer,) * 3)
-    )
+    found = ("soft is faster than none, and wrong more often", sentence)
+    write_page(file, replace(made(), title="none and soft", answer=found, warnings=(), parts=parts))
     page = open_report(file=file, viewport={"width": width, "height": height})
     seen = page.evaluate(IN_SIGHT)
     for words in (
         "soft is faster than none, and wrong more often",
-        "−127 s",
-        "+6.7 points",
+        "−127.0",
+        "+6.7",
         "[+3.9, +9.4]",
         "worse",
     ):
         assert words in seen
     assert "confirmed on other seeds" in seen
     assert "no significant difference in time" in seen
-    assert (
-        "Outcomes" not in seen or width > 1000
-    )  # the contents come after the answer where they stand above it
+    if width < 1000:  # where the contents do not stand beside it, the answer comes before them
+        assert seen.index("no significant difference") < seen.index("Contents")
 
 
 def cells(page: Any, column: int) -> list[str]:
-    texts: list[str] = page.locator(f"#s1p1 tbody tr td:nth-child({column})").all_text_contents()
+    texts: list[str] = page.locator(f"#s1-2 tbody tr td:nth-child({column})").all_text_contents()
     return texts
 
 
@@ -215,7 +222,7 @@ def test_names_stay_text(open_report: Open) -> None:
 def test_tables_sort_by_mouse_and_by_keyboard(open_report: Open) -> None:
     page = open_report()
     before = cells(page, 1)
-    heading = page.locator("#s1p1 th").nth(1)
+    heading = page.locator("#s1-2 th").nth(1)
     button = heading.locator("button")
     button.click()
     assert heading.get_attribute("aria-sort") == "ascending"
@@ -227,7 +234,7 @@ def test_tables_sort_by_mouse_and_by_keyboard(open_report: Open) -> None:
     page.keyboard.press("Space")
     assert heading.get_attribute("aria-sort") == "none"
     assert cells(page, 1) == before
-    page.locator("#s1p1 th").nth(0).locator("button").click()
+    page.locator("#s1-2 th").nth(0).locator("button").click()
     names = cells(page, 1)
     assert names.index("cell 9") < names.index("cell 10")
 
@@ -275,9 +282,9 @@ def test_print_is_light_open_and_bare(open_report: Open) -> None:
     assert not page.locator("#theme").is_visible()
     assert not page.locator(".contents").is_visible()
     page.evaluate("dispatchEvent(new Event('beforeprint'))")
-    assert page.locator("#s4-1p1").is_visible()
+    assert page.locator("#s4-2-2").is_visible()
     page.evaluate("dispatchEvent(new Event('afterprint'))")
-    assert not page.locator("#s4-1p1").is_visible()
+    assert not page.locator("#s4-2-2").is_visible()
 
 
 @pytest.mark.parametrize("width", [320, 375, 768, 1280, 1920])
@@ -302,17 +309,17 @@ def test_letters_on_a_phone_can_be_read(open_report: Open) -> None:
 
 def test_contents_lead_to_folded_sections(open_report: Open) -> None:
     page = open_report()
-    hidden = page.locator("#s4-1")
+    hidden = page.locator("#s4-2")
     assert not hidden.is_visible()
     page.locator("nav a", has_text="Hidden").click()
     assert hidden.is_visible()
-    assert open_report("#s4-1").locator("#s4-1").is_visible()
+    assert open_report("#s4-2").locator("#s4-2").is_visible()
 
 
 def test_sentences_and_verdicts_fit_a_printed_page(open_report: Open) -> None:
     """Room that is given on a screen, where a table can be scrolled, would be cut on paper."""
     page = open_report(long=True, viewport={"width": 640, "height": 900})
-    table = page.locator("#s1p1").first
+    table = page.locator("#s1-2").first
     assert table.bounding_box()["width"] > 640
     page.emulate_media(media="print")
     assert table.bounding_box()["width"] <= 640
@@ -329,7 +336,7 @@ def test_long_contents_mark_where_one_reads_and_scroll_by_themselves(open_report
     below = page.locator("nav ol ol")
     assert below.nth(0).is_visible()
     assert not below.nth(12).is_visible()
-    page.evaluate("document.getElementById('s13-2').scrollIntoView()")
+    page.evaluate("document.getElementById('s13-3').scrollIntoView()")
     page.locator(WHERE, has_text="Picture 1").wait_for()  # which stands beside it
     assert below.nth(12).is_visible()
     assert not below.nth(0).is_visible()
@@ -354,10 +361,10 @@ def test_pictures_stand_beside_each_other_where_there_is_room(
     open_report: Open, width: int, in_a_row: int
 ) -> None:
     page = open_report(long=True, viewport={"width": width, "height": 800})
-    first, second = (page.locator(f"#s2-{n}p1").bounding_box() for n in (1, 2))
+    first, second = (page.locator(f"#s2-{n}-1").bounding_box() for n in (2, 3))
     assert (first["y"] == second["y"]) == (in_a_row == 2)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    folded = page.locator("#s2-3").bounding_box()
+    folded = page.locator("#s2-4").bounding_box()
     assert folded["y"] > max(first["y"] + first["height"], second["y"] + second["height"])
 
 
@@ -371,7 +378,7 @@ def test_captions_of_wide_tables_are_read_without_scrolling(open_report: Open) -
 def test_without_scripts_all_is_there(open_report: Open) -> None:
     page = open_report(java_script_enabled=False)
     assert page.locator("svg.drawing").count() == 3
-    assert page.locator("#s1p1").is_visible()
+    assert page.locator("#s1-2").is_visible()
     assert not page.locator("#theme").is_visible()
 
 
