@@ -26,6 +26,6 @@ def told(scenarios: Iterable[Scenario]) -> tuple[str, ...]:
     more = {name: sorted(of_one - common) for name, of_one in facts.items()}
     sentences = true_places_notes(scenarios)
     if any(more.values()):
-        beyond = [f"{name} {listed(words)}" for name, words in more.items() if words]
-        sentences.append(f"Robots were not told the same; beyond what all were told: {'; '.join(beyond)}.")
+        beyond = [f"{name} knows {listed(words)}" for name, words in more.items() if words]
+        sentences.append(f"Robots were not told the same: beyond what all know, {'; '.join(beyond)}.")
     return tuple(sentences)
