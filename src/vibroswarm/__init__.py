@@ -40,7 +40,7 @@ from vibroswarm.core.displayed import makers, writers  # noqa: E402 - as above
 
 def _as_html(value: object) -> str:
     """Return what a notebook shows for a public object; the module that writes it is imported when it is needed."""
-    from vibroswarm.notebook.views import html_of
+    from vibroswarm.documents.notebook import html_of
 
     return html_of(value)
 

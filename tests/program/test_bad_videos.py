@@ -195,7 +195,7 @@ def test_interrupted_it_leaves_nothing_half_written(
     assert tracked(folder, folder / "good.mp4", out) == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}
     with monkeypatch.context() as patched:  # later, while the page is drawn
-        patched.setattr("vibroswarm.tracking.review.write_report", interrupt)
+        patched.setattr("vibroswarm.show.page.write_page", interrupt)
         assert tracked(folder, folder / "good.mp4", out) == 130
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
     assert [path.name for path in tmp_path.iterdir()] == ["out"]

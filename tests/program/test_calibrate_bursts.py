@@ -23,12 +23,13 @@ def test_a_fit_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         tmp_path / "lossy"
     )
     assert main(["calibrate", "bursts", str(tmp_path / "lossy"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert set(told["fits"]) == {"independent", "bursts"}
-    assert 0.1 < told["fits"]["independent"]["lost_in_good"] < 0.5
-    assert told["fits"]["bursts"]["log_likelihood"] >= told["fits"]["independent"]["log_likelihood"] - 0.1
-    assert len(told["gaps"]["found"]) == len(STEPS)
-    assert sum(told["gaps"]["found"]) > 5
+    found = json.loads(capsys.readouterr().out)["tables"]
+    fits = {one["model"]: one for one in found["fits"]}
+    assert set(fits) == {"independent", "bursts"}
+    assert 0.1 < fits["independent"]["lost_in_good"] < 0.5
+    assert fits["bursts"]["log_likelihood"] >= fits["independent"]["log_likelihood"] - 0.1
+    assert len(found["gaps"]) == len(STEPS)
+    assert sum(one["found"] for one in found["gaps"]) > 5
 
 
 def test_without_losses_there_is_nothing_to_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

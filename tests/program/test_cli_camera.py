@@ -17,11 +17,12 @@ from helpers.rehearsal import write_rehearsal
 from helpers.scene import Look
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
+from vibroswarm.documents.tracking import tracking_document
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
+from vibroswarm.show.page import write_page
 from vibroswarm.tracking.camera import square_of
 from vibroswarm.tracking.markers import read_markers, usual_markers
-from vibroswarm.tracking.review import write_review
 from vibroswarm.tracking.track import track
 
 pytest.importorskip("cv2")
@@ -69,7 +70,7 @@ def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.Captu
     given += ["--lens", str(session / "v.chessboard.avi"), "--log", str(session / "v.log.csv"), "--any-floor"]
     given += ["--floor", str(session / "floor.txt"), "--tiles", "5x5"]
     assert main([*given, "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    (told,) = json.loads(capsys.readouterr().out)["tables"]["tracking"]
     assert told["clock_offset_s"] == pytest.approx(OFFSET_S, abs=0.04)
     assert told["lens"] == "chessboard"
     positions = pl.read_parquet(out / "positions.parquet")
@@ -111,14 +112,15 @@ def test_the_review_page_answers_and_fits(
     browser: Any, session: Path, tmp_path: Path, width: int, scheme: str
 ) -> None:
     seen = track(session / "v.avi", read_markers(session / "v.markers.toml"))
-    write_review(tmp_path / "review.html", seen)
+    write_page(tmp_path / "review.html", tracking_document(seen))
     context = browser.new_context(viewport={"width": width, "height": 900}, color_scheme=scheme)
     page = context.new_page()
     noise: list[str] = []
     page.on("console", lambda message: noise.append(message.text))
     page.goto((tmp_path / "review.html").as_uri())
-    assert "positions of 5 robots were found" in page.inner_text(".lead")
-    assert page.locator(".lead").bounding_box()["y"] < 400
+    lead = page.locator(".lead").first
+    assert "of positions found: 5 robots" in lead.inner_text().replace("\u00a0", " ")
+    assert lead.bounding_box()["y"] < 400
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     broken = "[...document.images].filter((image) => image.complete && !image.naturalWidth).length"
     assert page.evaluate(broken) == 0

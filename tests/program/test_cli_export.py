@@ -88,8 +88,7 @@ def test_the_header_is_read_back(library: Path, capsys: pytest.CaptureFixture[st
     assert check(library / "src" / "vibroswarm_parameters.h", "--strategy", "soft") == 0
     capsys.readouterr()
     assert check(library, "--strategy", "soft", "--set", "strategy.soft.eta=900.5", "--json") == 1
-    about = json.loads(capsys.readouterr().out)
-    assert about["differences"] == [
+    assert json.loads(capsys.readouterr().out)["tables"]["differences"] == [
         {"name": "strategy.soft.eta", "header": "1500.0", "scenario": "900.5"},
         {"name": "VS_PARAMS_ETA", "header": "VS_R(1500.0)", "scenario": "VS_R(900.5)"},
     ]

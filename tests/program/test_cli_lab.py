@@ -54,8 +54,9 @@ def test_what_is_told_of_an_import(tmp_path, capsys):
     arguments = ["lab", "import", log, *FLOOR, "--out", str(tmp_path / "a")]
     assert main([*arguments, "--set", "sensor.rms_threshold=1.0", "--json"]) == 0
     about = told(capsys)
-    assert about["stated"][0] == "sensor.rms_threshold"
-    assert about["sessions"][0]["told"]["samples"] == 181
+    assert about["made_by"]["stated"].startswith("sensor.rms_threshold")
+    counts = {one["name"]: one["count"] for one in about["tables"]["counts"] if one["session"] == 1}
+    assert counts["samples"] == 181
     assert Recording.read(tmp_path / "a").scenario.sensor.rms_threshold == 1.0  # what is stated goes first
     assert main([*arguments, "--force", "--set", "sensor.rms_threshold=1.0"]) == 0
     said = capsys.readouterr().out
@@ -96,8 +97,10 @@ def test_replay(kept, capsys):
     assert said.count("as logged") == 2
     assert main(["lab", "replay", str(kept), "--strategy", "soft", "--draws", "3", "--json"]) == 0
     about = told(capsys)
-    assert list(about["replayed"]) == ["soft"]
-    assert about["replayed"]["soft"][1]["session"] == 2
+    assert [(one["strategy"], one["session"]) for one in about["tables"]["replayed"]] == [
+        ("soft", 1),
+        ("soft", 2),
+    ]
 
 
 def test_a_log_without_decisions_is_replayed(kept, tmp_path, capsys):
@@ -119,9 +122,10 @@ def test_a_log_without_decisions_is_replayed(kept, tmp_path, capsys):
         "undecided",
         "belief_in_truth",
     }
-    assert about["as_logged"][0]["consensus"] == {}
-    assert {name for name, value in about["as_logged"][0].items() if value is None} == unknown
-    assert about["replayed"]["none"][0]["undecided"] is not None
+    (as_logged,) = about["tables"]["as_logged"]
+    assert not [name for name in as_logged if name.startswith("consensus")]
+    assert {name for name, value in as_logged.items() if value is None} == unknown
+    assert about["tables"]["replayed"][0]["undecided"] is not None
     assert main(command) == 0
     row = next(line for line in capsys.readouterr().out.splitlines() if "as logged" in line)
     assert row.split() == ["1", "as", "logged", "-", "-", "-", "-"]
@@ -131,12 +135,12 @@ def test_threshold(kept, capsys):
     assert main(["lab", "threshold", str(kept), "--costs", "1:3", "--at", "1.33"]) == 0
     said = capsys.readouterr().out
     assert all(
-        word in said for word in ("equal error:", "least error:", "costs 1 to 3:", "given: theta_E = 1.330")
+        word in said for word in ("equal error", "least error", "costs 1 to 3", "theta_E = 1.330 (given)")
     )
     assert main(["lab", "threshold", str(kept), "--json"]) == 0
-    about = told(capsys)
-    assert len(about["thresholds"]) == 2
-    assert about["edge_profile"][-1]["to_m"] is None
+    found = told(capsys)["tables"]
+    assert len(found["thresholds"]) == 2
+    assert found["edge_profile"][-1]["to_m"] is None
 
 
 @pytest.mark.parametrize(
@@ -146,7 +150,7 @@ def test_threshold(kept, capsys):
 def test_a_threshold_reaches_a_scenario(kept, tmp_path, capsys, options, rule):
     out = tmp_path / "with a threshold.toml"
     assert main(["lab", "threshold", str(kept), *options, "--json"]) == 0
-    thresholds = {one["rule"]: one["value"] for one in told(capsys)["thresholds"]}
+    thresholds = {one["rule"]: one["value"] for one in told(capsys)["tables"]["thresholds"]}
     assert main(["lab", "threshold", str(kept), *options, "--out", str(out)]) == 0
     assert f"({rule})." in capsys.readouterr().out
     written = Scenario.read(out)
@@ -180,9 +184,10 @@ def test_export_and_import_again(kept, tmp_path, capsys):
 def test_compare(kept, tmp_path, capsys):
     picture = tmp_path / "side.png"
     assert main(["calibrate", "compare", str(kept), str(kept), "--picture", str(picture), "--json"]) == 0
-    about = told(capsys)
-    assert all(one["as_published"] == pytest.approx(1.0) for one in about["similarities"])
-    assert about["told_apart"]["simulated_by_robot"]["estimate"] < 0.7
+    found = told(capsys)["tables"]
+    assert all(one["as_published"] == pytest.approx(1.0) for one in found["similarities"])
+    shares = {one["recognised"]: one["share"] for one in found["told_apart"]}
+    assert shares["simulated_by_robot"] < 0.7
     assert picture.read_bytes().startswith(b"\x89PNG")
     several = tmp_path / "pictures"
     assert main(["calibrate", "compare", str(kept), str(kept), "--pictures", str(several)]) == 0
@@ -201,10 +206,12 @@ def test_compare_several(kept, tmp_path, capsys):
     assert main(["run", "--set", "run.t_end_s=250", *FLOOR, "--out", str(other)]) == 0
     capsys.readouterr()
     assert main(["calibrate", "compare", str(kept), str(kept), str(other), "--json"]) == 0
-    both = told(capsys)
+    both = told(capsys)["tables"]
     for folder in (kept, other):
         assert main(["calibrate", "compare", str(kept), str(folder), "--json"]) == 0
-        assert told(capsys) == both[str(folder)]
+        for name, rows in told(capsys)["tables"].items():
+            of_both = [one for one in both[name] if one["simulated"] == str(folder)]
+            assert [{key: one[key] for key in row} for one, row in zip(of_both, rows, strict=True)] == rows
     assert main(["calibrate", "compare", str(kept), str(kept), str(other)]) == 0
     out = capsys.readouterr().out
     assert f"real - {kept.name}" in out
@@ -281,7 +288,7 @@ def test_figures(kept, capsys):
     assert main(["calibrate", "figures", str(kept), str(kept)]) == 2
     assert "names a folder twice" in capsys.readouterr().err
     assert main(["calibrate", "figures", str(kept), "--at", "1.55", "--json"]) == 0
-    assert told(capsys)["rms_threshold"] == 1.55
+    assert told(capsys)["made_by"]["rms_threshold"] == "1.55"
     assert main(["calibrate", "figures", str(kept), "--at", "high"]) == 2
 
 
@@ -294,14 +301,19 @@ def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys, monkeypatch):
     command = ["calibrate", "fit", str(kept), "--candidates", "200", "--set", "run.t_end_s=120"]
     assert main([*command, "--out", str(out), "--json"]) == 0
     about = told(capsys)
+    (fields,) = about["tables"]["fields"]
     made = Scenario.read(out)
     assert made.sensor.rms_threshold == Scenario().sensor.rms_threshold  # what robots are told is the base's
     assert made.run.t_end_s == 120.0
-    for name, value in about["fields"].items():
+    for name, value in fields.items():
         found = value_of(made, name)
         assert (list(found) if isinstance(found, tuple) else found) == value
-    assert {one["name"] for one in about["figures"]} >= {"veer_rad_s", "sensor.edge_reach_m", "threshold_mm"}
-    assert about["motion_runs"] == 240
+    assert {one["name"] for one in about["tables"]["figures"]} >= {
+        "veer_rad_s",
+        "sensor.edge_reach_m",
+        "threshold_mm",
+    }
+    assert about["made_by"]["motion_runs"] == "240"
     monkeypatch.setattr(
         module, "fit", lambda *of, **how: fitted[-1]
     )  # in words: the same fit, not made again
@@ -315,11 +327,12 @@ def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys, monkeypatch):
 def test_folds_judge_on_what_was_held_out(kept, capsys):
     command = ["calibrate", "fit", str(kept), "--candidates", "200", "--set", "run.t_end_s=120", "--folds"]
     assert main([*command, "--against", str(kept), "--json"]) == 0
-    about = told(capsys)
-    assert [one["session"] for one in about["folds"]] == [0, 1]
-    for fold in about["folds"]:
-        assert len(fold["scores"]) == 6
-        assert all(0 < one["fitted"] <= 1 for one in fold["scores"])
+    found = told(capsys)["tables"]
+    assert [one["session"] for one in found["folds"]] == [0, 1]
+    for session in (0, 1):
+        scores = [one for one in found["fold_scores"] if one["session"] == session]
+        assert len(scores) == 6
+        assert all(0 < one["fitted"] <= 1 for one in scores)
 
 
 @pytest.mark.parametrize(

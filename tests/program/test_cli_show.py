@@ -203,7 +203,7 @@ def test_what_is_not_finite_is_null_in_json(tmp_path, capsys):
     path = tmp_path / "a.csv"
     path.write_text("name,value\nx,inf\ny,-inf\nz,NaN\nw,0.25\n")
     assert main(["show", str(path), "--json"]) == 0
-    rows = json.loads(capsys.readouterr().out)
+    rows = json.loads(capsys.readouterr().out)["tables"]["table"]
     assert rows == [{"name": n, "value": v} for n, v in (("x", None), ("y", None), ("z", None), ("w", 0.25))]
 
 

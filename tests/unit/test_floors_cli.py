@@ -20,16 +20,21 @@ def run(*words):
     return arguments.run(arguments)
 
 
+def tables(capsys):
+    """The tables of what was printed as JSON."""
+    return json.loads(capsys.readouterr().out)["tables"]
+
+
 def test_list_names_every_pattern(capsys):
     assert run("list") == 0
     lines = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in lines[1 : 1 + len(NAMES)]] == list(NAMES)
-    assert lines[1].split()[1:] == ["10x10", "48", "0.4800", "0.734", "1.000", "1"]
+    assert [line.split()[0] for line in lines[3 : 3 + len(NAMES)]] == list(NAMES)
+    assert lines[3].split()[1:] == ["10x10", "48", "0.4800", "0.734", "1.000", "1"]
 
 
 def test_list_as_json(capsys):
     assert run("list", "--json") == 0
-    found = {entry["floor"]: entry for entry in json.loads(capsys.readouterr().out)}
+    found = {entry["floor"]: entry for entry in tables(capsys)["floors"]}
     assert found["alternating:0.46"]["ones"] == 46
     assert found["alternating:paper-0.46"]["moran_index"] == pytest.approx(-0.9145, abs=1e-4)
 
@@ -44,7 +49,7 @@ def test_list_with_the_papers_table(capsys):
         "random-fixed:0.46",
     ]
     assert run("list", "--paper", "--json") == 0
-    assert sum(entry["wrong"] for entry in json.loads(capsys.readouterr().out)) == 4
+    assert sum(entry["wrong"] for entry in tables(capsys)["difficulty"]) == 4
 
 
 def test_show_draws_here_and_to_a_file(capsys, tmp_path):
@@ -72,10 +77,10 @@ def test_measure_as_text_and_json(capsys, tmp_path, monkeypatch):
     (tmp_path / "still.txt").write_text("000\n000\n")
     assert run("measure", tmp_path / "still.txt", "diagonal:0.48") == 0
     lines = capsys.readouterr().out.splitlines()
-    assert lines[1].split()[1:] == ["2x3", "0", "0.0000", "none", "none", "0"]
-    assert lines[2].split()[1:] == ["10x10", "48", "0.4800", "0.734", "1.000", "1"]
+    assert lines[3].split()[1:] == ["2x3", "0", "0.0000", "-", "-", "0"]
+    assert lines[4].split()[1:] == ["10x10", "48", "0.4800", "0.734", "1.000", "1"]
     assert run("measure", tmp_path / "still.txt", "--json") == 0
-    (entry,) = json.loads(capsys.readouterr().out)
+    (entry,) = tables(capsys)["floors"]
     assert entry["moran_index"] is None
     assert entry["fill_ratio"] == 0
 
@@ -85,13 +90,15 @@ def test_make_writes_what_it_made(capsys, tmp_path, suffix):
     path = tmp_path / f"made.{suffix}"
     words = ("make", "--tiles", "10x12", "--fill-ratio", 0.45, "--moran", 0.4, "--entropy", 0.8, "--seed", 2)
     assert run(*words, "--out", path, "--json") == 0
-    document = json.loads(capsys.readouterr().out)
+    printed = tables(capsys)
     found = measure(read_tiles(path))
-    assert document["reached"] is True
-    assert document["asked"] == {"fill_ratio": 0.45, "moran_index": 0.4, "entropy": 0.8}
-    assert document["moran_index"] == found.moran_index == pytest.approx(0.4, abs=0.02)
-    assert document["entropy"] == found.entropy == pytest.approx(0.8, abs=0.02)
-    assert np.array_equal([[int(tile) for tile in row] for row in document["tiles"]], read_tiles(path))
+    (made,) = printed["floors"]
+    assert made["reached"] is True
+    assert printed["asked"] == [{"fill_ratio": 0.45, "moran_index": 0.4, "entropy": 0.8}]
+    assert made["moran_index"] == found.moran_index == pytest.approx(0.4, abs=0.02)
+    assert made["entropy"] == found.entropy == pytest.approx(0.8, abs=0.02)
+    rows = [[int(tile) for tile in row["row"]] for row in printed["tiles"]]
+    assert np.array_equal(rows, read_tiles(path))
     with pytest.raises(InputError, match="exists already"):
         run(*words, "--out", path)
     assert run(*words, "--out", path, "--force") == 0

@@ -18,14 +18,14 @@ import vibroswarm
 from helpers.markup import HOSTILE, Markup
 from vibroswarm import Study, fields, preset, verdict
 from vibroswarm.analysis.verdict import headline
-from vibroswarm.calibrate.camera import Camera
+from vibroswarm.calibrate.camera import RIGHT
 from vibroswarm.calibrate.fit import Fit, Fitted
 from vibroswarm.documents import DOCUMENTS, document_of
+from vibroswarm.documents.notebook import html_of
 from vibroswarm.floors.design import make_floor
 from vibroswarm.league.entries import entries_of, floors_of
 from vibroswarm.league.standings import League
 from vibroswarm.league.tuning import tune
-from vibroswarm.notebook.views import html_of
 from vibroswarm.optimize.loop import Found, run_search
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.spec import Search
@@ -143,11 +143,8 @@ def test_large_values_give_a_short_text_and_a_view_in_which_nothing_runs(kind: A
     assert len(view.text) < 20_000
 
 
-def test_views_that_are_found_by_name_are_of_classes_that_exist() -> None:
-    from vibroswarm.notebook.lazy_views import VIEWS
-
-    assert VIEWS
-    for name in (*VIEWS, *DOCUMENTS):
+def test_documents_that_are_found_by_name_are_of_classes_that_exist() -> None:
+    for name in DOCUMENTS:
         module, _, kind = name.rpartition(".")
         assert getattr(importlib.import_module(module), kind).__module__ == module
 
@@ -228,8 +225,8 @@ def test_standings_show_one_row_per_entry() -> None:
 def test_a_fit_shows_fields_and_estimates() -> None:
     estimates = (Fitted("speed factor", 0.912345, 0.01, 0.89, 0.93),)
     checks = {"share of avoidance": (0.3, 0.1, 0.2)}
-    fit = Fit(preset("paper"), {"robot.radius_m": 0.0123}, estimates, checks, 5, 2, Camera.__new__(Camera))
-    shown(fit, "robot.radius_m", "0.0123", "0.91234", "[0.89, 0.93]", "outside", "2 sessions", "bursts")
+    fit = Fit(preset("paper"), {"robot.radius_m": 0.0123}, estimates, checks, 5, 2, RIGHT)
+    shown(fit, "robot.radius_m", "0.0123", "0.91234 [0.89000, 0.93000]", "Outside", "2 sessions", "bursts")
 
 
 def test_a_reproduction_shows_a_verdict_for_each_claim() -> None:

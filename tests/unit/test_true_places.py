@@ -12,7 +12,7 @@ from vibroswarm import Study, preset, simulate, strategies
 from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.analysis.verdict import confidence, presumed, verdict
 from vibroswarm.cli import main
-from vibroswarm.notebook.views import html_of
+from vibroswarm.documents.notebook import html_of
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.static_analysis import PLACE, fields_read, reads_places

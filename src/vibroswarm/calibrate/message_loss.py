@@ -86,6 +86,52 @@ class Bursts(NotebookView):
         return 2.0 * self.parameters - 2.0 * self.log_likelihood
 
 
+@dataclass(frozen=True)
+class LossFits(NotebookView):
+    """Both models of the loss of messages, fitted to recordings, and the gaps that they expect (``compare_models``)."""
+
+    windows: list[Windows]
+    models: dict[str, Bursts]
+    """By name, "independent" and "bursts"; the bad state does not occur in the former."""
+    gaps: NDArray[np.int64]
+    """Recorded number of gaps in each class of size (``by_size``)."""
+    expected: dict[str, NDArray[np.float64]]
+    """Of each model, means and standard deviations of these numbers (``expected_by_size``)."""
+    errors: dict[str, float]
+    """Standard errors of the model with bursts; empty if they were not computed."""
+    lost_in_long: float
+    """Share of the lost messages that fall into long intervals (``lost_in_long_windows``)."""
+    sent_in_long: float
+    """Share of all messages that fall into long intervals."""
+
+    @property
+    def messages(self) -> int:
+        """Number of messages addressed to the receivers."""
+        return sum(int(one.sent.sum()) for one in self.windows)
+
+
+def compare_models(windows: list[Windows], *, errors: bool = False) -> LossFits:
+    """Fit independent losses and bursts to the counts of received messages, and compare the gaps that both expect.
+
+    Args:
+        windows: the receivers, at least one that lost a message. errors: whether to compute standard errors, for which
+            the fit is repeated without each receiver.
+    Raises:
+        InputError: standard errors of fewer than two receivers.
+    """
+    models = {"independent": fit_independent(windows), "bursts": fit_bursts(windows)}
+    lost_in_long, sent_in_long = lost_in_long_windows(windows)
+    return LossFits(
+        windows,
+        models,
+        gaps=by_size(windows),
+        expected={name: expected_by_size(windows, model) for name, model in models.items()},
+        errors=jackknife(windows, models["bursts"]) if errors else {},
+        lost_in_long=lost_in_long,
+        sent_in_long=sent_in_long,
+    )
+
+
 def windows_of(result: Result) -> list[Windows]:
     """Return the windows of each robot of each run, by run and robot; robots without counts of messages are left out.
 

@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from vibroswarm.cli.deliver import print_result
 from vibroswarm.cli.options import add_json, add_settings, between, toml_file, whole
 from vibroswarm.cli.terminal import printing
 
 if TYPE_CHECKING:
     from vibroswarm.calibrate.cross_validation import Fold
-    from vibroswarm.calibrate.fit import Fit
     from vibroswarm.result import Result
     from vibroswarm.scenario.scenario import Scenario
 
@@ -77,8 +77,8 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.calibrate.dataset import dataset_of
     from vibroswarm.calibrate.fit import fit
     from vibroswarm.cli.options import read_result
-    from vibroswarm.cli.output import print_json
     from vibroswarm.core.atomic_io import check_free, whole_file
+    from vibroswarm.documents.fit import fit_document
     from vibroswarm.errors import InputError
 
     candidates = arguments.candidates
@@ -99,13 +99,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         with whole_file(arguments.out, replace=arguments.force) as part:
             part.write_text(fitted.scenario.to_toml(), encoding="utf-8")
-    if arguments.json:
-        print_json(fitted.as_dict() | {"folds": [fold.as_dict() for fold in judged]})
-        return 0
-    print_fit(fitted)
-    if judged:
-        print_folds(judged)
-    if arguments.out is not None:
+    print_result(fit_document(fitted, judged), arguments)
+    if arguments.out is not None and not arguments.json:
         print(f"\nSaved: {arguments.out}")
     return 0
 
@@ -163,126 +158,3 @@ def share_done(what: str) -> Callable[[float], None] | None:
         print(f"\r{what} {100 * share:3.0f} %", end="" if share < 1 else "\n", file=sys.stderr, flush=True)
 
     return progress
-
-
-def print_fit(found: Fit) -> None:
-    """Print the fitted figures, the changed fields, the predictive check, and what the model lacks.
-
-    A figure has its 95 % interval in brackets, and its standard error. The predictive check compares each recorded
-    figure of avoidance with the range that holds 95 % of the sessions simulated with the fit.
-    """
-    from vibroswarm.calibrate.fit import LACKS
-    from vibroswarm.cli.output import print_paragraph, print_table
-
-    print(f"Fitted on {found.sessions} sessions, with {found.motion_runs} runs of motion\n")
-    print_table(
-        ["figure", "value", "s.e."],
-        [
-            [
-                figure.name,
-                f"{figure.value:.5g} [{figure.low:.4g}, {figure.high:.4g}]",
-                f"{figure.error:.2g}",
-            ]
-            for figure in found.figures
-        ],
-    )
-    print("\nFields of the scenario")
-    for name, value in found.changed.items():
-        print(f"  {name} = {_toml(value)}")
-    print()
-    print_paragraph(
-        "Predictive check of avoidance: recorded, and 95 % of single sessions simulated with the fit"
-    )
-    print_table(
-        ["figure", "recorded", "simulated", ""],
-        [
-            [
-                name,
-                f"{recorded:.4f}",
-                f"[{low:.4f}, {high:.4f}]",
-                "" if low <= recorded <= high else "outside",
-            ]
-            for name, (recorded, low, high) in found.predicted.items()
-        ],
-    )
-    print("\nWhat the model lacks:")
-    for lack in LACKS:
-        print_paragraph(f"  {lack}")
-
-
-def _toml(value: Any) -> str:
-    """Format the value of a fitted field as TOML: a boolean, a number, a list of numbers, or a word."""
-    return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
-
-
-def print_folds(judged: list[Fold]) -> None:
-    """Print how well each held-out session is predicted by the fit to all other sessions, as means over the folds.
-
-    In the first table, the held-out session is compared with simulations of the fit ("fitted"), with the other real
-    sessions ("real"), and with the sessions of another simulator ("against", NaN without ``--against``). Then follows
-    the accuracy of a classifier that distinguishes real stretches (some consecutive samples of one robot) from
-    simulated ones. The second table has statistics of the bits that the robots read (``Fold.readings``): the value as
-    recorded and the value as simulated with the fit, as means over the held-out sessions; and for each of these
-    sessions, by how many standard deviations (between simulated sessions) the recorded value is above the simulated
-    one. A statistic has a row if it is known in some session, and a dash for each session in which it is unknown.
-
-    Args:
-        judged: one entry for each held-out session, at least one; all have the same features in the same order.
-    """
-    import numpy as np
-
-    from vibroswarm.calibrate.classifier import STRETCH
-    from vibroswarm.calibrate.features import WORDS
-    from vibroswarm.cli.output import print_paragraph, print_table
-
-    # header of a column: the field of Score that the column shows
-    similarities = {"fitted": "fitted", "real": "other_sessions", "against": "other_simulator"}
-    distances = {"fitted": "distance_fitted", "real": "distance_sessions", "against": "distance_simulator"}
-    print()
-    print_paragraph(
-        f"Fitted on the other sessions, validated on the held-out one: mean over {len(judged)} sessions"
-    )
-    print_table(
-        [
-            "feature",
-            *(f"similarity, {kind}" for kind in similarities),
-            *(f"distance, {kind}" for kind in distances),
-        ],
-        [
-            [
-                WORDS[score.feature],
-                *(
-                    f"{np.mean([getattr(fold.scores[i], name) for fold in judged]):.4f}"
-                    for name in (*similarities.values(), *distances.values())
-                ),
-            ]
-            for i, score in enumerate(judged[0].scores)  # every fold has the same features in the same order
-        ],
-    )
-    accuracy = np.mean([fold.accuracy_fitted for fold in judged])
-    other = np.mean([fold.accuracy_simulator for fold in judged])
-    # ``other`` is NaN if the fit was not compared with another simulator.
-    versus = f"; as real or of the other simulator: {other:.3f}" if np.isfinite(other) else ""
-    print()
-    print_paragraph(
-        f"Share of stretches of {STRETCH} samples that a classifier, trained on other robots, recognises as real or "
-        f"simulated (0.5: chance): {accuracy:.3f}{versus}"
-    )
-    print()
-    rows = []  # one row for each statistic that is known in a session
-    readings = [{reading.name: reading for reading in fold.readings} for fold in judged]
-    for name in dict.fromkeys(name for of_fold in readings for name in of_fold):
-        # This statistic in each held-out session; None where it is unknown.
-        by_fold = [of_fold.get(name) for of_fold in readings]
-        known = [reading for reading in by_fold if reading is not None]
-        rows.append(
-            [
-                name,
-                f"{np.mean([reading.recorded for reading in known]):.3f}",
-                f"{np.mean([reading.simulated for reading in known]):.3f}",
-                ", ".join("-" if reading is None else f"{reading.deviation:+.1f}" for reading in by_fold),
-            ]
-        )
-    columns = ["held-out sessions", "recorded", "fitted", "deviation of each, in s.d. of a session"]
-    # All columns are printed as text, because only text may be wrapped and the list of deviations is long.
-    print_table(columns, rows, texts=len(columns))

@@ -37,7 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     Returns:
         The exit code: 1 if a check fails, else 0. A check that only warns does not count as failed.
     """
-    from vibroswarm.cli.output import print_json, print_paragraph
+    from vibroswarm.cli.deliver import print_result
+    from vibroswarm.documents.check import check_document
     from vibroswarm.testing import check_motion, check_network, check_strategy, check_task
 
     kind, name = _kind_and_name(arguments.kind, arguments.name)
@@ -49,14 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
     }
     results = checks[kind](name)
     failed = any(not result.holds and not result.is_warning for result in results)
-    if arguments.json:
-        print_json([{"check": result.what, "holds": result.holds, "why": result.why} for result in results])
-        return int(failed)
-    count = f"{sum(result.holds for result in results)} of {len(results)} checks"
-    print(f"'{name}' {'fails' if failed else 'passes'}: {count} hold.")
-    for result in results:
-        mark = "ok  " if result.holds else ("note" if result.is_warning else "FAIL")
-        print_paragraph(f"  {mark}  {result.what}{f': {result.why}' if result.why else ''}")
+    rows = [(result.what, result.holds, result.is_warning, result.why) for result in results]
+    print_result(check_document(name, rows), arguments)
     return int(failed)
 
 

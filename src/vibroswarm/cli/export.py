@@ -5,13 +5,10 @@ from __future__ import annotations
 import argparse
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from vibroswarm.cli.deliver import print_result
 from vibroswarm.cli.options import add_json, add_scenario_options
-from vibroswarm.cli.output import print_json, print_table
-
-if TYPE_CHECKING:
-    from vibroswarm.export.c_library import Memory
 
 EPILOG = """\
 examples:
@@ -52,7 +49,8 @@ def _c(arguments: argparse.Namespace) -> int:
     """Write the C library and print the memory that it takes on a robot; return the exit code."""
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import check_folder, whole_folder
-    from vibroswarm.export.c_library import MARKER, library_files, measured
+    from vibroswarm.documents.export import export_document
+    from vibroswarm.export.c_library import COMPILER, MARKER, library_files, measured
 
     # Refuse the folder before the work. --force replaces a folder only if it holds the file MARKER, as a library does.
     check_folder(arguments.folder, replace=arguments.force, marker=MARKER)
@@ -64,40 +62,19 @@ def _c(arguments: argparse.Namespace) -> int:
             (part / name).write_text(text, encoding="utf-8")
         # None without the compiler and the tool for sizes of the robot's processor
         memory = measured(part / "src")
-    if arguments.json:
-        size = None if memory is None else {"flash": memory.flash, "ram": memory.ram, "flags": memory.flags}
-        print_json({"out": str(arguments.folder), "files": list(files), "bytes": size})
-        return 0
-    print(_memory_words(memory))
-    print(f"Saved: {arguments.folder} ({len(files)} files; begin with examples/inspection/inspection.ino)")
-    return 0
-
-
-def _memory_words(memory: Memory | None) -> str:
-    """Describe in a sentence how much memory a robot's program takes.
-
-    Args:
-        memory: None if it was not measured, because the compiler for the robot's processor is not installed, or the
-            tool that lists sizes is missing or fails.
-    """
-    from vibroswarm.export.c_library import COMPILER, SIZE_TOOL
-
-    if memory is None and shutil.which(COMPILER) is not None:
-        return f"Size not measured: {SIZE_TOOL} is missing or fails (Debian: binutils-arm-none-eabi)."
-    if memory is None:
-        return (
-            "Size not measured: arm-none-eabi-gcc is not installed "
-            "(Debian: gcc-arm-none-eabi and libnewlib-arm-none-eabi)."
+    document = export_document(list(files), memory, has_compiler=shutil.which(COMPILER) is not None)
+    print_result(document, arguments)
+    if not arguments.json:
+        print(
+            f"Saved: {arguments.folder} ({len(files)} files; begin with examples/inspection/inspection.ino)"
         )
-    return (
-        f"Size on a Cortex-M0+: {memory.flash} bytes of flash, {memory.ram} bytes of static RAM ({memory.flags}), "
-        "with the mathematics, without your drivers and stack."
-    )
+    return 0
 
 
 def _check(arguments: argparse.Namespace) -> int:
     """Compare an exported header of parameters with a scenario; return the exit code, 1 if they differ."""
     from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.documents.export import differences_document
     from vibroswarm.export.assembly import parts_of
     from vibroswarm.export.parameters import differences, find_header, read_header
 
@@ -105,17 +82,5 @@ def _check(arguments: argparse.Namespace) -> int:
     found = read_header(path)
     scenario = scenario_from(arguments)
     different = differences(found, scenario, parts_of(scenario))
-    if arguments.json:
-        rows = [
-            {"name": name, "header": in_header, "scenario": in_scenario}
-            for name, in_header, in_scenario in different
-        ]
-        print_json({"header": str(path), "equal": not different, "differences": rows})
-    elif different:
-        columns = ["name", "header", "scenario"]
-        # All columns are printed as text, because only text may be wrapped and the values are long.
-        print_table(columns, [list(row) for row in different], texts=len(columns))
-        print(f"\n{path} differs from the scenario.")
-    else:
-        print(f"{path} is that of the scenario.")
+    print_result(differences_document(str(path), different), arguments)
     return 1 if different else 0

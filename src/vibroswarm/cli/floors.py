@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from typing import TYPE_CHECKING, Any
 
+from vibroswarm.cli import terminal
+from vibroswarm.cli.deliver import print_result
 from vibroswarm.cli.options import add_image_threshold, add_json, add_out, whole
-from vibroswarm.cli.output import print_json, print_paragraph, print_table
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
     from numpy.typing import NDArray
-
-    from vibroswarm.floors.difficulty import Difficulty
 
 _SPEC = "pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG)"
 """Help on the argument FLOOR."""
@@ -85,16 +83,13 @@ def _list(args: argparse.Namespace) -> int:
     """
     if args.paper:
         return _list_paper(args)
+    from vibroswarm.documents.floor import floors_document
     from vibroswarm.floors.difficulty import measure
     from vibroswarm.floors.source import NAMES, pattern
 
-    measured = [(name, measure(pattern(name))) for name in NAMES]
-    if args.json:
-        print_json([as_json(name, difficulty) for name, difficulty in measured])
-        return 0
-    _print_measures(measured)
-    print()
-    print_paragraph("random:F, for example random:0.48, is another random floor for each run.")
+    measured = {name: measure(pattern(name)) for name in NAMES}
+    remark = "random:F, for example random:0.48, is another random floor for each run."
+    print_result(floors_document(measured, remark), args)
     return 0
 
 
@@ -104,34 +99,10 @@ def _list_paper(args: argparse.Namespace) -> int:
     The first recomputed number is computed as the paper did it, the second is the correct value. The paper's number,
     which has two decimals, is marked "differs" if it is not the correct value rounded to two decimals.
     """
-    from dataclasses import asdict
-
+    from vibroswarm.documents.floor import paper_floors_document
     from vibroswarm.floors.difficulty import paper_table
 
-    table = paper_table()
-    if args.json:
-        print_json([{**asdict(entry), "wrong": entry.wrong} for entry in table])
-        return 0
-    print_table(
-        ["pattern", "measure", "printed", "recomputed", "right", ""],
-        [
-            [
-                entry.pattern,
-                entry.measure,
-                f"{entry.printed:.2f}",
-                f"{entry.as_the_paper:.4f}",
-                f"{entry.right:.4f}",
-                "differs" if entry.wrong else "",
-            ]
-            for entry in table
-        ],
-        names=2,  # pattern and measure name a row
-    )
-    print()
-    print_paragraph(
-        "'recomputed': as in the paper, with 48 vibrating tiles for every entropy, and with the floor "
-        "alternating:paper-0.46, which has 48 of them, in place of alternating:0.46."
-    )
+    print_result(paper_floors_document(paper_table()), args)
     return 0
 
 
@@ -140,18 +111,15 @@ def _show(args: argparse.Namespace) -> int:
 
     Returns the exit code.
     """
-    import shutil
-
+    from vibroswarm.documents.floor import floor_document
     from vibroswarm.floors.difficulty import measure
-    from vibroswarm.floors.io import can_draw_blocks, draw
 
     tiles, name = _resolved(args.spec, args)
     if args.out is not None:
         from vibroswarm.plots.run import draw_floor
 
         draw_floor(args.out, tiles, name, replace=args.force)
-    print(draw(tiles, blocks=can_draw_blocks(sys.stdout), width=shutil.get_terminal_size().columns))
-    print_paragraph(in_words(measure(tiles)))
+    print_result(floor_document(name, measure(tiles), in_terminal(tiles)), args)
     if args.out is not None:
         print(f"Saved: {args.out}")
     return 0
@@ -159,27 +127,23 @@ def _show(args: argparse.Namespace) -> int:
 
 def _measure(args: argparse.Namespace) -> int:
     """Print the measures of difficulty of the given floors; return the exit code."""
+    from vibroswarm.documents.floor import floors_document
     from vibroswarm.floors.difficulty import measure
 
-    measured = [(spec, measure(_resolved(spec, args)[0])) for spec in args.specs]
-    if args.json:
-        print_json([as_json(name, difficulty) for name, difficulty in measured])
-    else:
-        _print_measures(measured)
+    measured = {spec: measure(_resolved(spec, args)[0]) for spec in args.specs}
+    print_result(floors_document(measured), args)
     return 0
 
 
 def _make(args: argparse.Namespace) -> int:
     """Make a floor of the given difficulty, print and save it; return the exit code.
 
-    The exit code is 1 if no floor within the tolerance was found; the nearest floor is then printed and saved. With
-    ``--json``, "asked" has the requested difficulty, and the other measures are those of the floor that was made.
+    The exit code is 1 if no floor within the tolerance was found; the nearest floor is then printed and saved.
     """
-    import shutil
-
+    from vibroswarm.documents.floor import design_document
     from vibroswarm.floors.design import make_floor
     from vibroswarm.floors.grid_text import parse_tiles
-    from vibroswarm.floors.io import can_draw_blocks, check_new, draw, write_tiles
+    from vibroswarm.floors.io import check_new, write_tiles
 
     rows, columns = parse_tiles(args.tiles)
     if args.out is not None:
@@ -187,25 +151,18 @@ def _make(args: argparse.Namespace) -> int:
     design = make_floor(rows, columns, args.fill_ratio, args.moran, args.entropy, args.seed)
     if args.out is not None:
         write_tiles(args.out, design.tiles, replace=args.force)
-    if args.json:
-        target = {"fill_ratio": args.fill_ratio, "moran_index": args.moran, "entropy": args.entropy}
-        rows_of_tiles = ["".join(map(str, row)) for row in design.tiles.tolist()]
-        reached = as_json(f"made with seed {args.seed}", design.difficulty)
-        print_json(
-            {
-                "reached": design.reached,
-                "words": design.words,
-                "asked": target,
-                **reached,
-                "tiles": rows_of_tiles,
-            }
-        )
-        return 0 if design.reached else 1
-    print(draw(design.tiles, blocks=can_draw_blocks(sys.stdout), width=shutil.get_terminal_size().columns))
-    print_paragraph(design.words)
-    if args.out is not None:
+    target = {"fill_ratio": args.fill_ratio, "moran_index": args.moran, "entropy": args.entropy}
+    print_result(design_document(design, target, args.seed, in_terminal(design.tiles)), args)
+    if args.out is not None and not args.json:
         print(f"Saved: {args.out}")
     return 0 if design.reached else 1
+
+
+def in_terminal(tiles: NDArray[np.uint8]) -> str:
+    """Draw a floor as lines of text, with the characters that the terminal has."""
+    from vibroswarm.floors.io import can_draw_blocks, draw
+
+    return draw(tiles, blocks=can_draw_blocks(sys.stdout), width=terminal.width())
 
 
 def _resolved(spec: str, args: argparse.Namespace) -> tuple[NDArray[np.uint8], str]:
@@ -222,49 +179,3 @@ def _resolved(spec: str, args: argparse.Namespace) -> tuple[NDArray[np.uint8], s
     given = args.image_threshold
     threshold = THRESHOLD if given is None else share_from(given, "--image-threshold")
     return resolve(spec, size, args.seed, threshold=threshold)
-
-
-def _print_measures(found: list[tuple[str, Difficulty]]) -> None:
-    """Print the measures of floors, each with its name, as a table."""
-    print_table(
-        ["floor", "tiles", "vibrating", "fill", "Moran", "entropy", "clusters"],
-        [
-            [
-                name,
-                f"{d.rows}x{d.columns}",
-                d.ones,
-                f"{d.fill_ratio:.4f}",
-                _number(d.moran_index),
-                _number(d.entropy),
-                d.clusters,
-            ]
-            for name, d in found
-        ],
-    )
-
-
-def in_words(d: Difficulty) -> str:
-    """Describe a floor in one line: size, vibrating tiles, and its measures of difficulty."""
-    clusters = (
-        "1 cluster"
-        if d.clusters == 1
-        else f"{d.clusters} clusters, the largest has {d.largest_cluster} tiles"
-    )
-    return (
-        f"{d.rows} x {d.columns} tiles, {d.ones} vibrating: fill ratio {d.fill_ratio:.4g}, Moran index "
-        f"{_number(d.moran_index)}, entropy {_number(d.entropy)}, {clusters}"
-    )
-
-
-def _number(value: float) -> str:
-    """Format a measure with three decimals; "none" if it is NaN, which means undefined."""
-    return "none" if math.isnan(value) else f"{value:.3f}"
-
-
-def as_json(name: str, difficulty: Difficulty) -> dict[str, Any]:
-    """Return a floor's name and measures for JSON, in which an undefined measure (NaN) is None."""
-    from dataclasses import asdict
-
-    # only NaN differs from itself; the measures are integers and floats
-    values = {key: None if value != value else value for key, value in asdict(difficulty).items()}
-    return {"floor": name, **values}

@@ -85,10 +85,12 @@ def run_import(arguments: argparse.Namespace) -> int:
     Some fields of the scenario are inferred from the logs: threshold, gate, sampling interval, strategy and others. If
     an option sets such a field (``stated``), the value of the option is used instead of the inferred value.
     """
-    from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
-    from vibroswarm.cli.output import print_line, print_saved
+    from vibroswarm.cli.deliver import print_result, save
+    from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
+    from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import check_one_floor, scenario_from
     from vibroswarm.core.atomic_io import whole_folder
+    from vibroswarm.documents.recording import import_document
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.scenario.scenario import parse_setting
 
@@ -118,26 +120,9 @@ def run_import(arguments: argparse.Namespace) -> int:
     with whole_folder(arguments.out, replace=True) as part:
         recording.write_into(part)
         pages = _pages(recording, part)
-
-        def document() -> dict[str, Any]:
-            return {
-                "out": str(arguments.out),
-                "names": list(recording.names),
-                "sessions": [dict(item) for item in recording.sessions],
-                "stated": list(recording.stated),
-                "inferred": [dict(item) for item in recording.inferred],
-                "floor": recording.floor_words,
-                "consensus": recording.runs["consensus"].to_list(),
-                "acceleration": computed,
-                "pages": pages,
-            }
-
-        def report() -> None:
-            for words in computed:
-                print_line(words)
-            _print_import(recording)
-
-        deliver(arguments, part, "lab import", report, document, work=work)
+        document = import_document(recording, pages, computed)
+        save(document, part, "lab import", work, page=None)
+    print_result(document, arguments)
     print_saved(arguments, f"tables, pictures, pages {', '.join(pages)}", pages[0])
     return 0
 
@@ -205,7 +190,7 @@ def _pages(recording: Recording, folder: Path) -> list[str]:
     from vibroswarm.run_page.write import record_of, write_page
 
     names = []
-    logged = _logs_beliefs(recording)
+    logged = recording.logs_beliefs
     with_replayed = recording if logged else with_beliefs(recording)
     runs = recording.runs["run"].to_list()
     for run in runs:
@@ -215,65 +200,6 @@ def _pages(recording: Recording, folder: Path) -> list[str]:
         write_page(record_of(with_replayed, run, title=title), folder / f"{name}.html")
         names.append(f"{name}.html")
     return names
-
-
-def _logs_beliefs(recording: Recording) -> bool:
-    """Return whether the logs hold all beliefs of all robots, with the counts and decisions that belong to them.
-
-    These are the columns of the inference table, in which a value that is not logged is null. Only the column "message"
-    may have nulls: it is what a robot sent, which pages can do without.
-    """
-    return bool(recording.inference.drop("message").null_count().sum_horizontal()[0] == 0)
-
-
-def _print_import(recording: Recording) -> None:
-    """Print the problems that an import counted in the logs, the settings that it inferred, and each session's outcome.
-
-    Whether the floor fits the energies is printed in between (``floor_words``).
-    """
-    from vibroswarm.cli.output import print_line, print_paragraph
-    from vibroswarm.recordings.assemble_recording import count_lines
-
-    for line in count_lines(recording):
-        print_paragraph(line)
-    print_paragraph(recording.floor_words)
-    print_line()
-    print_line("Settings of the robots, inferred from the logs:")
-    for setting in recording.inferred:
-        print_paragraph(f"  {setting['name']} = {_inferred_value(recording, setting)}")
-        print_paragraph(f"      {setting['evidence']}")
-    print_line()
-    for run, consensus, time_s in recording.runs.select("run", "consensus", "consensus_time_s").iter_rows():
-        reached = "" if time_s is None else f", by {time_s:.1f} s"
-        outcome = "decisions not logged" if consensus is None else f"consensus {consensus}{reached}"
-        print_line(f"session {run + 1}: {outcome}")
-    if not _logs_beliefs(recording):
-        network = recording.scenario.network.name
-        heard = (
-            "in which all robots hear all messages" if network == "ideal" else f"over the network '{network}'"
-        )
-        print_paragraph(f"Beliefs are not in the logs; the pages show a replay {heard}.")
-
-
-def _inferred_value(recording: Recording, setting: Any) -> str:
-    """Format a setting inferred from the logs, compared with the stated value if an option or a log states one.
-
-    Args:
-        setting: an entry of ``recording.inferred``. Its "value" is None if the logs do not determine it. Stated values
-            from "low" to "high" fit the logs too; these limits are None if only the inferred value fits.
-    """
-    name, value = setting["name"], setting["value"]
-    if value is None:
-        return "inconclusive"
-    if name not in recording.stated:
-        return f"{value}"
-    section, _, field = name.partition(".")
-    stated = getattr(getattr(recording.scenario, section), field)
-    # 1e-9: a stated value that equals a limit fits, even if the limit was rounded
-    fits = stated == value or (
-        setting["low"] is not None and setting["low"] - 1e-9 <= stated <= setting["high"] + 1e-9
-    )
-    return f"{value} (stated: {stated}{'' if fits else ', WHICH DOES NOT FIT'})"
 
 
 def _add_export(tasks: Any) -> None:

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from vibroswarm.cli.deliver import print_result
 from vibroswarm.cli.options import add_json, add_seed, add_settings, list_of, whole
 from vibroswarm.errors import InputError, nearest
-
-if TYPE_CHECKING:
-    from vibroswarm.recordings.replay import SessionOutcome
-    from vibroswarm.scenario.scenario import Scenario
 
 EPILOG = """\
 example:
@@ -48,14 +44,10 @@ def add_parser(tasks: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay each strategy on a recording and print its outcomes beside those that were logged; return the exit code.
-
-    Samples that are missing in the log are restored (``put_back``). If the log counts more messages received by a robot
-    before one of its samples than the other robots can have sent by then, the surplus is left out (``unsent``).
-    """
-    from vibroswarm.cli.output import print_json, print_paragraph, print_table
+    """Replay each strategy on a recording and print its outcomes beside the logged ones; return the exit code."""
+    from vibroswarm.documents.recording import replay_document
     from vibroswarm.recordings.recording import Recording
-    from vibroswarm.recordings.replay import logged_outcomes, replay_recording, session_outcomes
+    from vibroswarm.recordings.replay import replay_recording
     from vibroswarm.strategies import names as known_names
 
     for name in arguments.strategy:
@@ -72,46 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         for name in arguments.strategy
     }
-    logged = logged_outcomes(recording)
-    outcomes = {name: session_outcomes(recording, replay) for name, replay in replays.items()}
-    # The number of restored samples is the same in all replays, so it is taken from the first one.
-    first = next(iter(replays.values()))
-    rule = _rule(scenario)
-    if arguments.json:
-        print_json(
-            {
-                "rule": rule,
-                "draws": arguments.draws,
-                "seed": arguments.seed,
-                "put_back": first.put_back,
-                "unsent": {name: replay.unsent for name, replay in replays.items()},
-                "as_logged": [asdict(outcome) for outcome in logged],
-                "replayed": {
-                    name: [asdict(outcome) for outcome in outcomes_of]
-                    for name, outcomes_of in outcomes.items()
-                },
-            }
-        )
-        return 0
-    rows = []
-    for session, logged_outcome in enumerate(logged):
-        rows.append(_row("as logged", logged_outcome, is_logged=True))
-        rows += [_row(name, by_session[session], is_logged=False) for name, by_session in outcomes.items()]
-    print_table(
-        ["session", "strategy", "consensus", "decision time, s", "undecided, %", "belief in the truth"],
-        rows,
-        names=2,  # session and strategy name a row
-        texts=3,  # the third column, consensus, is text too: it is aligned to the left and may be wrapped
-    )
-    print()
-    print_paragraph(
-        f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {arguments.draws} draws."
-    )
-    unsent = ", ".join(f"{replay.unsent:g} ({name})" for name, replay in replays.items())
-    print_paragraph(
-        f"Restored {first.put_back} samples without a row; left out {unsent} messages per draw that nobody could have "
-        "sent at that time."
-    )
+    print_result(replay_document(recording, replays, arguments.draws, arguments.seed), arguments)
     return 0
 
 
@@ -143,42 +96,3 @@ def _settings(arguments: argparse.Namespace) -> dict[str, Any]:
             raise InputError("is also set by --gate; use one of them", field="--set decision.gate")
         values[matches[0]] = value
     return values
-
-
-def _rule(scenario: Scenario) -> dict[str, Any]:
-    """Return the fields of the scenario by which robots decide, for JSON and the printed text."""
-    return {
-        "rms_threshold": scenario.sensor.rms_threshold,
-        "credible_threshold": scenario.decision.credible_threshold,
-        "min_observations": scenario.decision.min_observations,
-        "gate": scenario.decision.gate,
-    }
-
-
-def _row(name: str, found: SessionOutcome, *, is_logged: bool) -> list[object]:
-    """Return the row of one session and strategy in the table of outcomes, with a dash for each unknown value.
-
-    Args:
-        name: name of the strategy, or "as logged".
-        found: the outcome of the session: the logged one, or that of all draws of a replay.
-        is_logged: whether this is the logged outcome, for which there is only one draw. For a replay, the consensus is
-            printed as shares of the draws, and the decision time with its 5 % and 95 % quantiles over the draws.
-    """
-    consensus = ", ".join(
-        outcome if is_logged else f"{outcome} {100 * share:.3g} %"
-        for outcome, share in found.consensus.items()
-    )
-    # Robots without a decision count with the time of their last sample: a session has no time if it has no samples, or
-    # if its decisions are not logged.
-    time = "-"
-    if found.decision_time_s is not None:
-        spread = "" if is_logged else f" [{found.decision_time_low_s:.0f}, {found.decision_time_high_s:.0f}]"
-        time = f"{found.decision_time_s:.1f}{spread}"
-    return [
-        found.session,
-        name,
-        consensus or "-",
-        time,
-        "-" if found.undecided is None else f"{100 * found.undecided:.3g}",
-        "-" if found.belief_in_truth is None else f"{found.belief_in_truth:.3f}",
-    ]

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vibroswarm.cli.deliver import print_result
 from vibroswarm.cli.options import add_json, between, real, toml_file
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
-    import polars as pl
-
-    from vibroswarm.recordings.threshold import Rates, Threshold
+    from vibroswarm.recordings.threshold import Threshold
 
 
 def costs(text: str) -> tuple[float, float]:
@@ -77,8 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
     the two costs differ, and that of ``--at`` if it is given.
     """
     from vibroswarm.cli.calibrate_fit import scenario_of
-    from vibroswarm.cli.output import print_json, print_paragraph
     from vibroswarm.core.atomic_io import whole_file
+    from vibroswarm.documents.recording import threshold_document
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.threshold import at_threshold, edge_profile, find_thresholds, labelled
 
@@ -99,87 +97,12 @@ def run(arguments: argparse.Namespace) -> int:
         scenario = base.with_values({"sensor.rms_threshold": _written(chosen)})
         with whole_file(arguments.out, replace=arguments.force) as part:
             part.write_text(scenario.to_toml(), encoding="utf-8")
-    if arguments.json:
-        print_json(
-            {
-                "thresholds": _finite([threshold.as_dict() for threshold in thresholds]),
-                "edge_profile": _finite(profile.to_dicts()),
-            }
-        )
-        return 0
-    for threshold in thresholds:
-        _print_threshold(threshold, margin_m)
-    print()
-    print_paragraph(
-        f"Errors by distance to the nearest tile of the other kind, at {thresholds[0].value:.3f}:"
-    )
-    _print_profile(profile)
-    if arguments.out is not None:
+    print_result(threshold_document(thresholds, profile, chosen, margin_m), arguments)
+    if arguments.out is not None and not arguments.json:
         print(f"\nSaved in {arguments.out}: sensor.rms_threshold = {_written(chosen):g} ({chosen.rule}).")
     return 0
-
-
-def _print_profile(profile: pl.DataFrame) -> None:
-    """Print the error rates by distance to the nearest tile of the other kind.
-
-    Args:
-        profile: result of ``edge_profile``: one row for each range of distances, the nearest first. The columns "still"
-            and "vibrating" are the numbers of samples on tiles of each kind. Where one is 0, the error rate is NaN and
-            is printed as "nan".
-    """
-    from vibroswarm.cli.output import print_table
-
-    rows = []
-    for row in profile.to_dicts():
-        from_mm, to_mm = 1000 * row["from_m"], 1000 * row["to_m"]
-        rows.append(
-            [
-                f"{from_mm:.0f} mm or more" if math.isinf(to_mm) else f"{from_mm:.0f} to {to_mm:.0f} mm",
-                f"{100 * row['false_positive']:.1f} % of {row['still']}",
-                f"{100 * row['false_negative']:.1f} % of {row['vibrating']}",
-            ]
-        )
-    print_table(["distance", "still read as vibrating", "vibrating read as still"], rows)
 
 
 def _written(chosen: Threshold) -> float:
     """Return the threshold rounded to three decimals, because robots log energies with three decimals."""
     return round(chosen.value, 3)
-
-
-def _finite(value: Any) -> Any:
-    """Return a nested value in which None replaces each number that is not finite, because JSON has no such number."""
-    if isinstance(value, dict):
-        return {name: _finite(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _print_threshold(found: Threshold, margin_m: float) -> None:
-    """Print a threshold with its interval, its error rates, and whether the floor can be decided with it.
-
-    Args:
-        margin_m: samples farther than this from the nearest tile of the other kind are the inner samples.
-    """
-    from vibroswarm.cli.output import percent, print_paragraph
-
-    # A threshold that was given by --at was not estimated, so it has no interval.
-    interval = "" if math.isnan(found.low) else f" [{found.low:.3f}, {found.high:.3f}]"
-    share = found.share_by_session
-    over = " over sessions" if share.n > 1 else ""  # a single session has no interval
-    print_paragraph(f"{found.rule}: theta_E = {found.value:.3f}{interval}")
-    print_paragraph(f"  all samples: {_rates(found.all_samples)}")
-    print_paragraph(
-        f"  farther than {1000 * margin_m:g} mm from a tile of the other kind: {_rates(found.inner_samples)}"
-    )
-    print_paragraph(f"  share of ones, tiles weighted equally: {percent(share)}{over}")
-    print_paragraph(f"  {found.decidable.says}")
-
-
-def _rates(rates: Rates) -> str:
-    """Format the rates of false positives and of false negatives, in percent; "nan" for one without samples."""
-    return (
-        f"still read as vibrating {100 * rates.false_positive:.1f} %, vibrating read as still "
-        f"{100 * rates.false_negative:.1f} %"
-    )

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from vibroswarm.scenario.scenario import Scenario
     from vibroswarm.tracking.markers import Markers
-    from vibroswarm.tracking.track import TrackedLog, Tracking
+    from vibroswarm.tracking.track import Tracking
 
 EPILOG = """\
 examples:
@@ -22,6 +22,10 @@ examples:
   vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
       --floor world.txt --tiles 5x5 --out tracked
 """
+
+
+REVIEW = "review.html"
+"""File name of the page."""
 
 
 def add_parser(tasks: Any) -> None:
@@ -138,15 +142,16 @@ def run(arguments: argparse.Namespace) -> int:
 
     Returns the exit code.
     """
-    from vibroswarm.cli.out_folder import claim, deliver, hash_of, refuse_other
+    from vibroswarm.cli.deliver import print_result, save
+    from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
+    from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes
     from vibroswarm.scenario.scenario import parse_setting
     from vibroswarm.tracking import opencv
-    from vibroswarm.tracking.review import REVIEW, write_review
     from vibroswarm.tracking.track import with_positions
 
     opencv()  # raises an error before any work if the package is not installed
@@ -180,18 +185,11 @@ def run(arguments: argparse.Namespace) -> int:
             recording.write_into(part)
             (part / CAMERA_LOG).write_bytes(camera_log_bytes(tracked.log))
         _write_tables(part, tracking)
-        write_review(part / REVIEW, tracking, tracked, samples)
-        deliver(
-            arguments,
-            part,
-            "lab track",
-            lambda: _print_tracking(tracking, tracked),
-            lambda: document(tracking, tracked),
-            work=work,
-        )
-    print_saved(
-        arguments, "positions, stops, gaps, review page" + ("" if tracked is None else ", recording"), REVIEW
-    )
+        document = tracking_document(tracking, tracked, samples)
+        save(document, part, "lab track", work, page=REVIEW)
+    print_result(document, arguments)
+    saved = "positions, stops, gaps, review page" + ("" if tracked is None else ", recording")
+    print_saved(arguments, saved, REVIEW)
     return 0
 
 
@@ -230,69 +228,3 @@ def _write_tables(folder: Path, tracking: Tracking) -> None:
     tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
     for name, table in tables.items():
         (folder / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))
-
-
-def document(tracking: Tracking, tracked: TrackedLog | None) -> dict[str, Any]:
-    """Return the results of the tracking as plain values for JSON.
-
-    Args:
-        tracked: the robots' log with positions; None without a log.
-    """
-    camera = tracking.camera
-    found: dict[str, Any] = {
-        "video": str(tracking.video),
-        "frames": int(tracking.detections.time_s.size),
-        "camera_height_m": float(camera.position_m[2]),
-        "lens": "chessboard" if camera.calibrated else "the video itself",
-        "floor_error_px": camera.floor_error_px,
-        "positions": tracking.positions.height,
-        "gaps": tracking.gaps().height,
-        "jumps": tracking.jumps,
-        "stops": tracking.stops.height,
-        "warnings": tracking.warnings(),
-    }
-    if tracked is not None:
-        found |= {
-            "clock_offset_s": tracked.offset.offset_s,
-            "clock_offset_error_s": tracked.offset.error_s,
-            "matched_samples": tracked.offset.pairs,
-            "samples_outside": tracked.outside,
-            "samples_unseen": tracked.unseen,
-        }
-    return found
-
-
-def _print_tracking(tracking: Tracking, tracked: TrackedLog | None) -> None:
-    """Print how completely robots were tracked, the camera's fit, the match with the log, and warnings.
-
-    Args:
-        tracked: the robots' log with positions; None without a log.
-    """
-    from vibroswarm.cli.output import print_paragraph
-
-    camera = tracking.camera
-    first_s, last_s = tracking.span_s
-    print_paragraph(
-        f"{100 * tracking.share_found():.1f} % of positions found: {len(tracking.markers.robots)} robots in "
-        f"{tracking.detections.time_s.size} frames ({last_s - first_s:.0f} s); {tracking.gaps().height} gaps of more "
-        f"than a second; {tracking.stops.height} stops; {tracking.jumps} positions dropped because a robot cannot move "
-        "so fast."
-    )
-    lens = (
-        f"fitted to a chessboard (to {camera.lens.error_px:.2f} px)"
-        if camera.calibrated
-        else "fitted to the markers of the video itself; a chessboard (--lens) is more exact"
-    )
-    print_paragraph(
-        f"Camera {camera.position_m[2]:.2f} m above the floor; lens {lens}; "
-        f"its model fits the corners of the floor's markers to {camera.floor_error_px:.2f} px."
-    )
-    if tracked is not None:
-        offset = tracked.offset
-        print_paragraph(
-            f"The robots' clock is {offset.offset_s:+.3f} s ahead of the video's (standard error "
-            f"{1000 * offset.error_s:.0f} ms; {offset.pairs} of {offset.samples} matched with stops). Left out: "
-            f"{tracked.outside} samples before or after the video, {tracked.unseen} in gaps of the tracking."
-        )
-    for words in tracking.warnings():
-        print_paragraph(words)

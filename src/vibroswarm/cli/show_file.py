@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import argparse
+from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.cli.output import print_json, print_line, print_paragraph, print_table
+from vibroswarm.cli.deliver import print_result
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     import polars as pl
-
-    from vibroswarm.scenario.scenario import Scenario
 
 TABLES: Final = (".csv", ".parquet")
 """Suffixes of files that hold a table; a .csv file may also hold a floor."""
@@ -47,54 +46,36 @@ def _show_toml(path: Path, arguments: argparse.Namespace) -> None:
     """Print what a TOML file describes: a search, a study, settings of strategies or a scenario.
 
     A search and a study are detected by the names of their entries, settings by the form of their keys; any other file
-    is read as a scenario. For a search or a study, only a summary is printed.
+    is read as a scenario. Of a search or a study, only a summary is printed.
     """
     from vibroswarm.core.untrusted_files import parsed_toml, read_text
 
     text = read_text(path, "a file in TOML")
     tables = parsed_toml(text, str(path))
-    summary: dict[str, Any]
     if {"space", "objective", "search"} & set(tables):  # entries of files for `optimize` only
+        from vibroswarm.documents.file import search_file_document
         from vibroswarm.optimize.spec import Search
 
-        search = Search.read(path)
-        summary = {
-            "search": search.hash,
-            "method": search.settings.method,
-            "fields": list(search.space.names),
-        }
-        words = f"Search of {search.space.size} fields by {search.settings.method}: {', '.join(search.space.names)}."
         # ``optimize --method grid`` writes such a file without settings of a search, which can be read as both.
-        if "search" not in tables and (cells := _cells_of_grid(path)):
-            summary |= {"method": "grid", "cells": cells}
-            words = f"Grid of {cells} cells over {', '.join(search.space.names)}, or fields of a search."
+        cells = _cells_of_grid(path) if "search" not in tables else 0
+        document = search_file_document(Search.read(path), cells)
     # entries that no scenario has; a search may have some of them, so it is detected first
     elif {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
+        from vibroswarm.documents.file import study_file_document
         from vibroswarm.study.spec import Study
 
-        study = Study.read(path)
-        summary = {
-            "study": study.hash,
-            "cells": len(study.cells),
-            "seed": study.seed,
-            "varied": list(study.varied),
-        }
-        words = (
-            f"{study.name or 'Study'}: {len(study.cells)} cells, seed {study.seed}, varied: "
-            f"{', '.join(study.varied) or 'nothing'}. To run it: vibroswarm sweep {path} --out DIR"
-        )
+        document = study_file_document(Study.read(path), str(path))
     elif _is_settings(tables):
-        _show_settings(text, tables, arguments)
-        return
+        from vibroswarm.documents.file import settings_document
+
+        comments = takewhile(lambda line: line.startswith("#"), text.splitlines())
+        document = settings_document([line.lstrip("# ") for line in comments], tables)
     else:
+        from vibroswarm.documents.file import scenario_file_document
         from vibroswarm.scenario.scenario import Scenario
 
-        _show_scenario(Scenario.read(path), path, arguments)
-        return
-    if arguments.json:
-        print_json(summary)
-    else:
-        print_paragraph(words)
+        document = scenario_file_document(Scenario.read(path), str(path))
+    print_result(document, arguments)
 
 
 def _cells_of_grid(path: Path) -> int:
@@ -116,69 +97,6 @@ def _is_settings(tables: dict[str, Any]) -> bool:
     return bool(tables) and all(
         isinstance(table, dict) and all("." in field for field in table) for table in tables.values()
     )
-
-
-def _show_settings(text: str, tables: dict[str, Any], arguments: argparse.Namespace) -> None:
-    """Print the settings of each strategy, after the file's first comment, which states how ``tune`` chose them.
-
-    Args:
-        text: the text of the file.
-        tables: the parsed content of the file: for each strategy, the values of its fields.
-    """
-    if arguments.json:
-        print_json(tables)
-        return
-    for line in text.splitlines():
-        if not line.startswith("#"):
-            break
-        print_paragraph(line.lstrip("# "))
-    print_table(
-        ["strategy", "field", "value"],
-        [[name, field, value] for name, table in tables.items() for field, value in table.items()],
-        names=2,  # strategy and field name a row
-    )
-    if without := [name for name, table in tables.items() if not table]:
-        print_paragraph(
-            f"No fields set (as in the scenario, else the strategy's defaults): {', '.join(without)}"
-        )
-
-
-def _show_scenario(scenario: Scenario, path: Path, arguments: argparse.Namespace) -> None:
-    """Print the fields of a scenario that differ from those of the preset ``paper``.
-
-    A table inside a section, such as the parameters of a strategy, is compared and printed as a whole.
-    """
-    from vibroswarm.scenario.scenario import preset
-
-    here, paper = scenario.model_dump(mode="json"), preset("paper").model_dump(mode="json")
-    # For each field that differs, by dotted name: its value here and its value in the preset (None if the preset has no
-    # such table). Every section is a dictionary.
-    differing = {
-        f"{section}.{name}": (value, paper[section].get(name))
-        for section, fields in here.items()
-        for name, value in fields.items()
-        if value != paper[section].get(name)
-    }
-    if arguments.json:
-        values = {name: value for name, (value, _) in differing.items()}
-        print_json({"scenario": scenario.hash, "differs": values})
-        return
-    print_paragraph(f"Scenario {scenario.hash}. To run it: vibroswarm run --scenario {path}")
-    if not differing:
-        print_paragraph("Every field is as in preset paper.")
-        return
-    print_paragraph(f"{len(differing)} fields differ from preset paper:")
-    rows = [[name, _short(value), _short(of_paper)] for name, (value, of_paper) in differing.items()]
-    columns = ["field", "here", "paper"]
-    print_table(columns, rows, texts=len(columns))  # all columns are text, because only text may be wrapped
-
-
-def _short(value: Any) -> str:
-    """Return a value as text, which is cut off after 200 characters and then ends with ``...``; ``-`` for None."""
-    if value is None:
-        return "-"
-    text = " ".join(map(str, value)) if isinstance(value, list) else str(value)
-    return text if len(text) <= 200 else f"{text[:200]} ..."
 
 
 def _is_floor(path: Path) -> bool:
@@ -207,19 +125,13 @@ def _is_number(text: str) -> bool:
 
 def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
     """Draw a floor from its file, and print its measures of difficulty."""
-    import sys
-
-    from vibroswarm.cli import terminal
-    from vibroswarm.cli.floors import as_json, in_words
+    from vibroswarm.cli.floors import in_terminal
+    from vibroswarm.documents.floor import floor_document
     from vibroswarm.floors.difficulty import measure
-    from vibroswarm.floors.io import can_draw_blocks, draw, read_tiles
+    from vibroswarm.floors.io import read_tiles
 
-    tiles, name = read_tiles(path), path.name
-    if arguments.json:
-        print_json(as_json(name, measure(tiles)))
-        return
-    print_line(draw(tiles, blocks=can_draw_blocks(sys.stdout), width=terminal.width()))
-    print_paragraph(in_words(measure(tiles)))
+    tiles = read_tiles(path)
+    print_result(floor_document(path.name, measure(tiles), in_terminal(tiles)), arguments)
 
 
 MOST_COLUMNS: Final = 10_000
@@ -229,16 +141,10 @@ MOST_CSV: Final = 2**30
 
 
 def _show_table(path: Path, arguments: argparse.Namespace) -> None:
-    """Print a table: of a long one only the first rows, unless all are requested; the others are not formatted."""
-    from vibroswarm.cli import terminal
-    from vibroswarm.cli.output import MOST_ROWS
+    """Print a table."""
+    from vibroswarm.documents.file import table_document
 
-    table = _frame(path)
-    if arguments.json or terminal.printing.wide or table.height <= MOST_ROWS:
-        _print_frame(table, arguments)
-        return
-    _print_frame(table.head(MOST_ROWS), arguments)
-    print_paragraph(f"... and {table.height - MOST_ROWS} more rows (--wide prints all).")
+    print_result(table_document(_frame(path), path.name), arguments)
 
 
 def _frame(path: Path) -> pl.DataFrame:
@@ -273,28 +179,6 @@ def _first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def _print_frame(table: pl.DataFrame, arguments: argparse.Namespace) -> None:
-    """Print a table, or with ``--json`` its rows; columns before the first one of numbers are aligned to the left."""
-    if arguments.json:
-        import polars as pl
-        from polars.selectors import float as float_columns
-
-        # JSON has no nan and no infinity: `when` without `otherwise` makes them null.
-        finite = pl.when(float_columns().is_finite()).then(float_columns())
-        print_json(table.with_columns(finite).to_dicts())
-        return
-    rows = [[_cell(value) for value in row] for row in table.iter_rows()]
-    first_numeric = next((k for k, kind in enumerate(table.dtypes) if kind.is_numeric()), table.width)
-    print_table(table.columns, rows, texts=first_numeric)
-
-
-def _cell(value: Any) -> str:
-    """Return a value of a table as text: floats with six significant digits, ``-`` for None and NaN."""
-    if value is None or value != value:  # only NaN differs from itself
-        return "-"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
 def show_tables(folder: Path, arguments: argparse.Namespace) -> None:
     """Print the names and sizes of the tables in a folder, and the names of its pictures and pages.
 
@@ -303,6 +187,8 @@ def show_tables(folder: Path, arguments: argparse.Namespace) -> None:
     Raises:
         InputError: the folder has neither tables nor pictures.
     """
+    from vibroswarm.documents.file import folder_document
+
     tables = sorted(path for path in folder.iterdir() if path.suffix in TABLES)
     pictures = sorted(
         path.name for path in folder.iterdir() if path.suffix in (".png", ".svg", ".pdf", ".html")
@@ -310,11 +196,4 @@ def show_tables(folder: Path, arguments: argparse.Namespace) -> None:
     if not tables and not pictures:
         raise InputError("holds nothing that a command of vibroswarm writes", field=str(folder))
     sizes = {path.name: _frame(path).shape for path in tables}
-    if arguments.json:
-        print_json({"tables": {name: list(size) for name, size in sizes.items()}, "pictures": pictures})
-        return
-    if sizes:
-        rows = [[name, f"{height:,}", width] for name, (height, width) in sizes.items()]
-        print_table(["table", "rows", "columns"], rows)
-    if pictures:
-        print_paragraph(f"Pictures and pages: {', '.join(pictures)}")
+    print_result(folder_document(sizes, pictures), arguments)

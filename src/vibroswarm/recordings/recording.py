@@ -100,6 +100,15 @@ class Recording(Result):
     __repr__ = Result.__repr__  # a dataclass would write all tables
 
     @property
+    def logs_beliefs(self) -> bool:
+        """Whether the logs hold all beliefs of all robots, with the counts and decisions that belong to them.
+
+        These are the columns of the inference table, in which a value that is not logged is null. Only the column
+        "message" may have nulls: it is what a robot sent, which pages can do without.
+        """
+        return bool(self.inference.drop("message").null_count().sum_horizontal()[0] == 0)
+
+    @property
     def places_corrected(self) -> bool:
         """Whether all sessions are from ``lab track``, which corrects positions for lens and marker height."""
         return bool(self.sessions) and all(session["reader"] == "camera" for session in self.sessions)

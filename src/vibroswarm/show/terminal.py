@@ -58,12 +58,13 @@ def printable(text: str) -> str:
 
 def paragraph(text: str, width: int) -> list[str]:
     """Break text between words into lines of at most ``width`` characters; a number and its unit stay together."""
-    return [line.replace(UNBROKEN, " ") for line in _wrapped(_with_units(printable(text)), width)]
+    return [line.replace(UNBROKEN, " ") for line in _wrapped(_unbroken(printable(text)), width)]
 
 
-def _with_units(text: str) -> str:
-    """Return text in which no line is broken between a number and its unit."""
-    return re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm|points)(?!\w))", UNBROKEN, text)
+def _unbroken(text: str) -> str:
+    """Return text in which no line is broken between a number and its unit, or within limits such as ``[1, 2]``."""
+    text = re.sub(r"(?<=\d) (?=(?:%|s|ms|m|mm|points)(?!\w))", UNBROKEN, text)
+    return re.sub(r"\[[^][ ]+, [^][ ]+\]", lambda limits: limits[0].replace(" ", UNBROKEN), text)
 
 
 def _wrapped(text: str, width: int) -> list[str]:
@@ -297,8 +298,7 @@ def grid_of(table: Table, rows_up_to: int | None, *, wide: bool) -> tuple[Grid, 
 
 
 def _in_terminal(cell: Cell) -> str:
-    limits = cell.limits.replace(" ", UNBROKEN)  # a line may be broken before limits, but not within
-    return _with_units(printable(f"{cell.text} {limits}" if limits else cell.text))
+    return _unbroken(printable(f"{cell.text} {cell.limits}" if cell.limits else cell.text))
 
 
 def layouts(grid: Grid, width: int) -> Iterator[Grid]:

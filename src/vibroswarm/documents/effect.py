@@ -1,0 +1,113 @@
+"""The document of the effect of changing from one scenario to another, under several strategies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import polars as pl
+
+from vibroswarm.analysis.paired import Confirmation
+from vibroswarm.calibrate.effect import Effect
+from vibroswarm.documents.cell_figures import figure_columns, limits_of
+from vibroswarm.documents.knowledge import told
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Column, Document, Table
+from vibroswarm.show.numbers import with_limits
+
+
+def effect_document(
+    found: Sequence[Effect], names: tuple[str, str], scenarios: tuple[Scenario, Scenario]
+) -> Document:
+    """Return what changes from the first scenario to the second, under each strategy.
+
+    Args:
+        names: of the scenarios, as the user gave them.
+    """
+    both = [
+        scenario.with_values({"strategy.name": effect.strategy}) for effect in found for scenario in scenarios
+    ]
+    return Document(
+        title=f"{names[0]} and {names[1]}",
+        answer=tuple(_change(effect, names) for effect in found),
+        knew=told(both),
+        parts=(_figures(found, names), _differences(found, names)),
+        data={"consensus": _consensus(found, names), "differences": _all_differences(found)},
+    )
+
+
+def _change(effect: Effect, names: tuple[str, str]) -> str:
+    """Say how the decision time changes, and whether other seeds confirm it."""
+    time = next(one for one in effect.differences if one.first.figure == "decision_time_s")
+    change = with_limits(time.first.difference, "s", 0, sign=True)
+    return f"{effect.strategy}: decision time {names[1]} - {names[0]} {change}; {_says(time)}."
+
+
+def _says(one: Confirmation) -> str:
+    """Return whether other seeds confirm a difference, if there is one."""
+    return one.says if one.first.difference.excludes(0.0) else "no significant difference"
+
+
+FIGURES: Final = {
+    "decision_time_s": "decision time, s",
+    "belief_in_truth": "belief in the truth",
+    "right_share": "share of robots right",
+    "wrong_share": "share of robots wrong",
+    "undecided_share": "share of robots undecided",
+}
+
+
+def _figures(found: Sequence[Effect], names: tuple[str, str]) -> Table:
+    """Return a row for each strategy and scenario: means over runs, and the shares of runs by consensus."""
+    rows = []
+    for effect in found:
+        for name, figures, shares in zip(names, effect.figures, effect.consensus, strict=True):
+            row: dict[str, Any] = {"strategy": effect.strategy, "scenario": name}
+            for figure in ("decision_time_s", "belief_in_truth"):
+                row |= zip((figure, *limits_of(figure)), figures[figure][:3], strict=True)
+            rows.append(row | {f"swarm_{outcome}": share for outcome, share in shares.items()})
+    frame = pl.DataFrame(rows)
+    caption = "Means over runs (95 %), and shares of runs by consensus."
+    return Table(frame, figure_columns(frame.columns), caption, "figures", names=2)
+
+
+def _differences(found: Sequence[Effect], names: tuple[str, str]) -> Table:
+    rows = []
+    for effect in found:
+        for one in effect.differences:
+            # times are written in whole seconds, shares and beliefs with three decimals
+            decimals = 0 if one.first.figure.endswith("_s") else 3
+            difference = with_limits(one.first.difference, decimals=decimals, sign=True)
+            rows.append((effect.strategy, FIGURES[one.first.figure], difference, _says(one)))
+    frame = pl.DataFrame(rows, schema=["strategy", "figure", "difference", "on other seeds"], orient="row")
+    columns = {"on other seeds": Column(prose=True)}
+    return Table(frame, columns, f"{names[1]} - {names[0]}, paired by run (95 %).", "differences", names=2)
+
+
+def _consensus(found: Sequence[Effect], names: tuple[str, str]) -> pl.DataFrame:
+    return pl.DataFrame(
+        [
+            {"strategy": effect.strategy, "scenario": name, **shares}
+            for effect in found
+            for name, shares in zip(names, effect.consensus, strict=True)
+        ]
+    )
+
+
+def _all_differences(found: Sequence[Effect]) -> pl.DataFrame:
+    """Return the comparison on each of the two seeds in a row of its own."""
+    return pl.DataFrame(
+        [
+            {
+                "strategy": effect.strategy,
+                "block": place,
+                **block.as_row(),
+                "confirmed": one.confirmed,
+                "says": one.says,
+            }
+            for effect in found
+            for one in effect.differences
+            for place, block in enumerate((one.first, one.second), start=1)
+        ],
+        infer_schema_length=None,
+    )

@@ -1,0 +1,63 @@
+"""The documents of an export: what was written, and how an exported header differs from a scenario."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import polars as pl
+
+from vibroswarm.export.c_library import COMPILER, SIZE_TOOL, Memory
+from vibroswarm.show.document import Document, Table
+from vibroswarm.show.numbers import count
+
+
+def export_document(files: Sequence[str], memory: Memory | None, *, has_compiler: bool) -> Document:
+    """Return what was exported, and how much memory a robot's program takes.
+
+    Args:
+        memory: None if it was not measured, because the compiler for the robot's processor is not installed, or the
+            tool that lists sizes is missing or fails. has_compiler: whether it is installed.
+    """
+    return Document(
+        title="Exported program",
+        answer=(_memory_words(memory, has_compiler=has_compiler),),
+        data={
+            "files": pl.DataFrame({"file": list(files)}),
+            "memory": pl.DataFrame([] if memory is None else [asdict(memory)]),
+        },
+    )
+
+
+def _memory_words(memory: Memory | None, *, has_compiler: bool) -> str:
+    if memory is None and has_compiler:
+        return f"Size not measured: {SIZE_TOOL} is missing or fails (Debian: binutils-arm-none-eabi)."
+    if memory is None:
+        packages = "gcc-arm-none-eabi and libnewlib-arm-none-eabi"
+        return f"Size not measured: {COMPILER} is not installed (Debian: {packages})."
+    return (
+        f"Size on a Cortex-M0+: {memory.flash} bytes of flash, {memory.ram} bytes of static RAM ({memory.flags}), with "
+        "the mathematics, without your drivers and stack."
+    )
+
+
+def differences_document(header: str, different: Sequence[tuple[str, str, str]]) -> Document:
+    """Return how an exported header differs from a scenario.
+
+    Args:
+        different: of ``export.parameters.differences``.
+    """
+    rows = pl.DataFrame(
+        different, schema=dict.fromkeys(("name", "header", "scenario"), pl.String), orient="row"
+    )
+    words = (
+        f"{header} differs from the scenario in {count(len(different), 'field or constant', 'fields and constants')}."
+        if different
+        else f"{header} is that of the scenario."
+    )
+    return Document(
+        title="Header and scenario",
+        answer=(words,),
+        parts=(Table(rows, name="differences"),) if different else (),
+        data={"differences": rows},
+    )

@@ -1,0 +1,352 @@
+"""The documents of recordings: what an import read, what strategies would have decided, and which threshold is best."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import polars as pl
+
+from vibroswarm.documents.knowledge import told
+from vibroswarm.documents.session_estimates import estimate_of
+from vibroswarm.recordings.assemble_recording import count_lines
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.recordings.replay import Replayed, SessionOutcome, logged_outcomes, session_outcomes
+from vibroswarm.recordings.threshold import Rates, Threshold
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
+from vibroswarm.show.numbers import Estimate, count, listed, number, percent, with_limits
+
+
+def import_document(recording: Recording, pages: Sequence[str], computed: Sequence[str] = ()) -> Document:
+    """Return what an import read: the sessions' outcomes, the settings of the robots, and problems of the logs.
+
+    Args:
+        pages: file names of the pages of the sessions. computed: sentences on energies computed from acceleration.
+    """
+    parts: list[Part] = [
+        *map(Text, computed),
+        _sessions(recording),
+        _settings(recording),
+        Section("What was read", (Text("\n".join(count_lines(recording)), "code"),)),
+    ]
+    if not recording.logs_beliefs:
+        network = recording.scenario.network.name
+        heard = (
+            "in which all robots hear all messages" if network == "ideal" else f"over the network '{network}'"
+        )
+        parts.append(Text(f"Beliefs are not in the logs; the pages show a replay {heard}."))
+    return Document(
+        title="Recording",
+        answer=(f"{_outcomes(recording)} {recording.floor_words}",),
+        parts=tuple(parts),
+        made_by={"robots": ", ".join(map(str, recording.names)), "stated": ", ".join(recording.stated)},
+        data=_import_data(recording, pages, computed),
+    )
+
+
+def _outcomes(recording: Recording) -> str:
+    """Count the outcomes of sessions: ``3 sessions: consensus right in 2, split in 1.``"""
+    found = recording.runs["consensus"].fill_null("decisions not logged").value_counts(sort=True)
+    each = (f"{outcome} in {n}" for outcome, n in found.rows())
+    return f"{count(recording.runs.height, 'session')}: {listed(each)}."
+
+
+def _sessions(recording: Recording) -> Table:
+    logs = pl.DataFrame(
+        {
+            "session": range(1, recording.runs.height + 1),
+            "log": [str(one["log"]) for one in recording.sessions],
+        }
+    )
+    frame = pl.concat([logs, recording.runs.select("consensus", "consensus_time_s")], how="horizontal")
+    columns = {"consensus": Column(), "consensus_time_s": Column("by", "s", decimals=1)}
+    return Table(frame, columns, "Sessions.", "sessions", names=2)
+
+
+def _settings(recording: Recording) -> Table:
+    rows = [
+        {"setting": one["name"], "value": _inferred_value(recording, one), "evidence": one["evidence"]}
+        for one in recording.inferred
+    ]
+    frame = pl.DataFrame(rows, schema=dict.fromkeys(("setting", "value", "evidence"), pl.String))
+    return Table(
+        frame, {"evidence": Column(prose=True)}, "Settings of the robots, inferred from the logs.", "settings"
+    )
+
+
+def _inferred_value(recording: Recording, setting: Mapping[str, Any]) -> str:
+    """Return a setting inferred from the logs, compared with the stated value if an option or a log states one.
+
+    Args:
+        setting: an entry of ``recording.inferred``. Its "value" is None if the logs do not determine it. Stated values
+            from "low" to "high" fit the logs too; these limits are None if only the inferred value fits.
+    """
+    name, value = setting["name"], setting["value"]
+    if value is None:
+        return "inconclusive"
+    if name not in recording.stated:
+        return f"{value}"
+    section, _, field = name.partition(".")
+    stated = getattr(getattr(recording.scenario, section), field)
+    # 1e-9: a stated value that equals a limit fits, even if the limit was rounded
+    fits = stated == value or (
+        setting["low"] is not None and setting["low"] - 1e-9 <= stated <= setting["high"] + 1e-9
+    )
+    return f"{value} (stated: {stated}{'' if fits else ', WHICH DOES NOT FIT'})"
+
+
+def _import_data(
+    recording: Recording, pages: Sequence[str], computed: Sequence[str]
+) -> dict[str, pl.DataFrame]:
+    inferred = [
+        {
+            **one,
+            "value": None if one["value"] is None else str(one["value"]),
+            "number": _number_of(one["value"]),
+        }
+        for one in recording.inferred
+    ]
+    sessions = [
+        {"session": run + 1, "log": str(one["log"]), "reader": one["reader"], "page": page}
+        for run, (one, page) in enumerate(zip(recording.sessions, pages, strict=True))
+    ]
+    wraps = [
+        {"session": run + 1, "counter": name, "at": float(value)}
+        for run, one in enumerate(recording.sessions)
+        for name, value in one.get("wraps_at", {}).items()
+    ]
+    counts = [
+        {"session": run + 1, "name": name, "count": float(value)}
+        for run, one in enumerate(recording.sessions)
+        for name, value in one["told"].items()
+    ]
+    outcomes = recording.runs.select("consensus", "consensus_time_s")
+    return {
+        "sessions": pl.concat([pl.DataFrame(sessions), outcomes], how="horizontal"),
+        "counts": pl.DataFrame(counts),
+        "wraps": pl.DataFrame(wraps),
+        "settings": pl.DataFrame(inferred, infer_schema_length=None),
+        "acceleration": pl.DataFrame({"words": list(computed)}, schema={"words": pl.String}),
+    }
+
+
+def _number_of(value: Any) -> float | None:
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if is_number else None
+
+
+def replay_document(recording: Recording, replays: Mapping[str, Replayed], draws: int, seed: int) -> Document:
+    """Return what strategies would have decided on a recording's observations.
+
+    Samples that are missing in the log are restored (``put_back``). If the log counts more messages received by a robot
+    before one of its samples than the other robots can have sent by then, the surplus is left out (``unsent``).
+
+    Args:
+        replays: by strategy, at least one, all of the same ``draws`` of the lost packets.
+    """
+    logged = logged_outcomes(recording)
+    outcomes = {name: session_outcomes(recording, replay) for name, replay in replays.items()}
+    first = next(iter(replays.values()))
+    rule = _rule(first.scenario)
+    unsent = ", ".join(f"{replay.unsent:g} ({name})" for name, replay in replays.items())
+    return Document(
+        title="Replay of a recording",
+        answer=(
+            f"As logged: {_shares(logged)}.",
+            *(
+                f"{name}: {_shares(found)} (mean over {count(draws, 'draw')})."
+                for name, found in outcomes.items()
+            ),
+        ),
+        knew=told(replay.scenario for replay in replays.values()),
+        parts=(
+            _replayed(logged, outcomes),
+            Text(
+                f"Rule: {', '.join(f'{name} {value}' for name, value in rule.items())}; {count(draws, 'draw')}."
+            ),
+            Text(
+                f"Restored {count(first.put_back, 'sample')} without a row; left out {unsent} messages per draw that "
+                "nobody could have sent at that time."
+            ),
+        ),
+        made_by={"seed": str(seed), "draws": str(draws)},
+        data={
+            "rule": pl.DataFrame([rule]),
+            "as_logged": _outcome_rows(logged),
+            "replayed": _outcome_rows([one for found in outcomes.values() for one in found]),
+            "left_out": pl.DataFrame(
+                [
+                    {"strategy": name, "put_back": replay.put_back, "unsent": float(replay.unsent)}
+                    for name, replay in replays.items()
+                ]
+            ),
+        },
+    )
+
+
+def _rule(scenario: Scenario) -> dict[str, Any]:
+    """Return the fields of the scenario by which robots decide."""
+    return {
+        "rms_threshold": scenario.sensor.rms_threshold,
+        "credible_threshold": scenario.decision.credible_threshold,
+        "min_observations": scenario.decision.min_observations,
+        "gate": scenario.decision.gate,
+    }
+
+
+def _shares(found: Sequence[SessionOutcome]) -> str:
+    """Return how many sessions end with which consensus, mean over draws: ``right in 2.9 of 3 sessions``."""
+    totals: dict[str, float] = {}
+    for outcome in found:
+        for name, share in outcome.consensus.items():
+            totals[name] = totals.get(name, 0.0) + share
+    if not totals:
+        return "decisions are not logged"
+    each = (f"{name} in {number(total, digits=3)}" for name, total in totals.items())
+    return f"{listed(each)} of {count(len(found), 'session')}"
+
+
+def _replayed(logged: Sequence[SessionOutcome], outcomes: Mapping[str, Sequence[SessionOutcome]]) -> Table:
+    rows = []
+    for session, as_logged in enumerate(logged):
+        rows.append(_row("as logged", as_logged, is_logged=True))
+        rows += [_row(name, found[session], is_logged=False) for name, found in outcomes.items()]
+    columns = {
+        "consensus": Column(),
+        "time": Column("decision time", "s"),
+        "undecided": Column(share=True),
+        "belief": Column("belief in the truth", decimals=3),
+    }
+    caption = "In brackets: 5 % and 95 % quantiles over draws of the lost packets."
+    return Table(pl.DataFrame(rows, infer_schema_length=None), columns, caption, "replayed", names=2)
+
+
+def _row(name: str, found: SessionOutcome, *, is_logged: bool) -> dict[str, Any]:
+    """Return the row of one session and strategy; the logged outcome has no shares and no quantiles over draws."""
+    outcomes = (
+        outcome if is_logged else f"{outcome} {number(100 * share)} %"
+        for outcome, share in found.consensus.items()
+    )
+    time = None
+    if found.decision_time_s is not None:
+        ends = (found.decision_time_low_s, found.decision_time_high_s)
+        low, high = (math.nan, math.nan) if is_logged or None in ends else ends
+        time = with_limits(Estimate(found.decision_time_s, low or math.nan, high or math.nan), decimals=0)
+    return {
+        "session": found.session,
+        "strategy": name,
+        "consensus": ", ".join(outcomes) or None,
+        "time": time,
+        "undecided": found.undecided,
+        "belief": found.belief_in_truth,
+    }
+
+
+def _outcome_rows(found: Sequence[SessionOutcome]) -> pl.DataFrame:
+    """Return a row for each session and strategy, with the shares of draws by consensus in columns of their own."""
+    rows = []
+    for outcome in found:
+        values = asdict(outcome)
+        shares = values.pop("consensus")
+        rows.append(values | {f"consensus_{name}": share for name, share in shares.items()})
+    return pl.DataFrame(rows, infer_schema_length=None)
+
+
+def threshold_document(
+    thresholds: Sequence[Threshold], profile: pl.DataFrame, chosen: Threshold, margin_m: float
+) -> Document:
+    """Return thresholds of the sensor by several rules, and whether the floor can be decided with them.
+
+    Args:
+        profile: of ``edge_profile``. chosen: the threshold that is written into a scenario.
+        margin_m: samples farther than this from the nearest tile of the other kind are the inner samples.
+    """
+    return Document(
+        title="Threshold of the sensor",
+        answer=(
+            f"theta_E = {_value(chosen)} ({chosen.rule}): {_errors(chosen.all_samples)}.",
+            chosen.decidable.says,
+        ),
+        parts=(_thresholds(thresholds, margin_m), _profile(profile, thresholds[0])),
+        data={
+            "thresholds": pl.DataFrame([_flat(one) for one in thresholds], infer_schema_length=None),
+            "edge_profile": profile,
+        },
+    )
+
+
+def _value(found: Threshold) -> str:
+    return with_limits(Estimate(found.value, found.low, found.high), decimals=3)
+
+
+def _errors(rates: Rates) -> str:
+    return (
+        f"{percent(rates.false_positive)} of the still samples read as vibrating, {percent(rates.false_negative)} of "
+        "the vibrating ones as still"
+    )
+
+
+def _thresholds(thresholds: Sequence[Threshold], margin_m: float) -> Table:
+    """Return a row for each rule: the threshold, its error rates, and whether the floor can be decided with it."""
+    rows = []
+    for one in thresholds:
+        share = one.share_by_session
+        rows.append(
+            {
+                "rule": one.rule,
+                "value": _value(one),
+                "still": _both(one.all_samples.false_positive, one.inner_samples.false_positive),
+                "vibrating": _both(one.all_samples.false_negative, one.inner_samples.false_negative),
+                "ones": with_limits(estimate_of(share), "%"),
+                "says": one.decidable.says,
+            }
+        )
+    columns = {
+        "value": Column("theta_E"),
+        "still": Column("still read as vibrating"),
+        "vibrating": Column("vibrating read as still"),
+        "ones": Column("share of ones"),
+        "says": Column("can it be decided?", prose=True),
+    }
+    caption = (
+        f"Thresholds. Errors: of all samples, and in brackets of those farther than {1000 * margin_m:g} mm from a tile "
+        "of the other kind. Share of ones: tiles weighted equally, 95 % over sessions."
+    )
+    return Table(pl.DataFrame(rows), columns, caption, "thresholds")
+
+
+def _both(all_samples: float, inner: float) -> str:
+    return f"{percent(all_samples)} ({percent(inner)})"
+
+
+def _profile(profile: pl.DataFrame, at: Threshold) -> Table:
+    """Return the errors by distance to the nearest tile of the other kind; a dash where there are no samples."""
+    rows = []
+    for row in profile.to_dicts():
+        from_mm, to_mm = 1000 * row["from_m"], 1000 * row["to_m"]
+        rows.append(
+            {
+                "distance": f"{from_mm:.0f} mm or more"
+                if math.isinf(to_mm)
+                else f"{from_mm:.0f} to {to_mm:.0f} mm",
+                "still": f"{percent(row['false_positive'])} of {row['still']}",
+                "vibrating": f"{percent(row['false_negative'])} of {row['vibrating']}",
+            }
+        )
+    columns = {"still": Column("still read as vibrating"), "vibrating": Column("vibrating read as still")}
+    caption = f"Errors by distance to the nearest tile of the other kind, at {number(at.value, 3)}."
+    return Table(pl.DataFrame(rows), columns, caption, "edge_profile")
+
+
+def _flat(found: Threshold) -> dict[str, Any]:
+    """Return the numbers of a threshold as one row."""
+    values = found.as_dict()
+    nested = {
+        name: values.pop(name) for name in ("all_samples", "inner_samples", "share_by_session", "decidable")
+    }
+    return values | {
+        f"{group}_{name}": value for group, inner in nested.items() for name, value in inner.items()
+    }

@@ -1,0 +1,308 @@
+"""The document of a tracking: how well it went, what is doubtful and what to do about it, and how the camera fits.
+
+What is doubtful comes from ``doubts``, and its pictures (shots) from ``doubt_frames``. With the robots' log, it also
+says how well the clocks match. What is doubtful and the figures are for the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.show.document import Column, Document, Figure, Part, Photo, Photos, Section, Table, Text
+from vibroswarm.show.numbers import count, number, percent
+from vibroswarm.simulation import versions
+from vibroswarm.tracking.doubt_frames import FRAMES_UP_TO, Shot, shots_of
+from vibroswarm.tracking.doubts import (
+    ADVICE,
+    TITLES,
+    Doubt,
+    doubts_of,
+    floor_residuals,
+    marker_sizes_m,
+    mm_per_px,
+    square_residuals,
+)
+from vibroswarm.tracking.pictures import draw_clock, draw_lens, draw_time_line, draw_tracks
+from vibroswarm.tracking.stops import match_samples
+from vibroswarm.tracking.track import TrackedLog, Tracking
+
+
+def tracking_document(
+    tracking: Tracking, tracked: TrackedLog | None = None, samples: pl.DataFrame | None = None
+) -> Document:
+    """Return what a tracking says.
+
+    Args:
+        tracked: the robots' log with positions (``track.with_positions``); None without a log.
+        samples: the robots' log as it was read (``track.read_robot_log``); None without a log.
+    """
+    matched, lone_stops = None, None
+    if tracked is not None and samples is not None:
+        matched, lone_stops = match_samples(tracking.stops, samples, tracked.offset)
+    doubts = doubts_of(tracking, matched, lone_stops)
+    size, time_s, markers = tracking.detections.size_px, tracking.detections.time_s, tracking.markers
+    return Document(
+        title=f"Tracking of {tracking.video.name}",
+        answer=_answer(tracking, doubts),
+        warnings=tuple(tracking.warnings()),
+        parts=(
+            Text(_camera_words(tracking)),
+            *([] if tracked is None else [Text(_clock_words(tracked))]),
+            _doubtful(doubts, shots_of(tracking, doubts)),
+            *_seen(tracking, doubts),
+            *([] if matched is None else [_clock(matched)]),
+            _camera(tracking),
+        ),
+        made_by={
+            "video": str(tracking.video),
+            "picture": f"{size[0]} x {size[1]} px, {time_s.size} frames, {time_s[-1]:.1f} s",
+            "markers": f"dictionary {markers.dictionary}, {1000 * markers.size_m:g} mm, "
+            f"{1000 * markers.height_m:g} mm above the floor",
+            **versions(),
+        },
+        data={"tracking": pl.DataFrame([_values(tracking, tracked)]), "doubts": _doubts(doubts)},
+    )
+
+
+def _answer(tracking: Tracking, doubts: Sequence[Doubt]) -> tuple[str, str]:
+    """Return how much was found, and what is doubtful."""
+    first_s, last_s = tracking.span_s
+    found = (
+        f"{percent(tracking.share_found())} of positions found: {count(len(tracking.markers.robots), 'robot')} in "
+        f"{count(tracking.detections.time_s.size, 'frame')} ({last_s - first_s:.0f} s); "
+        f"{count(tracking.gaps().height, 'gap')} of more than a second; {count(tracking.stops.height, 'stop')}; "
+        f"{count(tracking.jumps, 'position')} dropped because a robot cannot move so fast."
+    )
+    counts = {kind: sum(doubt.kind == kind for doubt in doubts) for kind in TITLES}
+    # Titles begin with a small letter within the sentence.
+    counted = [f"{TITLES[kind][0].lower() + TITLES[kind][1:]} ({n})" for kind, n in counts.items() if n]
+    return found, f"Doubtful: {', '.join(counted)}." if counted else "Nothing is doubtful."
+
+
+def _camera_words(tracking: Tracking) -> str:
+    camera = tracking.camera
+    lens = (
+        f"fitted to a chessboard (to {number(camera.lens.error_px, 2)} px)"
+        if camera.calibrated
+        else "fitted to the markers of the video itself; a chessboard (`--lens`) is more exact"
+    )
+    return (
+        f"Camera {number(float(camera.position_m[2]), 2)} m above the floor; lens {lens}. Its model fits the corners "
+        f"of the floor's markers to {number(camera.floor_error_px, 2)} px "
+        f"({number(camera.floor_error_px * mm_per_px(tracking), 1)} mm)."
+    )
+
+
+def _clock_words(tracked: TrackedLog) -> str:
+    offset = tracked.offset
+    return (
+        f"The robots' clock is {number(offset.offset_s, 3, sign=True)} s ahead of the video's (standard error "
+        f"{number(1000 * offset.error_s, 0)} ms); {offset.pairs} of {count(offset.samples, 'sample')} match a stop. "
+        f"Left out of the recording: {count(tracked.outside, 'sample')} before or after the video, {tracked.unseen} in "
+        "gaps of the tracking."
+    )
+
+
+def _values(tracking: Tracking, tracked: TrackedLog | None) -> dict[str, Any]:
+    """Return the figures of a tracking as one row."""
+    camera = tracking.camera
+    found: dict[str, Any] = {
+        "frames": int(tracking.detections.time_s.size),
+        "share_found": tracking.share_found(),
+        "camera_height_m": float(camera.position_m[2]),
+        "lens": "chessboard" if camera.calibrated else "the video itself",
+        "floor_error_px": camera.floor_error_px,
+        "positions": tracking.positions.height,
+        "gaps": tracking.gaps().height,
+        "jumps": tracking.jumps,
+        "stops": tracking.stops.height,
+    }
+    if tracked is not None:
+        found |= {
+            "clock_offset_s": tracked.offset.offset_s,
+            "clock_offset_error_s": tracked.offset.error_s,
+            "matched_samples": tracked.offset.pairs,
+            "samples_outside": tracked.outside,
+            "samples_unseen": tracked.unseen,
+        }
+    return found
+
+
+def _doubts(doubts: Sequence[Doubt]) -> pl.DataFrame:
+    rows = [(doubt.kind, doubt.robot, doubt.time_s, doubt.words) for doubt in doubts]
+    schema = {"kind": pl.String, "robot": pl.Int64, "time_s": pl.Float64, "what": pl.String}
+    return pl.DataFrame(rows, schema=schema, orient="row")
+
+
+def _doubtful(doubts: Sequence[Doubt], shots: Sequence[Shot]) -> Section:
+    """Lay out what is doubtful, a section for each kind: what to do, pictures, and the doubts without pictures.
+
+    Up to three doubts without pictures are written as sentences; if there are more, they are written as a table.
+    """
+    if not doubts:
+        return Section("What is doubtful", (Text("Nothing."),), wide=True)
+    sections: list[Part] = []
+    for kind in dict.fromkeys(doubt.kind for doubt in doubts):
+        of_kind = [place for place, doubt in enumerate(doubts) if doubt.kind == kind]
+        shown = {shot.doubt for shot in shots} & set(of_kind)
+        without_pictures = [doubts[place] for place in of_kind if place not in shown]
+        parts: list[Part] = [Text(f"What to do: {ADVICE[kind]}")]
+        if 0 < len(without_pictures) <= 3:
+            parts += [Text(doubt.words) for doubt in without_pictures]
+        parts += _photos(doubts, shots, sorted(shown))
+        if len(without_pictures) > 3:
+            columns = {"time_s": Column("time", "s", decimals=1), "what": Column(prose=True)}
+            caption = "More, without a picture" if shown else ""
+            parts.append(Table(_doubts(without_pictures).drop("kind"), columns, caption, f"doubtful-{kind}"))
+        sections.append(Section(f"{TITLES[kind]} ({len(of_kind)})", tuple(parts)))
+    lead = "Most important first. A ring marks the place: where the robot or marker is, or was seen last."
+    # A doubt has up to three pictures, of which all or none are shown. So doubts may have been left out although the
+    # number of pictures is a little below the limit. The sentence is true even if none was left out.
+    bounded = f" At most {FRAMES_UP_TO} frames are shown." if len(shots) > FRAMES_UP_TO - 4 else ""
+    return Section("What is doubtful", (Text(lead + bounded), *sections), wide=True)
+
+
+def _photos(doubts: Sequence[Doubt], shots: Sequence[Shot], shown: Sequence[int]) -> list[Photos]:
+    """Lay out the pictures of doubts of one kind: a row for each doubt, or one row if each doubt has one picture.
+
+    Args:
+        shown: indices of the doubts that have pictures.
+    """
+    if not shown:
+        return []
+    if all(len(doubts[place].shots) == 1 for place in shown):
+        frames = [
+            Photo(shot.address, f"{doubts[shot.doubt].words} Shown: {shot.words}.")
+            for shot in shots
+            if shot.doubt in shown
+        ]
+        return [Photos("", tuple(frames))]
+    return [
+        Photos(
+            doubts[place].words,
+            tuple(Photo(shot.address, shot.words) for shot in shots if shot.doubt == place),
+        )
+        for place in shown
+    ]
+
+
+def _seen(tracking: Tracking, doubts: Sequence[Doubt]) -> list[Section]:
+    """Lay out the sections on where and when robots were seen, with a table by robot."""
+    gaps = tracking.gaps()
+    names = list(tracking.markers.robots.values())
+    frames = tracking.detections.time_s.size
+    rows = []
+    for name, edge in zip(names, np.nan_to_num(tracking.detections.edge_px()).tolist(), strict=True):
+        own = gaps.filter(pl.col("robot") == name)
+        seen = tracking.positions.filter(pl.col("robot") == name).height / frames
+        stops = tracking.stops.filter(pl.col("robot") == name).height
+        longest = float((own["end_s"] - own["start_s"]).max()) if own.height else 0.0  # type: ignore[arg-type]
+        rows.append((name, seen, own.height, longest, stops, edge))
+    table = pl.DataFrame(
+        rows, schema=["robot", "seen", "gaps", "longest_gap_s", "stops", "edge_px"], orient="row"
+    )
+    columns = {
+        "seen": Column("seen", share=True),
+        "longest_gap_s": Column("longest gap", "s", decimals=1),
+        "edge_px": Column("width of the marker", "px", decimals=0),
+    }
+    moments = [
+        (doubt.robot, doubt.time_s)
+        for doubt in doubts
+        if doubt.kind != "gap" and doubt.robot is not None and doubt.time_s is not None
+    ]
+    tracks = Figure(
+        "tracks",
+        lambda style: draw_tracks(tracking.positions, tracking.stops, tracking.markers.floor, style=style),
+    )
+    line = Figure(
+        "time-line",
+        lambda style: draw_time_line(names, gaps, tracking.stops, tracking.span_s, moments, style=style),
+    )
+    return [
+        Section("Where robots were seen", (tracks,)),
+        Section("When robots were seen", (line, Table(table, columns, "By robot", "robots", folded=True))),
+    ]
+
+
+def _clock(matched: pl.DataFrame) -> Section:
+    """Lay out the section on how well the samples of the log match the stops in the video.
+
+    Args:
+        matched: the log's samples with their stops, ``stops.SAMPLES_MATCHED``.
+    """
+    by_robot = (
+        matched.group_by("robot")
+        .agg(
+            samples=pl.len(),
+            matched=pl.col("residual_s").count(),
+            median_ms=1000 * pl.col("residual_s").median(),
+            spread_ms=1000 * (pl.col("residual_s").quantile(0.75) - pl.col("residual_s").quantile(0.25)),
+        )
+        .sort("robot")
+    )
+    columns = {
+        "median_ms": Column("median residual", "ms", decimals=0),
+        "spread_ms": Column("interquartile range", "ms", decimals=0),
+        "matched": Column("with a stop"),
+    }
+    figure = Figure("clock", lambda style: draw_clock(matched, style=style))
+    table = Table(by_robot, columns, "By robot", "clock-robots", folded=True)
+    return Section("Clocks of the robots and of the video", (figure, table))
+
+
+def _camera(tracking: Tracking) -> Section:
+    """Lay out the section on how well the lens and pose of the camera fit."""
+    camera, residuals = tracking.camera, floor_residuals(tracking)
+    # Not empty: ``marker_detection.detect`` refuses a video that shows no robot's marker.
+    sizes = [size for size in marker_sizes_m(tracking).values() if np.isfinite(size)]
+    words = (
+        f"The camera is above ({camera.position_m[0]:.2f}, {camera.position_m[1]:.2f}) m; a pixel in the middle covers "
+        f"{mm_per_px(tracking):.2f} mm. Robots' markers measure {1000 * float(np.median(sizes)):.1f} mm (median; "
+        f"stated: {1000 * tracking.markers.size_m:g} mm). Edges are seen {camera.edge_px:+.2f} px outwards, "
+        "by blur, print and exposure, which is taken off."
+    )
+    robots_px, robots_mm = square_residuals(tracking)
+    size_px, floor_px = tracking.detections.size_px, tracking.detections.floor_px
+    figure = Figure(
+        "lens",
+        lambda style: draw_lens(size_px, floor_px, residuals, robots_px, robots_mm, style=style),
+    )
+    # Number, x, y, error in px and error in mm of each marker. The third value of a marker's place is its angle, which
+    # is not shown.
+    rows = [
+        (marker, x_m, y_m, *_rms(tracking, residuals, marker))
+        for marker, (x_m, y_m, _) in tracking.markers.floor.items()
+    ]
+    table = pl.DataFrame(
+        rows,
+        schema={"marker": pl.Int64, **dict.fromkeys(("x_m", "y_m", "error_px", "error_mm"), pl.Float64)},
+        orient="row",
+    )
+    columns = {
+        "x_m": Column("x", "m", decimals=3),
+        "y_m": Column("y", "m", decimals=3),
+        "error_px": Column("corners met to", "px", decimals=2),
+        "error_mm": Column("the same", "mm", decimals=2),
+    }
+    caption = "Markers of the floor, and how well the fitted camera meets their corners; a dash: never seen"
+    by_marker = Table(table, columns, caption, "floor-markers")
+    return Section("Lens and markers of the floor", (Text(words), figure, by_marker), wide=True)
+
+
+def _rms(
+    tracking: Tracking, residuals: dict[int, np.ndarray[tuple[int, ...], np.dtype[np.float64]]], marker: int
+) -> tuple[float | None, float | None]:
+    """Return the root mean square error of a floor marker's corners in px and in mm; None if it was never seen.
+
+    Args:
+        residuals: result of ``doubts.floor_residuals``: errors of the corners of each marker, by its number.
+    """
+    if marker not in residuals:
+        return None, None
+    error = float(np.sqrt((residuals[marker] ** 2).sum(axis=1).mean()))
+    return error, error * mm_per_px(tracking)
