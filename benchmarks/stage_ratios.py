@@ -24,12 +24,14 @@ import numba
 import polars as pl
 
 from stage_timing import SEED, cpu_model, scenario_of
+from vibroswarm.cli.deliver import print_in_terminal
 from vibroswarm.cli.options import add_json
-from vibroswarm.cli.output import print_json, print_paragraph, print_table
+from vibroswarm.cli.output import print_json
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.localisation.locate import locate
 from vibroswarm.motion.source import source
 from vibroswarm.observation.observe import observe
+from vibroswarm.show.document import Column, Document, Table, Text
 from vibroswarm.simulation import floors_of, summarise
 from vibroswarm.strategies import names
 
@@ -151,29 +153,22 @@ def compared(ratios: Sequence[Ratio], before: dict[str, float]) -> list[dict[str
 
 def print_ratios(rows: Sequence[dict[str, Any]]) -> None:
     """Print the table, and below it which tasks have become slower."""
-    print_paragraph(
+    words = (
         f"CPU time of a run relative to a fixed piece of work; medians of {TURNS} turns, in which each timing follows "
         f"one of the fixed work. {cpu_model()}"
     )
-    print_table(
-        ["", "ms per run", "ratio", "min - max", "recorded", "change, %"],
-        [
-            [
-                row["work"],
-                f"{row['cpu_ms_a_run']:.3g}",
-                f"{row['ratio']:.3g}",
-                f"{row['least']:.3g} - {row['most']:.3g}",
-                "-" if row["recorded"] is None else f"{row['recorded']:.3g}",
-                "-"
-                if row["change"] is None
-                else f"{100 * row['change']:+.0f}{' !' if row['is_loss'] else ''}",
-            ]
-            for row in rows
-        ],
-    )
+    columns = {
+        "work": Column(" "),
+        "cpu_ms_a_run": Column("ms per run", decimals=2),
+        "ratio": Column(decimals=3, limits=("least", "most")),
+        "recorded": Column(decimals=3),
+        "change": Column(share=True, decimals=0, sign=True),
+        "is_loss": Column("slower"),
+    }
+    frame = pl.DataFrame(rows, infer_schema_length=None).select(*columns, "least", "most")
     slower = [row["work"] for row in rows if row["is_loss"]]
-    if slower:
-        print_paragraph(f"Slower by more than {100 * LOSS:.0f} %: {', '.join(slower)}.")
+    loss = [Text(f"Slower by more than {100 * LOSS:.0f} %: {', '.join(slower)}.")] if slower else []
+    print_in_terminal(Document("Ratios", (words,), parts=(Table(frame, columns, name="ratios"), *loss)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -22,14 +22,18 @@ from pathlib import Path
 from statistics import median
 from typing import Any, NamedTuple
 
+import polars as pl
+
 from pymunk_walk import INSTALL, pymunk_version, pymunk_walk
+from vibroswarm.cli.deliver import print_in_terminal
 from vibroswarm.cli.options import add_json, between, list_of, whole
-from vibroswarm.cli.output import print_json, print_paragraph, print_table
+from vibroswarm.cli.output import print_json, print_paragraph
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer
 from vibroswarm.motion.source import Motion, source
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario, preset
+from vibroswarm.show.document import Column, Document, Table
 from vibroswarm.simulation import floors_of, summarise, versions
 
 PRESET = "paper-empirical"
@@ -314,21 +318,24 @@ def print_figures(figures: list[Figure]) -> None:
     first = figures[0]
     is_motion = first.yardstick is not None
     robots = f"{first.robots} robot{'' if first.robots == 1 else 's'}"
-    print(f"{'motion' if is_motion else 'stages'}, {robots} in {first.side_m:g} m x {first.side_m:g} m")
-    columns = ["", "simulated s", "ms per run", "min - max", "s per CPU s", "us per robot-s"]
     rows = [
-        [
-            f"  {figure.work}",
-            f"{figure.simulated_s:g}",
-            f"{figure.median_ms:.4g}",
-            f"{min(figure.times_ms):.4g} - {max(figure.times_ms):.4g}",
-            f"{figure.speed:,.0f}",
-            f"{figure.robot_second_us:.3g}",
-            *([] if figure.yardstick is None else [f"{figure.yardstick:.3g}"]),
-        ]
+        {
+            "work": figure.work,
+            "simulated s": figure.simulated_s,
+            "ms per run": figure.median_ms,
+            "least": min(figure.times_ms),
+            "most": max(figure.times_ms),
+            "s per CPU s": figure.speed,
+            "us per robot-s": figure.robot_second_us,
+            "x fixed-step": figure.yardstick,
+        }
         for figure in figures
     ]
-    print_table([*columns, *(["x fixed-step"] if is_motion else [])], rows)
+    columns = {"work": Column(" "), "ms per run": Column(limits=("least", "most"))}
+    frame = pl.DataFrame(rows, infer_schema_length=None)
+    words = f"{'motion' if is_motion else 'stages'}, {robots} in {first.side_m:g} m x {first.side_m:g} m"
+    table = Table(frame if is_motion else frame.drop("x fixed-step"), columns, name="figures")
+    print_in_terminal(Document("Figures", (words,), parts=(table,)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

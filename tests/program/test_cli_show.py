@@ -10,11 +10,8 @@ from pathlib import Path
 import polars as pl
 import pytest
 
-from helpers.table_checks import check_table
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
-from vibroswarm.cli.out_folder import read_printed
-from vibroswarm.cli.tables import table_of
 
 ROOT = Path(__file__).parents[2]
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
@@ -86,9 +83,6 @@ def test_results_are_shown_again_and_only_the_same_work_goes_on(name, capsys):
     assert shown[-len(printed) :] == printed
     assert main(["show", out_of(name), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)
-    for block in kept.blocks if (kept := read_printed(Path(out_of(name)))) else ():
-        if "columns" in block:
-            check_table(table_of(block["columns"], block["rows"], names=block["names"], texts=block["texts"]))
     assert results(made(name, capsys)) == printed, "the same work is no obstacle"
     other = [*COMMANDS[name], "--out", out_of(name), "--seed", "7"]
     if name == "lab import":
@@ -210,17 +204,18 @@ def test_what_is_not_finite_is_null_in_json(tmp_path, capsys):
 @pytest.mark.parametrize(
     "harm",
     [
-        lambda about: about.pop("blocks"),
-        lambda about: about["blocks"].append(3),
-        lambda about: about["blocks"].append(
-            {"columns": ["a"], "rows": [["1", "2"]], "names": 1, "texts": 1}
-        ),
+        lambda about: about.pop("document"),
+        lambda about: about["document"].pop("answer"),
+        lambda about: about["document"].__setitem__("parts", [{"words": 5}]),
+        lambda about: about["document"].__setitem__("parts", [{"frame": {"a": [1], "b": [1, 2]}}]),
+        lambda about: about["document"].__setitem__("parts", [{"frame": {"a": [1]}, "names": 2}]),
         lambda about: about.__setitem__("format", 99),
-        lambda about: about["blocks"].append({"text": 5}),
+        lambda about: about.__setitem__("format", 1),
     ],
 )
 def test_a_damaged_file_of_what_was_printed_is_named(harm, tmp_path, capsys):
-    about = {"format": 1, "command": "league", "work": "", "blocks": [{"text": "fine"}]}
+    document = {"title": "x", "answer": ["fine"]}
+    about = {"format": 2, "command": "league", "work": "", "document": document}
     (tmp_path / "printed.json").write_text(json.dumps(about))
     assert main(["show", str(tmp_path)]) == 0
     harm(about)
@@ -230,13 +225,10 @@ def test_a_damaged_file_of_what_was_printed_is_named(harm, tmp_path, capsys):
 
 
 def test_escape_sequences_of_a_foreign_file_reach_no_terminal(tmp_path, capsys):
-    blocks = [
-        {"text": "a\x1b[2Jb"},
-        {"columns": ["\x1b]0;x\x07"], "rows": [["\x1b[31m"]], "names": 1, "texts": 1},
-    ]
-    blocks[1]["more"] = []
+    parts = [{"words": "a\x1b[2Jb"}, {"frame": {"\x1b]0;x\x07": ["\x1b[31m"]}}]
+    document = {"title": "\x1b[2J", "answer": ["\x1b[2J"], "warnings": ["\x1b[2J"], "parts": parts}
     (tmp_path / "printed.json").write_text(
-        json.dumps({"format": 1, "command": "x", "work": "", "blocks": blocks})
+        json.dumps({"format": 2, "command": "x", "work": "", "document": document})
     )
     assert main(["show", str(tmp_path)]) == 0
     assert "\x1b" not in capsys.readouterr().out

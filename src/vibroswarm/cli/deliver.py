@@ -47,7 +47,7 @@ def save(
 
     if page is not None:
         write_page(folder / page, document)
-    write_printed(folder, Printed(command, work, document=document))
+    write_printed(folder, Printed(command, work, document))
 
 
 def save_pictures(

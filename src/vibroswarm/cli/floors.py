@@ -111,15 +111,14 @@ def _show(args: argparse.Namespace) -> int:
 
     Returns the exit code.
     """
-    from vibroswarm.documents.floor import floor_document
-    from vibroswarm.floors.difficulty import measure
+    from vibroswarm.documents.floor import tiles_document
 
     tiles, name = _resolved(args.spec, args)
     if args.out is not None:
         from vibroswarm.plots.run import draw_floor
 
         draw_floor(args.out, tiles, name, replace=args.force)
-    print_result(floor_document(name, measure(tiles), in_terminal(tiles)), args)
+    print_result(tiles_document(name, tiles, in_terminal(tiles)), args)
     if args.out is not None:
         print(f"Saved: {args.out}")
     return 0
@@ -152,7 +151,7 @@ def _make(args: argparse.Namespace) -> int:
     if args.out is not None:
         write_tiles(args.out, design.tiles, replace=args.force)
     target = {"fill_ratio": args.fill_ratio, "moran_index": args.moran, "entropy": args.entropy}
-    print_result(design_document(design, target, args.seed, in_terminal(design.tiles)), args)
+    print_result(design_document(design, target, in_terminal(design.tiles)), args)
     if args.out is not None and not args.json:
         print(f"Saved: {args.out}")
     return 0 if design.reached else 1

@@ -8,11 +8,10 @@
 
 The file ``printed.json`` in the folder holds what the command printed, so that ``vibroswarm show`` can print it again:
 
-    format   1
+    format   2
     command  the words of the command, such as "league"
     work     a hash of the command's settings; empty if another file of the folder, such as study.toml, has them
     document the document, without its figures (``show.stored``)
-    blocks   of commands that have none yet: paragraphs, lines and tables, in the form that ``output.put`` takes
 
 ``show`` lays tables out for the width of its own terminal, with all columns if ``--wide``.
 """
@@ -24,14 +23,12 @@ import hashlib
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
-from vibroswarm.cli.output import Block, collected, print_json, put
-from vibroswarm.cli.terminal import plain
 from vibroswarm.core.atomic_io import OURS, remove_folder, write_files
-from vibroswarm.core.untrusted_files import entry, read_json, words
+from vibroswarm.core.untrusted_files import entry, read_json
 from vibroswarm.errors import InputError, check_format
 
 if TYPE_CHECKING:
@@ -140,7 +137,7 @@ def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -
 
 PRINTED: Final = "printed.json"
 """Name of the file with what a command printed."""
-FORMAT: Final = 1
+FORMAT: Final = 2
 """Format of ``printed.json``, by which a newer format is recognised."""
 
 
@@ -149,8 +146,7 @@ class Printed(NamedTuple):
 
     command: str
     work: str
-    blocks: list[Block] = []  # noqa: RUF012 - a named tuple's default is not changed
-    document: Document | None = None
+    document: Document
 
 
 def hash_of(*parts: object) -> str:
@@ -162,41 +158,6 @@ def hash_of(*parts: object) -> str:
     return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
 
 
-def deliver(
-    arguments: argparse.Namespace,
-    folder: Path | None,
-    command: str,
-    show: Callable[[], None],
-    document: Callable[[], Any],
-    *,
-    work: str = "",
-) -> None:
-    """Print the results as text, or with ``--json`` as a document; save the text in ``folder`` in both cases.
-
-    Args:
-        folder: the folder in which the text is saved, as ``printed.json``; None to save nothing.
-        command: the words of the command, such as "league".
-        show: prints the results with the functions of ``output``.
-        document: returns the document that ``--json`` prints; not called without ``--json``.
-        work: hash of the settings (``hash_of``), by which ``refuse_other`` recognises the folder later; empty for
-            commands that do not use ``refuse_other``.
-    """
-    with collected() as blocks:
-        show()
-    if folder is not None:
-        write_printed(folder, Printed(command, work, blocks))
-    if getattr(arguments, "json", False):
-        print_json(document())
-    else:
-        print_blocks(blocks)
-
-
-def print_blocks(blocks: Sequence[Block]) -> None:
-    """Print paragraphs, lines and tables."""
-    for block in blocks:
-        put(block)
-
-
 def write_printed(folder: Path, printed: Printed) -> None:
     """Write ``printed.json`` into a folder.
 
@@ -205,11 +166,12 @@ def write_printed(folder: Path, printed: Printed) -> None:
     """
     from vibroswarm.show.stored import document_values
 
-    about = {"format": FORMAT, "command": printed.command, "work": printed.work}
-    if printed.document is None:
-        about["blocks"] = printed.blocks
-    else:
-        about["document"] = document_values(printed.document)
+    about = {
+        "format": FORMAT,
+        "command": printed.command,
+        "work": printed.work,
+        "document": document_values(printed.document),
+    }
     write_files(folder, {PRINTED: json.dumps(about, indent=1) + "\n"})
 
 
@@ -219,45 +181,12 @@ def read_printed(folder: Path) -> Printed | None:
     Raises:
         InputError: the file is damaged, of a newer format, or no plain file.
     """
+    from vibroswarm.show.stored import document_from
+
     path = folder / PRINTED
     if not os.path.lexists(path):  # what is there but is no plain file is refused below
         return None
     about = read_json(path, "what a command printed")
     check_format(entry(about, "format", int, path), FORMAT, str(path))
-    if "document" in about:
-        from vibroswarm.show.stored import document_from
-
-        document = document_from(about["document"], str(path))
-        return Printed(entry(about, "command", str, path), entry(about, "work", str, path), document=document)
-    blocks = [_block(block, path) for block in entry(about, "blocks", list, path)]
-    return Printed(entry(about, "command", str, path), entry(about, "work", str, path), blocks)
-
-
-def _block(given: Any, path: Path) -> Block:
-    """Return a block of ``printed.json`` after checking its form: a paragraph, a line or a table.
-
-    The file may come from someone else, so control characters, which a terminal would obey, are replaced in all that
-    is printed. The entries of a table are the arguments of ``output.print_table``.
-
-    Args:
-        given: the block as it was read from JSON.
-        path: the file, for error messages.
-    Raises:
-        InputError: the block has none of these forms.
-    """
-    for kind in ("text", "line"):
-        if isinstance(given, dict) and kind in given:
-            return {kind: plain(entry(given, kind, str, path))}
-    # The block must be a table; `entry` refuses what is not. `names` is how many of the first columns name a row,
-    # `texts` how many of the first columns hold text (a table can be laid out with any such number, so it is not
-    # checked). `more` lists the columns that are printed with --wide only; it is compared with the headers, and not
-    # printed.
-    columns = [plain(name) for name in words(entry(given, "columns", list, path), "columns", path)]
-    rows = [[plain(cell) for cell in words(row, "rows", path)] for row in entry(given, "rows", list, path)]
-    names, texts = entry(given, "names", int, path), entry(given, "texts", int, path)
-    if any(len(row) != len(columns) for row in rows):
-        raise InputError("is damaged: a row has more or fewer cells than columns", field=str(path))
-    if not 0 <= names <= len(columns):
-        raise InputError(f"is damaged: 'names' is {names}, not from 0 to {len(columns)}", field=str(path))
-    more = words(entry(given, "more", list, path), "more", path)
-    return {"columns": columns, "rows": rows, "names": names, "texts": texts, "more": more}
+    command, work = entry(about, "command", str, path), entry(about, "work", str, path)
+    return Printed(command, work, document_from(entry(about, "document", dict, path), str(path)))

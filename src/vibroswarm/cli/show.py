@@ -101,7 +101,7 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
         InputError: the folder holds a damaged search, or nothing that a command writes.
     """
     from vibroswarm.cli.deliver import print_in_terminal
-    from vibroswarm.cli.out_folder import print_blocks, read_printed
+    from vibroswarm.cli.out_folder import read_printed
     from vibroswarm.cli.output import print_json, print_line, print_paragraph
     from vibroswarm.optimize.journal import HEAD as SEARCH_HEAD
     from vibroswarm.optimize.journal import SEARCH, held, is_search
@@ -134,11 +134,7 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
     if arguments.json:
         document = dict(state)
         if printed is not None:
-            document |= {"command": printed.command}
-            if printed.document is None:
-                document |= {"printed": printed.blocks}
-            else:
-                document |= document_data(printed.document)
+            document |= {"command": printed.command} | document_data(printed.document)
         elif store is not None:
             results, needed = results_or_need(store)
             document |= {"results_need": needed} if needed else {}
@@ -152,10 +148,7 @@ def _show_folder(folder: Path, arguments: argparse.Namespace) -> None:
     if printed is not None:
         if lines:
             print_line()
-        if printed.document is None:
-            print_blocks(printed.blocks)
-        else:
-            print_in_terminal(printed.document)
+        print_in_terminal(printed.document)
     elif store is not None:
         print_results(store)
 

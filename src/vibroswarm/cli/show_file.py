@@ -126,12 +126,11 @@ def _is_number(text: str) -> bool:
 def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
     """Draw a floor from its file, and print its measures of difficulty."""
     from vibroswarm.cli.floors import in_terminal
-    from vibroswarm.documents.floor import floor_document
-    from vibroswarm.floors.difficulty import measure
+    from vibroswarm.documents.floor import tiles_document
     from vibroswarm.floors.io import read_tiles
 
     tiles = read_tiles(path)
-    print_result(floor_document(path.name, measure(tiles), in_terminal(tiles)), arguments)
+    print_result(tiles_document(path.name, tiles, in_terminal(tiles)), arguments)
 
 
 MOST_COLUMNS: Final = 10_000

@@ -5,14 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
+from numpy.typing import NDArray
 
-from vibroswarm.floors.design import FloorDesign
-from vibroswarm.floors.difficulty import Difficulty, Entry
-from vibroswarm.show.document import Column, Document, Table, Text
+from vibroswarm.errors import shown
+from vibroswarm.floors.difficulty import Difficulty, Entry, measure
+from vibroswarm.floors.floor import Floor
+from vibroswarm.show.document import Column, Document, Figure, Table, Text
 from vibroswarm.show.numbers import count, number
+
+if TYPE_CHECKING:  # their imports take long
+    from vibroswarm.floors.design import FloorDesign
+    from vibroswarm.plots.picture import Picture
 
 MEASURES: Final = {
     "ones": Column("vibrating"),
@@ -24,14 +30,43 @@ MEASURES: Final = {
 """How measures are written, by column."""
 
 
-def floor_document(name: str, difficulty: Difficulty, drawing: str) -> Document:
-    """Return a floor, drawn in text, and its measures of difficulty."""
+def floor_document(floor: Floor) -> Document:
+    """Return a floor and its measures of difficulty."""
+    return tiles_document(shown(floor.name), floor.tiles)
+
+
+def tiles_document(name: str, tiles: NDArray[Any], drawing: str = "") -> Document:
+    """Return the tiles of a floor, and their measures of difficulty.
+
+    Args:
+        drawing: of the tiles, in text; empty: none.
+    """
+    difficulty = measure(tiles)
+    words = f"{_in_words(difficulty)}."
     return Document(
         title=f"Floor {name}",
-        answer=(f"{_in_words(difficulty)}.",),
-        parts=(Text(drawing, "code"),),
+        answer=(words,),
+        parts=(*_drawing(drawing), _picture(tiles, words)),
         data={"floors": _rows({name: difficulty})},
     )
+
+
+def _drawing(drawing: str) -> tuple[Text, ...]:
+    return (Text(drawing, "code"),) if drawing else ()
+
+
+def _picture(tiles: NDArray[Any], caption: str) -> Figure:
+    def draw(style: str) -> Picture:
+        # imported here, since a terminal draws no figure
+        from vibroswarm.plots.picture import Picture
+        from vibroswarm.plots.run import floor_figure
+        from vibroswarm.plots.style import MATPLOTLIB_LOCK
+
+        rows, columns = tiles.nonzero()
+        with MATPLOTLIB_LOCK:
+            return Picture(floor_figure(tiles), pl.DataFrame({"row": rows, "column": columns}), caption)
+
+    return Figure("floor", draw)
 
 
 def floors_document(found: Mapping[str, Difficulty], remark: str = "") -> Document:
@@ -52,27 +87,27 @@ def floors_document(found: Mapping[str, Difficulty], remark: str = "") -> Docume
 
 
 def design_document(
-    design: FloorDesign, target: Mapping[str, float | None], seed: int, drawing: str
+    design: FloorDesign, target: Mapping[str, float | None] | None = None, drawing: str = ""
 ) -> Document:
     """Return a floor that was made to order.
 
     Args:
-        target: the measures that were asked for; None: any.
+        target: the measures that were asked for, by name; None of one: any. drawing: of the tiles, in text.
     """
-    made = {"reached": design.reached, "words": design.words}
-    tiles = ["".join(map(str, row)) for row in design.tiles.tolist()]
+    asked = (
+        {}
+        if target is None
+        else {"asked": pl.DataFrame([dict(target)], schema=dict.fromkeys(target, pl.Float64))}
+    )
+    made = _rows({"made": design.difficulty}).with_columns(
+        reached=pl.lit(design.reached), words=pl.lit(design.words)
+    )
+    rows = ["".join(map(str, row)) for row in design.tiles.tolist()]
     return Document(
         title="Floor made to order",
         answer=(design.words,),
-        parts=(Text(drawing, "code"),),
-        made_by={"seed": str(seed)},
-        data={
-            "asked": pl.DataFrame([dict(target)], schema=dict.fromkeys(target, pl.Float64)),
-            "floors": _rows({f"made with seed {seed}": design.difficulty}).with_columns(
-                pl.lit(value).alias(name) for name, value in made.items()
-            ),
-            "tiles": pl.DataFrame({"row": tiles}),
-        },
+        parts=(*_drawing(drawing), _picture(design.tiles, design.words)),
+        data={**asked, "floors": made, "tiles": pl.DataFrame({"row": rows})},
     )
 
 
@@ -86,12 +121,14 @@ def paper_floors_document(entries: Sequence[Entry]) -> Document:
         "right": Column(decimals=4),
         "differs": Column("printed number", tones={"differs": "bad"}),
     }
-    shown = frame.with_columns(differs=pl.when("wrong").then(pl.lit("differs")).otherwise(pl.lit("right")))
+    with_words = frame.with_columns(
+        differs=pl.when("wrong").then(pl.lit("differs")).otherwise(pl.lit("right"))
+    )
     return Document(
         title="The paper's table of difficulties",
         answer=(f"{wrong} of {count(len(entries), 'printed number')} differ from the right ones.",),
         parts=(
-            Table(shown.drop("wrong"), columns, name="difficulty", names=2),
+            Table(with_words.drop("wrong"), columns, name="difficulty", names=2),
             Text(
                 "'recomputed': as in the paper, with 48 vibrating tiles for every entropy, and with the floor "
                 "alternating:paper-0.46, which has 48 of them, in place of alternating:0.46."

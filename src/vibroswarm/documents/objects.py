@@ -1,22 +1,16 @@
-"""The documents of scenarios, floors, pictures and studies that have not run, which a notebook shows."""
+"""The documents of scenarios, pictures and studies that have not run, which a notebook shows."""
 
 from __future__ import annotations
 
 from typing import Any, Final
 
 import polars as pl
-from numpy.typing import NDArray
 
 from vibroswarm.analysis.verdict import RobotVerdict
 from vibroswarm.errors import shown
-from vibroswarm.floors.design import FloorDesign
-from vibroswarm.floors.floor import Floor
 from vibroswarm.plots.picture import Picture
-from vibroswarm.plots.run import floor_figure
-from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.scenario.scenario import FieldNames, Scenario
 from vibroswarm.show.document import Document, Figure, Section, Table, Text
-from vibroswarm.show.numbers import number
 from vibroswarm.study.factors import LABEL, PRESET
 from vibroswarm.study.spec import Cell, Study
 from vibroswarm.study.study_outputs import ReportFile
@@ -40,34 +34,6 @@ def scenario_document(scenario: Scenario) -> Document:
     }
     toml = Section("All fields (TOML)", (Text(scenario.to_toml(), "code"),), folded=True)
     return Document("Scenario", (), parts=(_values(values), toml))
-
-
-def floor_document(floor: Floor) -> Document:
-    """Return the document of a floor: a picture."""
-    return Document(f"Floor {shown(floor.name)}", (repr(floor),), parts=(_floor(floor.tiles, repr(floor)),))
-
-
-def design_document(design: FloorDesign) -> Document:
-    """Return the document of a designed floor: the measures of its difficulty, and a picture."""
-    measures = design.difficulty
-    values = {
-        "fill ratio": f"{number(measures.fill_ratio, 3)} ({measures.ones} of {design.tiles.size} tiles)",
-        "Moran index": number(measures.moran_index, 3),
-        "entropy": number(measures.entropy, 3),
-        "clusters": f"{measures.clusters}; the largest has {measures.largest_cluster} tiles",
-    }
-    return Document(
-        "Designed floor", (design.words,), parts=(_values(values), _floor(design.tiles, design.words))
-    )
-
-
-def _floor(tiles: NDArray[Any], caption: str) -> Figure:
-    def draw(style: str) -> Picture:
-        rows, columns = tiles.nonzero()
-        with MATPLOTLIB_LOCK:
-            return Picture(floor_figure(tiles), pl.DataFrame({"row": rows, "column": columns}), caption)
-
-    return Figure("floor", draw)
 
 
 def picture_document(picture: Picture) -> Document:

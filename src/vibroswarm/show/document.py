@@ -22,7 +22,10 @@ def _frame_of(values: Any) -> pl.DataFrame:
         return values
     if not isinstance(values, dict):
         raise ValueError("is not a table: the values of columns by name")
-    return pl.DataFrame({name: _series_of(column) for name, column in values.items()})
+    try:
+        return pl.DataFrame({name: _series_of(column) for name, column in values.items()})
+    except (pl.exceptions.PolarsError, TypeError) as error:
+        raise ValueError(f"is not a table: {error}") from None
 
 
 def _series_of(column: Any) -> pl.Series:
