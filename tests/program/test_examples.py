@@ -90,5 +90,5 @@ def test_the_files_are_what_they_say():
 def test_the_search_runs(run_example, capsys):
     command = ["optimize", "examples/search.toml", "--budget", "200", "--fresh", "20", "--no-pictures"]
     assert main([*command, "--out", "search"]) == 0
-    assert "believed by the search" in capsys.readouterr().out
+    assert "believed score" in capsys.readouterr().out
     assert main(["run", "--scenario", "search/best.toml", "--json"]) == 0

@@ -131,7 +131,7 @@ fresh = 8
     capsys.readouterr()
     assert "--trust" in said(capsys, main(command), 2)
     assert main([*command, "--trust"]) == 0
-    assert f"Best: {field.rpartition('.')[2]} " in capsys.readouterr().out
+    assert f"Best: {field.rpartition('.')[2].rpartition('_')[0]} " in capsys.readouterr().out
 
 
 PHASES = f"""[scenario]

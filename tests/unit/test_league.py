@@ -234,8 +234,8 @@ def test_a_figure_of_a_front_without_an_estimate_has_no_limits() -> None:
 
 def test_standings_without_a_figure_are_shown_with_a_dash(standings: Standings) -> None:
     unknown = {name: np.full_like(values, np.nan) for name, values in standings.values.items()}
-    assert ">-<" not in standings._repr_html_()
-    assert ">-<" in replace(standings, values=unknown)._repr_html_()
+    dashes = standings._repr_html_().count(">-<")  # of the reference, which differs from nothing
+    assert replace(standings, values=unknown)._repr_html_().count(">-<") > dashes
 
 
 @pytest.mark.slow

@@ -59,7 +59,17 @@ NO_OBJECTS = (
         "Reading",
         "DetailedReading",
     ),
-    *("Draws", "Job", "StudyProgress", "Asked", "SensorFaults", "Picture", "TableView", "DrawnPicture"),
+    *(
+        "Draws",
+        "Job",
+        "StudyProgress",
+        "Asked",
+        "SensorFaults",
+        "Picture",
+        "TableView",
+        "DrawnPicture",
+        "Drawn",
+    ),
 )
 """Declarations that authors of strategies write, rows of robots' programs, and inner parts of pages and pools."""
 

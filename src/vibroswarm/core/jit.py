@@ -51,8 +51,9 @@ def _user_cache() -> Path:
 LAYERS_ABOVE: Final = (
     "analysis",
     "cli",
+    "documents",
     "plots",
-    "report",
+    "show",
     "run_page",
     "view",
     "study",
@@ -63,7 +64,6 @@ LAYERS_ABOVE: Final = (
     "calibrate",
     "paper",
     "export",
-    "notebook",
     "testing",
 )
 """Packages above the simulation: they hold no kernel and change no table of a result."""

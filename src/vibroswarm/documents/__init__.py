@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-if TYPE_CHECKING:
-    from vibroswarm.show.document import Document
+from vibroswarm.show.document import Document, Figure, Photos, Section, Table, Text
 
 DOCUMENTS: Final = {
     "vibroswarm.result.Result": "run:result_document",
@@ -45,6 +44,10 @@ imported when a document is asked for."""
 
 def document_of(value: object) -> Document | None:
     """Return the document of a result, by the function of its class or nearest base class; None without one."""
+    if isinstance(value, Document):
+        return value
+    if isinstance(value, Text | Table | Figure | Photos | Section):
+        return Document("", (), parts=(value,))
     for kind in type(value).__mro__:
         if found := DOCUMENTS.get(f"{kind.__module__}.{kind.__qualname__}"):
             module, _, function = found.partition(":")

@@ -478,6 +478,8 @@ def _made_by(outcome: Outcome) -> Mapping[str, str]:
         made_by["second block"] = f"seed {second.seed}, {second.runs} runs per cell"
     made_by |= versions_in_words(outcome.result.store.made_by)
     folder = outcome.result.store.folder
+    if not outcome.result.is_saved:
+        return made_by
     again = ["vibroswarm", "sweep", f"{folder}/study.toml", "--out", f"{folder}"]
     return made_by | {"again": shlex.join(again)}
 

@@ -15,6 +15,8 @@ from typing import Annotated, Any, Literal, Protocol
 import polars as pl
 from pydantic import PlainSerializer, PlainValidator
 
+from vibroswarm.core.notebook_view import NotebookView
+
 
 def _frame_of(values: Any) -> pl.DataFrame:
     """Check that a value is a table, or make one of what ``_values_of`` returns."""
@@ -55,7 +57,7 @@ Tone = Literal["", "good", "fair", "bad", "open"]
 
 
 @dataclass(frozen=True)
-class Text:
+class Text(NotebookView):
     """A paragraph. Words between backticks are code."""
 
     words: str
@@ -64,7 +66,7 @@ class Text:
 
 
 @dataclass(frozen=True)
-class Column:
+class Column(NotebookView):
     """The heading of a column, and how its values are written."""
 
     title: str = ""
@@ -97,7 +99,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Table:
+class Table(NotebookView):
     """A table. Columns without a format are written as ``Column()`` says; limits have no column of their own."""
 
     frame: Frame
@@ -144,7 +146,7 @@ class Drawn(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Figure:
+class Figure(NotebookView):
     """A figure, which is drawn when it is first looked at; a terminal does not draw it."""
 
     name: str
@@ -163,7 +165,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Photo:
+class Photo(NotebookView):
     """A photograph."""
 
     address: str
@@ -173,7 +175,7 @@ class Photo:
 
 
 @dataclass(frozen=True)
-class Photos:
+class Photos(NotebookView):
     """Photographs in a row; a terminal has only their words."""
 
     words: str
@@ -182,7 +184,7 @@ class Photos:
 
 
 @dataclass(frozen=True)
-class Section:
+class Section(NotebookView):
     """Parts under a heading."""
 
     title: str
@@ -202,7 +204,7 @@ Part = Text | Table | Figure | Photos | Section
 
 
 @dataclass(frozen=True)
-class Document:
+class Document(NotebookView):
     """What a result says."""
 
     title: str

@@ -82,8 +82,13 @@ class StudyResult(NotebookView):
         varied = f", varied: {', '.join(self.study.varied)}" if self.study.varied else ""
         done, wanted = int(table["there"].sum()), int(table["wanted"].sum())
         runs = f"{done:,} runs" if done == wanted else f"{done:,} of {wanted:,} runs"
-        where = "not saved" if self._kept is not None else f"in {shown(str(self.store.folder))}"
+        where = f"in {shown(str(self.store.folder))}" if self.is_saved else "not saved"
         return f"StudyResult({count} cell{'s' * (chosen != 1)}, {runs}, {where}{varied})"
+
+    @property
+    def is_saved(self) -> bool:
+        """Whether the study has a folder that stays."""
+        return self._kept is None
 
     @classmethod
     def open(cls, folder: str | Path) -> StudyResult:
