@@ -87,7 +87,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     """
     from vibroswarm.cli.deliver import print_result, save
     from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
-    from vibroswarm.cli.output import print_saved
+    from vibroswarm.cli.output import print_line, print_saved
     from vibroswarm.cli.scenario_options import check_one_floor, scenario_from
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.recording import import_document
@@ -123,6 +123,8 @@ def run_import(arguments: argparse.Namespace) -> int:
         document = import_document(recording, pages, computed)
         save(document, part, "lab import", work, page=None)
     print_result(document, arguments)
+    if not arguments.json:
+        print_line()
     print_saved(arguments, f"tables, pictures, pages {', '.join(pages)}", pages[0])
     return 0
 

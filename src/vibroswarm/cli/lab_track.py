@@ -144,7 +144,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     from vibroswarm.cli.deliver import print_result, save
     from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
-    from vibroswarm.cli.output import print_saved
+    from vibroswarm.cli.output import print_line, print_saved
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.tracking import tracking_document
@@ -188,6 +188,8 @@ def run(arguments: argparse.Namespace) -> int:
         document = tracking_document(tracking, tracked, samples)
         save(document, part, "lab track", work, page=REVIEW)
     print_result(document, arguments)
+    if not arguments.json:
+        print_line()
     saved = "positions, stops, gaps, review page" + ("" if tracked is None else ", recording")
     print_saved(arguments, saved, REVIEW)
     return 0

@@ -48,10 +48,13 @@ def import_document(recording: Recording, pages: Sequence[str], computed: Sequen
 
 
 def _outcomes(recording: Recording) -> str:
-    """Count the outcomes of sessions: ``3 sessions: consensus right in 2, split in 1.``"""
-    found = recording.runs["consensus"].fill_null("decisions not logged").value_counts(sort=True)
-    each = (f"{outcome} in {n}" for outcome, n in found.rows())
-    return f"{count(recording.runs.height, 'session')}: {listed(each)}."
+    """Count the outcomes of sessions: ``Consensus right in 2 and split in 1 of 3 sessions.``"""
+    logged = recording.runs["consensus"].drop_nulls()
+    sessions = count(recording.runs.height, "session")
+    if logged.is_empty():
+        return f"{sessions}; decisions are not logged."
+    each = (f"{outcome} in {n}" for outcome, n in logged.value_counts(sort=True).rows())
+    return f"Consensus {listed(each)} of {sessions}."
 
 
 def _sessions(recording: Recording) -> Table:
