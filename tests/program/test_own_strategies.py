@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import polars as pl
@@ -176,7 +177,7 @@ def test_sobol_indices_of_a_parameter_in_processes(tmp_path: Path) -> None:
     ]
     forget("voter")
     assert found[0].runs == 48
-    assert str(found[0].as_dict()) == str(found[1].as_dict())  # as texts, in which nan equals nan
+    assert str(asdict(found[0])) == str(asdict(found[1]))  # as texts, in which nan equals nan
 
 
 GOOD = """from vibroswarm.strategies import strategy_in, u

@@ -30,6 +30,7 @@ from vibroswarm.calibrate.fit_drive import _error_of_start, fit_drive
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import fit_sensor
 from vibroswarm.cli import calibrate_fit
+from vibroswarm.documents.fit import readings_table
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -275,7 +276,7 @@ def test_the_command_tries_as_many_candidates_as_the_function() -> None:
     assert calibrate_fit.CANDIDATES == CANDIDATES
 
 
-def test_a_statistic_that_the_first_session_lacks_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_statistic_that_the_first_session_lacks_is_printed() -> None:
     scores = tuple(Score(feature, 1, *[0.5] * 6) for feature in FEATURES)
     bits, edge = (
         Reading("share of ones", 0.5, 0.4, 0.1),
@@ -285,12 +286,11 @@ def test_a_statistic_that_the_first_session_lacks_is_printed(capsys: pytest.Capt
     def fold(session: int, *readings: Reading) -> Fold:
         return Fold(session, None, scores, readings, 0.5, float("nan"))  # type: ignore[arg-type]
 
-    calibrate_fit.print_folds([fold(0, bits), fold(1, edge, bits)])
-    rows = capsys.readouterr().out.splitlines()
-    (of_bits,) = (row.split() for row in rows if row.startswith("share of ones"))
-    (of_edge,) = (row.split() for row in rows if row.startswith("false negative, 0 to 10 mm"))
-    assert of_bits[-4:] == ["0.500", "0.400", "+1.0,", "+1.0"]
-    assert of_edge[-4:] == ["0.300", "0.200", "-,", "+2.0"]  # the first session has no value
+    rows = readings_table([fold(0, bits), fold(1, edge, bits)]).frame.rows()
+    assert set(rows) == {
+        ("share of ones", "0.500", "0.400", "+1.0, +1.0"),
+        ("false negative, 0 to 10 mm", "0.300", "0.200", "-, +2.0"),  # the first session has no value
+    }
 
 
 def test_progress_of_avoidance_ends_at_1(monkeypatch: pytest.MonkeyPatch) -> None:

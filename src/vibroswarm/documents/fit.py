@@ -149,10 +149,10 @@ def _held_out(judged: Sequence[Fold]) -> list[Part]:
     frame = pl.DataFrame(scores).select(
         "feature", *(name for name in SOURCES if not all(math.isnan(row[name]) for row in scores))
     )
-    return [Table(frame, columns, caption, "held_out"), _readings(judged)]
+    return [Table(frame, columns, caption, "held_out"), readings_table(judged)]
 
 
-def _readings(judged: Sequence[Fold]) -> Table:
+def readings_table(judged: Sequence[Fold]) -> Table:
     """Return statistics of the bits that robots read, recorded and simulated with the fit, and their deviations.
 
     A statistic has a row if it is known in some session, and a dash for each session in which it is unknown.
