@@ -81,8 +81,8 @@ def test_import_computes_the_energies_that_scipy_computes(
 def test_with_json_nothing_else_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     expected = recorded(SHIPPED / "camera.csv", tmp_path / "acceleration.csv")
     assert main([*arguments(tmp_path / "acceleration.csv", tmp_path / "lab"), "--json"]) == 0
-    (words,) = json.loads(capsys.readouterr().out)["acceleration"]
-    assert f"{len(expected)} energies computed from" in words
+    (row,) = json.loads(capsys.readouterr().out)["tables"]["acceleration"]
+    assert f"{len(expected)} energies computed from" in row["words"]
 
 
 @pytest.mark.parametrize(

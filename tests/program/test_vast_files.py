@@ -74,7 +74,7 @@ def test_a_long_table_is_shown_in_part(tmp_path, capsys):
         table.write_parquet(tmp_path / name) if "parquet" in name else table.write_csv(tmp_path / name)
         assert main(["show", str(tmp_path / name)]) == 0
         out = capsys.readouterr().out
-        assert "... and 99940 more rows (--wide prints all)." in out
+        assert "... and 99,940 more rows; --wide prints all." in out
         assert len(out.splitlines()) == 62
 
 
