@@ -75,7 +75,9 @@ def test_a_long_table_is_shown_in_part(tmp_path, capsys):
         assert main(["show", str(tmp_path / name)]) == 0
         out = capsys.readouterr().out
         assert "... and 99,940 more rows; --wide prints all." in out
-        assert len(out.splitlines()) == 64  # what it is, an empty line, the heading, 60 rows, and how many more
+        assert (
+            len(out.splitlines()) == 64
+        )  # what it is, an empty line, the heading, 60 rows, and how many more
 
 
 def test_a_table_of_very_many_columns(tmp_path, capsys):
