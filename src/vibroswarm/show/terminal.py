@@ -132,7 +132,7 @@ class _Printer:
             self.paragraph(text.words)
 
     def paragraph(self, words: str, style: str = "") -> None:
-        """Print a paragraph; a part of it between backticks stays as it is."""
+        """Print a paragraph, whose lines are indented like the first, after an empty line if it follows a table."""
         if self.below_table:
             self.line()
         indent = words[: len(words) - len(words.lstrip())]
