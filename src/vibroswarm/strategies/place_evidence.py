@@ -88,7 +88,7 @@ def add_evidence(
             ``share_place`` returns them. upper, lower: first and last row.
     Returns:
         Probability that vibration is felt at the place, by map ``k`` without the evidence of sender ``j``: the trust in
-        the sender is computed from it (``places.judge``).
+        the sender is computed from it (``place_trust.judge``).
     """
     # Likelihoods are divided by that of the reading on a still tile: they are 1 there, and 1 + more on a vibrating
     # tile.

@@ -22,7 +22,7 @@ import math
 from typing import Final
 
 from vibroswarm.strategies.base import Array, array
-from vibroswarm.strategies.bayes import Row
+from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_evidence import (
     add_evidence,
     begin,
@@ -33,7 +33,7 @@ from vibroswarm.strategies.place_evidence import (
     score_of_maps,
 )
 from vibroswarm.strategies.place_map import share_place
-from vibroswarm.strategies.places import State, decision, judge, rounded
+from vibroswarm.strategies.place_trust import State, judge, rounded
 from vibroswarm.strategies.world import DetailedReading, Draws, World
 
 __all__ = ["State", "begin", "decision"]

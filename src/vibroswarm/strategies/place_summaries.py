@@ -25,7 +25,7 @@ import math
 from typing import Final
 
 from vibroswarm.strategies.base import Array, array
-from vibroswarm.strategies.bayes import Row
+from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_evidence import (
     RATIO_STEP,
     RATIO_STEPS,
@@ -38,7 +38,7 @@ from vibroswarm.strategies.place_evidence import (
     score_of_maps,
 )
 from vibroswarm.strategies.place_map import share_place
-from vibroswarm.strategies.places import State, decision, judge
+from vibroswarm.strategies.place_trust import State, judge
 from vibroswarm.strategies.world import DetailedReading, Draws, World
 
 __all__ = ["State", "begin", "decision"]

@@ -46,7 +46,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Final
+from typing import Annotated, Any
 
 from pydantic import Field
 
@@ -55,7 +55,6 @@ from vibroswarm.errors import InputError
 from vibroswarm.strategies.base import Strategy, array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.place_map import (
-    RATE,
     add_reading,
     pairs_of,
     score,
@@ -63,15 +62,12 @@ from vibroswarm.strategies.place_map import (
     share_place,
     weigh_pairs,
 )
+from vibroswarm.strategies.place_options import with_options
 from vibroswarm.strategies.place_share import learn_share, score_asked, tiles_share
+from vibroswarm.strategies.place_trust import State, judge, rounded
 from vibroswarm.strategies.world import Draws, Reading, World
 
-__all__ = ["Message", "decision", "places"]
-
-STEP_M: Final = 0.001
-"""Resolution of places in messages."""
-TRUST_MEMORY: Final = 60
-"""Readings over which a sender's surprise is averaged."""
+__all__ = ["Message", "State", "decision", "places"]
 
 
 class Message:
@@ -104,12 +100,6 @@ def fill_message(s: Row, x: Reading, out: Row) -> bool:
     out.at_x_m, out.at_y_m = rounded(x.lagged_x_m), rounded(x.lagged_y_m)
     out.spread_x_m, out.spread_y_m = rounded(x.lagged_spread_x_m), rounded(x.lagged_spread_y_m)
     return True
-
-
-@inlined
-def rounded(length_m: float) -> float:
-    """Return a length rounded to ``STEP_M``, as messages hold it."""
-    return STEP_M * math.floor(length_m / STEP_M + 0.5)
 
 
 class MapParams:
@@ -200,16 +190,6 @@ class Options:
 
 class Params(MapParams, Options):
     """Caution, patience and trust, and what else messages may hold."""
-
-
-class State:
-    """The last own readings (the latest is the lowest bit), number of samples added, own and heard (those off the
-    floor too), score needed, and decision."""
-
-    bits: int
-    heard: int
-    needed: float
-    decision: int
 
 
 class Arrays:
@@ -307,35 +287,6 @@ def add_sample(
     judge(a, j, bit, add_reading(a, j, bit, left, right, upper, lower, p, w), p)
 
 
-def judge(a: Row, j: int, bit: int, probability: float, p: Row) -> None:
-    """Update surprise, suspicion and weight of sender ``j`` by one of its readings.
-
-    Args:
-        bit: the reading. probability: that of this reading, by the map without the evidence of ``j``.
-    """
-    kept = 1.0 - 1.0 / TRUST_MEMORY  # weight that older readings keep
-    chance = min(max(probability, RATE), 1.0 - RATE)
-    # If the map is right, the reading is ``bit`` with probability ``chance``, and its log probability has the mean
-    # ``by_chance`` and the variance chance (1 - chance) ratio^2. a.surprise is the weighted sum of log probability -
-    # mean over the readings, a.variance the variance of this sum.
-    by_chance = chance * math.log(chance) + (1.0 - chance) * math.log(1.0 - chance)
-    ratio = math.log(chance / (1.0 - chance))
-    a.surprise[j] = kept * a.surprise[j] + math.log(chance) - by_chance
-    a.variance[j] = kept * kept * a.variance[j] + chance * (1.0 - chance) * ratio * ratio
-    # Probability of the reading if the sender is broken, so that the share of ones in its readings does not depend on
-    # the place. Half a one and half a zero are added to the counts, so that the probability is never 0.
-    if_broken = (a.ones[j] + 0.5) / (a.readings[j] + 1.0)
-    if bit == 0:
-        if_broken = 1.0 - if_broken
-    a.suspicion[j] = kept * a.suspicion[j] + math.log(if_broken / chance)
-    a.ones[j], a.readings[j] = kept * a.ones[j] + bit, kept * a.readings[j] + 1.0
-    # Odds that the sender is broken; the limit of 500 keeps exp() from overflowing.
-    broken = p.broken_prior / (1.0 - p.broken_prior) * math.exp(min(a.suspicion[j], 500.0))
-    a.weight[j] = 1.0 / (1.0 + broken)
-    if a.surprise[j] < -p.trust_limit * math.sqrt(a.variance[j]):
-        a.weight[j] = 0.0
-
-
 def variant(p: Any, sizes: Mapping[str, int]) -> Strategy:
     """Return the strategy that runs with these parameters: ``places`` itself, or its variant with the options on.
 
@@ -346,9 +297,6 @@ def variant(p: Any, sizes: Mapping[str, int]) -> Strategy:
     """
     if not (p.energies or p.draws or p.share_map):
         return places
-    # Imported here because the modules of the options import this one.
-    from vibroswarm.strategies.place_options import with_options
-
     return with_options(places, p, sizes)
 
 
