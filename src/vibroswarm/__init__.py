@@ -36,6 +36,7 @@ _leave_working_folder_out()
 import lazy_loader  # noqa: E402 - it must not be a file of the working folder either
 
 from vibroswarm.core.displayed import makers, writers  # noqa: E402 - as above
+from vibroswarm.study.verbs import providers  # noqa: E402 - as above
 
 
 def _as_html(value: object) -> str:
@@ -52,7 +53,15 @@ def _as_document(value: object) -> object:
     return document_of(value)
 
 
+def _study_verbs() -> object:
+    """Return the functions behind the methods of studies; their module is imported when it is needed."""
+    from vibroswarm.study import study_outputs
+
+    return study_outputs
+
+
 writers.append(_as_html)
 makers.append(_as_document)
+providers.append(_study_verbs)
 
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

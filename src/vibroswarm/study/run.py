@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import inspect
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
-from typing import Any
 
 from vibroswarm.core.atomic_io import whole_file
-from vibroswarm.core.progress_line import ProgressLine, is_watched
-from vibroswarm.errors import InputError, RunError, check_callable, check_keywords, check_kind, path_of
+from vibroswarm.errors import InputError, RunError, check_callable, check_kind, path_of
 from vibroswarm.study.plan import plan_of
-from vibroswarm.study.runner import Job, Progress, StudyProgress, run_study
+from vibroswarm.study.runner import Job, Progress, run_study
 from vibroswarm.study.spec import Study
 from vibroswarm.study.store import HEAD, SHARDS, Store
 from vibroswarm.study.study_result import StudyResult, _TemporaryFolder
@@ -57,34 +54,6 @@ def run(
     )
     # The result refers to the temporary folder, which is removed with the last such result.
     return StudyResult(study, store, selected=tuple(cell.number for cell in study.cells), _kept=temporary)
-
-
-def run_with_bar(
-    study: Study, folder: str | Path | None, progress: Progress | bool, how: Mapping[str, Any]
-) -> StudyResult:
-    """Run a study as ``Study.run`` does.
-
-    Args:
-        progress: called with the progress; True shows a bar if the output is a terminal or a notebook, False none.
-        how: the other keyword arguments of ``run``.
-    Raises:
-        InputError: ``how`` has a name that is no argument of ``run``. Besides, the errors of ``run``.
-    """
-    check_keywords(how, "run", [name for name in inspect.signature(run).parameters if name != "study"])
-    if not isinstance(progress, bool):
-        return run(study, folder, progress=progress, **how)
-    if not (progress and is_watched()):
-        return run(study, folder, **how)
-    line = ProgressLine("simulating")
-    try:
-        return run(study, folder, progress=lambda now: line.show(now.done, now.wanted, _failed(now)), **how)
-    finally:
-        line.end()
-
-
-def _failed(now: StudyProgress) -> str:
-    """Write how many batches failed; empty if none did."""
-    return f"{now.failed} batch{'es' * (now.failed != 1)} failed" if now.failed else ""
 
 
 def jobs_of_one_study(shares: Sequence[Path]) -> list[Store]:

@@ -55,11 +55,12 @@ from vibroswarm.study.factors import (
     words_of_points,
 )
 from vibroswarm.study.precision import Precision
+from vibroswarm.study.study_text import _checked_floors, as_toml, copy_of, plain_value
+from vibroswarm.study.verbs import verbs
 
 if TYPE_CHECKING:
     from vibroswarm.study.runner import Progress
     from vibroswarm.study.study_result import StudyResult
-from vibroswarm.study.study_text import _checked_floors, as_toml, copy_of, plain_value
 
 FORMAT: Final = 2
 """Version of the study's file; that of its folder is in ``store``."""
@@ -385,9 +386,8 @@ class Study(NotebookView):
         Raises:
             InputError: the folder is of another study, or was changed. RunError: runs failed, or workers are gone.
         """
-        from vibroswarm.study.run import run_with_bar
-
-        return run_with_bar(self, folder, progress, how)
+        result: StudyResult = verbs().run_with_bar(self, folder, progress, how)
+        return result
 
     @property
     def varied(self) -> list[str]:

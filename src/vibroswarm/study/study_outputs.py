@@ -1,21 +1,24 @@
-"""What ``StudyResult`` offers an interactive session: comparison, picture, report, and tables of pandas and xarray.
+"""What ``Study`` and ``StudyResult`` offer an interactive session: running, summary, comparison, picture, report.
 
-The functions here do the work of the methods of ``StudyResult``. Pandas and xarray are optional dependencies.
+The functions here do the work of their methods (``verbs``).
 """
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 import polars as pl
 
 from vibroswarm.core.atomic_io import OURS, whole_folder
 from vibroswarm.core.displayed import document_of
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.core.progress_line import ProgressLine, is_watched
+from vibroswarm.errors import InputError, check_choice, check_keywords
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Document
 from vibroswarm.show.figures import write_figures
@@ -23,19 +26,49 @@ from vibroswarm.show.page import write_page
 from vibroswarm.study.answers import Answer
 from vibroswarm.study.baselines import references_of
 from vibroswarm.study.cell_comparison import comparison_table, second_block
+from vibroswarm.study.run import run
+from vibroswarm.study.runner import Progress, StudyProgress
+from vibroswarm.study.spec import Study
+from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import Outcome, outcome_of, write_outcome
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
-
-    from vibroswarm.study.study_result import StudyResult
-
 
 REPORT: Final = "report.html"
 """Name of the page."""
 PICTURES: Final = "pictures"
 """Name of the folder of pictures, beside the page."""
+
+
+def run_with_bar(
+    study: Study, folder: str | Path | None, progress: Progress | bool, how: Mapping[str, Any]
+) -> StudyResult:
+    """Run a study as ``Study.run`` does.
+
+    Args:
+        progress: called with the progress; True shows a bar if the output is a terminal or a notebook, False none.
+        how: the other keyword arguments of ``run``.
+    Raises:
+        InputError: ``how`` has a name that is no argument of ``run``. Besides, the errors of ``run``.
+    """
+    check_keywords(how, "run", [name for name in inspect.signature(run).parameters if name != "study"])
+    if not isinstance(progress, bool):
+        return run(study, folder, progress=progress, **how)
+    if not (progress and is_watched()):
+        return run(study, folder, **how)
+    line = ProgressLine("simulating")
+    try:
+        return run(study, folder, progress=lambda now: line.show(now.done, now.wanted, _failed(now)), **how)
+    finally:
+        line.end()
+
+
+def _failed(now: StudyProgress) -> str:
+    """Write how many batches failed; empty if none did."""
+    return f"{now.failed} batch{'es' * (now.failed != 1)} failed" if now.failed else ""
+
+
+def summarised(result: StudyResult) -> pl.DataFrame:
+    """Return the figures of the selected cells (``Outcome.table``)."""
+    return outcome_of(result, compare=False).table
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,53 +188,3 @@ def _write(result: StudyResult, folder: Path) -> ReportFile:
     write_page(folder / REPORT, document)
     write_figures(folder / PICTURES, document, "column")
     return ReportFile(folder / REPORT)
-
-
-def pandas_of(frame: pl.DataFrame) -> pd.DataFrame:
-    """Convert a table to pandas.
-
-    Raises:
-        InputError: pandas or pyarrow is not installed.
-    """
-    # Both are imported only to check that they are installed: the ``to_pandas`` of polars needs them.
-    try:
-        import pandas  # noqa: F401
-        import pyarrow  # noqa: F401
-    except ImportError as error:
-        raise _missing(error, "to_pandas") from None
-    return frame.to_pandas()
-
-
-def dataset_of(result: StudyResult, table: str) -> xr.Dataset:
-    """Convert a table of a study to an xarray Dataset, see ``StudyResult.to_xarray``.
-
-    Its dimensions are the varied fields; then ``run`` for the tables ``runs``, ``robots`` and ``samples``; then
-    ``robot`` for the last two of them; then ``sample`` for the table ``samples``. Without varied fields, the table
-    ``cells`` has the dimension ``index``. Values are missing where the table has no row, for instance if no cell has a
-    combination of varied values.
-
-    Args:
-        table: name of the table, see ``StudyResult.to_pandas``.
-    Raises:
-        InputError: several cells have the same varied values, so that their rows have the same place in the dimensions;
-            xarray is not installed; or ``StudyResult.to_pandas`` raises it.
-    """
-    try:
-        import xarray
-    except ImportError as error:
-        raise _missing(error, "to_xarray") from None
-    # The index of the data frame, which xarray turns into the dimensions.
-    of_table = {"runs": ["run"], "robots": ["run", "robot"], "samples": ["run", "robot", "sample"]}
-    index = [*result.study.varied, *of_table.get(table, [])]
-    frame = result.to_pandas(table).drop(columns="cell")  # a cell is given by its varied values
-    for name in frame.select_dtypes("category"):  # xarray has no categories
-        frame[name] = frame[name].astype(str)
-    indexed = frame.set_index(index) if index else frame
-    if not indexed.index.is_unique:
-        raise InputError("several cells have the same varied values", field="to_xarray")
-    return xarray.Dataset.from_dataframe(indexed)
-
-
-def _missing(error: ImportError, field: str) -> InputError:
-    """Return the error for an optional package that is not installed; it says how to install it."""
-    return InputError(f"needs {error.name}: pip install 'vibroswarm[frames]'", field=field)

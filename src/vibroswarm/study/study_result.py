@@ -28,10 +28,12 @@ from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
 from vibroswarm.study.batch_table import AGREED_TABLE, FAILED_RUNS, FAILED_TABLE
+from vibroswarm.study.frames import dataset_of, pandas_of
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.precision import Settled, runs_that_count, settled
 from vibroswarm.study.spec import MOST_RUNS, Cell, Study
 from vibroswarm.study.store import Store
+from vibroswarm.study.verbs import verbs
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -352,8 +354,6 @@ class StudyResult(NotebookView):
             InputError: pandas or pyarrow is not installed, there is no such table, the study does not save samples, or
                 no run of the selected cells is stored (only the table ``cells`` needs none).
         """
-        from vibroswarm.study.study_outputs import pandas_of
-
         return pandas_of(self._table(table))
 
     def to_xarray(self, table: str = "runs") -> xr.Dataset:
@@ -369,9 +369,9 @@ class StudyResult(NotebookView):
             InputError: several cells have the same varied values, so that their rows have the same place in the
                 dimensions; xarray is not installed; or ``to_pandas`` raises it.
         """
-        from vibroswarm.study.study_outputs import dataset_of
-
-        return dataset_of(self, table)
+        of_table = {"runs": ["run"], "robots": ["run", "robot"], "samples": ["run", "robot", "sample"]}
+        rows = self._table(table).drop("cell")  # a cell is given by its varied values
+        return dataset_of(rows, [*self.study.varied, *of_table.get(table, [])])
 
     def summary(self) -> pl.DataFrame:
         """Return one row per selected cell that has runs (``Outcome.table``): varied values, figures and their limits.
@@ -379,9 +379,8 @@ class StudyResult(NotebookView):
         Raises:
             InputError: no selected cell has runs.
         """
-        from vibroswarm.study.summary import outcome_of
-
-        return outcome_of(self, compare=False).table
+        table: pl.DataFrame = verbs().summarised(self)
+        return table
 
     def compare(
         self, reference: str | None = None, *, confirm: bool = False, equal_error: bool = False
@@ -397,9 +396,8 @@ class StudyResult(NotebookView):
         Raises:
             InputError: no compared field has the value ``reference``, or no selected cell has runs.
         """
-        from vibroswarm.study.study_outputs import compared
-
-        return compared(self, reference, confirm, equal_error)
+        comparison: Comparison = verbs().compared(self, reference, confirm, equal_error)
+        return comparison
 
     def plot(self, name: str = "outcomes", *, style: str = "column") -> Picture:
         """Draw a picture of the study.
@@ -409,9 +407,8 @@ class StudyResult(NotebookView):
         Raises:
             InputError: there is no such style, or the study has no such picture; the message lists those it has.
         """
-        from vibroswarm.study.study_outputs import plotted
-
-        return plotted(self, name, style)
+        picture: Picture = verbs().plotted(self, name, style)
+        return picture
 
     def report(self, folder: str | Path | None = None, *, replace: bool = False) -> ReportFile:
         """Write the report, its pictures and tables.
@@ -423,9 +420,9 @@ class StudyResult(NotebookView):
             InputError: ``folder`` exists and may not be replaced, or cannot be written.
             RunError: the disk is full or failed.
         """
-        from vibroswarm.study.study_outputs import reported
-
-        return reported(self, None if folder is None else path_of(folder, "folder"), replace)
+        own = None if folder is None else path_of(folder, "folder")
+        written: ReportFile = verbs().reported(self, own, replace)
+        return written
 
     def _table(self, table: str) -> pl.DataFrame:
         """Return one of ``TABLES``."""
