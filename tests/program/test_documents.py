@@ -195,6 +195,14 @@ def test_the_example_of_the_pictures_names_all_of_them():
         assert f"`{name}" in text, name
 
 
+def test_the_version_is_the_same_everywhere():
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
+        "version"
+    ]
+    assert f"version: {declared}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"## {declared}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
 def test_the_public_names_are_there():
     import vibroswarm
 
@@ -204,7 +212,7 @@ def test_the_public_names_are_there():
         vibroswarm.nothing  # noqa: B018
 
 
-@pytest.mark.parametrize("name", ["make_reference", "make_commands"])
+@pytest.mark.parametrize("name", ["make_reference", "make_commands", "make_names"])
 def test_what_is_made_from_the_sources_is_up_to_date(name):
     made = runpy.run_path(str(DOCS / f"{name}.py"))
     assert made["TARGET"].read_text(encoding="utf-8") == made["reference"](), (

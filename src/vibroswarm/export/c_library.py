@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import tempfile
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Final
 
@@ -26,7 +27,7 @@ HEADERS: Final = ("vibroswarm_runtime.h", "vibroswarm_mathematics.h")
 MARKER: Final = "library.properties"
 """The file that marks a folder as an exported library."""
 PROPERTIES: Final = """name=vibroswarm
-version=0.1.0
+version={version}
 author=The vibroswarm authors
 maintainer=The vibroswarm authors
 sentence=Robot program of a vibroswarm scenario, strategy '{strategy}'.
@@ -67,7 +68,7 @@ def library_files(scenario: Scenario) -> dict[str, str]:
         **{f"src/{name}": (ASSETS / name).read_text(encoding="utf-8") for name in HEADERS},
         f"src/{HEADER_FILE}": header_text(scenario, parts),
         "examples/inspection/inspection.ino": (ASSETS / "inspection.ino").read_text(encoding="utf-8"),
-        MARKER: PROPERTIES.format(strategy=parts.strategy.name),
+        MARKER: PROPERTIES.format(version=version("vibroswarm"), strategy=parts.strategy.name),
         "platformio.ini": PLATFORMIO,
     }
 
