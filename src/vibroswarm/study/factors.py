@@ -400,22 +400,33 @@ def names_of(words: Sequence[Mapping[str, str]], strategies: Sequence[str]) -> l
         words: the varied values of each cell as text (``words_of_points``). strategies: name of each cell's strategy.
     """
     cells_with = Counter(point.get(LABEL) for point in words)
+    differing = _differing_fields(words)
     names = []
     for point, strategy in zip(words, strategies, strict=True):
         label = point.get(LABEL)
         if label is None:
             names.append(fields_in_words(point) or strategy)
             continue
-        rest = fields_in_words({k: v for k, v in point.items() if k != LABEL and _differs(words, label, k)})
+        rest = fields_in_words({k: v for k, v in point.items() if k in differing[label]})
         names.append(f"{label} ({rest})" if cells_with[label] > 1 and rest else label)
     count = Counter(names)
     return [f"{name} (cell {k})" if count[name] > 1 else name for k, name in enumerate(names)]
 
 
-def _differs(words: Sequence[Mapping[str, str]], label: str, name: str) -> bool:
-    """Return whether the value of the field ``name`` differs between the cells with this label.
+def _differing_fields(words: Sequence[Mapping[str, str]]) -> dict[str | None, set[str]]:
+    """Return for each label the fields whose values differ between the cells with this label.
 
     Args:
         words: the varied values of each cell as text.
     """
-    return len({point.get(name) for point in words if point.get(LABEL) == label}) > 1
+    by_label: dict[str | None, list[Mapping[str, str]]] = {}
+    for point in words:
+        by_label.setdefault(point.get(LABEL), []).append(point)
+    return {
+        label: {
+            name
+            for name in {name for point in points for name in point} - {LABEL}
+            if len({point.get(name) for point in points}) > 1
+        }
+        for label, points in by_label.items()
+    }

@@ -1,0 +1,86 @@
+"""Name the best of several contestants together with all that cannot be told apart from it.
+
+The best of several estimates is partly lucky: of contestants that are all alike, one is in front by chance. So no
+single winner is named. A contestant is left out of the best group only if another one is significantly better.
+
+| name | symbol | equation |
+|---|---|---|
+| figure of contestant i | m_i | less is better |
+| its bootstrap draws | m_i* | the same draws of runs for all contestants, so that comparisons are paired |
+| difference, its standard error | d_ij, s_ij | m_i - m_j; standard deviation of d_ij* over the draws |
+| critical value | c | 95 % quantile over draws of the maximum of abs(d_ij* - d_ij) / s_ij over all pairs |
+| interval | - | d_ij - c s_ij to d_ij + c s_ij |
+| best group | - | every i for which no interval of d_ij lies above 0 |
+
+All intervals hold together with 95 % (max-t; Romano and Wolf 2005), since the maximum is over all pairs. So the best
+contestant is left out of the group in at most 5 % of all experiments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.inference.outcomes import Array
+
+LEVEL: Final = 0.95
+"""Confidence level of all intervals together."""
+FEWEST: Final = 6
+"""Units below which no contestant is told apart: the bootstrap of so few is too narrow."""
+
+
+@dataclass(frozen=True)
+class BestGroup(NotebookView):
+    """The best contestant, and which others cannot be told apart from it."""
+
+    best: int
+    """Index of the contestant with the smallest estimate."""
+    member: NDArray[np.bool_]
+    """Whether each contestant is in the best group, (contestants,)."""
+    difference: Array
+    """Each contestant - best, with its lower and upper limit, (contestants, 3). Limits are infinite for too few
+    units."""
+
+
+def best_group(figures: Array, units: int) -> BestGroup:
+    """Compare contestants pairwise, see the head of this module.
+
+    Args:
+        figures: column 0 has the estimates of the contestants, the others their bootstrap draws, (contestants, 1 +
+            draws); at least one contestant. Draws may be nan, estimates may not.
+        units: number of runs that were drawn from.
+    """
+    estimate, drawn = figures[:, 0], figures[:, 1:]
+    best = int(estimate.argmin())
+    difference = estimate[:, None] - estimate[None, :]
+    margin = _margins(difference, drawn) if units >= FEWEST else np.full(difference.shape, np.inf)
+    member = np.asarray(~((difference - margin) > 0.0).any(axis=1))
+    limits = (difference - margin)[:, best], (difference + margin)[:, best]
+    return BestGroup(best, member, np.column_stack([difference[:, best], *limits]))
+
+
+def _margins(difference: Array, drawn: Array) -> Array:
+    """Return c s_ij of all pairs, (contestants, contestants).
+
+    Args:
+        difference: d_ij. drawn: m_i*, (contestants, draws).
+    """
+    first, second = np.triu_indices(len(drawn), k=1)
+    if first.size == 0:
+        return np.zeros(difference.shape)
+    drawn_difference = drawn[first] - drawn[second]  # (pairs, draws)
+    error = np.nanstd(drawn_difference, axis=1, ddof=1)
+    varies = error > 0.0  # contestants that are alike in every run do not
+    margin = np.zeros(difference.shape)
+    if varies.any():
+        away = np.abs(drawn_difference - difference[first, second][:, None])[varies] / error[varies][:, None]
+        largest = np.fmax.reduce(
+            away, axis=0
+        )  # over pairs; a pair that is nan in a draw does not count in it
+        critical = np.nanquantile(largest, LEVEL)
+        margin[first, second] = margin[second, first] = critical * error
+    return margin

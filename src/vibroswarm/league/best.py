@@ -1,0 +1,76 @@
+"""Say which entries of a league err least, and which are fastest, without crowning noise or guesses.
+
+An entry **guesses** if its forced error is not significantly below ``GUESS``. It is never called fastest, since any
+answer can be given at once. Besides, no single winner is named but the group that cannot be told apart from it
+(``analysis.best_group``).
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.analysis.best_group import best_group
+from vibroswarm.analysis.intervals import plain
+from vibroswarm.league.entries import LEAST
+from vibroswarm.league.fronts import drawn_means
+from vibroswarm.league.standings import Standings
+
+GUESS: Final = 0.4
+"""Forced error from which an entry guesses. A swarm that tosses a coin in four runs of five, and is always right in the
+fifth, has this error; one that always tosses a coin has 1/2, which strategies that lean on the floor's few clues just
+undercut."""
+BEST: Final[dict[str, Any]] = {
+    **dict.fromkeys(("figure", "name"), pl.String),
+    **dict.fromkeys(("value", "behind", "behind_low", "behind_high"), pl.Float64),
+    "in_group": pl.Boolean,
+}
+"""Columns of ``best_table`` and their types."""
+
+
+def guesses(standings: Standings, entry: int) -> bool:
+    """Return whether an entry is not shown to err less than ``GUESS``; one without a forced error does not guess."""
+    error = standings.interval(entry, "forced_error")
+    return not (error.high < GUESS or np.isnan(error.estimate))
+
+
+def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
+    """Compare entries by forced error, and by decision time those that do not guess.
+
+    Of a strategy with settings for several aims only those for ``LEAST`` are compared, by forced error alone: at equal
+    error, its front is compared (``fronts``).
+
+    Args:
+        standings: results of the league. seed: of the bootstrap.
+    Returns: one row per figure and compared entry, the smallest value first: ``BEST``. "behind" is the difference from
+        the smallest; limits of a figure hold together with 95 %.
+    """
+    entries = standings.league.entries
+    places = range(len(entries))
+    known = [k for k in places if not np.isnan(standings.interval(k, "forced_error").estimate)]
+    compared = {
+        "forced_error": [k for k in known if entries[k].aim in (None, LEAST)],
+        "decision_time_s": [k for k in known if entries[k].aim is None and not guesses(standings, k)],
+    }
+    rows: list[dict[str, Any]] = []
+    for figure, chosen in compared.items():
+        if not chosen:
+            continue
+        means = drawn_means(standings, figure, seed)[chosen]
+        group = best_group(means, standings.by_unit(0, figure).size)
+        for place in np.argsort(means[:, 0], kind="stable"):
+            behind, low, high = (plain(float(x)) for x in group.difference[place])
+            rows.append(
+                {
+                    "figure": figure,
+                    "name": entries[chosen[place]].label,
+                    "value": float(means[place, 0]),
+                    "behind": behind,
+                    "behind_low": low,
+                    "behind_high": high,
+                    "in_group": bool(group.member[place]),
+                }
+            )
+    return pl.DataFrame(rows, schema=BEST)
