@@ -13,21 +13,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.forced_error import DRAWS, forced_error_by_robot, forced_errors, front_of, on_line
+from vibroswarm.analysis.forced_error import forced_error_by_robot, forced_errors, front_of, on_line
 from vibroswarm.cli import main
-from vibroswarm.cli.league import on_equal_terms
 from vibroswarm.errors import InputError
 from vibroswarm.league.entries import (
     FILLS,
+    GUESSING,
     PATTERNS,
     Entry,
+    default_strategies,
     entries_of,
     floors_of,
     frozen_settings,
+    main_entries,
     read_settings,
     varied,
 )
-from vibroswarm.league.fronts import _with_limits, front_table
+from vibroswarm.league.fronts import NOT, OPEN, REACHES, front_table
 from vibroswarm.league.standings import FIGURES, League, Standings
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import preset
@@ -215,21 +217,40 @@ def test_differences_floor_by_floor(standings: Standings) -> None:
 
 
 def test_fronts(standings: Standings) -> None:
-    table = front_table(standings, "none (credible_threshold 0.8)")
-    none, soft = table.iter_rows(named=True)
-    assert none["time_at_equal_error_s"] == pytest.approx(none["reference_time_s"])
-    assert none["error_at_equal_time"] == pytest.approx(none["reference_error"])
-    assert soft["points"] == 1
-    assert soft["time_at_equal_error_s"] is None
-    again = front_table(standings, "none (credible_threshold 0.8)")
-    assert again.equals(table)
+    """Read between two settings, as a mixture of runs would have it."""
+    table = front_table(standings)
+    assert table.height == 6 * 2
+    names = [(row["strategy"], row["level"]) for row in table.iter_rows(named=True)]
+    assert names == [
+        (name, level) for level in (0.01, 0.02, 0.05, 0.1, 0.15, 0.2) for name in ("none", "soft")
+    ]
+    assert set(table["reached"]) <= {REACHES, OPEN, NOT}
+    times, errors = (
+        [standings.interval(k, name).estimate for k in (0, 1)] for name in ("decision_time_s", "forced_error")
+    )
+    for row in table.filter(strategy="none").iter_rows(named=True):
+        if errors[1] <= row["level"] <= errors[0]:
+            share = (errors[0] - row["level"]) / (errors[0] - errors[1])
+            assert row["time_s"] == pytest.approx(times[0] + share * (times[1] - times[0]))
+        else:
+            assert row["time_s"] is None
+        assert (row["time_s_low"] is not None) == (row["reached"] == REACHES) == (row["in_group"] is not None)
+    assert front_table(standings).equals(table)
 
 
-def test_a_figure_of_a_front_without_an_estimate_has_no_limits() -> None:
-    draws = np.ones(DRAWS + 1)
-    assert _with_limits("x", draws) == {"x": 1.0, "x_low": 1.0, "x_high": 1.0}
-    draws[0] = np.nan
-    assert all(math.isnan(value) for value in _with_limits("x", draws).values())
+def test_a_strategy_stands_for_itself_with_the_setting_of_the_middle_aim() -> None:
+    tables = {"none": [{"forced_error": aim} for aim in (0, 0.14, 0.18, 0.2)], "mcp": [{"forced_error": 0}],
+              "soft": {"strategy.soft.eta": 7.0}, "totals": [{}, {"strategy.totals.threshold": 2.0}]}  # fmt: skip
+    entries = entries_of(list(tables), tables)
+    assert [entry.label for entry in entries] == [
+        "none least", "none 14 %", "none 18 %", "none 20 %", "mcp least", "soft", "totals 1", "totals 2",
+    ]  # fmt: skip
+    assert [entry.label for entry in main_entries(entries)] == [
+        "none 14 %", "mcp least", "soft", "totals 1", "totals 2",
+    ]  # fmt: skip
+    assert all("forced_error" not in entry.settings for entry in entries)
+    with pytest.raises(InputError, match="forced_error"):
+        entries_of(["none"], {"none": [{"forced_error": 0.7}]})
 
 
 def test_standings_without_a_figure_are_shown_with_a_dash(standings: Standings) -> None:
@@ -274,7 +295,16 @@ def test_the_command_saves_its_tables_and_goes_on(tmp_path: Path, capsys: pytest
     said = capsys.readouterr().out
     assert said.startswith("Smallest forced error: ")
     kept = {file.name: file.read_bytes() for file in folder.glob("*.csv")}
-    tables = ("standings", "differences", "floor_differences", "fronts", "floors", "beliefs", "faults")
+    tables = (
+        "standings",
+        "differences",
+        "floor_differences",
+        "fronts",
+        "best",
+        "floors",
+        "beliefs",
+        "faults",
+    )
     assert set(kept) == {f"{name}.csv" for name in tables}
     assert main([*line, "--json", "--workers", "1"]) == 0
     document = json.loads(capsys.readouterr().out)
@@ -412,7 +442,8 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
 
 def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixture[str]) -> None:
     settings = frozen_settings()
-    assert set(settings) == set(on_equal_terms()) == set(known()) - {"places", "field", "explore"}
+    unplaced = set(known()) - {"places", "field", "explore"}
+    assert set(settings) == {*default_strategies(), *GUESSING} == unplaced
     assert set(frozen_settings(own_motion=True)) == set(settings)
     motions = {
         tuple(v for k, v in own.items() if k.startswith("walk.")) for own in frozen_settings(True).values()
@@ -420,9 +451,21 @@ def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixt
     assert len(motions) > 1
     assert all(entry.tuned for entry in entries_of(list(settings), settings))
     assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--json"]) == 0
-    capsys.readouterr()
-    assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--own-motion", "--fronts", "--json"]) == 0
     names = [row["name"] for row in json.loads(capsys.readouterr().out)["tables"]["standings"]]
-    assert len(names) == 2 * 24
+    assert set(names) == {entry.label for entry in entries_of(["none", "soft"], settings)}
+    assert main(["league", *FEW, *SMALL, *QUICK[:-1], "--own-motion", "--json"]) == 0
+    capsys.readouterr()
     assert main(["league", *FEW, *SMALL, *QUICK]) == 0
     assert "Not tuned for a league" in capsys.readouterr().out
+
+
+def test_what_guesses_plays_only_when_named(capsys: pytest.CaptureFixture[str]) -> None:
+    small = [*FEW, *SMALL[:-2], *QUICK]
+    assert main(["league", *small]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert f"because they guess on these floors: {', '.join(GUESSING[:-1])} and {GUESSING[-1]}." in said
+    assert not any(f"\n{name} " in said for name in GUESSING)
+    assert main(["league", *small, "--strategy", "none,dmmd"]) == 0
+    said = capsys.readouterr().out
+    assert "\ndmmd " in said
+    assert "Left out" not in said

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import polars as pl
 import pytest
@@ -10,12 +12,13 @@ import pytest
 from vibroswarm.documents.league import by_difficulty, league_document
 from vibroswarm.documents.league_answer import answers
 from vibroswarm.league.belief_calibration import belief_calibration
-from vibroswarm.league.entries import entries_of, floors_of
+from vibroswarm.league.entries import AIM, entries_of, floors_of
 from vibroswarm.league.fault_curves import fault_curves
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.tables import league_tables
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.show.data import document_data
+from vibroswarm.show.document import Section
 from vibroswarm.show.page import page_html
 
 STANDINGS = pl.DataFrame(
@@ -27,15 +30,24 @@ STANDINGS = pl.DataFrame(
         "decision_time_s": [700.0, 600.0, 300.0],
     }
 )
+BEST = pl.DataFrame(
+    [
+        ("forced_error", "sure", True), ("forced_error", "base", True), ("forced_error", "fast", False),
+        ("decision_time_s", "fast", True), ("decision_time_s", "base", False),
+    ],
+    schema=["figure", "name", "in_group"],
+    orient="row",
+)  # fmt: skip
 FRONTS = pl.DataFrame(
-    {
-        "strategy": ["sure", "fast"],
-        "points": [3, 1],
-        "reference": ["base", "base"],
-        "time_at_equal_error_s": [550.0, None],
-        "reference_time_s": [600.0, 600.0],
-    }
-)
+    [
+        (0.1, "sure", "yes", 700.0, 0.0, True), (0.1, "base", "no", None, None, None),
+        (0.1, "fast", "open", 900.0, None, None),
+        (0.2, "sure", "yes", 510.0, 10.0, True), (0.2, "base", "yes", 500.0, 0.0, True),
+        (0.2, "fast", "yes", 533.0, 33.0, False),
+    ],
+    schema=["level", "strategy", "reached", "time_s", "behind_s", "in_group"],
+    orient="row",
+)  # fmt: skip
 
 
 def differences(*rows: tuple[str, str, float, float]) -> pl.DataFrame:
@@ -44,10 +56,22 @@ def differences(*rows: tuple[str, str, float, float]) -> pl.DataFrame:
 
 
 def said(
-    differences: pl.DataFrame, fronts: pl.DataFrame, floors: pl.DataFrame | None = None
+    differences: pl.DataFrame, fronts: pl.DataFrame, floors: pl.DataFrame | None = None, error: float = 0.2
 ) -> tuple[str, ...]:
-    found = on_floors() if floors is None else floors
-    return answers(STANDINGS, {"differences": differences, "fronts": fronts, "floor_differences": found})
+    """The answer of a league of three entries, all with this forced error."""
+    tables = {
+        "differences": differences,
+        "fronts": fronts,
+        "floor_differences": on_floors() if floors is None else floors,
+        "best": BEST,
+    }
+    entries = [SimpleNamespace(strategy=name, label=name) for name in STANDINGS["name"]]
+    league: Any = SimpleNamespace(
+        table=STANDINGS,
+        league=SimpleNamespace(entries=entries),
+        interval=lambda place, figure: SimpleNamespace(estimate=error, high=error + 0.01),
+    )
+    return answers(league, tables)
 
 
 def on_floors(*rows: tuple[str, float, float, float]) -> pl.DataFrame:
@@ -76,28 +100,32 @@ def test_the_first_sentences_name_the_best_and_what_is_sure() -> None:
             ("fast", 0.46, 0.1, 0.01), ("fast", 0.48, -0.1, 0.06),
         ),
     )  # fmt: skip
-    assert found[0].startswith("Smallest forced error: sure, 10.0 % [9.0, 11.0]; it decides after 700 s.")
-    assert "Fastest: fast, 300 s; its forced error is 30.0 %" in found[0]
-    assert "faster or more accurate, no loss found: fast;" in found[1]
-    assert "slower or less accurate, no gain found: slow." in found[1]
-    assert "faster but less accurate, or slower but more accurate: sure;" in found[1]
-    assert "same" not in found[1]
-    assert found[2].endswith("Holm over strategies and 3 floors: sure fewer on 2, more on 1; fast more on 1.")
-    assert found[3] == "At the forced error of base, the fastest front is that of sure: 550 s, against 600 s."
+    assert found[0] == (
+        "At 20 % forced error base and sure cannot be told apart (500 to 510 s); slower: fast +33 s."
+    )
+    assert found[1] == (
+        "Smallest forced error: sure, 10.0 % [9.0, 11.0] in 700 s; cannot be told apart from it: base."
+    )
+    assert found[2] == "Fastest: fast, 30.0 % [28.0, 32.0] in 300 s."
+    assert "faster or more accurate, no loss found: fast;" in found[3]
+    assert "slower or less accurate, no gain found: slow." in found[3]
+    assert "faster but less accurate, or slower but more accurate: sure;" in found[3]
+    assert "same" not in found[3]
+    assert found[4].endswith("Holm over strategies and 3 floors: sure fewer on 2, more on 1; fast more on 1.")
+    assert len(found) == 5
 
 
-def test_a_front_that_is_no_faster_is_not_called_the_fastest() -> None:
-    """Negative control."""
-    slower = FRONTS.with_columns(time_at_equal_error_s=pl.Series([600.0, None]))
-    assert said(differences().clear(), slower)[1] == "At the forced error of base, no front beats 600 s."
+def test_what_guesses_is_named() -> None:
+    (words,) = [text for text in said(differences().clear(), FRONTS, error=0.395) if "guess" in text]
+    assert words.endswith("never called fastest: sure, base and fast.")
 
 
 def test_nothing_is_said_to_differ_where_nothing_is_shown() -> None:
     """Negative control."""
     rows = [("fast", name, -1.0, 0.05) for name in ("forced_error", "decision_time_s")]
     found = said(differences(*rows), FRONTS.clear())
-    assert found[1].endswith("no significant difference.")
     assert found[2].endswith("no significant difference.")
+    assert found[3].endswith("no significant difference.")
 
 
 def test_a_floor_and_its_mirror_are_averaged() -> None:
@@ -133,7 +161,7 @@ def test_every_table_and_figure_is_in_the_document(standings: Standings) -> None
     assert said["answer"][0].startswith("Smallest forced error: ")
     for name, frame in tables.items():
         assert said["tables"][name] == frame.fill_nan(None).to_dicts()
-    assert set(document.tables) == {*tables, "costs", "tolerated", "settings"}
+    assert set(document.tables) == {*tables, "costs", "tolerated", "settings"} - {"fronts", "best"}
     assert set(document.figures) == {"front", "beliefs", "faults-stuck_at_1", "floors"}
     text = page_html(document)
     assert "Smallest forced error" in text
@@ -157,3 +185,24 @@ def test_differences_of_an_entry_stand_in_one_row(standings: Standings) -> None:
         assert beside[row["figure"]] == row["difference"]
         assert beside[f"{row['figure']}_high"] == row["difference_high"]
         assert beside[f"{row['figure']}_p"] == row["p_holm"]
+
+
+def test_fronts_come_first_and_every_setting_last() -> None:
+    base = preset("paper").with_values({"run.t_end_s": 200.0})
+    waits = [0, 5, 40, 80]
+    tables = {
+        name: [{AIM: 0.07 * k, "decision.min_observations": wait} for k, wait in enumerate(waits)]
+        for name in ("none", "soft")
+    }
+    played = League(
+        base, entries_of(list(tables), tables), floors_of(["random"], [0.3]), (4,), runs=12
+    ).play()
+    document = league_document(played)
+    titles = [part.title for part in document.parts if isinstance(part, Section)]
+    assert titles[:2] == ["Time at equal error", "One setting of each"]
+    assert next(iter(document.figures)) == "fronts"
+    numbers = document.figures["fronts"].drawn.numbers
+    assert numbers["series"].n_unique() == 2
+    assert document.tables["main"].frame["name"].to_list() == sorted(["none 14 %", "soft 14 %"])
+    assert document.tables["standings"].frame.height == 8
+    assert page_html(document)

@@ -1,19 +1,20 @@
-"""Tuning the strategies of a league: the criterion, equal numbers of runs, and the file of settings."""
+"""Tuning the strategies of a league: which settings are chosen, on which runs, and the file of settings."""
 
 from __future__ import annotations
 
-from collections import Counter
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
-from vibroswarm.league.entries import entries_of, floors_of, read_settings
+from vibroswarm.league.entries import AIM, LEAST, entries_of, floors_of, read_settings
 from vibroswarm.league.standings import League
-from vibroswarm.league.tuning import AGAIN, FINALISTS, _candidates, by_criterion, spaces, tune
+from vibroswarm.league.tuning import AGAIN, _box, _candidates, hull_of, ranked_for_aims, spaces, tune
 from vibroswarm.scenario.scenario import field_names, preset
 from vibroswarm.strategies import known
 
@@ -21,47 +22,85 @@ BASE = preset("paper").with_values({"run.t_end_s": 60.0, "decision.min_observati
 SPACE = {"decision.min_observations": {"from": 0, "to": 60, "whole": True}}
 
 
-def standings(*figures: tuple[float, float]) -> Any:
-    """Entries with these errors and times."""
-
-    def interval(k: int, name: str) -> Any:
-        return SimpleNamespace(estimate=figures[k][0 if name == "forced_error" else 1])
-
-    return SimpleNamespace(league=SimpleNamespace(entries=figures), interval=interval)
+POINTS = st.lists(
+    st.tuples(st.integers(0, 9).map(float), st.integers(0, 9).map(float)), min_size=1, max_size=12
+)
 
 
-def test_the_criterion_is_time_up_to_the_target_then_error() -> None:
-    found = standings((0.3, 10.0), (0.1, 90.0), (0.2, 50.0), (0.25, 5.0), (0.2, 40.0))
-    assert by_criterion(found, 0.2) == [4, 2, 1, 3, 0]
-    assert by_criterion(found, 0.05) == [1, 2, 4, 3, 0]
-    assert by_criterion(found, 1.0) == [3, 0, 4, 2, 1]
+@given(POINTS)
+def test_a_hull_has_all_points_above_it(points: list[tuple[float, float]]) -> None:
+    time_s, error = np.array(points).T
+    hull = hull_of(time_s, error)
+    x, y = time_s[hull], error[hull]
+    assert (np.diff(x) > 0).all()
+    assert (np.diff(y) < 0).all()
+    assert (np.diff(np.diff(y) / np.diff(x)) > 0).all()
+    assert x[0] == time_s.min()
+    assert y[-1] == error.min()
+    inside = time_s <= x[-1]
+    assert (error[inside] >= np.interp(time_s[inside], x, y) - 1e-9).all()
 
 
-def test_every_strategy_has_as_many_runs_and_the_second_round_is_fresh(
+def test_settings_are_ranked_by_time_at_the_price_of_error() -> None:
+    """0, 1 and 3 are on the hull, where 1 % costs 10 s and then 30 s; 2 lies just above it, 4 far above."""
+    error = np.array([0.10, 0.20, 0.15, 0.30, 0.21])
+    time_s = np.array([500.0, 200.0, 355.0, 100.0, 400.0])
+    found = ranked_for_aims(time_s, error, [0.05, 0.12, 0.19, 0.29, 0.35])
+    assert found == {
+        LEAST: [0, 2, 1, 4, 3],
+        0.12: [0, 1, 2, 3, 4],
+        0.19: [1, 0, 2, 3, 4],
+        0.29: [3, 1, 2, 0, 4],
+    }
+    one = ranked_for_aims(np.array([5.0]), np.array([0.1]), [0.1])
+    assert one == {LEAST: [0], 0.1: [0]}
+
+
+def test_more_settings_are_tried_of_more_fields_and_every_round_is_fresh(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    runs, seeds = Counter[str](), dict[str, set[int]]()
+    rounds: dict[str, list[tuple[int, int, int]]] = {}
     play = League.play
 
     def noted(league: League, *given: Any, **how: Any) -> Any:
-        for entry in league.entries:
-            runs[entry.strategy] += len(league.study.cells) // len(league.entries) * league.runs
-            seeds.setdefault(entry.label, set()).add(league.seed)
+        of = rounds.setdefault(league.entries[0].strategy, [])
+        of.append((len(league.entries), league.runs, league.seed))
         return play(league, *given, **how)
 
     monkeypatch.setattr(League, "play", noted)
     space = {"none": SPACE, "soft": SPACE | {"strategy.soft.eta": {"from": 500.0, "to": 2000.0}}}
     floors = floors_of(["stripe"], [0.48])
     tuned = tune(BASE, ["soft", "none"], floors, [3], space_of=space, points=8, runs=2, seed=5)
-    of_target = len(floors) * AGAIN * 2
-    each = len(floors) * (8 * 2 + (FINALISTS + 1) * AGAIN * 2)
-    assert runs == {"soft": each, "none": each + of_target}
-    assert seeds["base"] == {6}
-    assert {tuple(sorted(found)) for found in seeds.values()} <= {(5,), (5, 6), (6,)}
+    for name, fields in (("none", 1), ("soft", 2)):
+        (first, second, third) = rounds[name]
+        assert first == (8 * fields, 2, 5)
+        assert second[1:] == (2 * AGAIN, 6)
+        assert third[1:] == (2 * AGAIN**2, 7)
+        assert third[0] <= second[0]
+        settings = tuned.settings[name]
+        assert settings[0][AIM] == LEAST
+        assert [one[AIM] for one in settings] == sorted({one[AIM] for one in settings})
     assert set(tuned.settings) == {"none", "soft"}
-    assert tuned.table["is_chosen"].sum() == 2
+    assert tuned.table["aim"].is_not_null().sum() == sum(len(found) for found in tuned.settings.values())
+    assert "8 settings for each tuned field" in tuned.how
     with pytest.raises(InputError, match="positive"):
         tune(BASE, ["positive"], floors, [3], space_of=space, points=4, runs=2)
+
+
+def test_what_was_found_by_hand_for_soft_feedback_is_in_its_space() -> None:
+    found = {"strategy.soft.eta": 5000.0, "strategy.soft.kappa": 2.0,
+             "decision.credible_threshold": 0.95, "decision.min_observations": 381}  # fmt: skip
+    for field, value in found.items():
+        bounds = spaces()["soft"][field]
+        assert bounds["from"] < value < bounds["to"]
+
+
+def test_a_box_lies_within_the_bounds() -> None:
+    ranges = spaces()["soft"]
+    for centre in ({field: bounds[end] for field, bounds in ranges.items()} for end in ("from", "to")):
+        for field, near in _box(centre, ranges).items():
+            assert ranges[field]["from"] <= near["from"] < near["to"] <= ranges[field]["to"]
+            assert near["from"] <= centre[field] <= near["to"]
 
 
 def test_spaces_are_of_strategies_and_fields_that_exist() -> None:
@@ -85,11 +124,11 @@ def test_the_command_writes_settings_that_a_league_reads(
     line = ["tune", *SMALL, *QUICK, "--points", "8", "--out", str(file)]
     assert main(line) == 0
     said = capsys.readouterr().out
-    assert said.startswith("Settings by the smallest decision time")
+    assert said.startswith("none ")
     assert "decision.min_observations" in said
     assert set(read_settings(file)) == {"none"}
     text = file.read_text(encoding="utf-8")
-    assert text.startswith("# 8 settings per strategy")
+    assert text.startswith("# 8 settings for each tuned field")
     assert main(line) == 2
     assert "--force" in capsys.readouterr().err
     assert main([*line, "--force"]) == 0
@@ -115,4 +154,4 @@ def test_a_space_with_only_fixed_values_has_one_setting() -> None:
     tuned = tune(
         BASE, ["none"], floors_of(["stripe"], [0.48]), [3], space_of={"none": fixed}, points=4, runs=2
     )
-    assert tuned.settings == {"none": fixed}
+    assert tuned.settings == {"none": [{AIM: LEAST, **fixed}]}

@@ -229,7 +229,7 @@ def test_standings_show_one_row_per_entry() -> None:
     assert "smallest forced error: '" in repr(standings)
     shown(league, "2 entries", "8 runs", "by default")
     tuned = tune(base, ["soft"], floors_of(["random"], [0.48]), (4,), points=1, runs=1)
-    shown(tuned, "strategy.soft.eta", "1 setting per strategy", "favour the settings that were lucky")
+    shown(tuned, "strategy.soft.eta", "1 setting for each tuned field", "favour the settings that were lucky")
 
 
 def test_a_fit_shows_fields_and_estimates() -> None:

@@ -66,11 +66,6 @@ def add_parser(commands: Any) -> None:
         help="each strategy moves as suits it: use the settings that were found with motion",
     )
     group.add_argument(
-        "--fronts",
-        action="store_true",
-        help="play several settings of each strategy's own parameters, and compare fronts",
-    )
-    group.add_argument(
         "--vary",
         metavar="[STRATEGY:]FIELD=A,B,...",
         action="append",
@@ -146,13 +141,16 @@ def run(arguments: argparse.Namespace) -> int:
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.documents.league import league_document
+    from vibroswarm.league.entries import main_entries
     from vibroswarm.scenario.fault_fields import FAULTS
     from vibroswarm.study.store import Store
 
     check_open(arguments)
     league, basic_entries = league_from(arguments)
-    if arguments.reference is not None and arguments.reference not in [one.label for one in league.entries]:
-        known = ", ".join(f"'{one.label}'" for one in league.entries)
+    main = main_entries(league.entries)
+    known_names = [*dict.fromkeys(name for one in main for name in (one.label, one.strategy))]
+    if arguments.reference is not None and arguments.reference not in known_names:
+        known = ", ".join(f"'{name}'" for name in known_names)
         raise InputError(f"'{arguments.reference}' is not an entry (entries: {known})", field="--reference")
     for kind in arguments.faults or ():  # refuse an unknown kind now, before anything is simulated
         check_choice(kind, "--faults", FAULTS)
@@ -197,8 +195,8 @@ def _tables_of(
     ``--fault-runs`` is 0; the table is then missing.
 
     Args:
-        basic_entries: the entries of these two tables: one for each strategy, without the further entries that
-            ``--fronts`` and ``--vary`` make.
+        basic_entries: the entries of these two tables: one for each strategy, without the further entries of
+            the league.
         standings: the finished league.
     """
     from vibroswarm.cli.progress import study_progress
@@ -236,12 +234,12 @@ def _tables_of(
 def league_from(arguments: argparse.Namespace) -> tuple[League, tuple[Entry, ...]]:
     """Return the league that the options describe, and its basic entries: one for each strategy.
 
-    With ``--fronts`` or ``--vary``, the league has several entries in place of each basic entry.
+    The league has further entries: settings for several forced errors, and those of ``--vary``.
 
     Raises:
         InputError: options conflict, or a strategy or setting is unknown.
     """
-    from vibroswarm.league.entries import entries_of, frozen_settings, read_settings, with_fronts
+    from vibroswarm.league.entries import entries_of, frozen_settings, main_entries, read_settings
     from vibroswarm.league.standings import League
 
     names, base, floors, robots = players_from(arguments)
@@ -256,8 +254,8 @@ def league_from(arguments: argparse.Namespace) -> tuple[League, tuple[Entry, ...
         settings = read_settings(arguments.entry_settings)
     else:
         settings = frozen_settings(arguments.own_motion)
-    basic_entries = entries_of(names, settings)
-    entries = with_fronts(basic_entries) if arguments.fronts else basic_entries
+    entries = entries_of(names, settings)
+    basic_entries = main_entries(entries)
     for text in arguments.vary:
         entries = _varied(entries, text)
     league = League(base, entries, floors, robots, runs=arguments.runs, seed=arguments.seed)
@@ -272,19 +270,19 @@ def players_from(
     A league varies the strategy and the swarm size, so these options hold lists. ``scenario_from`` takes single values;
     therefore ``arguments.strategy`` and ``arguments.robots`` are set to None before it makes the base scenario.
 
-    Without ``--strategy``, the names are those of ``on_equal_terms``.
+    Without ``--strategy``, the names are those of ``default_strategies``.
 
     Raises:
         InputError: ``--floor`` or ``--tiles`` is given, or the value of an option is wrong.
     """
     from vibroswarm.cli.scenario_options import chosen, scenario_from
-    from vibroswarm.league.entries import FILLS, PATTERNS, floors_of
+    from vibroswarm.league.entries import FILLS, PATTERNS, default_strategies, floors_of
 
     for option in ("floor", "tiles"):
         if getattr(arguments, option) is not None:
             raise InputError("is not for a league; use --patterns and --fills", field=f"--{option}")
     names = (
-        on_equal_terms()
+        default_strategies()
         if arguments.strategy is None
         else [one.strip() for one in arguments.strategy.split(",")]
     )
@@ -293,24 +291,6 @@ def players_from(
     arguments.strategy = arguments.robots = None
     floors = floors_of(arguments.patterns or PATTERNS, arguments.fills or FILLS)
     return names, scenario_from(arguments), floors, robots
-
-
-def on_equal_terms() -> list[str]:
-    """Return the names of the strategies that a league compares by default.
-
-    Strategies that use the places of their readings are left out: their robots must know where they are, so they do not
-    compete on equal terms.
-    """
-    from vibroswarm.strategies import known
-    from vibroswarm.strategies.static_analysis import told
-
-    # `told` lists what a robot knows in advance, and the place of each reading if the strategy uses it. `boundary_of`
-    # (the field decision.boundary_of) only affects whether the sensor's error rates are listed, so any value will do.
-    return [
-        name
-        for name, strategy in known().items()
-        if "place of each reading" not in told(strategy, boundary_of="tiles")
-    ]
 
 
 def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:

@@ -25,15 +25,18 @@ def add_parser(commands: Any) -> None:
     """
     parser = commands.add_parser(
         "tune",
-        help="find settings for the strategies of a league, with equal numbers of runs",
-        description="For each strategy, find the settings with the smallest decision time among those whose forced "
-        "error is not above that of the scenario as it is; in two rounds, each with equal numbers of runs for all "
-        "strategies.",
+        help="find settings for the strategies of a league: each strategy's front of time against error",
+        description="For each strategy, find the settings that decide soonest at each of several forced errors, the "
+        "same for all strategies; in three rounds, each on fresh motion and floors.",
         epilog=EPILOG,
     )
-    group = add_league_options(parser, runs=100)
+    group = add_league_options(parser, runs=20)
     group.add_argument(
-        "--points", metavar="N", type=whole, default=64, help="settings tried per strategy (default 64)"
+        "--points",
+        metavar="N",
+        type=whole,
+        default=48,
+        help="settings tried for each tuned field of a strategy (default 48)",
     )
     group.add_argument(
         "--own-motion",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import polars as pl
 
@@ -11,14 +11,16 @@ from vibroswarm.documents.cell_figures import columns_of, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.league_answer import answers
 from vibroswarm.league.belief_calibration import AT_95
+from vibroswarm.league.entries import MAIN_AIM
 from vibroswarm.league.fault_curves import MARGIN, borne
+from vibroswarm.league.fronts import NOT, OPEN, REACHES
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.tables import league_tables
 from vibroswarm.plots.error_bars import draw_error_bars
 from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_heat
-from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
-from vibroswarm.show.numbers import count, listed, number, percent
+from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
+from vibroswarm.show.numbers import Estimate, count, listed, number, percent, with_limits
 from vibroswarm.simulation import versions
 
 ENTRY: Final = Column("entry")
@@ -65,17 +67,18 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
     tables = league_tables(standings) if tables is None else tables
     return Document(
         title="League",
-        answer=answers(standings.table, tables),
+        answer=answers(standings, tables),
         knew=(*told(cell.scenario for cell in league.study.cells), *_grids(standings.table)),
         warnings=_warnings(league),
         parts=(
+            *_fronts(standings, tables["fronts"]),
             _time_and_error(standings),
-            _costs(standings.table),
+            _costs(standings.main.table),
             *_differences(tables["differences"]),
             *_beliefs(tables.get("beliefs")),
             *_faults(tables.get("faults")),
-            _fronts(tables["fronts"]),
-            *_by_floor(standings.floor_table, tables["floor_differences"]),
+            *_by_floor(standings.main.floor_table, tables["floor_differences"]),
+            *_every_setting(standings),
             _settings(league),
         ),
         made_by={
@@ -118,8 +121,8 @@ def _grids(table: pl.DataFrame) -> tuple[str, ...]:
 
 
 def _time_and_error(standings: Standings) -> Section:
-    """Return the section with the standings and their picture."""
-    table, league = standings.table, standings.league
+    """Return the section with the standings of the main entries, and their picture if there are no others."""
+    table, league = standings.main.table, standings.league
     points = table.select(
         "name",
         **{f"error{end}": f"forced_error{end}" for end in ("", "_low", "_high")},
@@ -143,6 +146,9 @@ def _time_and_error(standings: Standings) -> Section:
         "front",
         lambda style: draw_front(points, error_label="forced error", percent=True, style=style),
     )
+    if table.height < standings.table.height:
+        words = f"For each strategy the setting tuned for {percent(MAIN_AIM, 0)}, or the nearest that it has. {words}"
+        return Section("One setting of each", (_table(frame, "main", FIGURES), Text(words, "aside")))
     return Section("Time and error", (front, _table(frame, "standings", FIGURES), Text(words, "aside")))
 
 
@@ -182,30 +188,90 @@ def _side_by_side(differences: pl.DataFrame, *index: str) -> pl.DataFrame:
     return frame
 
 
-def _fronts(fronts: pl.DataFrame) -> Section:
-    """Return the section on the fronts of strategies; it is folded if no front has more than one entry."""
-    # All rows have the same reference.
-    reference, time_s, error = fronts.select("reference", "reference_time_s", "reference_error").row(0)
+def _fronts(standings: Standings, fronts: pl.DataFrame) -> tuple[Section, ...]:
+    """Return the section on the fronts of strategies; none if every strategy has a single entry.
+
+    Args:
+        fronts: from ``front_table``.
+    """
+    if len(standings.league.entries) == fronts["strategy"].n_unique():
+        return ()
     words = (
-        f"Along the front of each strategy's own entries: the time at which it reaches the forced error of {reference} "
-        f"({percent(error)}), and its forced error at the decision time of {reference} ({number(time_s, 0)} s). "
-        "A dash: its front does not reach there."
+        "The settings of a strategy, each a point of its front, were chosen on other motions and floors. Between two "
+        "of them, a swarm draws one for each run. Times are read at the same forced errors for all, which no strategy "
+        "sets. An asterisk: among the fastest, which cannot be told apart (paired bootstrap, intervals that hold "
+        "together with 95 % for all pairs at that error). A dash: not reached; open: reached in some bootstrap draws."
     )
+    levels = _levels(fronts)
+    compared = fronts.filter(pl.col("reached") == REACHES).drop("reached")
     columns = {
-        "points": Column("entries on its front"),
-        "time_at_equal_error_s": Column("time at equal error", "s", decimals=0),
-        "error_at_equal_time": Column("error at equal time", share=True),
+        "level": Column("forced error", share=True, decimals=0),
+        "time_s": Column("time", "s", decimals=0),
+        "behind_s": Column("behind the fastest", "s", decimals=0, sign=True, strip=True),
+        "in_group": Column("among the fastest"),
     }
-    frame = fronts.select(
-        "strategy",
-        "points",
-        *with_limits_of(["time_at_equal_error_s", "error_at_equal_time"], fronts.columns),
+    parts: list[Part] = [Figure("fronts", lambda style: _draw_fronts(standings, style)), *levels]
+    if compared.height:
+        parts.append(Text(words, "aside"))
+        parts.append(
+            Table(compared, columns_of(columns, compared.columns), name="fronts", names=2, folded=True)
+        )
+    return (Section("Time at equal error", tuple(parts)),)
+
+
+def _levels(fronts: pl.DataFrame) -> tuple[Table, ...]:
+    """Return the table of times, one row per strategy and one column per level that one of them reaches."""
+    shown = fronts.filter((pl.col("reached") != NOT).any().over("level"))
+    if shown.is_empty():
+        return ()
+    order = (
+        shown.group_by("strategy", maintain_order=True)
+        .agg(pl.col("time_s").last())
+        .sort("time_s", nulls_last=True)
     )
-    return Section(
-        "At equal error, and at equal time",
-        (_table(frame, "fronts", columns), Text(words, "aside")),
-        folded=not (fronts["points"] > 1).any(),
+    frame = order.select(name="strategy")
+    columns: dict[str, Column] = {"name": Column("strategy")}
+    for (level,), at_level in shown.group_by("level", maintain_order=True):
+        title = f"time at {percent(cast(float, level), 0)}"
+        cells = [{"name": row["strategy"], title: _cell_of(row)} for row in at_level.iter_rows(named=True)]
+        frame = frame.join(pl.DataFrame(cells), on="name", how="left", maintain_order="left")
+        columns[title] = Column(unit="s")
+    return (Table(frame, columns, name="levels"),)
+
+
+def _cell_of(row: Mapping[str, Any]) -> str:
+    """Write the time of a strategy at a level."""
+    if row["reached"] != REACHES:
+        return OPEN if row["reached"] == OPEN else "-"
+    return with_limits(Estimate.of(row, "time_s"), "", 0) + ("*" if row["in_group"] else "")
+
+
+def _draw_fronts(standings: Standings, style: str) -> Any:
+    marks = standings.table.sort("decision_time_s").select(
+        x="decision_time_s",
+        series="strategy",
+        estimate="forced_error",
+        low="forced_error_low",
+        high="forced_error_high",
     )
+    return draw_error_bars(
+        marks.unique(["x", "series"], maintain_order=True),
+        x_label="decision time (s)",
+        label="forced error",
+        interval="95 % interval over motions, which all strategies share",
+        percent=True,
+        style=style,
+    )
+
+
+def _every_setting(standings: Standings) -> tuple[Section, ...]:
+    """Return the folded section with the standings of all entries, if ``_time_and_error`` shows only some."""
+    table = standings.table
+    if table.height == standings.main.table.height:
+        return ()
+    frame = table.select("name", *with_limits_of(["forced_error"], table.columns), "right", "wrong", "undecided",
+                         *with_limits_of(["decision_time_s"], table.columns))  # fmt: skip
+    return (Section("All settings", (_table(frame, "standings", FIGURES),), folded=True),)
 
 
 def _beliefs(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:

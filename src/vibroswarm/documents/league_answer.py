@@ -5,38 +5,95 @@ An entry is a strategy with its settings. The reference is the entry with which 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import Any, Final
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, Final, cast
 
 import polars as pl
 
 from vibroswarm.league.belief_calibration import AS_PLAYED, COMMON, OWN
-from vibroswarm.show.numbers import Estimate, number, with_limits
+from vibroswarm.league.best import GUESS, guesses
+from vibroswarm.league.entries import GUESSING, default_strategies
+from vibroswarm.league.fronts import NOT, OPEN, REACHES
+from vibroswarm.league.standings import Standings
+from vibroswarm.show.numbers import Estimate, listed, number, percent, span, with_limits
 
 CERTAIN: Final = 0.05
 """A difference is significant if its corrected p-value is below this."""
 
 
-def answers(standings: pl.DataFrame, tables: Mapping[str, pl.DataFrame]) -> tuple[str, ...]:
+def answers(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> tuple[str, ...]:
     """Write the sentences that answer which entry is best.
 
     Args:
-        standings: ``Standings.table``, by rising forced error. tables: as ``league_document`` describes them.
+        tables: as ``league_document`` describes them.
     """
     differences = tables["differences"]
-    found = [_best(standings)]
+    found = [*_at_levels(tables["fronts"]), *_best(standings.table, tables["best"])]
     if differences.height:
         found += [_compared(differences), _floor_by_floor(tables["floor_differences"])]
-    return (*found, *_fastest_front(tables["fronts"]), *_too_confident(tables.get("beliefs")))
+    return (*found, *_guessing(standings), *_too_confident(tables.get("beliefs")))
 
 
-def _best(standings: pl.DataFrame) -> str:
-    least = standings.row(0, named=True)
-    fastest = standings.sort("decision_time_s").row(0, named=True)
-    return (
-        f"Smallest forced error: {least['name']}, {_error(least)}; it decides after {_time(least)}. "
-        f"Fastest: {fastest['name']}, {_time(fastest)}; its forced error is {_error(fastest)}."
-    )
+def _at_levels(fronts: pl.DataFrame) -> Iterator[str]:
+    """Say which strategies are fastest at each forced error that at least two of them reach."""
+    for (level,), at_level in fronts.group_by("level", maintain_order=True):
+        reached = at_level.filter(pl.col("reached") == REACHES).sort("time_s")
+        if reached.height < 2:
+            continue
+        group = reached.filter("in_group")
+        slower = reached.filter(pl.col("in_group").not_())
+        words = [
+            f"At {percent(cast(float, level), 0)} forced error "
+            + _group_words(group["strategy"], "the fastest is", span(group["time_s"], 0) + " s")
+        ]
+        if slower.height:
+            behind = [
+                f"{name} {number(by_s, 0, sign=True)} s"
+                for name, by_s in slower.select("strategy", "behind_s").iter_rows()
+            ]
+            words.append(f"slower: {listed(behind)}")
+        for kind, title in ((OPEN, "open whether they reach it"), (NOT, "do not reach it")):
+            names = at_level.filter(pl.col("reached") == kind)["strategy"]
+            if len(names):
+                words.append(f"{title}: {listed(names)}")
+        yield "; ".join(words) + "."
+
+
+def _group_words(names: Iterable[str], one: str, value: str) -> str:
+    """Say who is best: ``the fastest is none (620 s)``, or who cannot be told apart."""
+    first, *others = names
+    if not others:
+        return f"{one} {first} ({value})"
+    return f"{listed([first, *others])} cannot be told apart ({value})"
+
+
+def _best(standings: pl.DataFrame, best: pl.DataFrame) -> Iterator[str]:
+    """Say which entries err least, and which are fastest of those that do not guess."""
+    for figure, start in (("forced_error", "Smallest forced error"), ("decision_time_s", "Fastest")):
+        group = best.filter((pl.col("figure") == figure) & pl.col("in_group"))
+        if group.is_empty():
+            continue
+        first, *others = group["name"]
+        row = standings.row(by_predicate=pl.col("name") == first, named=True)
+        words = f"{start}: {first}, {_error(row)} in {_time(row)}"
+        if others:
+            words += f"; cannot be told apart from it: {listed(others)}"
+        yield f"{words}."
+
+
+def _guessing(standings: Standings) -> Iterator[str]:
+    """Name the strategies that guess, and those that were left out for it."""
+    entries = standings.league.entries
+    best_of: dict[str, bool] = {}  # whether all entries of a strategy guess
+    for place, entry in enumerate(entries):
+        best_of[entry.strategy] = best_of.get(entry.strategy, True) and guesses(standings, place)
+    if names := [name for name, all_guess in best_of.items() if all_guess]:
+        yield (
+            f"Not shown to do better than a guess (forced error below {percent(GUESS, 0)}), so never called fastest: "
+            f"{listed(names)}."
+        )
+    if list(best_of) == default_strategies():
+        yield f"Left out unless named in --strategy, because they guess on these floors: {listed(GUESSING)}."
 
 
 def _error(row: Mapping[str, Any]) -> str:
@@ -92,21 +149,6 @@ def _floor_by_floor(floors: pl.DataFrame) -> str:
         f"Forced errors against {floors['reference'][0]} floor by floor, at p < {CERTAIN} after Holm over strategies "
         f"and {count} floors: {'; '.join(parts) or 'no significant difference'}."
     )
-
-
-def _fastest_front(fronts: pl.DataFrame) -> Iterable[str]:
-    """Name the strategy that reaches the reference's error first, if a front has several entries."""
-    reaching = fronts.filter((pl.col("points") > 1) & pl.col("time_at_equal_error_s").is_not_null())
-    if reaching.height:
-        best = reaching.sort("time_at_equal_error_s").row(0, named=True)
-        time, reference = (_time(best, name) for name in ("time_at_equal_error_s", "reference_time_s"))
-        is_faster = best["time_at_equal_error_s"] < best["reference_time_s"]
-        words = (
-            f"the fastest front is that of {best['strategy']}: {time}, against"
-            if is_faster
-            else "no front beats"
-        )
-        yield f"At the forced error of {best['reference']}, {words} {reference}."
 
 
 def _too_confident(beliefs: pl.DataFrame | None) -> Iterable[str]:

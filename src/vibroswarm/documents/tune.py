@@ -2,45 +2,53 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.league.tuning import Tuned
+from vibroswarm.league.entries import AIM, LEAST
+from vibroswarm.league.tuning import AIMS, Tuned
 from vibroswarm.show.document import Column, Document, Section, Table, Text
 from vibroswarm.show.numbers import listed, percent
 
 COLUMNS: Final = {
+    "aim": Column("tuned for", share=True, decimals=0),
     "forced_error": Column("forced error", share=True, limits=("forced_error_low", "forced_error_high")),
     "decision_time_s": Column(
         "decision time", "s", decimals=0, limits=("decision_time_s_low", "decision_time_s_high")
     ),
-    "is_chosen": Column("chosen"),
     "settings": Column(prose=True),
 }
 
 
 def tune_document(tuned: Tuned) -> Document:
     """Return the document of a tuning."""
-    chosen = tuned.table.filter("is_chosen").sort("decision_time_s")
-    above = chosen.filter(pl.col("forced_error") > tuned.target)["strategy"]
-    answer = [f"Settings by the smallest decision time with at most {percent(tuned.target)} forced error."]
-    if len(above):
-        answer.append(f"None has so little: {listed(above)}, with the settings of the smallest forced error.")
     unchanged = "no fields set (as in the scenario, else the strategy's defaults)"
     settings = pl.when(pl.col("settings") == "").then(pl.lit(unchanged)).otherwise("settings")
-    frame = chosen.drop("name", "is_chosen").with_columns(settings=settings)
+    table = tuned.table.with_columns(settings=settings)
+    chosen = table.filter(pl.col("aim").is_not_null()).sort("strategy", "aim", maintain_order=True)
     return Document(
         title="Settings for a league",
-        answer=tuple(answer),
+        answer=tuple(_reached(name, settings) for name, settings in tuned.settings.items()),
         warnings=("The figures favour the settings that were lucky: play a league with another seed.",),
         parts=(
-            Table(frame, COLUMNS, name="settings"),
+            Table(chosen.drop("name"), COLUMNS, name="settings"),
             Text(tuned.how, "aside"),
             Section(
-                "All settings of the second round",
-                (Table(tuned.table.drop("strategy"), COLUMNS, name="finalists"),),
+                "All settings of the last round",
+                (Table(table.drop("strategy"), COLUMNS, name="finalists"),),
                 folded=True,
             ),
         ),
+    )
+
+
+def _reached(name: str, settings: Sequence[Mapping[str, Any]]) -> str:
+    """Say for which forced errors a strategy has settings."""
+    aims = [one[AIM] for one in settings if one[AIM] != LEAST]
+    if not aims:
+        return f"{name} reaches none of the forced errors up to {percent(AIMS[-1], 0)}: the setting with the least."
+    return (
+        f"{name} has settings for {listed(percent(aim, 0) for aim in aims)} forced error, and for the least."
     )

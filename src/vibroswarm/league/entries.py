@@ -7,7 +7,13 @@ A league compares strategies on the same floors. A file of settings has one tabl
     [totals]
     "strategy.totals.threshold" = 2.5
 
-Each strategy runs with these settings; all other fields are those of the base scenario.
+Each strategy runs with these settings; all other fields are those of the base scenario. A strategy may have several
+tables, of which each is an entry: those that ``tuning`` finds are for several forced errors, and ``forced_error`` says
+for which::
+
+    [[soft]]
+    forced_error = 0.16
+    "strategy.soft.eta" = 5000.0
 
 The floors are each pattern of the paper at f and at 1 - f, for the two fill ratios f of the paper. A patterned floor
 above 1/2 is the inverse of the floor below: its vibrating tiles are still, and vice versa. So no strategy gains by
@@ -22,13 +28,14 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
-from vibroswarm.analysis.forced_error import front_settings
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
-from vibroswarm.errors import InputError, check_choice
+from vibroswarm.errors import InputError, check_choice, number_of
 from vibroswarm.floors.source import is_random, pattern
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import field_names
+from vibroswarm.strategies import known
+from vibroswarm.strategies.static_analysis import told
 
 PATTERNS: Final = ("random", "diagonal", "stripe", "block-diagonal", "alternating")
 """Names of the patterns of a league's floors."""
@@ -36,6 +43,13 @@ SIZE: Final = {"floor.rows": 10, "floor.columns": 10, "floor.tiles": None}
 """Grid of random floors, the same as that of the patterns."""
 FILLS: Final = (0.46, 0.48)
 """Fill ratios below 1/2; a league also has their mirrors 1 - f."""
+AIM: Final = "forced_error"
+"""Key of a table of settings for the forced error that it was tuned for."""
+LEAST: Final = 0.0
+"""Aim of the settings with the least forced error that was found."""
+MAIN_AIM: Final = 0.16
+"""Aim of the settings that stand for a strategy where it plays with one setting. On the floors of a league it is near
+the least forced error that most strategies reach."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +64,8 @@ class Entry(NotebookView):
     """Values of scenario fields, by dotted name."""
     tuned: bool = False
     """Whether settings for this strategy were given."""
+    aim: float | None = None
+    """Forced error that the settings were tuned for; ``LEAST``: the least; None: they have no aim."""
     code: str | None = None
     """Code of a user's strategy, as a scenario names it (a file and class); None: the strategy is known by its name."""
 
@@ -68,8 +84,32 @@ class LeagueFloor(NotebookView):
     """Rows of 0 and 1 from the top, if ``source`` is not a known pattern, so that the study has to define it."""
 
 
-def entries_of(names: Sequence[str], settings: Mapping[str, Mapping[str, Any]]) -> tuple[Entry, ...]:
-    """Return one entry for each strategy.
+GUESSING: Final = ("dc", "dmvd", "dmmd", "three_valued")
+"""Strategies that play in a league only when named: on its floors they guess, whatever their settings (``best.GUESS``).
+They were made for nearly noiseless readings at every control step; here a reading comes every few seconds."""
+
+
+def default_strategies() -> list[str]:
+    """Return the names of the strategies that a league compares by default.
+
+    Left out are those that guess (``GUESSING``), and those that use the places of their readings: their robots must
+    know where they are, so they do not compete on equal terms.
+    """
+    # `told` lists what a robot knows in advance, and the place of each reading if the strategy uses it. `boundary_of`
+    # (the field decision.boundary_of) only affects whether the sensor's error rates are listed, so any value will do.
+    return [
+        name
+        for name, strategy in known().items()
+        if name not in GUESSING and "place of each reading" not in told(strategy, boundary_of="tiles")
+    ]
+
+
+Settings = Mapping[str, Mapping[str, Any] | Sequence[Mapping[str, Any]]]
+"""Tables of scenario fields by strategy, one or several of each, as in a file of settings."""
+
+
+def entries_of(names: Sequence[str], settings: Settings) -> tuple[Entry, ...]:
+    """Return the entries of each strategy: one for each of its tables of settings, or one without settings.
 
     Args:
         names: of strategies, each once; or names of code (a file and class) that was loaded by ``plugins.load_file``.
@@ -83,20 +123,57 @@ def entries_of(names: Sequence[str], settings: Mapping[str, Mapping[str, Any]]) 
     if len(codes) < len(names):
         raise InputError("a strategy occurs twice", field="strategy")
     fields = field_names()
-    for name in codes:
+    found: list[Entry] = []
+    for name, given in codes.items():
         check_choice(name, "strategy", plugins.known_for("strategy", name))
-        for field in settings.get(name, {}):
-            check_choice(field, f"settings of {name}", fields)
-    return tuple(
-        Entry(
-            label=name,
-            strategy=name,
-            settings=dict(settings.get(name, {})),
-            tuned=name in settings,
-            code=given if plugins.is_code(given) else None,
-        )
-        for name, given in codes.items()
-    )
+        tables = settings.get(name, {})
+        several = [tables] if isinstance(tables, Mapping) else [*tables]
+        for number, table in enumerate(several):
+            values = dict(table)
+            aim = _aim_in(values, name)
+            for field in values:
+                check_choice(field, f"settings of {name}", fields)
+            found.append(
+                Entry(
+                    label=_label(name, aim, number if len(several) > 1 else None),
+                    strategy=name,
+                    settings=values,
+                    tuned=name in settings,
+                    aim=aim,
+                    code=given if plugins.is_code(given) else None,
+                )
+            )
+    return tuple(found)
+
+
+def _aim_in(table: dict[str, Any], name: str) -> float | None:
+    """Remove the aim from a table of settings of a strategy, and return it; None if there is none."""
+    if AIM not in table:
+        return None
+    return number_of(table.pop(AIM), f"settings of {name}.{AIM}", LEAST, 0.5)
+
+
+def _label(name: str, aim: float | None, number: int | None) -> str:
+    """Return the label of an entry of a strategy; ``number``: its place among several tables, from 0."""
+    if aim is None:
+        return name if number is None else f"{name} {number + 1}"
+    return f"{name} least" if aim == LEAST else f"{name} {100 * aim:g} %"
+
+
+def main_entries(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Return the entries that stand for their strategies: of those with an aim, the one nearest to ``MAIN_AIM``.
+
+    Of a strategy that was found to reach no aim, it is that with the least error. Entries without an aim all stay.
+    """
+    aims: dict[str, list[float]] = {}
+    for entry in entries:
+        if entry.aim is not None:
+            aims.setdefault(entry.strategy, []).append(entry.aim)
+    main = {
+        name: min([aim for aim in found if aim != LEAST] or [LEAST], key=lambda aim: abs(aim - MAIN_AIM))
+        for name, found in aims.items()
+    }
+    return tuple(entry for entry in entries if entry.aim is None or entry.aim == main[entry.strategy])
 
 
 def varied(
@@ -129,20 +206,7 @@ def varied(
     return tuple(found)
 
 
-def with_fronts(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Replace each entry by one entry for each combination of the values that ``front_settings`` has for its strategy.
-
-    Entries of strategies that ``front_settings`` does not have stay as they are.
-    """
-    fronts = front_settings()
-    found = tuple(entries)
-    for name in {entry.strategy for entry in entries} & set(fronts):
-        for field, values in fronts[name].items():
-            found = varied(found, name, field, values)
-    return found
-
-
-def frozen_settings(own_motion: bool = False) -> dict[str, dict[str, Any]]:
+def frozen_settings(own_motion: bool = False) -> dict[str, Any]:
     """Return the settings by strategy that are part of the package; the file says how they were found.
 
     Args:
@@ -151,20 +215,21 @@ def frozen_settings(own_motion: bool = False) -> dict[str, dict[str, Any]]:
     return shipped("settings_own_motion.toml" if own_motion else "settings.toml")
 
 
-def shipped(name: str) -> dict[str, dict[str, Any]]:
+def shipped(name: str) -> dict[str, Any]:
     """Read a TOML file of tables that is part of the package."""
     return parsed_toml(files("vibroswarm.league").joinpath(name).read_text(encoding="utf-8"), name)
 
 
-def read_settings(path: Path) -> dict[str, dict[str, Any]]:
-    """Read a file of settings: a table of fields for each strategy.
+def read_settings(path: Path) -> dict[str, Any]:
+    """Read a file of settings: one or several tables of fields for each strategy.
 
     Raises:
         InputError: the file cannot be read, or is not a TOML file of tables.
     """
     settings = parsed_toml(read_text(path, "a file of settings"), str(path))
     for name, table in settings.items():
-        if not isinstance(table, dict):
+        tables = table if isinstance(table, list) and table else [table]
+        if not all(isinstance(one, dict) for one in tables):
             raise InputError(
                 "must be the table of a strategy's fields, such as [none]", field=f"{path}: {name}"
             )

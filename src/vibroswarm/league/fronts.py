@@ -1,91 +1,124 @@
-"""Compare the strategies of a league at equal error and at equal time, each with the best of its own settings.
+"""Compare the strategies of a league at equal forced error, each with its own settings.
 
 Each entry (a strategy with settings) is a point (decision time, forced error). The front of a strategy consists of the
 points that no other of its points beats in both, joined by straight lines. Every point of a line can be reached: a
 swarm that draws one of two settings for each run has a weighted mean of their times and of their errors.
 
+Strategies are compared at several forced errors (``LEVELS``). These do not depend on what any strategy reaches, so no
+strategy meets them by construction, and none passes or fails at an error near a level: its front is read between its
+settings. The settings were chosen on other runs (``tuning``), so the fronts are not lucky.
+
 | name | equation |
 |---|---|
-| reference | an entry, with its decision time and its forced error |
-| time at equal error | time at which the front has the forced error of the reference |
-| error at equal time | forced error of the front at the decision time of the reference |
+| time at a level | time at which the front of a strategy has this forced error |
+| behind | time at a level - that of the fastest strategy, paired, with intervals that hold together |
+| group | strategies that cannot be told apart from the fastest (``analysis.best_group``) |
 
-Limits are percentiles of a bootstrap over units (a run of one swarm size). The same draws serve all strategies, so that
-comparisons stay paired; each draw has its own front. A front has no value beyond its ends: a strategy that never has an
-error as small as the reference has no time at equal error. If the estimate or more than one draw in twenty has no
-value, no limits are given.
+Limits are from a bootstrap over units (a run of one swarm size). The same draws serve all strategies, so that
+comparisons stay paired; each draw has its own fronts. A front has no value beyond its ends. That is the tolerance of a
+level: a strategy **reaches** it if at least 95 % of the draws have a value, does **not reach** it if at most 5 % have
+one, and otherwise it is **open**. Only strategies that reach a level are compared at it.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.best_group import best_group
 from vibroswarm.analysis.forced_error import DRAWS, LEAST_KNOWN, front_of, on_line
-from vibroswarm.analysis.intervals import generator
-from vibroswarm.errors import check_choice
+from vibroswarm.analysis.intervals import generator, plain
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.league.standings import Standings
 
+LEVELS: Final = (0.01, 0.02, 0.05, 0.10, 0.15, 0.20)
+"""Forced errors at which strategies are compared."""
+REACHES: Final = "yes"
+OPEN: Final = "open"
+NOT: Final = "no"
+"""Whether a strategy reaches a level."""
+FRONTS: Final[dict[str, Any]] = {
+    "level": pl.Float64,
+    "strategy": pl.String,
+    "reached": pl.String,
+    **dict.fromkeys(("time_s", "time_s_low", "time_s_high"), pl.Float64),
+    **dict.fromkeys(("behind_s", "behind_s_low", "behind_s_high"), pl.Float64),
+    "in_group": pl.Boolean,
+}
+"""Columns of ``front_table`` and their types."""
 
-def front_table(standings: Standings, reference: str | None = None, seed: int = 0) -> pl.DataFrame:
-    """Compute time at equal error and error at equal time for each strategy.
+
+def drawn_means(standings: Standings, figure: str, seed: int = 0) -> Array:
+    """Return the mean of a figure of each entry, (entries, 1 + draws): over all units, then of each bootstrap draw."""
+    values = np.array([standings.by_unit(k, figure) for k in range(len(standings.league.entries))])
+    units = values.shape[1]
+    weights = generator(seed, "league front").multinomial(units, np.full(units, 1.0 / units), size=DRAWS)
+    return np.column_stack([values.mean(axis=1), values @ (weights.T / units)])
+
+
+def times_at_levels(standings: Standings, seed: int = 0) -> tuple[list[str], Array]:
+    """Return the strategies, and the time of each at each level, (levels, strategies, 1 + draws); nan: none."""
+    times, errors = (drawn_means(standings, name, seed) for name in ("decision_time_s", "forced_error"))
+    entries = standings.league.entries
+    names = list(dict.fromkeys(entry.strategy for entry in entries))
+    found = np.full((len(LEVELS), len(names), times.shape[1]), np.nan)
+    for row, name in enumerate(names):
+        own = [k for k, entry in enumerate(entries) if entry.strategy == name]
+        for draw in range(times.shape[1]):
+            # ``on_line`` wants rising x. Along a front time rises and error falls, so it is reversed.
+            time_s, error = (each[::-1] for each in front_of(times[own, draw], errors[own, draw]))
+            found[:, row, draw] = [on_line(level, error, time_s) for level in LEVELS]
+    return names, found
+
+
+def front_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
+    """Compare the strategies at each level, see the head of this module.
 
     Args:
-        standings: results of the league. reference: label of an entry; by default the first.
-        seed: seed of the bootstrap.
-    Returns: one row per strategy: strategy, points (number of entries on its front), reference (its label),
-        time_at_equal_error_s and error_at_equal_time with ``_low`` and ``_high`` (null where the front has no value),
-        reference_time_s and reference_error.
-    Raises:
-        InputError: no entry has the label ``reference``.
+        standings: results of the league. seed: of the bootstrap.
+    Returns: one row per level and strategy with the columns ``FRONTS``: levels rise; strategies in the order of the
+        league. time_s is null where the front has no value, its limits also unless the level is reached; the last four
+        columns are null unless it is reached.
     """
-    entries = standings.league.entries
-    labels = [entry.label for entry in entries]
-    if reference is not None:
-        check_choice(reference, "reference", labels)
-    against = 0 if reference is None else labels.index(reference)  # index of the reference
-    # Figures of each unit, (entries, units).
-    time_s = np.array([standings.by_unit(k, "decision_time_s") for k in range(len(entries))])
-    error = np.array([standings.by_unit(k, "forced_error") for k in range(len(entries))])
-    units = time_s.shape[1]
-    rng = generator(seed, "league front")
-    weights = rng.multinomial(units, np.full(units, 1.0 / units), size=DRAWS) / units
-    # Means over all units (column 0, the estimate) and over each bootstrap draw, (entries, 1 + draws).
-    times, errors = (np.column_stack([each.mean(axis=1), each @ weights.T]) for each in (time_s, error))
-    rows: list[dict[str, Any]] = []
-    for name in dict.fromkeys(entry.strategy for entry in entries):
-        own = [k for k, entry in enumerate(entries) if entry.strategy == name]
-        time_at_error, error_at_time = np.empty(DRAWS + 1), np.empty(DRAWS + 1)
-        for draw in range(DRAWS + 1):
-            # ``on_line`` wants rising x. Along a front time rises and error falls; so the front is reversed to look up
-            # the time at an error.
-            front_s, front_error = front_of(times[own, draw], errors[own, draw])
-            error_at_time[draw] = on_line(times[against, draw], front_s, front_error)
-            time_at_error[draw] = on_line(errors[against, draw], front_error[::-1], front_s[::-1])
-        points = front_of(times[own, 0], errors[own, 0])[0].size
-        rows.append(
-            {
-                "strategy": name,
-                "points": points,
-                "reference": labels[against],
-                **_with_limits("time_at_equal_error_s", time_at_error),
-                "reference_time_s": times[against, 0],
-                **_with_limits("error_at_equal_time", error_at_time),
-                "reference_error": errors[against, 0],
+    names, times = times_at_levels(standings, seed)
+    units = standings.by_unit(0, "decision_time_s").size
+    return pl.DataFrame(
+        [
+            row
+            for level, of_level in zip(LEVELS, times, strict=True)
+            for row in _rows(level, names, of_level, units)
+        ],
+        schema=FRONTS,
+    )
+
+
+def _rows(level: float, names: list[str], times: Array, units: int) -> list[dict[str, Any]]:
+    """Return the rows of a level; ``times``: (strategies, 1 + draws)."""
+    known = (~np.isnan(times[:, 1:])).mean(axis=1)  # share of draws with a value
+    reached = (known >= LEAST_KNOWN) & ~np.isnan(times[:, 0])
+    rows: list[dict[str, Any]] = [
+        {
+            "level": level,
+            "strategy": name,
+            "reached": REACHES if reaches else NOT if share <= 1.0 - LEAST_KNOWN else OPEN,
+            "time_s": plain(float(of_name[0])),
+        }
+        for name, of_name, share, reaches in zip(names, times, known, reached, strict=True)
+    ]
+    if reached.any():
+        group = best_group(times[reached], units)
+        for place, row in enumerate(np.flatnonzero(reached)):
+            low, high = np.nanquantile(times[row, 1:], (0.025, 0.975))
+            behind = group.difference[place]
+            rows[row] |= {
+                "time_s_low": float(low),
+                "time_s_high": float(high),
+                **{
+                    f"behind_s{end}": plain(float(x))
+                    for end, x in zip(("", "_low", "_high"), behind, strict=True)
+                },
+                "in_group": bool(group.member[place]),
             }
-        )
-    return pl.DataFrame(rows, infer_schema_length=None).fill_nan(None)
-
-
-def _with_limits(name: str, values: Array) -> dict[str, float]:
-    """Return the columns of a figure from its estimate ``values[0]`` and its bootstrap draws ``values[1:]``.
-
-    The limits are nan if the estimate is nan, or if less than ``LEAST_KNOWN`` of the draws have a value.
-    """
-    drawn = values[1:][~np.isnan(values[1:])]
-    is_enough = drawn.size >= LEAST_KNOWN * DRAWS and not np.isnan(values[0])
-    low, high = np.quantile(drawn, (0.025, 0.975)) if is_enough else (np.nan, np.nan)
-    return {name: float(values[0]), f"{name}_low": float(low), f"{name}_high": float(high)}
+    return rows

@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -42,7 +42,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.outcomes import capped_time_s, numbers
-from vibroswarm.league.entries import SIZE, Entry, LeagueFloor
+from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import told
@@ -176,6 +176,14 @@ class Standings(NotebookView):
             f"smallest forced error: {shown(self.table['name'][0])})"
         )
 
+    @cached_property
+    def main(self) -> Standings:
+        """The standings of the entries that stand for their strategies (``main_entries``)."""
+        entries = main_entries(self.league.entries)
+        places = [self.league.entries.index(entry) for entry in entries]
+        values = {name: of_entries[places] for name, of_entries in self.values.items()}
+        return Standings(replace(self.league, entries=entries), values, self.study)
+
     def interval(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Interval:
         """Compute the mean of a figure of an entry over floors and units, with its 95 % interval over units.
 
@@ -266,20 +274,37 @@ class Standings(NotebookView):
                 rows.append(row)
         return pl.DataFrame(rows)
 
+    def reference_named(self, reference: str | None) -> str:
+        """Return the label of the entry that others are compared with.
+
+        Args:
+            reference: its label, or the name of its strategy, of which the first entry is taken; None: the first of
+                all.
+        Raises:
+            InputError: no entry is so named.
+        """
+        entries = self.league.entries
+        labels = [entry.label for entry in entries]
+        by_name = {entry.strategy: entry.label for entry in reversed(entries)}
+        named = labels[0] if reference is None else reference
+        if named not in labels:
+            check_choice(named, "reference", [*dict.fromkeys([*labels, *by_name])])
+            named = by_name[named]
+        return named
+
     def differences(self, reference: str | None = None) -> pl.DataFrame:
         """Compare each entry with a reference, unit by unit.
 
         Args:
-            reference: the label of an entry; by default the first.
+            reference: see ``reference_named``.
         Returns: one row per figure of ``COMPARED`` and entry: name, reference, figure, difference (entry - reference)
             with its 95 % limits, p_value of the sign-flip test, p_holm (corrected over the entries, for each figure by
             itself). Empty for a single entry.
         Raises:
-            InputError: no entry has the label ``reference``.
+            InputError: no entry is so named.
         """
         names = [entry.label for entry in self.league.entries]
-        against = names[0] if reference is None else reference
-        check_choice(against, "reference", names)
+        against = self.reference_named(reference)
         rows = []
         for figure in COMPARED:
             base = self.by_unit(names.index(against), figure)
@@ -303,16 +328,15 @@ class Standings(NotebookView):
         """Compare each entry with a reference on each floor, unit by unit.
 
         Args:
-            reference: the label of an entry; by default the first.
+            reference: see ``reference_named``.
         Returns: one row per figure of ``COMPARED``, entry and floor: name, reference, pattern, fill_ratio, figure,
             difference (entry - reference), p_value of a paired t-test, p_holm (corrected over entries and floors,
             for each figure by itself). Empty for a single entry.
         Raises:
-            InputError: no entry has the label ``reference``.
+            InputError: no entry is so named.
         """
         names = [entry.label for entry in self.league.entries]
-        against = names[0] if reference is None else reference
-        check_choice(against, "reference", names)
+        against = self.reference_named(reference)
         others = [k for k, name in enumerate(names) if name != against]
         rows = []
         for figure in COMPARED:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import polars as pl
 
+from vibroswarm.league.best import best_table
 from vibroswarm.league.fronts import front_table
 from vibroswarm.league.standings import Standings
 
@@ -12,16 +13,18 @@ def league_tables(standings: Standings, reference: str | None = None) -> dict[st
     """Compute the tables of a league that need no further runs.
 
     Args:
-        reference: label of the entry with which others are compared; by default the first.
-    Returns: "standings", "differences", "floor_differences" and "floors" of ``Standings``, and "fronts" (from
-        ``front_table``).
+        reference: label of the entry with which others are compared, or name of its strategy; by default the first.
+    Returns: "fronts" (from ``front_table``), "best" (from ``best_table``), "standings" and "floors" of ``Standings``;
+        and of its ``main`` entries "differences" and "floor_differences".
     Raises:
-        InputError: no entry has the label ``reference``.
+        InputError: there is no such entry.
     """
+    main = standings.main
     return {
+        "fronts": front_table(standings),
+        "best": best_table(standings),
         "standings": standings.table,
-        "differences": standings.differences(reference),
-        "floor_differences": standings.floor_differences(reference),
-        "fronts": front_table(standings, reference),
+        "differences": main.differences(reference),
+        "floor_differences": main.floor_differences(reference),
         "floors": standings.floor_table,
     }

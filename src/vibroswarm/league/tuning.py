@@ -1,65 +1,81 @@
-"""Find settings for the strategies of a league, with the same number of runs and the same criterion for each.
+"""Find settings for the strategies of a league: for each strategy, those on its front of time against forced error.
 
-**Criterion**: among the settings whose forced error is at most the target, the setting with the smallest decision time.
-If there is none, the setting with the smallest forced error. The target is the forced error of the base scenario with
-its own strategy, on the same floors and motion.
+No contestant sets a bar. Each strategy is tuned for the same forced errors (``AIMS``), whatever others reach, and for
+the least that it can reach. There is no error up to which a setting passes and beyond which it fails: such a bar would
+be met half of the time by a setting whose error equals it. Instead, the settings of a strategy are points (decision
+time, forced error), and the convex hull below them is its front: every point of it can be reached by a swarm that draws
+one of two settings for each run.
 
-There are two rounds, in each of which all strategies have the same number of runs:
+| name | symbol | equation |
+|---|---|---|
+| front | T(e) | convex hull of the points below, piecewise linear |
+| price of error at an aim a | s | slope of the hull's piece at a: seconds that one unit of error costs |
+| rank of setting k at a | - | T_k + s E_k, the smallest first; of the two ends of the piece, the one nearer to a |
 
-1. ``points`` settings of each strategy, spread evenly over its search space (Sobol sequence), with ``runs`` runs each;
-2. the best ``FINALISTS`` settings by the criterion, and the strategy's default settings, with ``AGAIN`` times as many
-   runs. These have fresh motion and floors, so that luck in the first round does not help in the second.
+There are three rounds, each with fresh motion and floors, so that luck in one round does not help in the next:
 
-The chosen settings are still partly lucky in the second round. So report their figures from a league whose seed is
-that of neither round, never from the tuning.
+1. ``points`` settings **for each tuned field** of a strategy, spread evenly over its space (Sobol sequence), with
+   ``runs`` runs each;
+2. the best settings at each aim, half as many new ones around them, and the default, with ``AGAIN`` times as many runs;
+3. the best ``FINALISTS`` at each aim, with ``AGAIN`` times as many runs again. They choose.
+
+The chosen settings are still partly lucky in the third round. So report their figures from a league whose seed is that
+of no round, never from the tuning.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 import tomli_w
 
+from vibroswarm.analysis.forced_error import front_of
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.league.entries import Entry, LeagueFloor, entries_of, shipped
+from vibroswarm.inference.outcomes import Array
+from vibroswarm.league.entries import AIM, LEAST, Entry, LeagueFloor, entries_of, shipped
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.numbers import count
+from vibroswarm.show.numbers import count, listed
 from vibroswarm.study.factors import points_of
 
-FINALISTS: Final = 7
-"""Settings of the first round that enter the second."""
+AIMS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.12, 0.14, 0.16, 0.18, 0.20, 0.25)
+"""Forced errors that settings are searched for."""
+FINALISTS: Final = 3
+"""Settings of a round that enter the next, for each aim."""
 DIGITS: Final = 3
 """Significant digits of settings."""
-AGAIN: Final = 4
-"""Runs of the second round, relative to the first."""
-BASE: Final = "base"
-"""Label of the entry that sets the target."""
+AGAIN: Final = 2
+"""Runs of a round, relative to the round before."""
+REACH: Final = 0.25
+"""Width of the box around a setting from which the second round draws, relative to the bounds of each field."""
 
 
 @dataclass(frozen=True)
 class Tuned(NotebookView):
     """Result of a tuning."""
 
-    settings: Mapping[str, Mapping[str, Any]]
-    """The chosen settings, by strategy and field."""
+    settings: Mapping[str, Sequence[Mapping[str, Any]]]
+    """For each strategy its chosen settings by field, from the least forced error on; ``AIM`` has the aim."""
     table: pl.DataFrame
-    """All settings of the second round, one row each: name, strategy, forced_error and decision_time_s with limits,
-    is_chosen, settings as text."""
-    target: float
-    """Forced error that settings should not exceed."""
+    """All settings of the third round, one row each: name, strategy, forced_error and decision_time_s with limits, aim
+    (null: not chosen), settings as text."""
     how: str = ""
     """How they were found, in one sentence."""
 
     def to_toml(self) -> str:
         """Return the text of a file of settings for a league; the comment at its top says how they were found."""
-        return f"# {self.how}\n\n" + tomli_w.dumps(
-            {name: dict(table) for name, table in self.settings.items()}
+        text = tomli_w.dumps(
+            {name: [dict(one) for one in settings] for name, settings in self.settings.items()}
+        )
+        return (
+            f"# {self.how}\n# {AIM}: what each was tuned for; {LEAST:g}: the least that was found.\n\n{text}"
         )
 
 
@@ -83,22 +99,22 @@ def tune(
     robots: Sequence[int],
     *,
     space_of: Mapping[str, Mapping[str, Any]] | None = None,
-    points: int = 64,
-    runs: int = 100,
+    points: int = 48,
+    runs: int = 20,
     seed: int = 1,
     progress: Callable[[float], None] = lambda share: None,
     folder: Path | None = None,
     **how: Any,
 ) -> Tuned:
-    """Tune each strategy in two rounds.
+    """Tune each strategy in three rounds.
 
     Args:
-        base: scenario with all fields that strategies do not set; its own strategy gives the target.
-        strategies: names of the strategies to tune. floors, robots: floors and swarm sizes of both rounds.
+        base: scenario with all fields that strategies do not set.
+        strategies: names of the strategies to tune. floors, robots: floors and swarm sizes of all rounds.
         space_of: search space by strategy: for each field its bounds, or a value that all settings share; by default
-            ``spaces()``. points: settings of each strategy in the first round. runs: of each setting, floor and size
-            in the first round.
-        seed: of the first round; the second round has seed + 1. progress: called before each strategy with
+            ``spaces()``. points: settings in the first round for each field that is tuned. runs: of each setting, floor
+            and size in the first round.
+        seed: of the first round; the others have seed + 1 and seed + 2. progress: called before each strategy with
             the share of strategies that are tuned.
         folder: where runs are saved, so that the same call continues after an interruption; None: they are not saved.
         how: further arguments of ``study.run.run``, such as workers.
@@ -112,42 +128,106 @@ def tune(
     for entry in tuned:
         if entry.strategy not in known_spaces:
             raise InputError(f"no space to search for '{entry.strategy}'; give one", field="strategy")
-    # Both rounds are described as leagues, whose only entry (the base scenario's strategy) is replaced by ``play``.
-    first_round = League(
-        base=base,
-        entries=(Entry(label=BASE, strategy=base.strategy.name, settings={}),),
-        floors=tuple(floors),
-        robots=tuple(robots),
-        runs=runs,
-        seed=seed,
-    )
-    second_round = replace(first_round, runs=AGAIN * runs, seed=seed + 1)
     settings, tables = {}, []
 
-    def play(part: str, entries: Sequence[Entry], league: League) -> Standings:
-        """Run entries with the floors, runs and seed of a round; runs are saved in the subfolder ``part``."""
-        saved_in = None if folder is None else folder / part
-        return replace(league, entries=tuple(entries)).play(saved_in, **how)
+    def play(part: str, number: int, entries: Sequence[Entry]) -> Standings:
+        """Play entries with the runs and seed of a round, from 0; runs are saved in the subfolder ``part``."""
+        league = League(
+            base, tuple(entries), tuple(floors), tuple(robots), runs=runs * AGAIN**number, seed=seed + number
+        )
+        return league.play(None if folder is None else folder / part, **how)
 
-    # The target is measured on the runs of the second round, since settings are finally chosen on those runs.
-    reference = play("target", second_round.entries, second_round)
-    target = reference.interval(entry=0, figure="forced_error").estimate
     for done, entry in enumerate(tuned):
         progress(done / len(tuned))  # share of the strategies that are tuned
-        candidates, default = _candidates(entry, known_spaces[entry.strategy], points, seed)
-        ranked = by_criterion(play(f"{done}-first", candidates, first_round), target)
-        finalists = [*(candidates[k] for k in ranked[:FINALISTS]), default]
-        found = play(f"{done}-second", finalists, second_round)
-        best = finalists[by_criterion(found, target)[0]]
-        settings[entry.strategy] = dict(best.settings)
-        tables.append(_table(found, finalists, best))
+        space = known_spaces[entry.strategy]
+        candidates, default = _candidates(entry, space, points, seed)
+        best = _best(play(f"{done}-first", 0, candidates), FINALISTS)
+        nearer = [*best, *_around(best, space, points, seed + 1), default]
+        finalists = _best(play(f"{done}-second", 1, _numbered(nearer)), FINALISTS)
+        found = play(f"{done}-third", 2, finalists)
+        first_aims: dict[
+            int, float
+        ] = {}  # a setting that is the best at several aims is chosen for the first
+        for aim, ranked in _ranked(found).items():
+            first_aims.setdefault(ranked[0], aim)
+        chosen = {aim: finalists[place] for place, aim in first_aims.items()}
+        settings[entry.strategy] = [{AIM: aim, **one.settings} for aim, one in chosen.items()]
+        tables.append(_table(found, chosen))
+    progress(1.0)
     found_by = (
-        f"{count(points, 'setting')} per strategy with {count(runs, 'run')} of each of "
-        f"{count(len(first_round.floors), 'floor')} and swarms of "
-        f"{', '.join(map(str, robots))}, then the best {FINALISTS} and the default with {AGAIN * runs} fresh runs "
-        f"(seeds {seed} and {seed + 1})."
+        f"{count(points, 'setting')} for each tuned field of a strategy with {count(runs, 'run')} of each of "
+        f"{count(len(floors), 'floor')} and swarms of {listed(map(str, robots))}; then, with {AGAIN * runs} fresh "
+        f"runs, the best {FINALISTS} for each forced error and half as many new ones around them; then the best "
+        f"{FINALISTS} with {AGAIN**2 * runs} fresh runs (seeds {seed} to {seed + 2})."
     )
-    return Tuned(settings, pl.concat(tables), target, found_by)
+    return Tuned(settings, pl.concat(tables), found_by)
+
+
+def _best(found: Standings, most: int) -> list[Entry]:
+    """Return the best ``most`` entries for each aim, each entry once."""
+    places = dict.fromkeys(place for ranked in _ranked(found).values() for place in ranked[:most])
+    return [found.league.entries[place] for place in places]
+
+
+def _ranked(found: Standings) -> dict[float, list[int]]:
+    """Rank the entries of a round for each aim, see ``ranked_for_aims``."""
+    entries = range(len(found.league.entries))
+    error, time_s = (
+        np.array([found.interval(k, name).estimate for k in entries])
+        for name in ("forced_error", "decision_time_s")
+    )
+    return ranked_for_aims(time_s, error)
+
+
+def ranked_for_aims(time_s: Array, error: Array, aims: Sequence[float] = AIMS) -> dict[float, list[int]]:
+    """Rank settings for each aim that their front reaches, and for the least error, see the head of this module.
+
+    Args:
+        time_s, error: of each setting, (settings,) each, without nan. aims: forced errors, rising.
+    Returns: for ``LEAST`` and for each aim between the ends of the front, the indices of all settings, the best first.
+    """
+    hull = hull_of(time_s, error)[::-1]  # from the least error on
+    ranked = {LEAST: [int(k) for k in np.lexsort((time_s, error))]}
+    for aim in aims:
+        if not error[hull[0]] <= aim <= error[hull[-1]]:
+            continue
+        # The ends of the piece of the hull at the aim. The first piece holds an aim at its end too.
+        upper = max(int(np.searchsorted(error[hull], aim)), 1) if hull.size > 1 else 0
+        ends = hull[[max(upper - 1, 0), upper]]
+        rise = error[ends[1]] - error[ends[0]]
+        price = (time_s[ends[0]] - time_s[ends[1]]) / rise if rise > 0.0 else 0.0
+        nearest_end = min(ends, key=lambda k: abs(error[k] - aim))
+        by_rank = np.lexsort((np.abs(error - aim), time_s + price * error))
+        ranked[aim] = [int(nearest_end), *(int(k) for k in by_rank if k != nearest_end)]
+    return ranked
+
+
+def hull_of(time_s: Array, error: Array) -> Array:
+    """Return the indices of the settings on the lower convex hull of (time, error), by rising time and falling error.
+
+    Args:
+        time_s, error: of each setting, (settings,) each.
+    """
+    front = front_of(time_s, error)
+    # A point of the front may be that of several settings; the first of them is taken.
+    places = [int(np.flatnonzero((time_s == t) & (error == e))[0]) for t, e in zip(*front, strict=True)]
+    hull: list[int] = []
+    for place in places:
+        while len(hull) > 1 and _is_above(hull[-2], hull[-1], place, time_s, error):
+            hull.pop()
+        hull.append(place)
+    return np.array(hull)
+
+
+def _is_above(first: int, middle: int, last: int, time_s: Array, error: Array) -> bool:
+    """Return whether the middle one of three points, by rising time, lies on or above the line of the others."""
+    rise = (error[last] - error[first]) * (time_s[middle] - time_s[first])
+    return bool((error[middle] - error[first]) * (time_s[last] - time_s[first]) >= rise)
+
+
+def _ranges(space: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Return the bounds of the fields of a search space that are tuned; the other fields have one value."""
+    return {field: given for field, given in space.items() if isinstance(given, Mapping)}
 
 
 def _candidates(entry: Entry, space: Mapping[str, Any], points: int, seed: int) -> tuple[list[Entry], Entry]:
@@ -155,38 +235,88 @@ def _candidates(entry: Entry, space: Mapping[str, Any], points: int, seed: int) 
 
     Args:
         entry: entry of the strategy, without settings.
-        space: search space. For a field that is searched, its value is a mapping with the bounds; for any other field,
-            it is the value that all settings have.
-        points: number of settings to draw. seed: of the Sobol sequence that they are drawn from.
+        space: search space. For a field that is tuned, its value is a mapping with the bounds; for any other field, it
+            is the value that all settings have.
+        points: number of settings to draw for each tuned field. seed: of the Sobol sequence that they are drawn from.
     Returns: one entry per drawn setting, its floats rounded to ``DIGITS`` significant digits, or a single entry if no
-        field is searched; and an entry with only the fixed fields, so that the searched fields have their default
-        values.
+        field is tuned; and an entry with only the fixed fields, so that the tuned fields have their default values.
     """
-    ranges = {field: given for field, given in space.items() if isinstance(given, Mapping)}
-    fixed = {field: given for field, given in space.items() if field not in ranges}
-    # A study's ``sobol`` block: number of points, seed, and the bounds of each field. Without a field to search, there
-    # is a single setting, that of the fixed fields, which ``points_of`` gives without blocks.
-    drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}} if ranges else {})
-    candidates = [
-        replace(entry, label=f"{entry.strategy} {k}", settings=fixed | _rounded(point, ranges))
-        for k, point in enumerate(drawn)
+    ranges = _ranges(space)
+    fixed = replace(entry, settings={field: given for field, given in space.items() if field not in ranges})
+    drawn = _drawn(fixed, ranges, points * len(ranges), seed) if ranges else [fixed]
+    return _numbered(drawn), replace(fixed, label=f"{entry.strategy} by default")
+
+
+def _drawn(entry: Entry, ranges: Mapping[str, Any], points: int, seed: int) -> list[Entry]:
+    """Draw settings between bounds, which replace those of an entry."""
+    drawn = points_of({"sobol": {"points": points, "seed": seed, **ranges}})
+    return [replace(entry, settings={**entry.settings, **_rounded(point, ranges)}) for point in drawn]
+
+
+def _around(centres: Sequence[Entry], space: Mapping[str, Any], points: int, seed: int) -> list[Entry]:
+    """Draw settings in a box around each of some settings, half as many in all as the first round has.
+
+    Args:
+        centres: entries of one strategy. space, points, seed: see ``_candidates``.
+    """
+    ranges = _ranges(space)
+    if not ranges:
+        return []
+    each = max(1, points * len(ranges) // (2 * len(centres)))
+    return [
+        one
+        for number, centre in enumerate(centres)
+        for one in _drawn(centre, _box(centre.settings, ranges), each, seed + number)
     ]
-    return candidates, replace(entry, label=f"{entry.strategy} by default", settings=fixed)
 
 
-def _table(found: Standings, finalists: Sequence[Entry], best: Entry) -> pl.DataFrame:
+def _box(centre: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Return the bounds of a box around a setting, within the given bounds and as wide as ``REACH`` says."""
+    box = {}
+    for field, given in ranges.items():
+        low, high = float(given["from"]), float(given["to"])
+        if given.get("scale") == "log":
+            step = (high / low) ** (REACH / 2)
+            near = max(low, centre[field] / step), min(high, centre[field] * step)
+        else:
+            step = (high - low) * REACH / 2
+            near = max(low, centre[field] - step), min(high, centre[field] + step)
+        if given.get("whole"):
+            near = math.floor(near[0]), math.ceil(near[1])
+        box[field] = {**given, "from": near[0], "to": near[1]}
+    return box
+
+
+def _numbered(entries: Sequence[Entry]) -> list[Entry]:
+    """Return the entries with different settings, labelled with the strategy and a number."""
+    different: list[Entry] = []
+    for entry in entries:
+        if not any(entry.settings == other.settings for other in different):
+            different.append(replace(entry, label=f"{entry.strategy} {len(different)}"))
+    return different
+
+
+def _table(found: Standings, chosen: Mapping[float, Entry]) -> pl.DataFrame:
     """Return the figures of the finalists of a strategy, with their settings as text: rows of ``Tuned.table``.
 
     Args:
-        found: standings of the second round. finalists: its entries. best: the chosen entry.
+        found: standings of the third round. chosen: its chosen entries, by aim.
     """
-    words = {one.label: ", ".join(f"{k} = {v}" for k, v in one.settings.items()) for one in finalists}
-    return found.table.select(
+    entries = found.league.entries
+    words = {one.label: ", ".join(f"{k} = {v}" for k, v in one.settings.items()) for one in entries}
+    aims = pl.DataFrame(
+        {"name": [one.label for one in chosen.values()], "aim": list(chosen)},
+        schema={"name": pl.String, "aim": pl.Float64},
+    )
+    figures = found.table.select(
         "name", "strategy", "forced_error", "forced_error_low", "forced_error_high",
         "decision_time_s", "decision_time_s_low", "decision_time_s_high",
-        is_chosen=pl.col("name") == best.label,
         settings=pl.col("name").replace_strict(words, return_dtype=pl.String),
     )  # fmt: skip
+    columns = ("name", "strategy", "aim")  # the others follow
+    return figures.join(aims, on="name", how="left", maintain_order="left").select(
+        *columns, pl.exclude(columns)
+    )
 
 
 def _rounded(point: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
@@ -205,15 +335,3 @@ def _rounded(point: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) 
             low, high = float(ranges[field]["from"]), float(ranges[field]["to"])
             settings[field] = min(max(float(f"{value:.{DIGITS}g}"), low), high)
     return settings
-
-
-def by_criterion(standings: Standings, target: float) -> list[int]:
-    """Return the indices of a league's entries, sorted by the criterion of tuning, the best first.
-
-    Entries whose forced error is at most ``target`` come first, sorted by decision time. The other entries follow,
-    sorted by forced error. Ties keep the order of the league. Forced errors and ``target`` must not be nan.
-    """
-    entries = range(len(standings.league.entries))
-    errors = [standings.interval(k, "forced_error").estimate for k in entries]
-    times_s = [standings.interval(k, "decision_time_s").estimate for k in entries]
-    return sorted(entries, key=lambda k: (0, times_s[k], k) if errors[k] <= target else (1, errors[k], k))
