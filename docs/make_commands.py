@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import inspect
 import textwrap
-from collections.abc import Iterator
 from pathlib import Path
 
 from vibroswarm import cli
+from vibroswarm.cli.command_line import add_group, help_of
+from vibroswarm.cli.commands import COMMANDS, COMMON, tasks_of
 
 TARGET = Path(__file__).with_name("commands.md")
 HEAD = """\
@@ -20,6 +21,8 @@ HEAD = """\
 Existing folders are never overwritten without `--force`; studies and searches are resumed.
 
 {codes}
+
+All commands have these options; `-q` and `-v` may also stand before the command.
 """
 
 
@@ -27,68 +30,51 @@ def reference() -> str:
     """The whole document."""
     codes = inspect.cleandoc(str(cli.__doc__)).split("\n\n", 1)[1]
     lines = [HEAD.format(codes=codes)]
-    for name, description, parser in commands(cli.parser(), ()):
-        title = f"{'#' * (1 + len(name))} vibroswarm {' '.join(name)}"
-        lines += [title, "", sentence(description), "", *section(name, parser)]
+    for title, kind in COMMON.items():
+        group = add_group(argparse.ArgumentParser(), title, kind)
+        lines += table(str(group.title), group._group_actions)
+    for command in COMMANDS.values():
+        depth = 2 + command.words.count(" ")
+        lines += [f"{'#' * depth} vibroswarm {command.words}", ""]
+        if command.place:
+            lines += section(command.parser())
+        else:
+            tasks = tasks_of(command.words)
+            lines += [
+                sentence(command.does),
+                "",
+                *(f"- `vibroswarm {task.words}`: {words(task.does)}" for task in tasks),
+                "",
+            ]
     return "\n".join(lines).rstrip() + "\n"
 
 
-def commands(
-    parser: argparse.ArgumentParser, name: tuple[str, ...]
-) -> Iterator[tuple[tuple[str, ...], str, argparse.ArgumentParser]]:
-    """All commands and tasks below a parser: name, description, parser."""
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            briefly = {str(a.dest): str(a.help) for a in action._choices_actions}
-            for word, below in action.choices.items():
-                yield (*name, word), below.description or briefly[word], below
-                yield from commands(below, (*name, word))
-
-
-def section(name: tuple[str, ...], parser: argparse.ArgumentParser) -> list[str]:
-    """Usage, options by group and examples of one command; or its tasks."""
-    tasks = [a for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
-    if tasks:
-        usage = f"vibroswarm {' '.join(name)}"
-        return [*(f"- `{usage} {a.dest}`: {words(a.help or '')}" for a in tasks[0]._choices_actions), ""]
-    required = [
-        f" {a.option_strings[0]} {metavar(a)}" for a in parser._actions if a.option_strings and a.required
-    ]
-    positional = [f" {usage_of(a)}" for a in parser._actions if not a.option_strings]
-    lines = ["```text", f"vibroswarm {' '.join(name)} [options]{''.join(required + positional)}", "```", ""]
+def section(parser: argparse.ArgumentParser) -> list[str]:
+    """Description, usage, options by group and examples of one command."""
+    usage = parser.usage or parser.format_usage().removeprefix("usage: ")
+    lines = [sentence(parser.description or ""), "", "```text", usage.strip(), "```", ""]
     for group in parser._action_groups:
-        actions = [a for a in group._group_actions if a.help != argparse.SUPPRESS and a.dest != "help"]
-        if actions:
-            title = {"options": "option", "positional arguments": "argument"}.get(
-                group.title or "", group.title
-            )
-            lines += [f"| {title} | what it is |", "|---|---|"]
-            lines += [f"| {shown(a)} | {words(a.help or '')} |" for a in actions]
-            lines.append("")
+        actions = [action for action in group._group_actions if action.dest != "help"]
+        if actions and str(group.title).replace(" ", "_") not in COMMON:
+            titles = {"options": "option", "positional arguments": "argument"}
+            lines += table(titles.get(group.title or "", str(group.title)), actions)
     if parser.epilog:
         lines += ["```text", *textwrap.dedent(parser.epilog).strip().splitlines(), "```", ""]
     return lines
 
 
-def metavar(action: argparse.Action) -> str:
-    """The placeholder for the option's value."""
-    return str(action.metavar or action.dest.upper())
-
-
-def usage_of(action: argparse.Action) -> str:
-    """A positional argument in the usage."""
-    word = metavar(action)
-    return {"?": f"[{word}]", "+": f"{word} [{word} ...]", "*": f"[{word} ...]"}.get(str(action.nargs), word)
+def table(title: str, actions: list[argparse.Action]) -> list[str]:
+    """Options as a table of Markdown."""
+    rows = [f"| {shown(action)} | {words(help_of(action))} |" for action in actions]
+    return [f"| {title} | what it is |", "|---|---|", *rows, ""]
 
 
 def shown(action: argparse.Action) -> str:
     """An option with its value, or the name of an argument."""
     if not action.option_strings:
-        return code(metavar(action))
-    if action.nargs == 0:
-        return code(action.option_strings[-1])
-    value = f"[{metavar(action)}]" if action.nargs == "?" else metavar(action)
-    return code(f"{action.option_strings[-1]} {value}")
+        return code(str(action.metavar))
+    value = "" if action.nargs == 0 else f" {action.metavar}"
+    return code(f"{action.option_strings[-1]}{value}")
 
 
 def code(text: str) -> str:
@@ -97,8 +83,8 @@ def code(text: str) -> str:
 
 
 def words(text: str) -> str:
-    """Help text as one line of Markdown, with single percent signs and markup escaped."""
-    text = " ".join(text.replace("%%", "%").split())
+    """Help text as one line of Markdown, with markup escaped."""
+    text = " ".join(text.split())
     for sign in "\\|*<>_[]":
         text = text.replace(sign, "\\" + sign)
     return text

@@ -14,7 +14,8 @@ import polars as pl
 import pytest
 
 import vibroswarm
-from vibroswarm.cli import main, parser
+from vibroswarm.cli import main
+from vibroswarm.cli.commands import parsed
 from vibroswarm.cli.optimize import search_from
 
 SMALL = (
@@ -328,9 +329,9 @@ def test_options_correct_what_a_file_has_wrong(tmp_path: Path) -> None:
     two = "[[objective]]\ncost = 'decision_time'\nstatistic = 'mean'\n[[objective]]\ncost = 'errors'\n"
     path.write_text(SMALL.replace("budget = 150", "budget = 2") + two)
     options = ["optimize", str(path), "--method", "tpe", "--cost", "errors", "--budget", "90"]
-    search = search_from(parser().parse_args(options))
+    search = search_from(parsed(options)[1])
     (objective,) = search.objectives
     assert (objective.name, objective.statistic) == ("errors", "mean")
     assert (search.settings.method, search.budget) == ("tpe", 90)
     path.write_text(SMALL.replace("budget = 150", "budget = 2"))
-    assert search_from(parser().parse_args(["optimize", str(path), "--budget", "90"])).budget == 90
+    assert search_from(parsed(["optimize", str(path), "--budget", "90"])[1]).budget == 90

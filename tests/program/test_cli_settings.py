@@ -9,7 +9,8 @@ import time
 
 import pytest
 
-from vibroswarm.cli import leaves, main, parser, user_settings
+from vibroswarm.cli import main, user_settings
+from vibroswarm.cli.commands import parsed
 from vibroswarm.study.executors import workers_for
 
 SHORT = ["--set", "run.t_end_s=60", "--robots", "2", "--runs", "2", "--no-confirm", "--no-pictures"]
@@ -31,9 +32,9 @@ def config(tmp_path, monkeypatch):
 
 
 def defaults(command: list[str]) -> dict[str, object]:
-    top = parser()
-    user_settings.apply(user_settings.read(), leaves(top))
-    return vars(top.parse_args(command))
+    _, values = parsed(command)
+    user_settings.apply(user_settings.read(), values, command)
+    return vars(values)
 
 
 def test_it_sets_style_and_workers_and_options_count_more(config):
@@ -112,12 +113,12 @@ import atexit, sys, threading, time
 from vibroswarm import cli
 from vibroswarm.cli import scenario
 
-def run(arguments):
+def stopped():
     atexit.register(print, "cleaned up", flush=True)
     threading.Thread(target=time.sleep, args=(60.0,)).start()  # the interpreter would wait for it
     raise KeyboardInterrupt
 
-scenario.run = run
+scenario.scenario = stopped
 sys.argv = ["vibroswarm", "scenario"]
 sys.exit(cli.main())
 """
@@ -142,14 +143,14 @@ def called_from_c():
     os.kill(os.getpid(), signal.SIGINT)  # as Ctrl-C while LLVM calls Python
     return 0
 
-def run(arguments):
+def stopped():
     ctypes.CFUNCTYPE(ctypes.c_int)(called_from_c)()
     if END == "error":
         raise RuntimeError("no compiled object yet")
     time.sleep(20.0)
     return 0
 
-scenario.run = run
+scenario.scenario = stopped
 sys.argv = ["vibroswarm", "scenario"]
 sys.exit(cli.main())
 """

@@ -19,7 +19,8 @@ from polars.testing import assert_frame_equal
 
 import vibroswarm
 from helpers.dask_cluster import Cluster
-from vibroswarm.cli import main, parser, scenario_warnings
+from vibroswarm.cli import main, scenario_warnings
+from vibroswarm.cli.commands import parsed
 from vibroswarm.cli.evaluate import study_from
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study import executors, runner, store
@@ -113,7 +114,7 @@ def test_evaluate_warns_only_of_scenarios_of_the_study(monkeypatch):
     warned = []
     monkeypatch.setattr(scenario_warnings, "warn_of", warned.extend)
     line = ["evaluate", "--vary", "preset=text,calibrated", "--robots", "3"]
-    study = study_from(parser().parse_args(line))
+    study = study_from(parsed(line)[1])
     assert {scenario.hash for scenario in warned} <= {cell.scenario.hash for cell in study.cells}
 
 

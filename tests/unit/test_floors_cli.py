@@ -1,12 +1,11 @@
 from __future__ import annotations
 
-import argparse
 import json
 
 import numpy as np
 import pytest
 
-from vibroswarm.cli.floors import add_parser
+from vibroswarm.cli.commands import call, parsed
 from vibroswarm.errors import InputError
 from vibroswarm.floors.difficulty import measure
 from vibroswarm.floors.io import read_tiles
@@ -14,10 +13,7 @@ from vibroswarm.floors.source import NAMES
 
 
 def run(*words):
-    parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers())
-    arguments = parser.parse_args(["floors", *map(str, words)])
-    return arguments.run(arguments)
+    return call(*parsed(["floors", *map(str, words)]))
 
 
 def tables(capsys):

@@ -10,7 +10,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.cli import parser
+from vibroswarm.cli.command_line import bound
+from vibroswarm.cli.commands import parsed
 from vibroswarm.cli.scenario_options import scenario_from
 from vibroswarm.paper.cells import differences
 from vibroswarm.paper.item import CLAIMS, Settings
@@ -193,6 +194,7 @@ def test_the_command_below_the_example_run_makes_its_scenario() -> None:
     samples = pl.DataFrame({"x": [1.0]})
     (picture,) = example_run.pictures({"samples": samples}, settings)
     _, command, _ = picture.draw(style="column").caption.split("`")
-    arguments = parser().parse_args(shlex.split(command)[1:])
+    run, values = parsed(shlex.split(command)[1:])
+    arguments = bound(run.function(), vars(values)).arguments["scenario"]
     assert scenario_from(arguments).hash == example_run.example(settings).scenario.hash
     assert arguments.seed == 5

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
-from typing import Any, Final
+from typing import Annotated, Final, Literal
 
-from vibroswarm.cli.options import add_json
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.options import Json
 
 KINDS: Final = {
     "strategy": "strategy",
@@ -16,42 +16,41 @@ KINDS: Final = {
 """Values of ``--kind``, and their names in messages."""
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command ``check`` and its options to the program's commands."""
-    parser = commands.add_parser(
-        "check",
-        help="check a strategy, network, task or motion source of your own",
-        description="Check a strategy, network, task or motion source: does it compile, repeat, give the same results "
-        "in pieces and in plain Python, and return what it should? Its kind is detected.",
-        epilog="examples:\n  vibroswarm check voter.py:voter\n  vibroswarm check soft\n  vibroswarm check event",
-    )
-    parser.add_argument("name", metavar="NAME", help="FILE.py:NAME, or a known name")
-    parser.add_argument("--kind", choices=list(KINDS), help="its kind, if several have that name")
-    add_json(parser)
-    parser.set_defaults(run=run)
+def check(
+    name: Annotated[str, Option("FILE.py:NAME, or a known name", "NAME")],
+    /,
+    *,
+    kind: Annotated[
+        Literal["strategy", "network", "task", "motion"] | None,
+        Option("strategy, network, task or motion, if several have that name", "KIND"),
+    ] = None,
+    json: Json = False,
+) -> int:
+    """Check a strategy, network, task or motion source.
 
+    Does it compile, repeat, give the same results in pieces and in plain Python, and return what it should? Its kind is
+    detected. The exit code is 1 if a check fails; one that only warns does not count as failed.
 
-def run(arguments: argparse.Namespace) -> int:
-    """Run the checks of the named strategy, network, task or motion source, and print their results.
-
-    Returns:
-        The exit code: 1 if a check fails, else 0. A check that only warns does not count as failed.
+    examples:
+      vibroswarm check voter.py:voter
+      vibroswarm check soft
+      vibroswarm check event
     """
-    from vibroswarm.cli.deliver import print_result
+    from vibroswarm.cli.deliver import print_document
     from vibroswarm.documents.check import check_document
     from vibroswarm.testing import check_motion, check_network, check_strategy, check_task
 
-    kind, name = _kind_and_name(arguments.kind, arguments.name)
+    kind_found, known_name = _kind_and_name(kind, name)
     checks = {
         "strategy": check_strategy,
         "network": check_network,
         "task": check_task,
         "motion": check_motion,
     }
-    results = checks[kind](name)
+    results = checks[kind_found](known_name)
     failed = any(not result.holds and not result.is_warning for result in results)
     rows = [(result.what, result.holds, result.is_warning, result.why) for result in results]
-    print_result(check_document(name, rows), arguments)
+    print_document(check_document(known_name, rows), as_json=json)
     return int(failed)
 
 

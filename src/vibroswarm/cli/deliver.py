@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli import terminal
 from vibroswarm.cli.out_folder import Printed, write_printed
@@ -21,9 +20,7 @@ PICTURES: Final = "pictures"
 """Name of the folder of pictures in a folder of results."""
 
 
-def deliver(
-    document: Document, arguments: argparse.Namespace, command: str, saved: str, work: str = ""
-) -> None:
+def deliver(document: Document, arguments: Any, command: str, saved: str, work: str = "") -> None:
     """Save a document in the folder of ``--out``, if it is given; then print it, and say where it is.
 
     Args:
@@ -61,7 +58,7 @@ def save_pictures(
 
 def save_requested_pictures(
     document: Document,
-    arguments: argparse.Namespace,
+    arguments: Any,
     folder: Path,
     progress: Callable[[float], None] = lambda share: None,
 ) -> None:
@@ -83,18 +80,23 @@ def save_requested_pictures(
         remove_folder(folder / PICTURES)
 
 
-def print_result(document: Document, arguments: argparse.Namespace) -> None:
+def print_result(document: Document, arguments: Any) -> None:
     """Print a document, or with ``--json`` its answer and tables as one JSON document."""
-    if getattr(arguments, "json", False):
+    print_document(document, as_json=getattr(arguments, "json", False))
+
+
+def print_document(document: Document, *, as_json: bool = False) -> None:
+    """Print a document as wide as the terminal, all of it with ``--wide``; or its answer and tables as JSON."""
+    if as_json:
         from vibroswarm.show.data import document_data
 
         print_json(document_data(document))
-    else:
-        print_in_terminal(document)
+        return
+    from vibroswarm.show.terminal import print_document as print_in
+
+    print_in(document, sys.stdout, terminal.width(), wide=terminal.printing.wide)
 
 
 def print_in_terminal(document: Document) -> None:
-    """Print a document as wide as the terminal, with everything if ``--wide`` is given."""
-    from vibroswarm.show.terminal import print_document
-
-    print_document(document, sys.stdout, terminal.width(), wide=terminal.printing.wide)
+    """Print a document as text."""
+    print_document(document)

@@ -2,158 +2,107 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli import terminal
-from vibroswarm.cli.deliver import print_result
-from vibroswarm.cli.options import add_image_threshold, add_json, add_out, whole
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.options import Force, ImageThreshold, Json, Tiles
 
 if TYPE_CHECKING:  # imported when needed: --help stays fast
     import numpy as np
     from numpy.typing import NDArray
 
-_SPEC = "pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG)"
-"""Help on the argument FLOOR."""
+FLOOR = Option("pattern (diagonal:0.48), random:0.48, or file (text, CSV, coordinates, PNG)", "FLOOR")
+Seed = Annotated[int, Option("seed of a random floor")]
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command ``floors`` and its subcommands ``list``, ``show``, ``measure`` and ``make``."""
-    parser = commands.add_parser(
-        "floors",
-        help="list, show, measure and make floors",
-        description="List, show, measure and make floors.",
-    )
-    parts = parser.add_subparsers(dest="part", metavar="PART", required=True)
-    part = parts.add_parser("list", help="list known patterns and their difficulty")
-    part.add_argument("--paper", action="store_true", help="the paper's table with the right values")
-    add_json(part)
-    part.set_defaults(run=_list)
-
-    part = parts.add_parser("show", help="draw a floor in the terminal or to a file")
-    part.add_argument("spec", metavar="FLOOR", help=_SPEC)
-    _add_tiles(part)
-    _add_seed(part, "seed of a random floor")
-    add_out(part, "picture to write: .png, .svg or .pdf", metavar="FILE", force=True)
-    part.set_defaults(run=_show)
-
-    part = parts.add_parser("measure", help="measure fill ratio, Moran index, entropy and clusters")
-    part.add_argument("specs", metavar="FLOOR", nargs="+", help=_SPEC)
-    _add_tiles(part)
-    _add_seed(part, "seed of a random floor")
-    add_json(part)
-    part.set_defaults(run=_measure)
-
-    part = parts.add_parser(
-        "make",
-        help="make a floor of given difficulty",
-        description="Make a floor of given fill ratio, Moran index and entropy, each to within 0.02. Exit code 0 if "
-        "one is found; 1 if not, and then the nearest one is given.",
-    )
-    part.add_argument("--tiles", metavar="RxC", required=True, help="rows x columns, for example 20x20")
-    part.add_argument("--fill-ratio", metavar="F", type=float, required=True, help="share of vibrating tiles")
-    part.add_argument("--moran", metavar="M", type=float, required=True, help="Moran index, -1 to 1")
-    part.add_argument("--entropy", metavar="E", type=float, help="entropy, 0 to 1 (default: any)")
-    _add_seed(part, "another seed makes another floor")
-    add_out(part, "file to write: .txt, .csv or .png (one pixel per tile)", metavar="FILE", force=True)
-    add_json(part)
-    part.set_defaults(run=_make)
-
-
-def _add_tiles(parser: argparse.ArgumentParser) -> None:
-    """Add the option for the numbers of rows and columns of a floor."""
-    parser.add_argument(
-        "--tiles",
-        metavar="RxC",
-        help="rows x columns of a random floor (default 5x5), coordinate list or picture",
-    )
-    add_image_threshold(parser)
-
-
-def _add_seed(parser: argparse.ArgumentParser, help: str) -> None:
-    """Add the option for the seed of a random floor; ``help`` says what the seed does."""
-    parser.add_argument("--seed", metavar="N", type=whole, default=0, help=f"{help} (default 0)")
-
-
-def _list(args: argparse.Namespace) -> int:
-    """Print the known patterns with their difficulty, or with ``--paper`` the paper's table of difficulties.
-
-    Returns the exit code.
-    """
-    if args.paper:
-        return _list_paper(args)
-    from vibroswarm.documents.floor import floors_document
-    from vibroswarm.floors.difficulty import measure
+def list_patterns(
+    *, paper: Annotated[bool, Option("the paper's table with the right values")] = False, json: Json = False
+) -> None:
+    """List the known patterns and their difficulty."""
+    from vibroswarm.documents.floor import floors_document, paper_floors_document
+    from vibroswarm.floors.difficulty import measure, paper_table
     from vibroswarm.floors.source import NAMES, pattern
 
+    if paper:
+        print_document(paper_floors_document(paper_table()), as_json=json)
+        return
     measured = {name: measure(pattern(name)) for name in NAMES}
     remark = "random:F, for example random:0.48, is another random floor for each run."
-    print_result(floors_document(measured, remark), args)
-    return 0
+    print_document(floors_document(measured, remark), as_json=json)
 
 
-def _list_paper(args: argparse.Namespace) -> int:
-    """Print each number of the paper's table of difficulties beside two recomputed numbers; return the exit code.
-
-    The first recomputed number is computed as the paper did it, the second is the correct value. The paper's number,
-    which has two decimals, is marked "differs" if it is not the correct value rounded to two decimals.
-    """
-    from vibroswarm.documents.floor import paper_floors_document
-    from vibroswarm.floors.difficulty import paper_table
-
-    print_result(paper_floors_document(paper_table()), args)
-    return 0
-
-
-def _show(args: argparse.Namespace) -> int:
-    """Draw a floor in the terminal, describe its difficulty, and save a picture if ``--out`` is given.
-
-    Returns the exit code.
-    """
+def show(
+    floor: Annotated[str, FLOOR],
+    /,
+    *,
+    tiles: Tiles = None,
+    image_threshold: ImageThreshold = None,
+    seed: Seed = 0,
+    out: Annotated[Path | None, Option("picture to write: .png, .svg or .pdf")] = None,
+    force: Force = False,
+) -> None:
+    """Draw a floor in the terminal or to a file."""
     from vibroswarm.documents.floor import tiles_document
 
-    tiles, name = _resolved(args.spec, args)
-    if args.out is not None:
+    grid, name = _resolved(floor, tiles, image_threshold, seed)
+    if out is not None:
         from vibroswarm.plots.run import draw_floor
 
-        draw_floor(args.out, tiles, name, replace=args.force)
-    print_result(tiles_document(name, tiles, in_terminal(tiles)), args)
-    if args.out is not None:
-        print(f"Saved: {args.out}")
-    return 0
+        draw_floor(out, grid, name, replace=force)
+    print_document(tiles_document(name, grid, in_terminal(grid)))
+    if out is not None:
+        print(f"Saved: {out}")
 
 
-def _measure(args: argparse.Namespace) -> int:
-    """Print the measures of difficulty of the given floors; return the exit code."""
+def measure(
+    *floors: Annotated[str, FLOOR],
+    tiles: Tiles = None,
+    image_threshold: ImageThreshold = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Measure fill ratio, Moran index, entropy and clusters."""
     from vibroswarm.documents.floor import floors_document
     from vibroswarm.floors.difficulty import measure
 
-    measured = {spec: measure(_resolved(spec, args)[0]) for spec in args.specs}
-    print_result(floors_document(measured), args)
-    return 0
+    measured = {floor: measure(_resolved(floor, tiles, image_threshold, seed)[0]) for floor in floors}
+    print_document(floors_document(measured), as_json=json)
 
 
-def _make(args: argparse.Namespace) -> int:
-    """Make a floor of the given difficulty, print and save it; return the exit code.
+def make(
+    *,
+    tiles: Annotated[str, Option("rows x columns, for example 20x20", "RxC")],
+    fill_ratio: Annotated[float, Option("share of vibrating tiles", "F")],
+    moran: Annotated[float, Option("Moran index, -1 to 1", "M")],
+    entropy: Annotated[float | None, Option("entropy, 0 to 1 (default: any)", "E")] = None,
+    seed: Annotated[int, Option("another seed makes another floor")] = 0,
+    out: Annotated[Path | None, Option("file to write: .txt, .csv or .png (one pixel per tile)")] = None,
+    force: Force = False,
+    json: Json = False,
+) -> int:
+    """Make a floor of given fill ratio, Moran index and entropy, each to within 0.02.
 
-    The exit code is 1 if no floor within the tolerance was found; the nearest floor is then printed and saved.
+    The exit code is 0 if one is found; 1 if not, and then the nearest one is given.
     """
     from vibroswarm.documents.floor import design_document
     from vibroswarm.floors.design import make_floor
     from vibroswarm.floors.grid_text import parse_tiles
     from vibroswarm.floors.io import check_new, write_tiles
 
-    rows, columns = parse_tiles(args.tiles)
-    if args.out is not None:
-        check_new(args.out, replace=args.force)  # refuse the file before the work
-    design = make_floor(rows, columns, args.fill_ratio, args.moran, args.entropy, args.seed)
-    if args.out is not None:
-        write_tiles(args.out, design.tiles, replace=args.force)
-    target = {"fill_ratio": args.fill_ratio, "moran_index": args.moran, "entropy": args.entropy}
-    print_result(design_document(design, target, in_terminal(design.tiles)), args)
-    if args.out is not None and not args.json:
-        print(f"Saved: {args.out}")
+    rows, columns = parse_tiles(tiles)
+    if out is not None:
+        check_new(out, replace=force)  # refuse the file before the work
+    design = make_floor(rows, columns, fill_ratio, moran, entropy, seed)
+    if out is not None:
+        write_tiles(out, design.tiles, replace=force)
+    target = {"fill_ratio": fill_ratio, "moran_index": moran, "entropy": entropy}
+    print_document(design_document(design, target, in_terminal(design.tiles)), as_json=json)
+    if out is not None and not json:
+        print(f"Saved: {out}")
     return 0 if design.reached else 1
 
 
@@ -164,17 +113,15 @@ def in_terminal(tiles: NDArray[np.uint8]) -> str:
     return draw(tiles, blocks=can_draw_blocks(sys.stdout), width=terminal.width())
 
 
-def _resolved(spec: str, args: argparse.Namespace) -> tuple[NDArray[np.uint8], str]:
-    """Return the tiles (rows, columns) and the name of the floor that ``spec`` and the options describe.
-
-    The seed selects one random floor; it has no effect on other floors.
-    """
+def _resolved(
+    floor: str, tiles: str | None, image_threshold: str | None, seed: int
+) -> tuple[NDArray[np.uint8], str]:
+    """Return the tiles (rows, columns) and the name of a floor; the seed selects a random one."""
     from vibroswarm.errors import share_from
     from vibroswarm.floors.grid_text import parse_tiles
     from vibroswarm.floors.io import THRESHOLD
     from vibroswarm.floors.source import resolve
 
-    size = None if args.tiles is None else parse_tiles(args.tiles)
-    given = args.image_threshold
-    threshold = THRESHOLD if given is None else share_from(given, "--image-threshold")
-    return resolve(spec, size, args.seed, threshold=threshold)
+    size = None if tiles is None else parse_tiles(tiles)
+    threshold = THRESHOLD if image_threshold is None else share_from(image_threshold, "--image-threshold")
+    return resolve(floor, size, seed, threshold=threshold)

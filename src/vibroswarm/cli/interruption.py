@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import _thread
-import argparse
 import shlex
 import signal
 import sys
@@ -72,29 +71,47 @@ def _again() -> None:
         _thread.interrupt_main()
 
 
-def resume_hint(arguments: argparse.Namespace | None, words: Sequence[str]) -> str:
-    """Return the message after an interruption: whether work is saved, where, and how to resume.
+class _Work:
+    """What is known of the command in progress: its words, and where its work is saved."""
+
+    words: Sequence[str] = ()
+    begun = resumes = False
+    out: Path | None = None
+
+
+_work = _Work()
+
+
+def begin(words: Sequence[str]) -> None:
+    """Forget the work of an earlier command.
 
     Args:
-        arguments: the parsed arguments of the command; None if Ctrl-C was pressed before they were parsed. Their
-            attribute ``resumes`` is set if the command can be resumed: "folder" if finished work is saved in the folder
-            ``--out``; "file" if ``--out`` is a file, and finished work is saved in a folder beside it
-            (``folder_of_runs``).
         words: the command line, without the program's name.
     """
-    if arguments is None or not getattr(arguments, "resumes", None):
-        # The command cannot be resumed. If results were to be saved (--out), the message says that nothing is saved.
-        return (
-            "interrupted; nothing is saved" if getattr(arguments, "out", None) is not None else "interrupted"
-        )
-    out: Path | None = arguments.out
+    _work.words, _work.begun, _work.resumes, _work.out = words, False, False, None
+
+
+def saves_in(out: Path | None, *, resumes: bool) -> None:
+    """Remember where the command in progress saves.
+
+    Args:
+        out: a folder of finished work, or the file that is written at last; None if nothing is saved.
+        resumes: whether the command continues what is in that folder.
+    """
+    _work.begun, _work.resumes, _work.out = True, resumes, out
+
+
+def resume_hint() -> str:
+    """Return the message after an interruption: whether work is saved, where, and how to resume."""
+    out = _work.out
+    if not _work.resumes:
+        return "interrupted; nothing is saved" if out is not None else "interrupted"
     if out is None:
         return "interrupted; nothing is saved: with --out, finished work is saved and can be resumed"
-    where = folder_of_runs(out) if arguments.resumes == "file" else out
-    if not where.is_dir() or not any(where.iterdir()):
+    if not out.is_dir() or not any(out.iterdir()):
         return "interrupted; nothing is saved yet"
-    command = shlex.join(["vibroswarm", *words])
-    return f"interrupted; finished work is saved in '{where}'. To resume: {command}"
+    command = shlex.join(["vibroswarm", *_work.words])
+    return f"interrupted; finished work is saved in '{out}'. To resume: {command}"
 
 
 def folder_of_runs(file: Path) -> Path:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from vibroswarm.cli import lab_replay, lab_threshold, lab_track
+from vibroswarm.cli.command_line import Option, reader
 from vibroswarm.cli.options import add_json, add_scenario_options, between, list_of, whole
 from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError
@@ -108,7 +109,7 @@ def run_import(arguments: argparse.Namespace) -> int:
     )
     # An existing folder is accepted only if it holds the result of the same import, or with --force. at_once=False: an
     # older recording stays until the new one is complete and replaces it.
-    claim(arguments, lambda: refuse_other(arguments.out, "lab import", work), at_once=False)
+    claim(arguments, lambda folder: refuse_other(folder, "lab import", work), at_once=False)
     recording = recording_of(
         logs,
         scenario.floor_for(0, 0),  # seed and run do not matter: the floor is not random
@@ -215,7 +216,7 @@ def _add_export(tasks: Any) -> None:
     parser.add_argument(
         "--format",
         metavar="NAME",
-        choices=("rugbot", "webots", "csv"),
+        type=reader(Literal["rugbot", "webots", "csv"], Option("")),
         default="rugbot",
         help="rugbot (default), webots or csv",
     )

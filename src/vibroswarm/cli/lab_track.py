@@ -170,7 +170,7 @@ def run(arguments: argparse.Namespace) -> int:
     )  # fmt: skip
     # An existing folder is accepted only if it holds results of the same video and settings, or with --force.
     # at_once=False: older results stay until the new ones are complete and replace them.
-    claim(arguments, lambda: refuse_other(arguments.out, "lab track", work), at_once=False)
+    claim(arguments, lambda folder: refuse_other(folder, "lab track", work), at_once=False)
     tracking = _tracking(arguments, markers)
     # A robot samples at one control tick and drives on at the next. So its stop, as the camera sees it, ends one
     # control period after the sample; ``with_positions`` needs this to match samples with stops.

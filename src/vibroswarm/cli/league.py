@@ -169,7 +169,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     _ = league.study  # refuses a floor on which no decision is right, before `--force` removes the folder
     # `Store.existing` refuses a folder that holds anything but runs of this league.
-    claim(arguments, lambda: Store.existing(arguments.out, league.study))
+    claim(arguments, lambda folder: Store.existing(folder, league.study))
     with study_progress("simulating") as progress:
         standings = league.play(
             arguments.out,

@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     study = jobs_of_one_study(arguments.shares)[0].study
     # `Store.existing` refuses a folder that holds anything but runs of this study.
     pairs_of(study, arguments.reference)  # refuses an unknown reference before anything is written
-    claim(arguments, lambda: Store.existing(arguments.out, study))
+    claim(arguments, lambda folder: Store.existing(folder, study))
     store = merge(arguments.out, arguments.shares)
     every_cell = tuple(cell.number for cell in store.study.cells)
     result = StudyResult(store.study, store, selected=every_cell)

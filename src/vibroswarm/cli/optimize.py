@@ -6,9 +6,11 @@ import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.options import (
     add_execution_options,
     add_json,
@@ -46,6 +48,10 @@ examples:
 """
 
 
+METHODS = ("pso", "tpe", "gp", "cmaes", "nsga2", "random", "sobol", "grid")
+"""Methods of a search, as ``optimize.spec`` has them, and a grid; a test compares them."""
+
+
 def add_parser(commands: Any) -> None:
     """Add the command ``optimize`` and its options to the program's commands."""
     parser = commands.add_parser(
@@ -56,9 +62,8 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument("search", metavar="STUDY.toml", type=Path, nargs="?", help="the search file")
     options = parser.add_argument_group("search")
-    options.add_argument(
-        "--method", metavar="NAME", help="pso (default), tpe, gp, cmaes, nsga2, random, sobol, grid"
-    )
+    method = options.add_argument("--method", metavar="NAME", help=f"{', '.join(METHODS)} (default pso)")
+    vars(method)["option"] = Option(str(method.help), names=partial(list, METHODS))
     options.add_argument(
         "--noise",
         metavar="NAME",
@@ -203,7 +208,7 @@ def _search(search: Search, arguments: argparse.Namespace) -> int:
     execution = _execution(arguments)
     check_libraries(search)  # now, since `--force` removes the folder
     # Making a `Journal` writes nothing, but refuses a folder that holds anything but this search.
-    claim(arguments, lambda: Journal(arguments.out, search, mixed=arguments.mixed))
+    claim(arguments, lambda folder: Journal(folder, search, mixed=arguments.mixed))
     _start(search)
     # the runs of the method, and those of the race between the best candidates
     runs = search.search_runs + search.final_runs
@@ -267,7 +272,7 @@ def _grid(arguments: argparse.Namespace) -> int:
     if fresh < 2:  # refused now, since `--force` removes the folder, and the grid takes long
         raise InputError(f"{fresh} is too few; at least 2", field="--fresh")
     # `Store.existing` refuses a folder that holds anything but runs of this study.
-    claim(arguments, lambda: Store.existing(arguments.out, study))
+    claim(arguments, lambda folder: Store.existing(folder, study))
     say_compiling(study.motion)
     with study_progress("simulating") as progress:
         result = run_study(study, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
@@ -304,7 +309,7 @@ def _sensitivity(arguments: argparse.Namespace) -> int:
     search = search_from(arguments)
     work = hash_of(search.hash, budget)
     design_of(search, budget)  # refuses a small budget now, since `--force` removes the folder
-    claim(arguments, lambda: refuse_other(arguments.out, "optimize --sensitivity", work))
+    claim(arguments, lambda folder: refuse_other(folder, "optimize --sensitivity", work))
     _start(search)
     with _counting("simulating", budget) as counted:
         indices = sobol_indices(search, budget, progress=counted, **_execution(arguments))

@@ -6,17 +6,192 @@ import argparse
 import math
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
+from vibroswarm.cli.command_line import Option, add_group, reader
 from vibroswarm.core.child_python import MOST_WORKERS
+from vibroswarm.core.registry import written_names
+from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.result import Result
 
-STYLES: Final = ("column", "page", "slide")
+Style = Literal["column", "page", "slide"]
 """Styles of pictures; the first is the default."""
+STYLES: Final = ("column", "page", "slide")
+"""The same, for messages."""
+
+
+def refuse_both(options: object, first: str, second: str) -> None:
+    """Refuse two options of a group that exclude each other.
+
+    Args:
+        first, second: names of the fields; their default is false.
+    Raises:
+        InputError: both are given.
+    """
+    if getattr(options, first) and getattr(options, second):
+        one, other = (f"--{name.replace('_', '-')}" for name in (first, second))
+        raise InputError(f"conflicts with {one}; use one of them", field=other)
+
+
+@dataclass(kw_only=True)
+class Printing:
+    """How much is printed on stdout and stderr; all commands have these options."""
+
+    wide: Annotated[bool, Option("print all columns and rows of tables")] = False
+    quiet: Annotated[
+        bool, Option("report only warnings and errors on stderr: no progress, no plan", short="-q")
+    ] = False
+    verbose: Annotated[
+        bool,
+        Option(
+            "report versions, compiled kernels and times on stderr; print the traceback of an error",
+            short="-v",
+        ),
+    ] = False
+
+    def __post_init__(self) -> None:
+        """Refuse options that exclude each other."""
+        refuse_both(self, "quiet", "verbose")
+
+
+@dataclass(kw_only=True)
+class UserCode:
+    """Whether and how code of the user is run; all commands have these options."""
+
+    trust: Annotated[bool, Option("run code named in scenario and study files (FILE.py:NAME)")] = False
+    plain: Annotated[bool, Option("run as plain, slow Python, for debuggers")] = False
+
+
+Tiles = Annotated[str | None, Option("rows x columns of a random floor, coordinate list or picture", "RxC")]
+ImageThreshold = Annotated[
+    str | None, Option("tiles of a picture vibrate from this mean brightness (default 50%)", "P")
+]
+
+
+@dataclass(kw_only=True)
+class ScenarioOptions:
+    """What a scenario is made of: a preset or file, and what differs from it."""
+
+    preset: Annotated[
+        str | None,
+        Option("{names} (default paper)", names=partial(written_names, "scenario/presets", ".toml")),
+    ] = None
+    scenario: Annotated[Path | None, Option("scenario in TOML, such as the one in a result")] = None
+    floor: Annotated[str | None, Option("pattern (diagonal:0.46), random:0.48, or file", "FLOOR")] = None
+    tiles: Tiles = None
+    image_threshold: ImageThreshold = None
+    robots: Annotated[int | None, Option("number of robots")] = None
+    strategy: Annotated[
+        str | None,
+        Option(
+            "what robots send each other: {names}, or FILE.py:NAME",
+            names=partial(written_names, "strategies"),
+        ),
+    ] = None
+    network: Annotated[
+        str | None,
+        Option(
+            "which messages arrive, and when: {names}, or FILE.py:NAME",
+            names=partial(written_names, "networks"),
+        ),
+    ] = None
+    task: Annotated[
+        str | None,
+        Option("question about the floor: {names}, or FILE.py:NAME", names=partial(written_names, "tasks")),
+    ] = None
+    energies: Annotated[Path | None, Option("draw readings from these measured energies (CSV)")] = None
+    settings: Annotated[
+        Sequence[str],
+        Option(
+            "set any field of the scenario, such as walk.walk_duration_scale_ms=9000; may be repeated",
+            "FIELD=VALUE",
+            name="--set",
+        ),
+    ] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse options that exclude each other."""
+        refuse_both(self, "preset", "scenario")
+
+
+MOTIONS: Final = ("event", "fixed-step", "mujoco", "mujoco-planar")
+"""Sources of motion of this package, as ``vibroswarm.motion`` registers them; a test compares them."""
+Seed = Annotated[int, Option("same scenario and seed: same result", "S")]
+Motion = Annotated[
+    str, Option("engine: {names} (default event), or FILE.py:NAME", names=partial(list, MOTIONS))
+]
+Json = Annotated[bool, Option("print JSON and nothing else on stdout")]
+Force = Annotated[bool, Option("replace what is there, if vibroswarm wrote it")]
+OutFile = Annotated[Path | None, Option("write this file")]
+
+
+@dataclass(kw_only=True)
+class Simulated(ScenarioOptions):
+    """A scenario, its seed and the source of its motion."""
+
+    seed: Seed = 1
+    motion: Motion = "event"
+
+
+@dataclass(kw_only=True)
+class Saved:
+    """Where results go."""
+
+    json: Json = False
+    out: Annotated[
+        Path | None, Option("save everything here; the same command resumes or repeats it", "DIR")
+    ] = None
+    force: Annotated[bool, Option("replace DIR if it holds something else")] = False
+
+
+@dataclass(kw_only=True)
+class Paged(Saved):
+    """Where results go that have a page."""
+
+    open: Annotated[bool, Option("open the page in the browser")] = False
+
+    def __post_init__(self) -> None:
+        """Refuse to open a page that is not saved."""
+        if self.open and self.out is None:
+            raise InputError("needs --out DIR, where the page is saved", field="--open")
+
+
+@dataclass(kw_only=True)
+class Drawn(Paged):
+    """Where results go that have a page with pictures."""
+
+    pictures: Annotated[
+        bool, Option("also write the report's pictures as files, and their numbers as CSV")
+    ] = False
+    no_pictures: Annotated[bool, Option("numbers only, without pictures")] = False
+    style: Annotated[Style, Option("style of picture files: column, page, slide (default column)")] = "column"
+
+    def __post_init__(self) -> None:
+        """Refuse options that exclude each other."""
+        super().__post_init__()
+        refuse_both(self, "pictures", "no_pictures")
+
+
+Workers = Annotated[
+    int | None, Option("threads or processes (default: all processors)", low=1, high=MOST_WORKERS)
+]
+
+
+@dataclass(kw_only=True)
+class Execution:
+    """Where and how runs are executed."""
+
+    workers: Workers = None
+    executor: Annotated[
+        str, Option("threads (default), processes, dask://HOST:PORT, or a Dask scheduler file", "WHERE")
+    ] = "threads"
+    mixed: Annotated[bool, Option("resume results of other versions; the report says so")] = False
 
 
 def whole(text: str, low: float = -math.inf, high: float = math.inf) -> int:
@@ -95,36 +270,6 @@ def run_plain() -> None:
         os.environ["VIBROSWARM_PLAIN"] = "1"
 
 
-def add_printing(parser: argparse.ArgumentParser) -> None:
-    """Add the options for how much is printed on stdout and stderr, which all commands have."""
-    group = parser.add_argument_group("printing")
-    group.add_argument("--wide", action="store_true", help="print all columns and rows of tables")
-    add_loudness(group)
-
-
-def add_loudness(parser: argparse._ActionsContainer) -> None:
-    """Add the options for how much is reported on stderr.
-
-    The options may be given before the command's name or after it. Therefore they have no defaults (``SUPPRESS``): a
-    default of the command's parser would overwrite what the program's parser has read before.
-    """
-    loud = parser.add_mutually_exclusive_group()
-    loud.add_argument(
-        "-q",
-        "--quiet",
-        action="store_true",
-        default=argparse.SUPPRESS,
-        help="report only warnings and errors on stderr: no progress, no plan",
-    )
-    loud.add_argument(
-        "-v",
-        "--verbose",
-        action="store_true",
-        default=argparse.SUPPRESS,
-        help="report versions, compiled kernels and times on stderr; print the traceback of an error",
-    )
-
-
 def add_json(parser: argparse._ActionsContainer) -> None:
     """Add the option that prints JSON instead of text."""
     parser.add_argument("--json", action="store_true", help="print JSON and nothing else on stdout")
@@ -137,13 +282,14 @@ def add_seed(parser: argparse._ActionsContainer, help: str = "same scenario and 
 
 def add_style(parser: argparse._ActionsContainer) -> None:
     """Add the option for the style of picture files, which sets their size and fonts."""
-    parser.add_argument(
+    action = parser.add_argument(
         "--style",
         metavar="NAME",
-        choices=STYLES,
+        type=reader(Style, Option("")),
         default=STYLES[0],
         help=f"style of picture files: {', '.join(STYLES)} (default column)",
     )
+    vars(action)["option"] = Option(str(action.help), names=partial(list, STYLES))
 
 
 def add_pictures(
@@ -254,46 +400,17 @@ def add_execution_options(parser: argparse.ArgumentParser) -> argparse._Argument
 
 
 def add_scenario_options(
-    parser: argparse.ArgumentParser, *, robots: Callable[[str], Any] = whole
+    parser: argparse.ArgumentParser, *, robots: Callable[[str], Any] | None = None
 ) -> argparse._ArgumentGroup:
-    """Add the options from which ``scenario_options.scenario_from`` makes a scenario; return their group.
+    """Add the options of ``ScenarioOptions`` to the parser of a command that adds its options itself.
 
     Args:
-        robots: function that converts the text of ``--robots``: to a number, or for commands that vary the number of
-            robots to a list of numbers.
+        robots: function that converts the text of ``--robots``, for commands that vary the number of robots.
     """
-    group: argparse._ArgumentGroup = parser.add_argument_group("scenario")
-    base = group.add_mutually_exclusive_group()
-    base.add_argument(
-        "--preset",
-        metavar="NAME",
-        help="paper (default), paper-empirical, text, calibrated; found by searches: optimised-cost, optimised-error, "
-        "optimised-error-patterns, optimised-places",
-    )
-    base.add_argument(
-        "--scenario", metavar="FILE", type=Path, help="scenario in TOML, such as the one in a result"
-    )
-    group.add_argument("--floor", metavar="FLOOR", help="pattern (diagonal:0.46), random:0.48, or file")
-    group.add_argument(
-        "--tiles", metavar="RxC", help="rows x columns of a random floor, coordinate list or picture"
-    )
-    add_image_threshold(group)
-    group.add_argument("--robots", metavar="N", type=robots, help="number of robots")
-    group.add_argument(
-        "--strategy",
-        metavar="NAME",
-        help="what robots send each other: none, positive, soft, a published strategy, or FILE.py:NAME",
-    )
-    group.add_argument(
-        "--network",
-        metavar="NAME",
-        help="which messages arrive, and when: ideal, loss, loss_by_size, bursts, range, delay, tree, or FILE.py:NAME",
-    )
-    group.add_argument("--task", metavar="NAME", help="question about the floor: fill_ratio, or FILE.py:NAME")
-    group.add_argument(
-        "--energies", metavar="FILE", type=Path, help="draw readings from these measured energies (CSV)"
-    )
-    add_settings(group, "set any field of the scenario, such as walk.walk_duration_scale_ms=9000")
+    group = add_group(parser, "scenario", ScenarioOptions)
+    for action in group._group_actions:
+        if robots is not None and action.dest == "robots":
+            action.type = robots
     return group
 
 

@@ -18,14 +18,13 @@ The file ``printed.json`` in the folder holds what the command printed, so that 
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.core.atomic_io import OURS, remove_folder, write_files
 from vibroswarm.core.untrusted_files import entry, read_json
@@ -39,7 +38,7 @@ ADVICE = re.compile(r"; (take another folder|give the name of a new folder|choos
 """Advice at the end of some error messages of the library; ``claim`` replaces it by advice on options."""
 
 
-def claim(arguments: argparse.Namespace, check: Callable[[], object], *, at_once: bool = True) -> None:
+def claim(arguments: Any, check: Callable[[Path], object], *, at_once: bool = True) -> None:
     """Refuse the folder of ``--out`` before the work begins, unless ``check`` accepts it or ``--force`` replaces it.
 
     A missing or empty folder is accepted; otherwise ``check`` decides. With ``--force``, a folder that ``check``
@@ -54,7 +53,10 @@ def claim(arguments: argparse.Namespace, check: Callable[[], object], *, at_once
         InputError: ``check`` refuses the folder, and ``--force`` is not given or vibroswarm did not write the folder;
             or ``--force`` is given without ``--out``.
     """
+    from vibroswarm.cli.interruption import saves_in
+
     out: Path | None = arguments.out
+    saves_in(out, resumes=at_once)
     if out is None:
         if arguments.force:
             raise InputError("has no effect without --out DIR", field="--force")
@@ -65,10 +67,10 @@ def claim(arguments: argparse.Namespace, check: Callable[[], object], *, at_once
             return
     except (OSError, ValueError):
         # The name is impossible, or the folder cannot be read: `check` raises an error with a better message.
-        check()
+        check(out)
         return
     try:
-        check()
+        check(out)
     except InputError as error:
         # the message without its field and its advice, for the new messages below
         why = ADVICE.sub("", str(error).removeprefix(f"{error.field}: "))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import sys
@@ -41,7 +40,7 @@ def add_open(parser: Any, help: str = "open the report in the browser") -> None:
     parser.add_argument("--open", action="store_true", help=help)
 
 
-def check_open(arguments: argparse.Namespace) -> None:
+def check_open(arguments: Any) -> None:
     """Refuse ``--open`` without ``--out`` before the work begins, because only a saved page can be opened.
 
     Raises:
@@ -51,7 +50,7 @@ def check_open(arguments: argparse.Namespace) -> None:
         raise InputError("needs --out DIR, where the page is saved", field="--open")
 
 
-def print_saved(arguments: argparse.Namespace, what: str, page: str | None = None) -> None:
+def print_saved(arguments: Any, what: str, page: str | None = None) -> None:
     """Print where results are saved, or without ``--out`` that they are not; with ``--open``, open their page.
 
     With ``--json`` nothing is printed on stdout, which holds the JSON document only. A command without the option

@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("is required", field="--out")
     items, settings = items_named(arguments.only), settings_of(arguments)
     check_open(arguments)
-    claim(arguments, lambda: _refuse_other(arguments.out, arguments.archive))
+    claim(arguments, lambda folder: _refuse_other(folder, arguments.archive))
     try:
         arguments.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -2,77 +2,56 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated
 
-from vibroswarm.cli.options import add_json, add_motion, add_out, add_scenario_options, add_seed
-from vibroswarm.cli.output import add_open
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.options import Paged, Simulated
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.result import Result
     from vibroswarm.scenario.scenario import Scenario
 
-EPILOG = """\
-examples:
-  vibroswarm run                                        the paper's setting, no feedback
-  vibroswarm run --strategy soft --seed 2 --out first   save tables and page in 'first'
-  vibroswarm run --floor diagonal:0.46 --robots 8
-  vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03 --set decision.boundary_of=tiles
-"""
 
+def run(
+    *,
+    pictures: Annotated[bool, Option("also draw run.png, and maps.png if robots keep maps")] = False,
+    scenario: Simulated,
+    output: Paged,
+) -> None:
+    """Run one inspection: a swarm on a floor, from start to verdict.
 
-def add_parser(commands: Any) -> None:
-    """Add the command ``run`` and its options to the program's commands."""
-    parser = commands.add_parser(
-        "run",
-        help="run one inspection and print its verdict",
-        description="Run one inspection: a swarm on a floor, from start to verdict.",
-        epilog=EPILOG,
-    )
-    scenario = add_scenario_options(parser)
-    add_seed(scenario)
-    add_motion(scenario)
-    out = parser.add_argument_group("output")
-    add_out(out, "save scenario, tables and page here", force=True)
-    out.add_argument(
-        "--pictures", action="store_true", help="also draw run.png, and maps.png if robots keep maps"
-    )
-    add_open(out, "open the page in the browser")
-    add_json(out)
-    parser.set_defaults(run=run)
-
-
-def run(arguments: argparse.Namespace) -> int:
-    """Simulate one run, save it if requested, and print its verdict; return the exit code."""
+    examples:
+      vibroswarm run                                        the paper's setting, no feedback
+      vibroswarm run --strategy soft --seed 2 --out first   save tables and page in 'first'
+      vibroswarm run --floor diagonal:0.46 --robots 8
+      vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03
+    """
     from vibroswarm.cli.deliver import print_result
     from vibroswarm.cli.out_folder import claim, refuse_other_run
-    from vibroswarm.cli.output import check_open, print_line, print_paragraph, print_saved
+    from vibroswarm.cli.output import print_line, print_paragraph, print_saved
     from vibroswarm.cli.scenario_options import chosen, scenario_from
     from vibroswarm.documents.run import result_document
 
-    scenario = scenario_from(arguments)
-    check_open(arguments)
-    if arguments.pictures and arguments.out is None:
+    made, out = scenario_from(scenario), output.out
+    if pictures and out is None:
         raise InputError("needs --out DIR, where the pictures are saved", field="--pictures")
-    motion = chosen("motion", arguments.motion)
-    # An existing folder is accepted only if it holds the same run, or with --force. at_once=False: the older folder
-    # stays until the new one is complete and replaces it.
-    claim(arguments, lambda: refuse_other_run(arguments.out, scenario, arguments.seed, motion), at_once=False)
+    motion = chosen("motion", scenario.motion)
+    # The older folder stays until the new one is complete and replaces it.
+    claim(output, lambda folder: refuse_other_run(folder, made, scenario.seed, motion), at_once=False)
     # Segments are the positions between samples. They are recorded only for the page, which needs them.
-    result = _simulate(scenario, arguments.seed, motion, segments=arguments.out is not None)
-    if arguments.out is not None:
-        _save(result, arguments.out, pictures=arguments.pictures)
-    print_result(result_document(result), arguments)
-    if not arguments.json:
+    result = _simulate(made, scenario.seed, motion, segments=out is not None)
+    if out is not None:
+        _save(result, out, pictures=pictures)
+    print_result(result_document(result), output)
+    if not output.json:
         print_line()
     has_page = result.segments is not None  # None: not recorded, or a user's motion source does not have them
-    saved = "scenario, tables, pictures and page" if arguments.pictures else "scenario, tables and page"
-    print_saved(arguments, saved, "run.html" if has_page else None)
-    if arguments.out is not None and not has_page and not arguments.json:
-        print_paragraph(f"No page: '{arguments.motion}' has no positions between samples")
-    return 0
+    saved = "scenario, tables, pictures and page" if pictures else "scenario, tables and page"
+    print_saved(output, saved, "run.html" if has_page else None)
+    if out is not None and not has_page and not output.json:
+        print_paragraph(f"No page: '{scenario.motion}' has no positions between samples")
 
 
 def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Result:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 from typing import Any
 
+from vibroswarm.cli.options import refuse_both
 from vibroswarm.cli.scenario_warnings import warn_of
 from vibroswarm.errors import InputError, nearest, share_from
 from vibroswarm.floors.grid_text import parse_tiles
@@ -15,7 +15,7 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_setting, preset
 
 
-def scenario_from(arguments: argparse.Namespace) -> Scenario:
+def scenario_from(arguments: Any) -> Scenario:
     """Make the scenario that the options describe; print the first new warning about it and the number of others.
 
     The base is the scenario of ``--preset`` or ``--scenario``, or else the preset "paper". Other options such as
@@ -24,6 +24,7 @@ def scenario_from(arguments: argparse.Namespace) -> Scenario:
     Raises:
         InputError: an option or field is wrong.
     """
+    refuse_both(arguments, "preset", "scenario")
     base = Scenario.read(arguments.scenario) if arguments.scenario else preset(arguments.preset or "paper")
     scenario = base.with_values(values_from(arguments, base))
     warn_of([scenario])
@@ -42,7 +43,7 @@ def check_one_floor(scenario: Scenario) -> None:
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
 
 
-def values_from(arguments: argparse.Namespace, base: Scenario) -> dict[str, Any]:
+def values_from(arguments: Any, base: Scenario) -> dict[str, Any]:
     """Return the values of the fields that options set, by dotted names such as ``swarm.robots``.
 
     If a value is user code (FILE.py:NAME), the file is loaded.
@@ -112,7 +113,7 @@ def chosen(kind: str, text: str) -> str:
     return text
 
 
-def _image_threshold(arguments: argparse.Namespace, settings: dict[str, Any]) -> float | None:
+def _image_threshold(arguments: Any, settings: dict[str, Any]) -> float | None:
     """Return the brightness from which tiles of the picture vibrate; None if no option sets it.
 
     Args:

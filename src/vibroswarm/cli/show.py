@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.cli.options import add_json, run_plain
 from vibroswarm.cli.output import add_open, open_page
+from vibroswarm.cli.terminal import printing
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     """
     path: Path = arguments.folder
     if _is_result(path):
-        if getattr(arguments, "own_process", False) and not _needs_kernels(path):
+        if printing.own_process and not _needs_kernels(path):
             run_plain()
         _show_result(path, arguments)
     elif path.is_dir():

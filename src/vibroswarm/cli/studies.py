@@ -139,7 +139,7 @@ def run_study_of(
     if (job or arguments.batch) and arguments.out is None:
         raise InputError("needs --out DIR", field="--shard" if job else "--batch")
     check_open(arguments)
-    claim(arguments, lambda: Store.existing(arguments.out, study))
+    claim(arguments, lambda folder: Store.existing(folder, study))
     warn_of(cell.scenario for cell in study.cells)
     if arguments.batch is not None:
         store = run_batch(study, arguments.out, arguments.batch, mixed=arguments.mixed)

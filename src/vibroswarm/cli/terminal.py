@@ -5,16 +5,17 @@ With ``--verbose``, versions, the loading and compiling of kernels, and times ar
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from vibroswarm.cli import user_settings
+
+if TYPE_CHECKING:
+    from vibroswarm.cli.options import Printing
 
 TEXT_WIDTH: Final = 100
 """Most characters in a line of a paragraph."""
@@ -24,24 +25,22 @@ LEAST: Final = 40
 """A narrower terminal is treated as if it had this width."""
 
 
-@dataclass
-class Printing:
-    """The options of the command in progress for how much is printed."""
+class _Chosen:
+    """How much the command in progress prints, as its options say, and where it runs."""
 
-    wide: bool = False
-    quiet: bool = False
-    verbose: bool = False
+    wide = quiet = verbose = False
+    own_process = False
+    """Whether nothing else runs in this process, as in a call from a shell."""
 
 
-printing = Printing()
+printing = _Chosen()
 """The options of the command in progress, which ``use`` sets."""
 
 
-def use(arguments: argparse.Namespace) -> None:
+def use(options: Printing, *, own_process: bool) -> None:
     """Set how much is printed from the options of a new command."""
-    # --quiet and --verbose have no default (`options.add_loudness`), so they may be missing.
-    for name in ("wide", "quiet", "verbose"):
-        setattr(printing, name, bool(getattr(arguments, name, False)))
+    printing.wide, printing.quiet, printing.verbose = options.wide, options.quiet, options.verbose
+    printing.own_process = own_process
 
 
 def is_terminal() -> bool:

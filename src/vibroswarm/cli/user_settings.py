@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -63,10 +63,9 @@ def read() -> dict[str, Any]:
     return settings
 
 
-def apply(settings: dict[str, Any], parsers: Iterable[argparse.ArgumentParser]) -> None:
-    """Make each setting the default of the option of the same name, in all parsers that have the option."""
-    for parser in parsers:
-        for action in parser._actions:
-            for name in NAMES:
-                if name in settings and f"--{name}" in action.option_strings:
-                    action.default = settings[name]
+def apply(settings: dict[str, Any], values: argparse.Namespace, words: Sequence[str]) -> None:
+    """Put each setting in the place of an option's value, unless the option is given or the command has none."""
+    for name, value in settings.items():
+        given = any(word.partition("=")[0] == f"--{name}" for word in words)
+        if hasattr(values, name) and not given:
+            setattr(values, name, value)

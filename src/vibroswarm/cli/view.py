@@ -2,95 +2,69 @@
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from vibroswarm.cli.options import between, read_result, real, whole
-
-EPILOG = """\
-examples:
-  vibroswarm view first
-  vibroswarm view first --html first.html
-  vibroswarm view first --picture first.png --at 300
-"""
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.options import Force, read_result
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command ``view`` and its options to the program's commands."""
-    parser = commands.add_parser(
-        "view",
-        help="show a run in three dimensions, in a browser on this machine",
-        description="Show a run of any source of motion in three dimensions: robots with their beliefs, floor and "
-        "samples; orbit, pause and scrub. Only this machine can reach the server. Needs the extra 'view'; pictures "
-        "need 'physics'.",
-        epilog=EPILOG,
-    )
-    parser.add_argument("folder", metavar="DIR", type=Path, help="folder of a result (run --out, lab import)")
-    parser.add_argument(
-        "--run", metavar="N", type=whole, dest="number", help="number of the run (default: the first)"
-    )
-    parser.add_argument(
-        "--speed", metavar="X", type=real, default=20.0, help="simulated seconds a second (default 20)"
-    )
-    parser.add_argument(
-        "--port",
-        metavar="P",
-        type=between(whole, 0, 65535),
-        default=8080,
-        help="port (default 8080; 0: any free one)",
-    )
-    parser.add_argument(
-        "--html", metavar="FILE", type=Path, help="write one file that plays the run back, and end"
-    )
-    parser.add_argument(
-        "--picture", metavar="FILE", type=Path, help="write a picture (PNG), by EGL or OSMesa, and end"
-    )
-    parser.add_argument("--at", metavar="T", type=real, help="time of the picture, s (default: the end)")
-    parser.add_argument("--force", action="store_true", help="replace FILE")
-    parser.add_argument("--open", action="store_true", help="open a browser")
-    parser.set_defaults(run=run)
+def view(
+    folder: Annotated[Path, Option("folder of a result (run --out, lab import)", "DIR")],
+    /,
+    *,
+    run: Annotated[int | None, Option("number of the run (default: the first)")] = None,
+    speed: Annotated[float, Option("simulated seconds a second")] = 20.0,
+    port: Annotated[int, Option("port (default 8080; 0: any free one)", "P", low=0, high=65535)] = 8080,
+    html: Annotated[Path | None, Option("write one file that plays the run back, and end")] = None,
+    picture: Annotated[Path | None, Option("write a picture (PNG), by EGL or OSMesa, and end")] = None,
+    at: Annotated[float | None, Option("time of the picture, s (default: the end)", "T")] = None,
+    force: Force = False,
+    open: Annotated[bool, Option("open a browser")] = False,
+) -> None:
+    """Show a run of any source of motion in three dimensions: robots with their beliefs, floor and samples.
 
+    Orbit, pause and scrub. Only this machine can reach the server, which Ctrl-C ends. Needs the extra 'view'; pictures
+    need 'physics'.
 
-def run(arguments: argparse.Namespace) -> int:
-    """Serve a run to the browser until Ctrl-C; with ``--html`` or ``--picture``, write that file instead.
-
-    Returns the exit code.
+    examples:
+      vibroswarm view first
+      vibroswarm view first --html first.html
+      vibroswarm view first --picture first.png --at 300
     """
     from vibroswarm.errors import InputError
     from vibroswarm.view.server import Server, viser, write_html
 
-    if not 1.0 <= arguments.speed <= 200.0:  # the range of the slider on the page; --html has the same limits
-        raise InputError(f"{arguments.speed:g} is not from 1 to 200", field="--speed")
-    if arguments.html is not None and arguments.picture is not None:
+    if not 1.0 <= speed <= 200.0:  # the range of the slider on the page; --html has the same limits
+        raise InputError(f"{speed:g} is not from 1 to 200", field="--speed")
+    if html is not None and picture is not None:
         raise InputError("conflicts with --html; use one of them", field="--picture")
-    if arguments.at is not None and arguments.picture is None:
+    if at is not None and picture is None:
         raise InputError("needs --picture", field="--at")
-    for option, suffix in (("html", ".html"), ("picture", ".png")):
-        file = getattr(arguments, option)
+    for option, file, suffix in (("html", html, ".html"), ("picture", picture, ".png")):
         if file is None:
             continue
         if file.suffix != suffix:
             raise InputError(f"'{file}' does not end in {suffix}", field=f"--{option}")
-        if file.is_dir() or (file.exists() and not arguments.force):
+        if file.is_dir() or (file.exists() and not force):
             raise InputError("exists; add --force to replace it", field=str(file))
-    if arguments.picture is None:
+    if picture is None:
         viser()  # raises an error before any work if this package is missing; only pictures do not need it
-    result = read_result(arguments.folder)
-    number = int(result.runs["run"][0]) if arguments.number is None else arguments.number
-    if arguments.picture is not None:
+    result = read_result(folder)
+    number = int(result.runs["run"][0]) if run is None else run
+    if picture is not None:
         from vibroswarm.view.picture import write_picture
 
-        way = write_picture(result, number, arguments.picture, time_s=arguments.at)
-        print(f"Saved: {arguments.picture} (drawn by {way})")
-        return 0
-    if arguments.html is not None:
-        frames = write_html(result, number, arguments.html, speed=arguments.speed)
-        print(f"Saved: {arguments.html} ({frames} frames, {arguments.html.stat().st_size / 1e6:.1f} MB)")
-        return 0
-    server = Server(result, number, port=arguments.port, speed=arguments.speed)
+        way = write_picture(result, number, picture, time_s=at)
+        print(f"Saved: {picture} (drawn by {way})")
+        return
+    if html is not None:
+        frames = write_html(result, number, html, speed=speed)
+        print(f"Saved: {html} ({frames} frames, {html.stat().st_size / 1e6:.1f} MB)")
+        return
+    server = Server(result, number, port=port, speed=speed)
     print(f"Run {number} at {server.url} (Ctrl-C ends it)", flush=True)
-    if arguments.open:
+    if open:
         import webbrowser
 
         if not webbrowser.open(server.url):
@@ -99,4 +73,3 @@ def run(arguments: argparse.Namespace) -> int:
         server.serve()
     finally:
         server.stop()
-    return 0

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from typing import Generic, Protocol, TypeVar
+from pathlib import Path
+from typing import Final, Generic, Protocol, TypeVar
 
 from vibroswarm.errors import InputError, nearest, shown
 
@@ -17,6 +19,23 @@ class Named(Protocol):
 
 
 T = TypeVar("T", bound=Named)
+
+REGISTERED: Final = re.compile(r"= register\(\s*\w+\(\s*(?:__name__,\s*)?(?:name=)?\"(\w+)\"")
+"""How a file of this package registers an object, with its name."""
+
+
+def written_names(folder: str, suffix: str = ".py") -> list[str]:
+    """Return the names that the files of a folder of this package register, without importing them.
+
+    Importing strategies takes half a second, which a command's help cannot wait for; a test compares the names.
+
+    Args:
+        folder: from the package's root, such as "strategies". suffix: ".toml" if each file is named after its object.
+    """
+    files = sorted((Path(__file__).parents[1] / folder).glob(f"*{suffix}"))
+    if suffix != ".py":
+        return [file.stem for file in files]
+    return [name for file in files for name in REGISTERED.findall(file.read_text(encoding="utf-8"))]
 
 
 class Registry(Generic[T]):

@@ -1,0 +1,289 @@
+"""Command lines made of typed functions: a parser for each, its help, and the call.
+
+A command is a function. Its positional-only parameters are the arguments of the command line, its keywords the options:
+
+    def evaluate(
+        study: Annotated[Path | None, Option("the study file", "STUDY.toml")] = None,
+        /,
+        *,
+        runs: Annotated[int, Option("runs per cell", low=1)] = 100,
+        output: Output,
+    ) -> int:
+
+| type | on the command line |
+|---|---|
+| ``bool`` | a flag |
+| ``int``, ``float``, ``str``, ``Path`` | one value; ``low`` and ``high`` are bounds of numbers |
+| ``Literal["a", "b"]`` | one of these words |
+| ``tuple[int, ...]`` | values separated by commas |
+| ``Sequence[str]`` | an option that may be repeated |
+| a dataclass, such as ``Output`` | a group of options, one for each field; the parameter's name is the group's title |
+
+Without a default, an option is required. ``*files`` takes one or more arguments. The docstring is the help: its
+paragraphs up to the first line that ends with a colon, such as ``examples:``, are the description, the rest is printed
+as it stands.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import inspect
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from types import NoneType
+from typing import Annotated, Any, Final, Literal, NamedTuple, NoReturn, get_args, get_origin, get_type_hints
+
+from vibroswarm.errors import InputError, nearest, shown
+
+MISSING: Final = inspect.Parameter.empty
+"""Default of a parameter that must be given."""
+VALUES: Final[dict[Any, str]] = {int: "N", float: "X", str: "NAME", Path: "FILE"}
+"""What stands for a value of a type in the help."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Option:
+    """What the command line says of a parameter.
+
+    Args:
+        help: what it does. ``{names}`` stands for ``names``, and the default is added unless the text has that word.
+        value: what stands for its value in the help, such as ``FILE``.
+        low, high: bounds of a number. read: converts the text of a value, in the place of its type.
+        name: the option, such as ``--set``, if it is not the parameter's name. short: a letter for it, such as ``-q``.
+        names: returns the words that are known, for the help and for completion.
+        several: whether it takes several values, separated by spaces.
+    """
+
+    help: str
+    value: str = ""
+    _: dataclasses.KW_ONLY
+    low: float = -math.inf
+    high: float = math.inf
+    read: Callable[[str], Any] | None = None
+    name: str = ""
+    short: str = ""
+    names: Callable[[], Iterable[str]] | None = None
+    several: bool = False
+
+
+class Parameter(NamedTuple):
+    """A parameter of a command, or a field of a group of options."""
+
+    name: str
+    kind: Any
+    """Its type, without ``None`` and ``Annotated``."""
+    option: Option | None
+    default: Any
+    place: Any
+    """As ``inspect.Parameter.kind``: options are keywords, arguments of the command line are positional."""
+
+
+def parameters_of(command: Callable[..., Any]) -> list[Parameter]:
+    """Return the parameters of a command, or the fields of a dataclass."""
+    hints = get_type_hints(command, include_extras=True)
+    found = []
+    for name, parameter in inspect.signature(command).parameters.items():
+        kind, *notes = get_args(hints[name]) if get_origin(hints[name]) is Annotated else (hints[name],)
+        option = next((note for note in notes if isinstance(note, Option)), None)
+        if NoneType in get_args(kind):
+            kind = next(one for one in get_args(kind) if one is not NoneType)
+        found.append(Parameter(name, kind, option, parameter.default, parameter.kind))
+    return found
+
+
+class Formatter(argparse.HelpFormatter):
+    """Formats help: names of registries in place of ``{names}``, and texts with line breaks as they stand."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        return help_of(action).replace("%", "%%")
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text.rstrip() if "\n" in text else super()._fill_text(text, width, indent)
+
+
+def help_of(action: argparse.Action) -> str:
+    """Return the help of an option or argument, with the names that it takes, and its default."""
+    option: Option | None = getattr(action, "option", None)
+    if option is None:
+        return (action.help or "").replace("%%", "%")
+    text = option.help
+    if "{names}" in text and option.names is not None:
+        text = text.replace("{names}", ", ".join(option.names()))
+    default = action.default
+    if "default" in text or default in (None, False, (), [], argparse.SUPPRESS):
+        return text
+    listed = ",".join(map(str, default)) if isinstance(default, tuple) else default
+    return f"{text} (default {listed})"
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser of one command: what is wrong is one line, which names the option and the nearest known word."""
+
+    def __init__(self, prog: str, **settings: Any) -> None:
+        super().__init__(prog=prog, allow_abbrev=False, formatter_class=Formatter, **settings)
+
+    def error(self, message: str) -> NoReturn:
+        """Raise ``InputError``; argparse gives a finished sentence, of which the option is cut out."""
+        option, colon, text = message.removeprefix("argument ").partition(": ")
+        if message.startswith("unrecognized arguments: "):
+            word = message.split(": ", 1)[1].split()[0].split("=")[0]
+            kind = "option" if word.startswith("-") else "argument"
+            known = [one for action in self._actions for one in action.option_strings]
+            text = f"unknown {kind}{nearest(word, known)}"
+            raise InputError(f"{text}; '{self.prog} --help' lists what there is", field=word)
+        if colon and message.startswith("argument "):
+            raise InputError(text, field=option.split("/")[-1])
+        raise InputError(f"{message}; see '{self.prog} --help'", field=self.prog)
+
+
+def parser_of(words: str, command: Callable[..., Any], also: Mapping[str, type]) -> Parser:
+    """Return the parser of a command.
+
+    Args:
+        words: the program and the command, such as "vibroswarm league tune".
+        also: further groups of options by title, which are not parameters of the command.
+    """
+    parser = Parser(words)
+    fill(parser, command, also)
+    shown = [action for action in parser._actions if not action.option_strings or action.required]
+    parser.usage = " ".join([words, *map(usage_of, shown), "[options]"]).replace("%", "%%")
+    return parser
+
+
+def fill(parser: argparse.ArgumentParser, command: Callable[..., Any], also: Mapping[str, type]) -> None:
+    """Give a parser the options, arguments and texts of a command, and further groups of options by title."""
+    parser.description, parser.epilog = _texts(command)
+    for parameter in parameters_of(command):
+        if dataclasses.is_dataclass(parameter.kind):
+            add_group(parser, parameter.name, parameter.kind)
+        else:
+            add_option(parser, parameter)
+    for title, kind in also.items():
+        add_group(parser, title, kind)
+
+
+def _texts(command: Callable[..., Any]) -> tuple[str, str]:
+    """Return what a command's docstring says: its first paragraphs as one line, and the rest as it stands."""
+    lines = (inspect.getdoc(command) or "").splitlines()
+    end = next((number for number, line in enumerate(lines) if line.endswith(":")), len(lines))
+    return " ".join(" ".join(lines[:end]).split()), "\n".join(lines[end:])
+
+
+def usage_of(action: argparse.Action) -> str:
+    """Return an argument or option as usage shows it: ``[FILE]`` may be left out, ``FILE ...`` is one or more."""
+    word = " ".join([*action.option_strings[-1:], str(action.metavar)])
+    return {"?": f"[{word}]", "+": f"{word} [{word} ...]"}.get(str(action.nargs), word)
+
+
+def add_group(parser: argparse.ArgumentParser, title: str, kind: Any) -> argparse._ArgumentGroup:
+    """Add the fields of a dataclass as a group of options."""
+    group = parser.add_argument_group(title.replace("_", " "))
+    for parameter in parameters_of(kind):
+        add_option(group, parameter)
+    return group
+
+
+def add_option(parser: argparse._ActionsContainer, parameter: Parameter) -> None:
+    """Add one option or argument."""
+    name, kind, option, default, place = parameter
+    if option is None:
+        raise TypeError(f"parameter '{name}' has no Option")
+    settings: dict[str, Any] = {}
+    if kind is bool:
+        settings["action"] = "store_true"
+    else:
+        several = get_origin(kind) is Sequence
+        item = get_args(kind)[0] if several else kind
+        settings |= {"type": option.read or reader(item, option), "metavar": option.value or _value(item)}
+        if get_origin(item) is Literal and option.names is None:
+            option = dataclasses.replace(option, names=lambda: get_args(item))
+        if several:
+            settings["action"], default = "append", list(default)
+    if place is not inspect.Parameter.KEYWORD_ONLY:
+        nargs = "+" if place is inspect.Parameter.VAR_POSITIONAL else "?" if default is not MISSING else None
+        action = parser.add_argument(
+            name, nargs=nargs, default=None if default is MISSING else default, **settings
+        )
+    else:
+        if option.several:
+            settings |= {"nargs": "+", "action": "store"}
+        named = option.name or f"--{name.replace('_', '-')}"
+        action = parser.add_argument(
+            *filter(None, (option.short, named)),
+            dest=name,
+            required=default is MISSING,
+            default=None if default is MISSING else default,
+            **settings,
+        )
+    action.help = option.help
+    vars(action)["option"] = option
+
+
+def _value(kind: Any) -> str:
+    """Return what stands for a value of a type in the help."""
+    if get_origin(kind) is tuple:
+        return f"{_value(get_args(kind)[0])},..."
+    return VALUES.get(kind, "NAME")
+
+
+def reader(kind: Any, option: Option) -> Callable[[str], Any]:
+    """Return the function that converts a text to a type, and raises ``ArgumentTypeError`` for a wrong one."""
+    if get_origin(kind) is tuple:
+        one = reader(get_args(kind)[0], option)
+        return lambda text: tuple(dict.fromkeys(one(part.strip()) for part in text.split(",")))
+    if get_origin(kind) is Literal:
+        return lambda text: _choice(text, get_args(kind))
+    if kind in (int, float):
+        return lambda text: number(text, kind, option.low, option.high)
+    return kind  # type: ignore[no-any-return]
+
+
+def _choice(text: str, choices: tuple[str, ...]) -> str:
+    if text not in choices:
+        known = ", ".join(choices)
+        raise argparse.ArgumentTypeError(f"there is no '{text}'{nearest(text, choices)} (choices: {known})")
+    return text
+
+
+def number(text: str, kind: type, low: float = -math.inf, high: float = math.inf) -> Any:
+    """Convert a text to a whole number (``int``) or a finite number (``float``) from ``low`` to ``high``.
+
+    Raises:
+        argparse.ArgumentTypeError: it is none, or out of range.
+    """
+    try:
+        value = kind(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        what = "a whole number" if kind is int else "a number"
+        raise argparse.ArgumentTypeError(f"{shown(text)} is not {what}")
+    if not low <= value <= high:
+        limits = f"{low:g} or more" if high == math.inf else f"from {low:g} to {high:.10g}"
+        raise argparse.ArgumentTypeError(f"{text} is not {limits}")
+    return value
+
+
+def bound(command: Callable[..., Any], values: Mapping[str, Any]) -> inspect.BoundArguments:
+    """Return the arguments of a call of a command.
+
+    Args:
+        values: parsed values of options and arguments, by name.
+    """
+    positional: list[Any] = []
+    keywords: dict[str, Any] = {}
+    for name, kind, _, _, place in parameters_of(command):
+        if place is inspect.Parameter.VAR_POSITIONAL:
+            positional += values[name]
+        elif place is inspect.Parameter.POSITIONAL_ONLY:
+            positional.append(values[name])
+        else:
+            keywords[name] = group_of(kind, values) if dataclasses.is_dataclass(kind) else values[name]
+    return inspect.signature(command).bind(*positional, **keywords)
+
+
+def group_of(kind: Any, values: Mapping[str, Any]) -> Any:
+    """Return a group of options as its dataclass, made of the parsed values by name."""
+    return kind(**{field.name: values[field.name] for field in dataclasses.fields(kind)})
