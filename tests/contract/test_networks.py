@@ -9,9 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from vibroswarm import networks
+from vibroswarm import networks, strategies
+from vibroswarm.core.jit import PLAIN, read_only
 from vibroswarm.inference import replayer
 from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.generated_kernels import kernels
 from vibroswarm.inference.replay import infer
 from vibroswarm.motion.source import source
 from vibroswarm.networks import Network
@@ -106,14 +108,14 @@ def run(network: str, strategy: str, runs: int = 2) -> Result:
 
 
 @pytest.mark.parametrize(
-    ("network", "strategies"), [("late", ["none", "soft"]), ("every_third", ["none"]), ("lossy", ["none"])]
+    ("network", "names"), [("late", ["none", "soft"]), ("every_third", ["none"]), ("lossy", ["none"])]
 )
 def test_deliveries_are_computed_once_and_equal_messages_one_by_one(
-    network: str, strategies: list[str], monkeypatch: pytest.MonkeyPatch
+    network: str, names: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a network with delays, one with a memory, and one that loses more at some robots than at others."""
     scenario = over(network)
-    cells = [over(network, strategy) for strategy in strategies]
+    cells = [over(network, strategy) for strategy in names]
     motion = source("event").batch(scenario, 5, [0, 1, 2])
     observations = observe(scenario, 5, motion.samples, floors_of(scenario, 5, [0, 1, 2]))
     timeline = timeline_of(scenario, motion)
@@ -128,7 +130,7 @@ def test_deliveries_are_computed_once_and_equal_messages_one_by_one(
 
     monkeypatch.undo()  # and deliveries decide what is heard: with those of others the tables differ
     ((key, found),) = timeline.deliveries.items()
-    timeline.deliveries[key] = found._replace(which=np.zeros_like(found.which))
+    timeline.deliveries[key] = found._replace(which=read_only(np.zeros_like(found.which)))
     assert not infer(cells[0], 5, timeline, observations)[0].equals(shared[0][0])
 
 
@@ -141,6 +143,15 @@ def test_what_deliveries_depend_on_is_not_mixed_up() -> None:
         infer(other, 5, timeline, observations)
     infer(scenario, 6, timeline, observations)
     assert len(timeline.deliveries) == 4
+
+
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+def test_messages_that_were_delivered_need_no_kernel_of_their_own() -> None:
+    """Read-only and writable arrays are two types to Numba: what is handed to a kernel is always of one."""
+    for network in ("ideal", "late"):
+        run(network, "none", 1)
+    compiled: Any = kernels(strategies.strategy("none"), networks.network("ideal"), "replay_counts").replay
+    assert len(compiled.signatures) == 1
 
 
 @pytest.mark.slow

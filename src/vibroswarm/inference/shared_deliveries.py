@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import zero_rows
+from vibroswarm.core.jit import read_only, zero_rows
 from vibroswarm.inference.agents import sizes_of, strategy_used, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.deliveries import Timeline, rows_of
@@ -108,4 +108,8 @@ def compute_deliveries(
                 strategy.bytes_on_air, seed,
             )  # fmt: skip
             capacity *= 4
-    return deliveries
+    return Deliveries(  # of the same types as NO_DELIVERIES: another kernel would be compiled for others
+        which=read_only(deliveries.which),
+        until=read_only(deliveries.until),
+        until_at_end=read_only(deliveries.until_at_end),
+    )
