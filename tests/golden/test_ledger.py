@@ -13,6 +13,7 @@ from helpers.ledger import (
     LIST,
     Hashes,
     all_hashes,
+    combinations,
     differences,
     hash_of_program,
     hash_of_result,
@@ -80,6 +81,14 @@ def test_of_a_program_only_tokens_count() -> None:
     program = "int f(int x) { return x + 1; } /* made by 0123456789abcdef */"
     assert hash_of_program(program) == hash_of_program("int f(int x)\n{ return x + 1; } // made by another")
     assert hash_of_program(program) != hash_of_program(program.replace("+ 1", "+ 2"))
+
+
+def test_the_short_ledger_has_every_strategy_and_every_fault() -> None:
+    (block,) = (block for block in LIST["runs"] if block["name"] == "strategies")
+    in_short = [name.split(", ") for name, _ in combinations(block, short=True)]
+    for place, kind in enumerate(block["of"]):
+        if kind != "network":
+            assert {names[place] for names in in_short} == set(LIST["choices"][kind])
 
 
 def test_the_ledger_holds_what_its_list_names() -> None:

@@ -77,11 +77,17 @@ def all_hashes(short: bool) -> Hashes:
 
 
 def combinations(block: Mapping[str, Any], short: bool) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield name and values of each combination of a block's choices, or of every so many."""
+    """Yield name and values of each combination of a block's choices, or of those in the short ledger."""
     choices = [LIST["choices"][kind].items() for kind in block["of"]]
-    for chosen in list(product(*choices))[:: block["short"] if short else 1]:
-        values = {field: value for _, fields in chosen for field, value in fields.items()}
-        yield ", ".join(name for name, _ in chosen), values
+    all_of_them = {
+        ", ".join(name for name, _ in chosen): {
+            field: value for _, fields in chosen for field, value in fields.items()
+        }
+        for chosen in product(*choices)
+    }
+    in_short = block["short"] if isinstance(block["short"], list) else list(all_of_them)[:: block["short"]]
+    for name in in_short if short else all_of_them:
+        yield name, all_of_them[name]
 
 
 def hash_of_runs(block: Mapping[str, Any], values: Mapping[str, Any]) -> str:
