@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from itertools import islice
 from typing import Any
 
@@ -88,14 +89,30 @@ def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.fixture(autouse=True)
 def nothing_of_others_stays() -> Iterator[None]:
     """What a test makes known, of strategies, networks, tasks and sources of motion, is unknown again after it."""
+    os.environ.pop("COLUMNS", None)  # of the terminal in which tests run; those about widths set their own
+    with forgotten_afterwards():
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def nothing_of_other_files_stays() -> Iterator[None]:
+    """What the fixtures of a file make known, for all of its tests, is unknown in other files."""
+    with forgotten_afterwards():
+        yield
+
+
+@contextmanager
+def forgotten_afterwards() -> Iterator[None]:
+    """Context manager: what is made known inside it is unknown again after it."""
     from vibroswarm.motion import source
     from vibroswarm.networks import base as networks
     from vibroswarm.strategies import base as strategies
     from vibroswarm.tasks import base as tasks
 
-    os.environ.pop("COLUMNS", None)  # of the terminal in which tests run; those about widths set their own
     before = {room: set(room.known()) for room in (strategies, networks, tasks, source)}
-    yield
-    for room, names in before.items():
-        for name in set(room.known()) - names:
-            room.forget(name)
+    try:
+        yield
+    finally:
+        for room, names in before.items():
+            for name in set(room.known()) - names:
+                room.forget(name)
