@@ -220,19 +220,16 @@ PICTURES: dict[str, Callable[[str], Picture]] = {
 
 
 def texts_of(figure: Figure) -> list[tuple[str, Any]]:
-    """The words that are really drawn, and their boxes in pixels; none for slanted ones."""
+    """The words that would really be drawn, and their boxes in pixels; none for slanted ones. No pixel is drawn."""
     found: dict[int, Text] = {}
-    draw = Text.draw
 
     def noted(text: Text, renderer: Any) -> None:
         if text.get_visible() and text.get_text().strip():
             found[id(text)] = text
-        draw(text, renderer)
 
     with settings(), mock.patch.object(Text, "draw", noted):
-        canvas = FigureCanvasAgg(figure)
-        canvas.draw()
-        renderer = canvas.get_renderer()
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        figure.draw_without_rendering()
     return [
         (text.get_text(), None if text.get_rotation() % 90 else Text.get_window_extent(text, renderer))
         for text in found.values()
@@ -275,8 +272,8 @@ def test_no_word_hides_another_or_is_cut(name, style):
     assert picture.figure.get_figwidth() == STYLES[style].width_in
     assert len(picture.caption) > 20
     assert picture.numbers.height > 0
-    if style == "page":
-        assert len(picture.svg()) < 1_600_000
+    if style == "page" and name in ("outcomes, forty", "heat, forty", "boxes, forty", "front, thousands"):
+        assert len(picture.svg()) < 1_600_000  # those with the most marks
 
 
 def test_the_check_for_hidden_words_finds_them():
