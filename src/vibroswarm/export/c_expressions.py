@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import ast
 import math
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 from vibroswarm.export.c_types import (
@@ -186,12 +187,12 @@ class Expressions:
         self.refuse(node, f"the name '{name}', which is no number, variable or row")
         raise AssertionError
 
-    @property
+    @cached_property
     def parameters(self) -> set[str]:
         """Names of the function's parameters."""
         return {argument.arg for argument in self.source.tree.args.args}
 
-    @property
+    @cached_property
     def program_loops(self) -> set[str]:
         """Names of the variables of all ``for`` loops in the function."""
         return {
