@@ -62,11 +62,11 @@ def blind_spans(blind_ms: float | None) -> list[float]:
     """Driving time between the end of an avoidance and the beginning of the next, s, in a narrow arena."""
     scenario = Scenario().with_values(
         {"arena.width_m": 0.2, "arena.height_m": 0.2, "swarm.robots": 1, "walk.blind_after_turn_ms": blind_ms,
-         "sample.sample_interval_ms": 1e6, "walk.leg_min_ms": 1e8, "walk.leg_max_ms": 1e8, "run.t_end_s": 200.0}
+         "sample.sample_interval_ms": 1e6, "walk.leg_min_ms": 1e8, "walk.leg_max_ms": 1e8, "run.t_end_s": 100.0}
     )  # fmt: skip
     run = FixedStepRun(scenario, 4, 0)
     modes = []
-    for tick in range(1, 9000):
+    for tick in range(1, 4500):
         run.advance(tick * 0.02)
         modes.append(int(run.swarm["mode"][0]))
     spans, count, after = [], 0, False

@@ -122,7 +122,9 @@ def test_neighbouring_samples_of_a_draw_share_their_errors(
 
 
 def test_draws_are_the_same_again_and_others_with_another_seed() -> None:
-    given = SCENARIO.with_values({"strategy.places.draws": 3, "run.t_end_s": 200.0})
+    # On a network that other tests compile a kernel with draws for.
+    network = {"network.name": "loss", "network.loss.share": 0.0}
+    given = SCENARIO.with_values({"strategy.places.draws": 3, "run.t_end_s": 200.0} | network)
     one, other = (simulate(given, seed, 1) for seed in (1, 2))
     assert simulate(given, 1, 1).robots.equals(one.robots)
     tables = [

@@ -19,7 +19,7 @@ from vibroswarm.tracking import video_file
 cv2 = pytest.importorskip("cv2")
 drawn = pytest.importorskip("helpers.drawn_video")
 boxes = pytest.importorskip("helpers.mp4_boxes")
-FRAMES = 40
+FRAMES, FEW = 40, 12
 TURNS = {90: cv2.ROTATE_90_CLOCKWISE, 180: cv2.ROTATE_180, 270: cv2.ROTATE_90_COUNTERCLOCKWISE}
 
 
@@ -30,6 +30,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (path / "markers.toml").write_text(drawn.MARKERS.to_toml(), encoding="utf-8")
     for name in ("good.mp4", "good.avi"):
         drawn.write(path / name, drawn.frames(FRAMES))
+    drawn.write(path / "short.mp4", drawn.frames(FEW))
     return path
 
 
@@ -69,12 +70,12 @@ def test_a_turned_camera_gives_the_same_places(folder: Path, tmp_path: Path, deg
     """The floor's markers tell which way the picture is; a phone's flag is obeyed, and would not matter."""
     video = tmp_path / "turned.mp4"
     if by == "flag":
-        video.write_bytes(boxes.with_rotation((folder / "good.mp4").read_bytes(), degrees))
+        video.write_bytes(boxes.with_rotation((folder / "short.mp4").read_bytes(), degrees))
     else:
-        drawn.write(video, [cv2.rotate(picture, TURNS[degrees]) for picture in drawn.frames(FRAMES)])
+        drawn.write(video, [cv2.rotate(picture, TURNS[degrees]) for picture in drawn.frames(FEW)])
     assert tracked(folder, video, tmp_path / "out") == 0
     table = positions(tmp_path / "out")
-    assert table.height == 2 * FRAMES
+    assert table.height == 2 * FEW
     assert errors_mm(table).max() < 2.0
     assert np.abs(table["heading_rad"] - np.pi / 2).max() < 0.05  # type: ignore[operator]
 

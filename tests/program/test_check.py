@@ -12,6 +12,7 @@ import pytest
 from vibroswarm import networks, tasks
 from vibroswarm.cli import main
 from vibroswarm.motion import source
+from vibroswarm.scenario.plugins import load_file
 from vibroswarm.strategies.base import forget
 from vibroswarm.testing.runs import require, run_check
 
@@ -278,8 +279,9 @@ def test_a_name_that_nobody_knows(tmp_path: Path, capsys: pytest.CaptureFixture[
 
 
 def test_a_name_of_several_kinds_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for kind in ("task", "network"):
-        assert checked(GOOD[kind], tmp_path, capsys)[0] == 0
+    assert checked(GOOD["task"], tmp_path, capsys)[0] == 0
+    (tmp_path / "network.py").write_text(NETWORK, encoding="utf-8")
+    load_file("network", f"{tmp_path / 'network.py'}:mine")
     assert main(["check", "mine"]) == 2
     assert "'mine' is a network and a task; add --kind" in capsys.readouterr().err
     assert main(["check", "mine", "--kind", "task"]) == 0

@@ -202,9 +202,7 @@ def test_the_example_of_the_pictures_names_all_of_them():
 
 
 def test_the_version_is_the_same_everywhere():
-    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
-        "version"
-    ]
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     assert f"version: {declared}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert f"## {declared}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 

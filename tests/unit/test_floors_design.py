@@ -92,7 +92,7 @@ def test_a_floor_is_as_asked(fill_ratio, moran, wanted):
     assert made.words.startswith("made: 20 x 20 tiles")
 
 
-@pytest.mark.parametrize(("rows", "columns", "ones"), [(4, 4, 6), (3, 5, 8), (2, 7, 4)])
+@pytest.mark.parametrize(("rows", "columns", "ones"), [(4, 4, 4), (3, 4, 6), (2, 7, 4)])
 def test_on_small_floors_all_that_can_be_had_is_found(rows, columns, ones):
     """Every floor of this size is looked at: what some of them are must be made, and nothing else is claimed."""
     can = set()

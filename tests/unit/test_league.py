@@ -391,7 +391,9 @@ def test_floors_on_which_no_decision_is_right_are_refused(capsys: pytest.Capture
 
 
 def test_options_that_change_messages_change_the_bytes_sent() -> None:
-    base = preset("paper").with_values({"run.t_end_s": 60.0, "localisation.method": "mixture"})
+    # A kernel with this option and network is compiled by other tests.
+    network = {"network.name": "loss", "network.loss.share": 0.0}
+    base = preset("paper").with_values({"run.t_end_s": 60.0, "localisation.method": "mixture"} | network)
     settings = {"places": {"strategy.places.share_map": True}}
     league = League(
         base, entries_of(["places"], settings), floors_of(["stripe"], [0.48]), robots=(2,), runs=2

@@ -131,7 +131,7 @@ def test_the_timer_is_found(told: Scenario, tmp_path: Path, timer: str, interval
         "sample__sample_interval_ms": interval_ms,
         "sample__interrupts_avoidance": False,
     }
-    inferred = found(told, tmp_path, **changes, run__t_end_s=1200.0)["sample.timer"]
+    inferred = found(told, tmp_path, **changes, run__t_end_s=600.0)["sample.timer"]
     assert inferred.value == timer, inferred.evidence
 
 
