@@ -1,6 +1,6 @@
 """A figure for a paper: decision time, and what it came to, over the fill ratio, for three strategies.
 
-vibroswarm sweep examples/fill_ratios.toml --out out/fill-ratios
+vibroswarm evaluate examples/fill_ratios.toml --out out/fill-ratios
 python examples/fill_ratios.py out/fill-ratios out/figure
 """
 

@@ -19,9 +19,12 @@ BLOCK = re.compile(
 )
 
 SMALL = {
+    "evaluate merge": ["--no-pictures"],
+    "evaluate tradeoff": ["--runs", "4"],
+    "league tune": ["--runs", "2", "--patterns", "stripe", "--strategy", "none,soft", "--points", "4"],
+    "optimize compare": ["--runs", "4"],
+    "optimize sensitivity": ["--budget", "1120"],
     "evaluate": ["--runs", "4", "--no-confirm", "--no-pictures"],
-    "sweep": ["--runs", "4", "--no-confirm", "--no-pictures"],
-    "merge": ["--no-pictures"],
     "league": [
         "--runs",
         "4",
@@ -34,9 +37,7 @@ SMALL = {
         "--strategy",
         "none,soft",
     ],
-    "tune": ["--runs", "2", "--patterns", "stripe", "--strategy", "none,soft", "--points", "4"],
     "detect": ["--runs", "4"],
-    "tradeoff": ["--runs", "4"],
     "optimize": ["--budget", "600", "--fresh", "20", "--no-pictures"],
     "reproduce": ["--runs", "4", "--no-pictures"],
     "lab replay": ["--draws", "4"],
@@ -98,12 +99,10 @@ def small(command: list[str]) -> list[str]:
     """The command with small numbers of runs."""
     name = next((name for name in SMALL if command[: len(name.split())] == name.split()), "")
     changes = SMALL.get(name, [])
-    if name == "optimize" and ("--check" in command or "grid" in command):
+    if name == "optimize" and "grid" in command:
         changes = ["--runs", "4", "--no-pictures"]
     if name == "reproduce" and "--only" not in command:
         changes = [*changes, "--columns", "paper"]
-    if "--sensitivity" in command:
-        changes = ["--budget", "1120"]
     dropped = {"--until", *(word for word in changes if word.startswith("--"))}
     kept: list[str] = []
     skip = False

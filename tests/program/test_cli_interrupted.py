@@ -17,7 +17,7 @@ RESUMED = {
     "evaluate": [*SHORT, "--vary", "walk.walk_duration_scale_ms=9000,9500", "--runs", "3", "--no-pictures"],
     "detect": [*SHORT, "--fills", "0.4,0.6", "--runs", "3"],
     "league": [*LEAGUE, "--belief-runs", "2", "--fault-runs", "0"],
-    "tune": [*LEAGUE, "--points", "4"],
+    "league tune": [*LEAGUE, "--points", "4"],
     "optimize": ["search.toml", "--budget", "120", "--fresh", "4", "--no-pictures"],
 }
 SEARCH = """
@@ -63,11 +63,11 @@ def results(text: str) -> list[str]:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RESUMED)
 def test_it_resumes_by_the_command_that_is_printed(name, here, monkeypatch, capsys):
-    file = "settings.toml" if name == "tune" else None
-    assert main([name, *RESUMED[name], "--out", file or "whole"]) == 0
+    file = "settings.toml" if name == "league tune" else None
+    assert main([*name.split(), *RESUMED[name], "--out", file or "whole"]) == 0
     whole = capsys.readouterr().out
     text = Path(file).read_text() if file else ""
-    command = [name, *RESUMED[name], "--out", f"my {file or 'out'}"]
+    command = [*name.split(), *RESUMED[name], "--out", f"my {file or 'out'}"]
     with monkeypatch.context() as patched:
         stop_after(1, patched)
         assert main(command) == 130
@@ -86,7 +86,7 @@ def test_it_resumes_by_the_command_that_is_printed(name, here, monkeypatch, caps
 
 def test_work_that_is_saved_is_not_done_again(here, monkeypatch, capsys):
     added = []
-    command = ["tune", *RESUMED["tune"], "--out", "s.toml"]
+    command = ["league", "tune", *RESUMED["league tune"], "--out", "s.toml"]
     with monkeypatch.context() as patched:
         stop_after(2, patched)
         assert main(command) == 130
@@ -95,10 +95,10 @@ def test_work_that_is_saved_is_not_done_again(here, monkeypatch, capsys):
         Store, "add", lambda self, done: (added.append(self.folder.name), real(self, done))[1]
     )
     assert main(command) == 0
-    assert "target" not in added
-    assert "0-second" in added
+    assert "0-first" not in added
+    assert "0-third" in added
     assert main([*command, "--force"]) == 0
-    assert "target" in added, "anew"
+    assert "0-first" in added, "anew"
 
 
 def test_what_is_said_without_a_folder(here, monkeypatch, capsys):
@@ -118,7 +118,7 @@ def test_what_is_said_of_a_command_that_starts_again(here, monkeypatch, capsys):
 
 
 def test_the_runs_of_another_tuning_are_not_mixed_in(here, monkeypatch, capsys):
-    command = ["tune", *RESUMED["tune"], "--out", "s.toml"]
+    command = ["league", "tune", *RESUMED["league tune"], "--out", "s.toml"]
     with monkeypatch.context() as patched:
         stop_after(2, patched)
         assert main(command) == 130

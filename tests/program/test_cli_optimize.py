@@ -15,8 +15,9 @@ import pytest
 
 import vibroswarm
 from vibroswarm.cli import main
+from vibroswarm.cli.command_line import bound
 from vibroswarm.cli.commands import parsed
-from vibroswarm.cli.optimize import search_from
+from vibroswarm.cli.optimize import search_of
 
 SMALL = (
     Path(__file__).parents[1] / "helpers" / "small_search.toml"
@@ -41,7 +42,7 @@ statistic = "mean"
 
 COMMANDS = (
     "vibroswarm run --scenario best.toml",
-    "vibroswarm optimize search.toml --check best.toml --against paper",
+    "vibroswarm optimize compare best.toml paper --search search.toml",
     "vibroswarm optimize search.toml --out .",
 )
 
@@ -64,7 +65,7 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert "during the search (believed)" in said
     assert "on fresh runs (true)" in said
     assert "none failed" in said
-    assert said.endswith(f"Report: open {out / 'report.html'} in a browser\n")
+    assert said.endswith(f"Page: open {out / 'report.html'} in a browser\n")
     page = (out / "report.html").read_bytes()
     for name in ("best.toml", "printed.json", "history.csv", "journal.jsonl"):
         assert (out / name).is_file()
@@ -91,7 +92,7 @@ def test_a_search_is_made_kept_and_gone_on_with(
         patched.chdir(out)
         for command in COMMANDS:
             assert command in page.decode()
-            assert main([*command.split()[1:], *(["--runs", "4"] if "--check" in command else [])]) == 0
+            assert main([*command.split()[1:], *(["--runs", "4"] if "compare" in command else [])]) == 0
         assert (out / "report.html").read_bytes() == page
     capsys.readouterr()
     assert main(["optimize", search, "--out", str(out), "--seed", "4"]) == 2
@@ -179,7 +180,7 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     short.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 20\n')
     long = tmp_path / "q.toml"
     long.write_text('preset = "paper"\n[run]\nt_end_s = 200.0\n[decision]\nmin_observations = 100\n')
-    options = ["optimize", "--check", str(short), "--against", str(long), "--runs", "150"]
+    options = ["optimize", "compare", str(short), str(long), "--runs", "150"]
     assert main(options) == 0
     assert "on other seeds" in capsys.readouterr().out
     assert main([*options, "--cost", "decision_time", "--json"]) == 0
@@ -193,12 +194,12 @@ def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.Ca
     assert figures["decision_time_s"]["difference_high"] < 0
     floors = tmp_path / "floors.toml"
     floors.write_text(SMALL + '[grid]\n"floor.source" = ["stripe:0.48", "alternating:0.48"]\n')
-    assert main(["optimize", str(floors), *options[1:], "--json"]) == 0
+    assert main([*options, "--search", str(floors), "--json"]) == 0
     tables = json.loads(capsys.readouterr().out)["tables"]
     cases = [row["score"] for row in tables["cases"] if row["name"] == str(short)]
     assert len(cases) == 2
     assert tables["scores"][0]["score"] == max(cases)
-    same = ["optimize", "--check", str(short), "--against", str(short), "--runs", "20", "--json"]
+    same = ["optimize", "compare", str(short), str(short), "--runs", "20", "--json"]
     assert main(same) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["tables"]["differences"][0]["difference"] == 0
@@ -226,13 +227,13 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
     table = pl.read_csv(out / "grid.csv")
     assert table.height == 6
     assert (out / "pictures" / "grid-score.png").is_file()
-    assert said.endswith(f"Report: open {out / 'report.html'} in a browser\n")
+    assert said.endswith(f"Page: open {out / 'report.html'} in a browser\n")
     page = (out / "report.html").read_bytes()
     again = ["optimize", str(out / "grid.toml"), "--method", "grid", "--fresh", "50", "--out", str(out)]
     assert main(again) == 0  # as the page says that it is done again
     capsys.readouterr()
     assert (out / "report.html").read_bytes() == page
-    best = ["optimize", str(out / "grid.toml"), "--check", str(out / "best.toml"), "--runs", "4"]
+    best = ["optimize", "compare", str(out / "best.toml"), "--search", str(out / "grid.toml"), "--runs", "4"]
     assert main(best) == 0  # as it says that the lowest cell is scored
     assert main(["run", "--scenario", str(out / "best.toml")]) == 0
     best = table.sort("score").row(0, named=True)
@@ -246,7 +247,7 @@ def test_a_grid_marks_what_is_not_told_apart(tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--sensitivity", "--budget", "10"], "too few"),
+        (["sensitivity", "--budget", "10"], "too few"),
         (["--method", "grid", "--fresh", "1"], "--fresh: 1 is too few"),
     ],
 )
@@ -276,13 +277,13 @@ def test_scenarios_are_compared_on_the_motion_of_the_search(
     monkeypatch.setattr(scenario_comparison, "figures_of", noted)
     path = tmp_path / "search.toml"
     path.write_text('motion = "fixed-step"\n' + SMALL)
-    assert main(["optimize", str(path), "--check", "paper", "--runs", "2"]) == 0
+    assert main(["optimize", "compare", "paper", "--search", str(path), "--runs", "2"]) == 0
     assert seen == ["fixed-step"] * 4
 
 
 def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("SALib")
-    options = ["optimize", search, "--sensitivity", "--budget", "2600", "--cost", "decision_time"]
+    options = ["optimize", "sensitivity", search, "--budget", "2600", "--cost", "decision_time"]
     assert main([*options, "--out", str(tmp_path / "out")]) == 0
     said = capsys.readouterr().out
     assert said.index("min_observations") < said.index("sample_interval")  # the gate decides when to decide
@@ -298,19 +299,16 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
         (["--budget", "many"], "not a whole number"),
         (["--budget", "10"], "too few for one iteration"),
         (["--noise", "loud"], "rescore, ocba, fixed"),
-        (["--against", "paper"], "needs --check"),
+        (["--check", "paper"], "'optimize --check' is now 'vibroswarm optimize compare FIRST SECOND'"),
+        (["--sensitivity"], "'optimize --sensitivity' is now 'vibroswarm optimize sensitivity'"),
         (["--runs", "10"], "a search has a --budget"),
-        (["--check", "nothing.toml"], "neither a file nor a preset"),
-        (["--check", "paper", "--budget", "10"], "not to --check"),
-        (["--check", "paper", "--out", "out"], "not to --check"),
-        (["--check", "paper", "--force"], "not to --check"),
-        (["--check", "paper", "--mixed"], "--mixed: applies to a search"),
-        (["--sensitivity", "--mixed"], "--mixed: applies to a search"),
-        (["--check", "paper", "--runs", "1"], "at least 2"),
+        (["compare", "nothing.toml"], "neither a file nor a preset"),
+        (["compare", "paper", "--budget", "10"], "--budget: unknown option"),
+        (["sensitivity", "--mixed"], "--mixed: applies to a search"),
+        (["compare", "paper", "--runs", "1"], "at least 2"),
         (["--method", "grid", "--noise", "fixed"], "does not apply to a grid"),
-        (["--sensitivity", "--budget", "10"], "too few"),
-        (["--sensitivity", "--runs", "10"], "--runs: does not apply to --sensitivity"),
-        (["--sensitivity", "--against", "paper"], "--against: does not apply to --sensitivity"),
+        (["sensitivity", "--budget", "10"], "too few"),
+        (["sensitivity", "--runs", "10"], "--runs: unknown option"),
         (["--style", "poster"], "style"),
         (["--workers", "0", "--budget", "1000"], "--workers: 0 is not from 1 to 4096"),
     ],
@@ -318,10 +316,16 @@ def test_sensitivity_by_the_command(search: str, tmp_path: Path, capsys: pytest.
 def test_bad_input_is_told_and_ends_with_2(
     options: list[str], told: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    if "--sensitivity" in options:
+    if "sensitivity" in options:
         pytest.importorskip("SALib")
     assert main(["optimize", *options]) == 2
     assert told in capsys.readouterr().err
+
+
+def searched(line: list[str]) -> vibroswarm.optimize.Search:
+    command, values = parsed(line)
+    arguments = bound(command.function(), vars(values)).arguments
+    return search_of(arguments["search"], arguments["options"])
 
 
 def test_options_correct_what_a_file_has_wrong(tmp_path: Path) -> None:
@@ -329,9 +333,9 @@ def test_options_correct_what_a_file_has_wrong(tmp_path: Path) -> None:
     two = "[[objective]]\ncost = 'decision_time'\nstatistic = 'mean'\n[[objective]]\ncost = 'errors'\n"
     path.write_text(SMALL.replace("budget = 150", "budget = 2") + two)
     options = ["optimize", str(path), "--method", "tpe", "--cost", "errors", "--budget", "90"]
-    search = search_from(parsed(options)[1])
+    search = searched(options)
     (objective,) = search.objectives
     assert (objective.name, objective.statistic) == ("errors", "mean")
     assert (search.settings.method, search.budget) == ("tpe", 90)
     path.write_text(SMALL.replace("budget = 150", "budget = 2"))
-    assert search_from(parsed(["optimize", str(path), "--budget", "90"])[1]).budget == 90
+    assert searched(["optimize", str(path), "--budget", "90"]).budget == 90

@@ -38,7 +38,7 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("my studies") / "first one"
     file = folder.with_suffix(".toml")
     file.write_text(STUDY, encoding="utf-8")
-    assert main(["sweep", str(file), "--out", str(folder), "--pictures"]) == 0
+    assert main(["evaluate", str(file), "--out", str(folder), "--pictures"]) == 0
     return folder
 
 
@@ -76,7 +76,7 @@ def test_a_second_time_in_the_same_folder_simulates_nothing_and_draws_the_same(
     before = {
         path: path.read_bytes() for path in swept.rglob("*") if path.suffix in (".csv", ".svg", ".html")
     }
-    code, _, err = told(capsys, "sweep", swept / "study.toml", "--out", swept)
+    code, _, err = told(capsys, "evaluate", swept / "study.toml", "--out", swept)
     assert code == 0
     assert "Nothing to do: all runs exist." in err
     after = {path: path.read_bytes() for path in before}
@@ -248,11 +248,11 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
         ("detect --error 5", "--error: '5' is not a percentage; give one such as 2%"),
         ("detect --robots x", "--robots: 'x' is not a whole number"),
         ("detect --style poster", "--style: invalid choice: 'poster'"),
-        ("tradeoff --thresholds 1.2 --runs 3", "decision.credible_threshold: 1.2 is wrong"),
-        ("tradeoff --observations a", "--observations: 'a' is not a whole number"),
-        ("tradeoff --thresholds x", "--thresholds: 'x' is not a number"),
-        ("tradeoff --runs 0", "runs: 0 is wrong; give a whole number from 1"),
-        ("tradeoff --workers 0", "workers: 0 is not from 1 to 4096"),
+        ("evaluate tradeoff --thresholds 1.2 --runs 3", "decision.credible_threshold: 1.2 is wrong"),
+        ("evaluate tradeoff --observations a", "--observations: 'a' is not a whole number"),
+        ("evaluate tradeoff --thresholds x", "--thresholds: 'x' is not a number"),
+        ("evaluate tradeoff --runs 0", "runs: 0 is wrong; give a whole number from 1"),
+        ("evaluate tradeoff --workers 0", "workers: 0 is not from 1 to 4096"),
         ("evaluate --style poster", "--style: invalid choice: 'poster'"),
         ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
         ("evaluate --vary strategy.soft.eta", "is not of the form section.field=value,value"),
@@ -270,6 +270,7 @@ def test_bad_input_is_said(line: str, words: str, capsys: pytest.CaptureFixture[
 def test_tradeoff_tells_the_front(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "trade"
     line = [
+        "evaluate",
         "tradeoff",
         "--runs",
         "30",
@@ -317,7 +318,7 @@ def test_a_tradeoff_of_a_single_run_has_a_time_without_limits(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "trade"
-    line = ["tradeoff", "--runs", "1", "--thresholds", "0.8", "--observations", "0", *SMALL]
+    line = ["evaluate", "tradeoff", "--runs", "1", "--thresholds", "0.8", "--observations", "0", *SMALL]
     code, said, err = told(capsys, *line, "--out", out)
     assert (code, "Traceback" in err) == (0, False)
     (row,) = pl.read_csv(out / "tradeoff.csv").iter_rows(named=True)

@@ -45,7 +45,10 @@ def test_pictures_are_drawn_on_request(tmp_path, capsys):
     out, short = tmp_path / "first", [*SHORT, "--set", "run.t_end_s=20"]
     assert run(*short, "--strategy", "places", "--out", str(out)) == 0
     assert {path.name for path in out.glob("*.png")} == set()
-    assert "tables and page" in capsys.readouterr().out
+    saved = capsys.readouterr().out.split(f"Saved in {out}: ")[1].splitlines()[0].split(", ")
+    assert saved[0] == "run.html"
+    assert {"scenario.toml", "maps.csv"} <= set(saved)
+    assert "run.png" not in saved
     assert run(*short, "--strategy", "places", "--out", str(out), "--pictures") == 0
     assert {path.name for path in out.glob("*.png")} == {"run.png", "maps.png"}
     assert (out / "run.png").read_bytes().startswith(b"\x89PNG")

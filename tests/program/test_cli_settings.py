@@ -40,7 +40,7 @@ def defaults(command: list[str]) -> dict[str, object]:
 def test_it_sets_style_and_workers_and_options_count_more(config):
     assert defaults(["evaluate"])["style"] == "column", "no file"
     config('style = "slide"\nworkers = 3\n')
-    for command in (["evaluate"], ["sweep", "x.toml"], ["tradeoff"], ["optimize"]):
+    for command in (["evaluate"], ["evaluate", "x.toml"], ["evaluate", "tradeoff"], ["optimize"]):
         assert (defaults(command)["style"], defaults(command)["workers"]) == ("slide", 3)
     assert defaults(["evaluate", "--style", "page", "--workers", "1"])["style"] == "page"
     assert defaults(["evaluate", "--style", "page", "--workers", "1"])["workers"] == 1

@@ -20,8 +20,8 @@ from polars.testing import assert_frame_equal
 import vibroswarm
 from helpers.dask_cluster import Cluster
 from vibroswarm.cli import main, scenario_warnings
-from vibroswarm.cli.commands import parsed
-from vibroswarm.cli.evaluate import study_from
+from vibroswarm.cli.evaluate import study_of
+from vibroswarm.cli.options import Compared
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.study import executors, runner, store
 from vibroswarm.study.spec import FORMAT, Study
@@ -49,7 +49,7 @@ def study(tmp_path: Path) -> Path:
 
 
 def sweep(*arguments: object) -> int:
-    return main(["sweep", *(str(a) for a in arguments), *QUIET])
+    return main(["evaluate", *(str(a) for a in arguments), *QUIET])
 
 
 def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
@@ -57,7 +57,7 @@ def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
     assert sweep(study, "--out", out) == 0
     told = capsys.readouterr()
     assert "2 cells, 20 runs each, seed 1; shared per run: 1 motion, 1 observation, 2 inferences" in told.err
-    assert "To do: 20 runs of motion, about" in told.err
+    assert "To do: 20 runs of motion; about" in told.err
     assert "20 runs per cell" in told.out
     assert str(out) in told.out
     assert StudyResult.open(out).runs().height == 40
@@ -74,7 +74,7 @@ def test_a_sweep_is_kept_and_told(study, tmp_path, capsys):
 
 
 def test_second_block_is_kept_inside(study, tmp_path, capsys):
-    assert main(["sweep", str(study), "--out", str(tmp_path / "out"), "--no-pictures"]) == 0
+    assert main(["evaluate", str(study), "--out", str(tmp_path / "out"), "--no-pictures"]) == 0
     assert StudyResult.open(tmp_path / "out" / "second-block").study.seed != 1
     assert main(["show", str(tmp_path / "out" / "second-block")]) == 0
 
@@ -113,8 +113,7 @@ def test_evaluate_varies_presets(capsys):
 def test_evaluate_warns_only_of_scenarios_of_the_study(monkeypatch):
     warned = []
     monkeypatch.setattr(scenario_warnings, "warn_of", warned.extend)
-    line = ["evaluate", "--vary", "preset=text,calibrated", "--robots", "3"]
-    study = study_from(parsed(line)[1])
+    study = study_of(Compared(robots=(3,)), vary=["preset=text,calibrated"])
     assert {scenario.hash for scenario in warned} <= {cell.scenario.hash for cell in study.cells}
 
 
@@ -146,11 +145,11 @@ def test_shares_are_merged(study, tmp_path, capsys):
         assert sweep(study, "--out", folder, "--runs", "400", "--shard", f"{k}/3") == 0
         assert f"Shard {k} of 3 is done" in capsys.readouterr().out
     out = tmp_path / "joined"
-    assert main(["merge", str(out), *shares[:2], "--no-pictures"]) == 1
+    assert main(["evaluate", "merge", str(out), *shares[:2], "--no-pictures"]) == 1
     told = capsys.readouterr().err
     assert "is incomplete" in told
     assert "Traceback" not in told
-    assert main(["merge", str(out), shares[2], "--no-pictures"]) == 0
+    assert main(["evaluate", "merge", str(out), shares[2], "--no-pictures"]) == 0
     a, b = StudyResult.open(out), StudyResult.open(tmp_path / "whole")
     assert_frame_equal(a.robots(), b.robots(), check_exact=True)
     assert_frame_equal(a.runs(), b.runs(), check_exact=True)
@@ -159,12 +158,12 @@ def test_shares_are_merged(study, tmp_path, capsys):
 
 def test_merged_shards_are_confirmed_as_a_sweep_is(study, tmp_path):
     common = ["--no-pictures", "-q"]
-    assert main(["sweep", str(study), "--out", str(tmp_path / "whole"), "--runs", "20", *common]) == 0
+    assert main(["evaluate", str(study), "--out", str(tmp_path / "whole"), "--runs", "20", *common]) == 0
     shares = [str(tmp_path / f"share {k}") for k in (1, 2)]
     for k, folder in enumerate(shares, 1):
         assert sweep(study, "--out", folder, "--runs", "20", "--shard", f"{k}/2") == 0
     for out, options in (("joined", []), ("alone", ["--no-confirm"])):
-        assert main(["merge", str(tmp_path / out), *shares, *common, *options]) == 0
+        assert main(["evaluate", "merge", str(tmp_path / out), *shares, *common, *options]) == 0
     joined, alone, whole = (
         (tmp_path / name / "comparisons.csv").read_text() for name in ("joined", "alone", "whole")
     )
@@ -177,16 +176,16 @@ def test_force_removes_nothing_if_the_shards_are_of_two_studies(study, tmp_path,
     assert sweep(study, "--out", one, "--runs", "4") == 0
     assert main(["evaluate", "--runs", "4", "--set", "run.t_end_s=10", "--out", str(other), *QUIET]) == 0
     before = sorted(path.name for path in old.iterdir())
-    assert main(["merge", str(old), str(one), str(other), "--force"]) == 2
+    assert main(["evaluate", "merge", str(old), str(one), str(other), "--force"]) == 2
     assert "is of another study than" in capsys.readouterr().err
     assert sorted(path.name for path in old.iterdir()) == before
 
 
 def test_a_lost_share_can_be_made_again_where_it_is_missed(study, tmp_path, capsys):
     assert sweep(study, "--out", tmp_path / "1", "--runs", "400", "--shard", "1/2") == 0
-    assert main(["merge", str(tmp_path / "joined"), str(tmp_path / "1"), "--no-pictures"]) == 1
+    assert main(["evaluate", "merge", str(tmp_path / "joined"), str(tmp_path / "1"), "--no-pictures"]) == 1
     told = capsys.readouterr().err
-    assert "finish here: vibroswarm sweep" in told
+    assert "finish here: vibroswarm evaluate" in told
     assert sweep(tmp_path / "joined" / "study.toml", "--out", tmp_path / "joined") == 0
     assert StudyResult.open(tmp_path / "joined").runs().height == 800
 
@@ -213,7 +212,7 @@ def test_show_tells_what_is_there(study, tmp_path, capsys):
     assert (about["runs_there"], about["runs_wanted"], about["left_over_files"]) == (0, 40, 1)
     assert "is cut off" in about["damaged"][0]
     assert main(["show", str(out)]) == 0
-    assert f"To resume: vibroswarm sweep '{out}/study.toml' --out '{out}'" in capsys.readouterr().out
+    assert f"To resume: vibroswarm evaluate '{out}/study.toml' --out '{out}'" in capsys.readouterr().out
     assert sweep(study, "--out", out) == 0
     assert "damaged, will be recomputed: " in capsys.readouterr().err
     assert main(["show", str(out)]) == 0
@@ -227,35 +226,35 @@ def test_a_batch_alone(study, tmp_path, capsys):
 
 
 BAD = {
-    "sweep nowhere.toml": ("nowhere.toml", "cannot be read"),
-    "sweep .": ("is a folder",),
-    "sweep binary.toml": ("binary.toml", "UTF-8"),
-    "sweep not.toml": ("not.toml", "is not TOML"),
-    "sweep field.toml": ("grid.swarm.robot", "did you mean 'swarm.robots'?"),
-    "sweep empty.toml": ("grid", "is empty"),
-    "sweep zero.toml": ("runs: 0 is wrong",),
-    "sweep newer.toml": ("is of format", "update vibroswarm"),
-    "sweep one.toml --runs 0": ("runs: 0 is wrong",),
-    "sweep one.toml --runs many": ("--runs", "'many' is not a whole number"),
-    "sweep one.toml --workers 0": ("--workers: 0 is not from 1 to 4096",),
-    "sweep one.toml --workers x": ("--workers", "not a whole number"),
-    "sweep one.toml --executor thread": ("executor", "did you mean 'threads'?"),
-    "sweep one.toml --executor dask://127.0.0.1:1": ("no Dask scheduler answers at 'dask://127.0.0.1:1'",),
-    "sweep one.toml --executor nowhere.json": ("there is no scheduler file 'nowhere.json'",),
-    "sweep one.toml --out out --shard 5/4": ("--shard", "'5/4' is not a job"),
-    "sweep one.toml --out out --shard half": ("--shard", "such as 3/16"),
-    "sweep one.toml --shard 1/2": ("--shard", "needs --out"),
-    "sweep one.toml --out out --shard 1/2 --batch 0:0-5": ("--batch", "cannot be used with --shard"),
-    "sweep until.toml --out out --shard 1/2": ("--shard", "needs a fixed number of runs"),
-    "sweep one.toml --out out --batch 7": ("--batch", "is not a batch"),
-    "sweep one.toml --out out --batch 3:0-5": ("--batch", "there is no group 3"),
-    "sweep one.toml --style colum": ("--style", "did you mean 'column'?"),
-    "sweep one.toml --out file": ("file", "exists but is not a study"),
-    "sweep one.toml --out file/deeper": ("deeper", "cannot be"),
-    "sweep one.toml --out thesis": ("thesis", "exists but is not a study"),
-    "sweep one.toml --out newer": ("newer", "update vibroswarm"),
-    "sweep one.toml --out other": ("other", "holds another study", "seed is 9 there and 1 here"),
-    "sweep one.toml --out /proc/nobody": ("/proc/nobody", "cannot be made"),
+    "evaluate nowhere.toml": ("nowhere.toml", "cannot be read"),
+    "evaluate .": ("is a folder",),
+    "evaluate binary.toml": ("binary.toml", "UTF-8"),
+    "evaluate not.toml": ("not.toml", "is not TOML"),
+    "evaluate field.toml": ("grid.swarm.robot", "did you mean 'swarm.robots'?"),
+    "evaluate empty.toml": ("grid", "is empty"),
+    "evaluate zero.toml": ("runs: 0 is wrong",),
+    "evaluate newer.toml": ("is of format", "update vibroswarm"),
+    "evaluate one.toml --runs 0": ("runs: 0 is wrong",),
+    "evaluate one.toml --runs many": ("--runs", "'many' is not a whole number"),
+    "evaluate one.toml --workers 0": ("--workers: 0 is not from 1 to 4096",),
+    "evaluate one.toml --workers x": ("--workers", "not a whole number"),
+    "evaluate one.toml --executor thread": ("executor", "did you mean 'threads'?"),
+    "evaluate one.toml --executor dask://127.0.0.1:1": ("no Dask scheduler answers at 'dask://127.0.0.1:1'",),
+    "evaluate one.toml --executor nowhere.json": ("there is no scheduler file 'nowhere.json'",),
+    "evaluate one.toml --out out --shard 5/4": ("--shard", "'5/4' is not a job"),
+    "evaluate one.toml --out out --shard half": ("--shard", "such as 3/16"),
+    "evaluate one.toml --shard 1/2": ("--shard", "needs --out"),
+    "evaluate one.toml --out out --shard 1/2 --batch 0:0-5": ("--batch", "cannot be used with --shard"),
+    "evaluate until.toml --out out --shard 1/2": ("--shard", "needs a fixed number of runs"),
+    "evaluate one.toml --out out --batch 7": ("--batch", "is not a batch"),
+    "evaluate one.toml --out out --batch 3:0-5": ("--batch", "there is no group 3"),
+    "evaluate one.toml --style colum": ("--style", "did you mean 'column'?"),
+    "evaluate one.toml --out file": ("file", "exists but is not a study"),
+    "evaluate one.toml --out file/deeper": ("deeper", "cannot be"),
+    "evaluate one.toml --out thesis": ("thesis", "exists but is not a study"),
+    "evaluate one.toml --out newer": ("newer", "update vibroswarm"),
+    "evaluate one.toml --out other": ("other", "holds another study", "seed is 9 there and 1 here"),
+    "evaluate one.toml --out /proc/nobody": ("/proc/nobody", "cannot be made"),
     "evaluate --runs 0": ("runs", "0 is wrong"),
     "evaluate --runs 5 --until 2%": ("--until", "not both"),
     "evaluate --until 2": ("until", "give one such as 2%"),
@@ -274,9 +273,9 @@ BAD = {
     "show nowhere": ("nowhere", "there is no such file"),
     "show file": ("file", "neither a folder nor a file that vibroswarm shows"),
     "show newer": ("newer", "update vibroswarm"),
-    "merge out nowhere": ("nowhere", "is not a study of vibroswarm"),
-    "merge out other another": ("another", "is of another study than 'other'"),
-    "merge file other": ("file", "exists but is not a study"),
+    "evaluate merge out nowhere": ("nowhere", "is not a study of vibroswarm"),
+    "evaluate merge out other another": ("another", "is of another study than 'other'"),
+    "evaluate merge file other": ("file", "exists but is not a study"),
 }
 
 
@@ -347,7 +346,7 @@ def command(*arguments: object, **more: object) -> subprocess.Popen[str]:
 def test_ctrl_c_ends_with_130_and_what_is_done_is_kept(executor, study, tmp_path):
     out = tmp_path / "out"
     line = [
-        "sweep",
+        "evaluate",
         study,
         "--out",
         out,
@@ -370,7 +369,7 @@ def test_ctrl_c_ends_with_130_and_what_is_done_is_kept(executor, study, tmp_path
     assert time.monotonic() - began_s < 20.0
     assert process.returncode == 130, err
     assert told == ""
-    said = f"vibroswarm: interrupted; finished work is saved in '{out}'. To resume: vibroswarm sweep "
+    said = f"vibroswarm: interrupted; finished work is saved in '{out}'. To resume: vibroswarm evaluate "
     assert err.splitlines()[-1].startswith(said)
     assert "Traceback" not in err
     assert "leaked" not in err
@@ -386,7 +385,7 @@ def test_a_disk_that_is_full_ends_with_1_and_is_gone_on_with(study, tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (8_000, 8_000))
 
     out = tmp_path / "out"
-    line = ["sweep", study, "--out", out, "--runs", "3000", *QUIET]
+    line = ["evaluate", study, "--out", out, "--runs", "3000", *QUIET]
     process = command(*line, preexec_fn=little)
     _, err = process.communicate(timeout=120)
     assert process.returncode == 1, err
@@ -410,6 +409,7 @@ def test_what_is_not_compiled_yet_is_compiled_before_processes_begin(study, tmp_
 
 def test_plain_lines_where_there_is_no_terminal(study, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("vibroswarm.cli.progress.LINE_EVERY_S", 0.0)
+    monkeypatch.setattr("vibroswarm.cli.progress.FIRST_LINE_S", 0.0)
     assert sweep(study, "--out", tmp_path / "out", "--runs", "2000") == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("simulating: ")]
     assert re.search(r"simulating: [\d,]+ of 2,000 runs \(\d+ %\), [\d,]+ per second, \d+ s left", lines[-2])
@@ -433,7 +433,7 @@ def test_a_bar_on_a_terminal(study, tmp_path):
         sys.executable,
         "-m",
         "vibroswarm",
-        "sweep",
+        "evaluate",
         study,
         "--out",
         tmp_path / "out",

@@ -55,9 +55,9 @@ LONG = "x" * 300
         ["scenario", "--energies", LONG],
         ["scenario", "--floor", f"{LONG}.txt"],
         ["run", "--out", LONG, "--set", "run.t_end_s=1"],
-        ["sweep", LONG],
+        ["evaluate", LONG],
         ["show", LONG],
-        ["merge", LONG, LONG],
+        ["evaluate", "merge", LONG, LONG],
         ["lab", "import", LONG, "--floor", "diagonal:0.46", "--out", "lab"],
         ["lab", "export", LONG, "--out", "x"],
         ["lab", "replay", LONG],
@@ -108,7 +108,7 @@ def locked() -> Iterator[Path]:
             folder.chmod(0o700)
 
 
-@pytest.mark.parametrize("command", ["show", "lab replay", "sweep", "merge out"])
+@pytest.mark.parametrize("command", ["show", "lab replay", "evaluate", "evaluate merge out"])
 def test_folders_that_cannot_be_read_are_refused(
     command: str, locked: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -46,7 +46,7 @@ def test_first_run(run_example):
 
 
 def test_the_figure_of_fill_ratios(run_example, capsys):
-    command = ["sweep", "examples/fill_ratios.toml", "--out", "study", "--runs", "20"]
+    command = ["evaluate", "examples/fill_ratios.toml", "--out", "study", "--runs", "20"]
     assert main([*command, "--no-pictures", "--no-confirm"]) == 0
     told = run_example("fill_ratios", "study", "figure")
     assert "over 20 runs each" in told

@@ -329,7 +329,7 @@ def test_a_range_of_whole_numbers_is_one_also_without_the_code(
         '[grid]\n"strategy.mine.lead" = { from = 2, to = 8, steps = 3 }\n',
         encoding="utf-8",
     )
-    command = ["sweep", str(study), "--no-pictures", "--no-confirm", "--out", str(out)]
+    command = ["evaluate", str(study), "--no-pictures", "--no-confirm", "--out", str(out)]
     assert "--trust" in said(capsys, main(command), 2)
     assert main([*command, "--trust"]) == 0
     assert pl.read_csv(out / "summary.csv")["strategy.mine.lead"].to_list() == [2, 5, 8]

@@ -141,9 +141,18 @@ def test_tasks_side_by_side_are_kept_apart(files: Path, capsys: pytest.CaptureFi
     as_in_another_process()
     capsys.readouterr()
     assert main(["show", str(out)]) == 0
-    assert main(["sweep", str(out / "study.toml"), "--runs", "24", "--out", str(out)]) == 2
+    assert main(["evaluate", str(out / "study.toml"), "--runs", "24", "--out", str(out)]) == 2
     assert "--trust" in capsys.readouterr().err
-    again = ["sweep", str(out / "study.toml"), "--runs", "24", "--out", str(out), "--trust", "--no-pictures"]
+    again = [
+        "evaluate",
+        str(out / "study.toml"),
+        "--runs",
+        "24",
+        "--out",
+        str(out),
+        "--trust",
+        "--no-pictures",
+    ]
     assert main([*again, "--executor", "processes", "--workers", "1"]) == 0
     assert StudyResult.open(out).cells["there"].to_list() == [24, 24]
 
@@ -240,7 +249,7 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
     as_in_another_process()
     capsys.readouterr()
     assert main(["show", str(study)]) == 0
-    again = ["sweep", str(study / "study.toml"), "--out", str(study), "--runs", "12", "--no-pictures"]
+    again = ["evaluate", str(study / "study.toml"), "--out", str(study), "--runs", "12", "--no-pictures"]
     assert main(again) == 2
     assert "is not loaded" in capsys.readouterr().err
     assert main([*again, "--trust", "--executor", "processes", "--workers", "1"]) == 0

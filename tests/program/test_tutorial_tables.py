@@ -16,7 +16,7 @@ TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorial.md"
 COMMANDS = re.findall(
     r"^(?:\$ )?vibroswarm (.*?)(?: +#.*)?$", TUTORIAL.read_text(encoding="utf-8"), re.MULTILINE
 )
-FEW = {"evaluate": "--runs 4 --no-pictures", "sweep": "--runs 4 --no-pictures --no-confirm"}
+FEW = {"evaluate": "--runs 4 --no-pictures"}
 
 
 def few(command: str) -> list[str]:
@@ -58,13 +58,12 @@ def test_every_command(laid_out, capsys):
         "run",
         "scenario",
         "evaluate",
-        "sweep",
     }
     for command in COMMANDS:
         before = len(laid_out)
         assert main(few(command)) == 0, command
         printed = capsys.readouterr().out
-        assert command.split()[0] not in ("run", "evaluate", "sweep") or len(laid_out) > before, command
+        assert command.split()[0] not in ("run", "evaluate") or len(laid_out) > before, command
         for line in printed.splitlines():
             is_path = "/" in line or command.startswith("scenario")
             assert len(line) <= 80 or is_path, f"{command}: {line}"

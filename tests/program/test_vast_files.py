@@ -42,7 +42,7 @@ def test_keys_of_very_many_parts(text, tmp_path, capsys):
         parsed_toml(text, "text")
     with pytest.raises(InputError, match="has a key of more than 200 parts"):
         Scenario.from_toml(text)
-    for command in (["show"], ["run", "--scenario"], ["sweep"], ["optimize"]):
+    for command in (["show"], ["run", "--scenario"], ["evaluate"], ["optimize"]):
         assert main([*command, str(path)]) == 2
 
 

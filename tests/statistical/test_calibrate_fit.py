@@ -29,7 +29,7 @@ from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import _error_of_start, fit_drive
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import fit_sensor
-from vibroswarm.cli import calibrate_fit
+from vibroswarm.cli import calibrate as command
 from vibroswarm.documents.fit import readings_table
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -273,7 +273,7 @@ def test_floors_with_one_kind_of_tile_are_refused(share: str, missing: str) -> N
 
 
 def test_the_command_tries_as_many_candidates_as_the_function() -> None:
-    assert calibrate_fit.CANDIDATES == CANDIDATES
+    assert command.CANDIDATES == CANDIDATES
 
 
 def test_a_statistic_that_the_first_session_lacks_is_printed() -> None:

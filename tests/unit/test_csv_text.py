@@ -61,7 +61,9 @@ def test_a_label_that_is_a_formula_is_escaped_in_all_files_of_a_study(tmp_path: 
         'runs = 2\n[scenario.run]\nt_end_s = 20.0\n[[list]]\nlabel = "=1+1"\n"swarm.robots" = 2\n'
         '[[list]]\nlabel = "@x"\n"swarm.robots" = 3\n'
     )
-    assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--no-confirm"]) == 0
+    assert (
+        main(["evaluate", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out"), "--no-confirm"]) == 0
+    )
     texts = [path.read_text(encoding="utf-8") for path in (tmp_path / "out").rglob("*.csv")]
     cells = [cell for text in texts for line in text.splitlines() for cell in line.split(",")]
     assert "'=1+1" in cells

@@ -433,11 +433,11 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
     assert rows["guess (answer 1)"]["forced_error"] == 0.5
     spaces, found = tmp_path / "spaces.toml", tmp_path / "found.toml"
     own = [*SMALL[:-1], f"{code}:guess", *QUICK[:-1], "--points", "4"]
-    assert main(["tune", *own, "--out", str(found)]) == 2
+    assert main(["league", "tune", *own, "--out", str(found)]) == 2
     assert "no space to search for 'guess'" in capsys.readouterr().err
     assert not found.exists()
     spaces.write_text('[guess]\n"strategy.guess.answer" = { from = 0.0, to = 1.0 }\n', encoding="utf-8")
-    assert main(["tune", *own, "--spaces", str(spaces), "--out", str(found)]) == 0
+    assert main(["league", "tune", *own, "--spaces", str(spaces), "--out", str(found)]) == 0
     assert set(read_settings(found)) == {"guess"}
     assert main(["league", *FEW, *line, *QUICK[:-1], "--settings", str(found), "--json"]) == 0
 

@@ -121,7 +121,7 @@ def test_the_command_writes_settings_that_a_league_reads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     file = tmp_path / "my settings.toml"
-    line = ["tune", *SMALL, *QUICK, "--points", "8", "--out", str(file)]
+    line = ["league", "tune", *SMALL, *QUICK, "--points", "8", "--out", str(file)]
     assert main(line) == 0
     said = capsys.readouterr().out
     assert said.startswith("none ")

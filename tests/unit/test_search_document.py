@@ -130,7 +130,7 @@ def test_the_winner_stands_beside_the_start_and_the_bounds(found: Found, truth: 
     assert (gate["other 0"], gate["low"], gate["high"]) == (20, 0, 60)
     text = seen(page_html(report))
     assert "vibroswarm run --scenario best.toml" in text
-    assert "vibroswarm optimize search.toml --check best.toml --against paper" in text
+    assert "vibroswarm optimize compare best.toml paper --search search.toml" in text
     assert "vibroswarm optimize search.toml --out ." in text
     assert code_of(report) == [found.search.to_toml()]
 

@@ -95,7 +95,7 @@ def test_a_report_comes_of_it(
 ) -> None:
     """From the command to the pictures; it used to end without a report."""
     (tmp_path / "study.toml").write_text(Study(BASE, vary, 3).to_toml())
-    assert main(["sweep", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 0
+    assert main(["evaluate", str(tmp_path / "study.toml"), "--out", str(tmp_path / "out")]) == 0
     assert (tmp_path / "out" / "report.html").is_file()
     assert "A - A" not in capsys.readouterr().out
 

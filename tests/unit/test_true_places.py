@@ -87,7 +87,7 @@ COMMANDS = {
     "run": ["run"],
     "evaluate": ["evaluate", "--runs", "2", "--no-confirm"],
     "detect": ["detect", "--runs", "2", "--fills", "0.4,0.6"],
-    "tradeoff": ["tradeoff", "--runs", "2", "--thresholds", "0.9", "--observations", "10"],
+    "tradeoff": ["evaluate", "tradeoff", "--runs", "2", "--thresholds", "0.9", "--observations", "10"],
 }
 
 

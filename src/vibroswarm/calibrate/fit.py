@@ -24,6 +24,7 @@ from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
 from vibroswarm.calibrate.fit_rays import fit_rays
 from vibroswarm.calibrate.fit_sensor import SPREADS, fit_sensor
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
@@ -257,3 +258,30 @@ def _of_avoidance(found: AvoidanceFit) -> Sequence[Fitted]:
         error = math.sqrt(float(found.weights @ (draws - mean) ** 2))
         figures.append(Fitted(name, mean, error, float(low), float(high)))
     return figures
+
+
+WALK_SETTINGS: Final = ("sample.sample_interval_ms", "sample.timer")
+"""Settings that are inferred from recordings, and with which the robots of the base must run too."""
+
+
+def contradictions(results: Sequence[Result], base: Scenario) -> list[str]:
+    """Return a sentence for each setting of the walk that recordings imply and that the base contradicts.
+
+    Only the settings that determine when robots sample count (``WALK_SETTINGS``): others are the user's choice.
+    """
+    found = []
+    for name in WALK_SETTINGS:
+        own = base[name]
+        inferred = [
+            one for result in results for one in getattr(result, "inferred", ()) if one["name"] == name
+        ]
+        for one in inferred:
+            low, high = one["low"], one["high"]
+            fits = own == one["value"] if low is None else low <= own <= high
+            if one["value"] is not None and not fits:
+                found.append(
+                    f"{name} is {own} in the base, but {one['value']} in the recordings; "
+                    f"add --set {name}={one['value']}."
+                )
+                break
+    return found

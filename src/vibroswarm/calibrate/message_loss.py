@@ -110,6 +110,23 @@ class LossFits(NotebookView):
         return sum(int(one.sent.sum()) for one in self.windows)
 
 
+def check_windows(windows: Sequence[Windows], source: str, *, errors: bool = False) -> None:
+    """Refuse counts of received messages to which nothing can be fitted.
+
+    Args:
+        windows: of all receivers, from ``windows_of``. source: of the counts, for messages.
+        errors: whether standard errors are wanted, which need two receivers.
+    Raises:
+        InputError: no robot has such counts, no message is lost, or ``errors`` is given for one receiver.
+    """
+    if not windows:
+        raise InputError("no received messages are counted", field=source)
+    if all(lost_for_good(one).sum() == 0 for one in windows):
+        raise InputError("no message is lost; there is nothing to fit", field=source)
+    if errors and len(windows) < 2:
+        raise InputError("needs the counts of at least two receivers; leave it out", field="--errors")
+
+
 def compare_models(windows: list[Windows], *, errors: bool = False) -> LossFits:
     """Fit independent losses and bursts to the counts of received messages, and compare the gaps that both expect.
 

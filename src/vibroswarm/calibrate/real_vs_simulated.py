@@ -6,7 +6,7 @@ also drawn side by side, feature by feature, as in the paper's calibration figur
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -78,6 +78,32 @@ def camera_between(real: Result, simulated: Result) -> Camera:
     if not isinstance(real, Recording) or isinstance(simulated, Recording) or real.places_corrected:
         return RIGHT
     return Camera.of(simulated.scenario)
+
+
+def compare_several(
+    real: Result,
+    simulated: Mapping[str, Result],
+    *,
+    camera: Camera | None = None,
+    name: str = "the recording",
+) -> dict[str, Comparison]:
+    """Compare several results with the same recording, by name.
+
+    What depends on the recording alone is computed once.
+
+    Args:
+        simulated: by name. camera: as for ``compare``. name: of the recording, for messages.
+    Raises:
+        InputError: one cannot be compared; the error names it.
+    """
+    known = RealCache()
+    found = {}
+    for other, result in simulated.items():
+        try:
+            found[other] = compare(real, result, known, camera=camera)
+        except InputError as error:
+            raise InputError(f"cannot be compared with '{name}': {error}", field=other) from None
+    return found
 
 
 def compare(

@@ -1,169 +1,219 @@
-"""``vibroswarm calibrate``: compare recordings with simulations, and fit a simulation to them.
-
-This module has the tasks (subcommands) ``figures``, ``effect`` and ``bursts``. The tasks ``compare`` and ``fit`` have
-modules of their own.
-"""
+"""``vibroswarm calibrate``: compare recordings with simulations, and fit a simulation to them."""
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from vibroswarm.cli import calibrate_compare, calibrate_fit
-from vibroswarm.cli.calibrate_fit import scenario_of, share_done
-from vibroswarm.cli.deliver import print_result
-from vibroswarm.cli.options import add_json, add_settings, between, read_result, real, whole
+from vibroswarm.cli.command_line import Option
+from vibroswarm.cli.deliver import print_document
+from vibroswarm.cli.options import Force, Json, TomlFile, read_result
 from vibroswarm.errors import InputError
 
-BURSTS_EPILOG = """\
-example:
-  vibroswarm calibrate bursts lab --errors
-"""
+Recordings = Annotated[Path, Option("folders of recordings (lab import)", "REAL")]
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command ``calibrate`` and its tasks, which are subcommands, to the program's commands."""
-    parser = commands.add_parser(
-        "calibrate",
-        help="compare a simulation with recordings, and fit it to them",
-        description="Compare recordings and simulations.",
+def compare(
+    real: Annotated[Path, Option("folder of a recording", "REAL")],
+    /,
+    *simulated: Annotated[
+        Path, Option("folder of a simulation, or of its imported log; several are shown side by side", "SIM")
+    ],
+    picture: Annotated[Path | None, Option("draw both side by side (.png, .svg, .pdf)")] = None,
+    pictures: Annotated[
+        Path | None, Option("draw one file per feature into DIR, and one of all", "DIR")
+    ] = None,
+    no_camera: Annotated[
+        bool,
+        Option(
+            "take simulated positions as they are, not as the camera of SIM's scenario ([camera]) would see them"
+        ),
+    ] = False,
+    intervals: Annotated[
+        bool,
+        Option(
+            "also tell undisturbed intervals apart by turn and distance, with boosted trees (half a minute)"
+        ),
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Compare the samples of two results (lab import, run --out); each run is a session.
+
+    The paper's six similarities with their null values, and measures that discriminate.
+
+    example:
+      vibroswarm calibrate compare lab simulated --json
+      vibroswarm calibrate compare lab by-event-engine by-mujoco   # which simplification matters
+    """
+    from vibroswarm.calibrate.camera import RIGHT
+    from vibroswarm.calibrate.real_vs_simulated import (
+        compare,
+        compare_several,
+        write_comparison_picture,
+        write_comparison_pictures,
     )
-    tasks = parser.add_subparsers(title="tasks", metavar="TASK", dest="task")
-    calibrate_compare.add_parser(tasks)
-    _add_figures(tasks)
-    calibrate_fit.add_parser(tasks)
-    _add_effect(tasks)
-    _add_bursts(tasks)
-    parser.set_defaults(run=lambda arguments: parser.print_help() or 0)  # without a task: help, exit code 0
+    from vibroswarm.documents.calibration import comparison_document, comparisons_document
+    from vibroswarm.floors.io import check_suffix
+
+    # RIGHT is a camera without error. With None, ``compare`` uses the camera of SIM's scenario, or RIGHT if the
+    # positions need no change, as those of two recordings (``camera_between``).
+    camera = RIGHT if no_camera else None
+    _refuse_twice(simulated, "SIM")
+    if len(simulated) > 1:
+        for option, given in (("--picture", picture), ("--pictures", pictures), ("--intervals", intervals)):
+            if given:
+                raise InputError("is for one simulation; give one SIM", field=option)
+        results = {str(folder): read_result(folder) for folder in simulated}
+        several = compare_several(read_result(real), results, camera=camera, name=str(real))
+        print_document(comparisons_document(several), as_json=json)
+        return
+    recorded, simulation = read_result(real), read_result(simulated[0])
+    comparison = compare(recorded, simulation, camera=camera, intervals=intervals)
+    if picture is not None:
+        check_suffix(picture, (".png", ".svg", ".pdf"))
+        write_comparison_picture(recorded, simulation, comparison, picture)
+    if pictures is not None:
+        if pictures.is_file():
+            raise InputError("is a file; give the name of a folder", field=str(pictures))
+        write_comparison_pictures(recorded, simulation, comparison, pictures)
+    print_document(comparison_document(comparison, intervals=intervals), as_json=json)
 
 
-def _add_figures(tasks: Any) -> None:
-    """Add the task ``figures``, which compares figures of several results."""
-    parser = tasks.add_parser(
-        "figures",
-        help="how robots drive, avoid, spread and read, side by side with a simulation",
-        description="Figures of one or more results (each run is a session) with 95 % intervals over sessions.",
-    )
-    parser.add_argument(
-        "folders", metavar="DIR", type=Path, nargs="+", help="folders of recordings or simulations"
-    )
+def _refuse_twice(folders: Sequence[Path], field: str) -> None:
+    if len({str(folder) for folder in folders}) < len(folders):
+        raise InputError("names a folder twice", field=field)
+
+
+def figures(
+    *folders: Annotated[Path, Option("folders of recordings or simulations", "DIR")],
     # One threshold for all results, because error rates depend on it; by default that of the paper.
-    parser.add_argument(
-        "--at", metavar="THETA", type=real, default=1.33, help="threshold for error rates (default 1.33)"
-    )
-    add_json(parser)
-    parser.set_defaults(run=run_figures)
-
-
-def run_figures(arguments: argparse.Namespace) -> int:
-    """Print the same figures of several results, one column for each folder; return the exit code."""
+    at: Annotated[float, Option("threshold for error rates", "THETA")] = 1.33,
+    json: Json = False,
+) -> None:
+    """Figures of one or more results (each run is a session) with 95 % intervals over sessions."""
     from vibroswarm.calibrate.session_statistics import figures_of
     from vibroswarm.documents.calibration import figures_document
 
-    if len({str(folder) for folder in arguments.folders}) < len(arguments.folders):
-        raise InputError("names a folder twice", field="DIR")
-    figures = {str(folder): figures_of(read_result(folder), arguments.at) for folder in arguments.folders}
-    print_result(figures_document(figures, arguments.at), arguments)
-    return 0
+    _refuse_twice(folders, "DIR")
+    found = {str(folder): figures_of(read_result(folder), at) for folder in folders}
+    print_document(figures_document(found, at), as_json=json)
 
 
-def _add_effect(tasks: Any) -> None:
-    """Add the task ``effect``, which compares two scenarios."""
-    parser = tasks.add_parser(
-        "effect",
-        help="effect of calibrated robots on decision time, accuracy and consensus",
-        description="Compare two presets or scenario files on the same floors, for three strategies; paired by run, "
-        "and repeated on other seeds.",
-        epilog="example:\n  vibroswarm calibrate effect paper calibrated --runs 1000",
-    )
-    parser.add_argument(
-        "first", metavar="FIRST", nargs="?", default="paper", help="preset or file (default paper)"
-    )
-    parser.add_argument(
-        "second",
-        metavar="SECOND",
-        nargs="?",
-        default="calibrated",
-        help="preset or file (default calibrated)",
-    )
-    parser.add_argument(
-        "--runs",
-        metavar="N",
-        type=between(whole, 2, 100_000),
-        default=1000,
-        help="runs of each scenario and seed (default 1000)",
-    )
-    parser.add_argument(
-        "--seed",
-        metavar="S",
-        type=between(whole, 0, 2**62),
-        default=1,
-        help="first of two seeds (default 1)",
-    )
-    add_settings(parser, "set a field of both scenarios")
-    add_json(parser)
-    parser.set_defaults(run=run_effect)
+def effect(
+    first: Annotated[str, Option("preset or file (default paper)", "FIRST")] = "paper",
+    second: Annotated[str, Option("preset or file (default calibrated)", "SECOND")] = "calibrated",
+    /,
+    *,
+    runs: Annotated[int, Option("runs of each scenario and seed", low=2, high=100_000)] = 1000,
+    seed: Annotated[int, Option("first of two seeds", "S", low=0, high=2**62)] = 1,
+    settings: Annotated[
+        Sequence[str],
+        Option("set a field of both scenarios; may be repeated", "FIELD=VALUE", name="--set"),
+    ] = (),
+    json: Json = False,
+) -> None:
+    """Compare two presets or scenario files on the same floors, for three strategies.
 
+    Paired by run, and repeated on other seeds.
 
-def run_effect(arguments: argparse.Namespace) -> int:
-    """Simulate both scenarios under each strategy and print the comparison; return the exit code."""
+    example:
+      vibroswarm calibrate effect paper calibrated --runs 1000
+    """
     from vibroswarm.calibrate.effect import effects
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.cli.scenario_options import scenario_named
     from vibroswarm.documents.effect import effect_document
 
-    first, second = (scenario_of(name, arguments.settings) for name in (arguments.first, arguments.second))
-    results = effects(first, second, arguments.runs, arguments.seed, progress=share_done("runs"))
-    names = (arguments.first, arguments.second)
-    print_result(effect_document(results, names, (first, second)), arguments)
-    return 0
+    scenarios = (scenario_named(first, settings), scenario_named(second, settings))
+    with progress_bar("runs") as progress:
+        results = effects(*scenarios, runs, seed, progress=progress)
+    print_document(effect_document(results, (first, second), scenarios), as_json=json)
 
 
-def _add_bursts(tasks: Any) -> None:
-    """Add the task ``bursts``, which fits models of message loss."""
-    parser = tasks.add_parser(
-        "bursts",
-        help="whether robots lose messages in bursts, and the network 'bursts' fitted to that",
-        description="Fit independent losses and bursts (Gilbert-Elliott, by receiver) to the counts of received "
-        "messages in recordings, and compare the gaps that both expect with those found. Takes about half a minute "
-        "for an hour of five robots.",
-        epilog=BURSTS_EPILOG,
-    )
-    parser.add_argument(
-        "folders", metavar="REAL", type=Path, nargs="+", help="folders of recordings (lab import)"
-    )
-    parser.add_argument(
-        "--errors",
-        action="store_true",
-        help="also standard errors, by leaving out one receiver at a time (minutes)",
-    )
-    add_json(parser)
-    parser.set_defaults(run=run_bursts)
+def bursts(
+    *folders: Recordings,
+    errors: Annotated[
+        bool, Option("also standard errors, by leaving out one receiver at a time (minutes)")
+    ] = False,
+    json: Json = False,
+) -> None:
+    """Fit independent losses and bursts (Gilbert-Elliott, by receiver) to counts of received messages in recordings.
 
+    Compares the gaps that both expect with those found. Takes about half a minute for an hour of five robots.
 
-def run_bursts(arguments: argparse.Namespace) -> int:
-    """Fit both models of message loss to recordings, and print them with the expected and the recorded gaps.
-
-    The models are independent losses and losses in bursts (Gilbert-Elliott). The size of a gap is the number of
-    messages that a receiver lost in successive windows, each of which has losses. Returns the exit code.
-
-    Raises:
-        InputError: no robot has counts of received messages, no message is lost, or ``--errors`` is given for one
-            receiver.
+    example:
+      vibroswarm calibrate bursts lab --errors
     """
     from vibroswarm.calibrate import message_loss
+    from vibroswarm.cli.progress import progress_bar
     from vibroswarm.documents.message_loss import message_loss_document
 
-    # One entry for each receiver: the intervals (windows) between its own samples, and how many messages were sent to
-    # it and received by it in each.
-    windows = [one for folder in arguments.folders for one in message_loss.windows_of(read_result(folder))]
-    if not windows:
-        raise InputError("no received messages are counted", field=", ".join(map(str, arguments.folders)))
-    if all(message_loss.lost_for_good(one).sum() == 0 for one in windows):
-        raise InputError(
-            "no message is lost; there is nothing to fit", field=", ".join(map(str, arguments.folders))
-        )
-    if arguments.errors and len(windows) < 2:
-        raise InputError("needs the counts of at least two receivers; leave it out", field="--errors")
-    found = message_loss.compare_models(windows, errors=arguments.errors)
-    print_result(message_loss_document(found), arguments)
-    return 0
+    windows = [one for folder in folders for one in message_loss.windows_of(read_result(folder))]
+    message_loss.check_windows(windows, ", ".join(map(str, folders)), errors=errors)
+    with progress_bar("fitting"):
+        found = message_loss.compare_models(windows, errors=errors)
+    print_document(message_loss_document(found), as_json=json)
+
+
+CANDIDATES = 4000
+"""Default of ``--candidates``: that of ``fit_avoidance``, which takes long to import; a test compares them."""
+
+
+def fit(
+    *folders: Recordings,
+    out: TomlFile = None,
+    force: Force = False,
+    base: Annotated[str, Option("preset or scenario file with the robots' settings")] = "paper-empirical",
+    settings: Annotated[
+        Sequence[str], Option("set a field of the base; may be repeated", "FIELD=VALUE", name="--set")
+    ] = (),
+    folds: Annotated[bool, Option("hold out each session in turn and validate the fit on it")] = False,
+    against: Annotated[
+        Path | None, Option("with --folds: folder with sessions of another simulator", "SIM")
+    ] = None,
+    candidates: Annotated[int, Option("runs for fitting avoidance", low=200, high=200_000)] = CANDIDATES,
+    json: Json = False,
+) -> None:
+    """Fit the robots (speeds, veer, avoidance, sensing, losses) to recordings.
+
+    Their programmed settings (sampling interval, leg times, decisions) come from --base.
+
+    examples:
+      vibroswarm calibrate fit lab --out mine.toml
+      vibroswarm calibrate fit lab --folds --against authors
+    """
+    import sys
+
+    from vibroswarm.calibrate.cross_validation import folds as validated
+    from vibroswarm.calibrate.dataset import dataset_of
+    from vibroswarm.calibrate.fit import contradictions
+    from vibroswarm.calibrate.fit import fit as fitted_to
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.cli.scenario_options import scenario_named
+    from vibroswarm.core.atomic_io import check_free, whole_file
+    from vibroswarm.documents.fit import fit_document
+
+    if out is None and force:
+        raise InputError("has no effect without --out FILE", field="--force")
+    if out is not None and not force:
+        check_free(out)  # now, since the fit takes long
+    scenario = scenario_named(base, settings)
+    results = [read_result(folder) for folder in folders]
+    for sentence in contradictions(results, scenario):
+        print(f"Warning: {sentence}", file=sys.stderr)
+    dataset = dataset_of(results)
+    # the sessions of another simulator, whose similarity to the held-out sessions is printed beside that of the fit
+    other = None if against is None else dataset_of([read_result(against)])
+    with progress_bar("fit") as progress:
+        fitted = fitted_to(dataset, scenario, candidates=candidates, progress=progress)
+    judged = []
+    if folds:
+        with progress_bar("folds") as progress:
+            judged = validated(dataset, scenario, other, candidates=candidates, progress=progress)
+    if out is not None:
+        with whole_file(out, replace=force) as part:
+            part.write_text(fitted.scenario.to_toml(), encoding="utf-8")
+    print_document(fit_document(fitted, judged), as_json=json)
+    if out is not None and not json:
+        print(f"\nSaved: {out}")

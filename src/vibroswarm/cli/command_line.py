@@ -17,6 +17,7 @@ A command is a function. Its positional-only parameters are the arguments of the
 | ``Literal["a", "b"]`` | one of these words |
 | ``tuple[int, ...]`` | values separated by commas |
 | ``Sequence[str]`` | an option that may be repeated |
+| ``list[Path]`` | an option with several values, separated by spaces |
 | a dataclass, such as ``Output`` | a group of options, one for each field; the parameter's name is the group's title |
 
 Without a default, an option is required. ``*files`` takes one or more arguments. The docstring is the help: its
@@ -53,7 +54,6 @@ class Option:
         low, high: bounds of a number. read: converts the text of a value, in the place of its type.
         name: the option, such as ``--set``, if it is not the parameter's name. short: a letter for it, such as ``-q``.
         names: returns the words that are known, for the help and for completion.
-        several: whether it takes several values, separated by spaces.
     """
 
     help: str
@@ -65,7 +65,6 @@ class Option:
     name: str = ""
     short: str = ""
     names: Callable[[], Iterable[str]] | None = None
-    several: bool = False
 
 
 class Parameter(NamedTuple):
@@ -194,21 +193,21 @@ def add_option(parser: argparse._ActionsContainer, parameter: Parameter) -> None
     if kind is bool:
         settings["action"] = "store_true"
     else:
-        several = get_origin(kind) is Sequence
-        item = get_args(kind)[0] if several else kind
+        origin = get_origin(kind)
+        item = get_args(kind)[0] if origin in (Sequence, list) else kind
         settings |= {"type": option.read or reader(item, option), "metavar": option.value or _value(item)}
         if get_origin(item) is Literal and option.names is None:
             option = dataclasses.replace(option, names=lambda: get_args(item))
-        if several:
+        if origin is Sequence:
             settings["action"], default = "append", list(default)
+        elif origin is list:
+            settings["nargs"] = "+"
     if place is not inspect.Parameter.KEYWORD_ONLY:
         nargs = "+" if place is inspect.Parameter.VAR_POSITIONAL else "?" if default is not MISSING else None
         action = parser.add_argument(
             name, nargs=nargs, default=None if default is MISSING else default, **settings
         )
     else:
-        if option.several:
-            settings |= {"nargs": "+", "action": "store"}
         named = option.name or f"--{name.replace('_', '-')}"
         action = parser.add_argument(
             *filter(None, (option.short, named)),

@@ -37,127 +37,75 @@ class Command(NamedTuple):
 
     def parser(self) -> Parser:
         """Return the parser of its options; a command with tasks lists them at the end of its help."""
-        function = self.function()
-        if function.__name__.lstrip("_").startswith("add_"):
-            return _older_parser(self, function)
-        parser = parser_of(f"{PROGRAM} {self.words}", function, COMMON)
+        parser = parser_of(f"{PROGRAM} {self.words}", self.function(), COMMON)
         if tasks := tasks_of(self.words):
             parser.epilog = "\n\n".join(filter(None, (parser.epilog, f"tasks:\n{listed(tasks)}")))
         return parser
 
 
-def _older_parser(command: Command, add: Callable[..., Any]) -> Parser:
-    """Return the parser of a command that adds its options itself."""
-    from vibroswarm.cli.command_line import add_group
-
-    class Commands:
-        parser: Parser
-
-        def add_parser(self, name: str, *, help: str = "", **settings: Any) -> Parser:
-            self.parser = Parser(f"{PROGRAM} {command.words}", **{"description": help} | settings)
-            return self.parser
-
-    commands = Commands()
-    add(commands)
-    for title, kind in COMMON.items():
-        add_group(commands.parser, title, kind)
-    return commands.parser
-
-
 GROUPS: Final[dict[str, tuple[Command, ...]]] = {
     "simulate": (
         Command("run", "run one inspection and print its verdict", "run:run"),
-        Command("evaluate", "run a scenario many times, or several side by side", "evaluate:add_parser"),
-        Command("sweep", "run a study: many runs of a scenario with varied fields", "sweep:add_parser"),
-        Command("merge", "join the shards of a study", "merge:add_parser"),
+        Command(
+            "evaluate", "run a scenario or a study many times, or several side by side", "evaluate:evaluate"
+        ),
+        Command("evaluate merge", "join the shards of a study", "evaluate:merge"),
+        Command("evaluate tradeoff", "decision time against error, over p_c and O_c", "tradeoff:tradeoff"),
     ),
     "compare and search": (
         Command(
             "league",
             "compare strategies on equal terms: time at equal error, error at equal time",
-            "league:add_parser",
+            "league:league",
         ),
+        Command("league tune", "find settings for the strategies: time against error", "league:tune"),
         Command(
-            "tune",
-            "find settings for the strategies of a league, with equal numbers of runs",
-            "tune:add_parser",
+            "detect", "how many robots and how much time for few misses and false alarms", "detect:detect"
         ),
-        Command(
-            "detect",
-            "how many robots and how much time for few misses and false alarms",
-            "detect:add_parser",
-        ),
-        Command("tradeoff", "decision time against error, over p_c and O_c", "tradeoff:tradeoff"),
-        Command("optimize", "search for good parameters; compare parameters", "optimize:add_parser"),
+        Command("optimize", "search for good parameters; compare parameters", "optimize:optimize"),
+        Command("optimize compare", "score two scenarios on the same fresh runs", "optimize:compare"),
+        Command("optimize sensitivity", "find which fields matter (Sobol indices)", "optimize:sensitivity"),
     ),
     "the paper": (
         Command(
             "reproduce",
             "recompute the paper's figures and tables, with a verdict on each claim",
-            "reproduce:add_parser",
+            "reproduce:reproduce",
         ),
     ),
     "real robots": (
         Command("lab", "import recordings of real robots, replay and measure them", ""),
         Command(
-            "lab import",
-            "import logs of sessions into a folder that can be read as a result",
-            "lab:_add_import",
+            "lab import", "import logs of sessions into a folder that is read as a result", "lab:import_logs"
         ),
         Command(
-            "lab export",
-            "write a result as a log of the robots or of the simulator, or as CSV",
-            "lab:_add_export",
+            "lab export", "write a result as a log of the robots or the simulator, or as CSV", "lab:export"
         ),
         Command(
-            "lab replay",
-            "what each strategy would have decided on a recording's own observations",
-            "lab_replay:add_parser",
+            "lab replay", "what each strategy would have decided on a recording's readings", "lab:replay"
         ),
-        Command(
-            "lab threshold",
-            "estimate theta_E from recordings on a known floor, and whether the floor is decidable with it",
-            "lab_threshold:add_parser",
-        ),
-        Command(
-            "lab track",
-            "track robots with ArUco markers in the video of an overhead camera",
-            "lab_track:add_parser",
-        ),
+        Command("lab threshold", "estimate theta_E from recordings on a known floor", "lab:threshold"),
+        Command("lab track", "track robots with ArUco markers in the video of a camera", "lab_track:track"),
         Command("calibrate", "compare a simulation with recordings, and fit it to them", ""),
+        Command("calibrate compare", "how similar recordings and simulations are", "calibrate:compare"),
+        Command("calibrate figures", "how robots drive, avoid, spread and read", "calibrate:figures"),
+        Command("calibrate fit", "fit a scenario to recordings, and validate it", "calibrate:fit"),
         Command(
-            "calibrate compare",
-            "the paper's six similarities with their null values, and measures that discriminate",
-            "calibrate_compare:add_parser",
+            "calibrate effect", "effect of calibrated robots on time, accuracy, consensus", "calibrate:effect"
         ),
-        Command(
-            "calibrate figures",
-            "how robots drive, avoid, spread and read, side by side with a simulation",
-            "calibrate:_add_figures",
-        ),
-        Command(
-            "calibrate fit",
-            "fit a scenario to recordings, and validate it on held-out sessions",
-            "calibrate_fit:add_parser",
-        ),
-        Command(
-            "calibrate effect",
-            "effect of calibrated robots on decision time, accuracy and consensus",
-            "calibrate:_add_effect",
-        ),
-        Command(
-            "calibrate bursts",
-            "whether robots lose messages in bursts, and the network 'bursts' fitted to that",
-            "calibrate:_add_bursts",
-        ),
+        Command("calibrate bursts", "whether robots lose messages in bursts", "calibrate:bursts"),
     ),
     "results": (
-        Command(
-            "show",
-            "show the state and the results of a folder or file that a command has written",
-            "show:add_parser",
-        ),
+        Command("show", "show state and results of a folder or file that a command has written", "show:show"),
         Command("view", "show a run in three dimensions, in a browser on this machine", "view:view"),
+    ),
+    "names": (
+        Command("strategies", "list strategies, with one line each", "known:strategies"),
+        Command("networks", "list networks", "known:networks"),
+        Command("sensors", "list sensors", "known:sensors"),
+        Command("motions", "list sources of motion", "known:motions"),
+        Command("tasks", "list tasks", "known:tasks"),
+        Command("presets", "list presets", "known:presets"),
     ),
     "scenarios, floors, code of your own, robots": (
         Command("scenario", "write a scenario as TOML, with every field", "scenario:scenario"),
@@ -173,12 +121,23 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
     ),
     "this program": (
         Command(
-            "completion",
-            "print a script that completes commands and options in bash, zsh or fish",
-            "completion:completion",
+            "completion", "print a script that completes words in bash, zsh or fish", "completion:completion"
         ),
     ),
 }
+RENAMED: Final = {
+    "sweep": "evaluate STUDY.toml",
+    "merge": "evaluate merge",
+    "tradeoff": "evaluate tradeoff",
+    "tune": "league tune",
+}
+"""Older words of commands, and the words in their place."""
+RENAMED_OPTIONS: Final = {
+    ("optimize", "--check"): "vibroswarm optimize compare FIRST SECOND",
+    ("optimize", "--against"): "vibroswarm optimize compare FIRST SECOND",
+    ("optimize", "--sensitivity"): "vibroswarm optimize sensitivity",
+}
+"""Older options of a command, and what is in their place."""
 COMMANDS: Final = {command.words: command for group in GROUPS.values() for command in group}
 
 
@@ -236,6 +195,8 @@ def found(words: Sequence[str]) -> tuple[Command, list[str]]:
         if command is not None:
             break
     else:
+        if words[0] in RENAMED:
+            raise InputError(f"'{PROGRAM} {words[0]}' is now '{PROGRAM} {RENAMED[words[0]]}'")
         known = [name for name in COMMANDS if " " not in name]
         raise InputError(
             f"unknown command{nearest(words[0], known)}; '{PROGRAM} --help' lists all", field=words[0]
@@ -260,6 +221,11 @@ def parsed(words: Sequence[str], before: Sequence[str] = ()) -> tuple[Command, a
         SystemExit: help was requested, and printed.
     """
     command, rest = found(words)
+    for word in rest:
+        option = word.partition("=")[0]
+        new = RENAMED_OPTIONS.get((command.words, option))
+        if new is not None:
+            raise InputError(f"'{command.words} {option}' is now '{new}'")
     if command.place:
         return command, command.parser().parse_args([*before, *rest])
     task_parser(command).parse_args([*rest, "--help"])
@@ -268,8 +234,6 @@ def parsed(words: Sequence[str], before: Sequence[str] = ()) -> tuple[Command, a
 
 def call(command: Command, values: argparse.Namespace) -> int:
     """Call a command with its parsed options; return the exit code."""
-    if callable(getattr(values, "run", None)):
-        return int(values.run(values))
     call = bound(command.function(), vars(values))
     return int(command.function()(*call.args, **call.kwargs) or 0)
 

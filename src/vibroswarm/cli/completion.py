@@ -42,11 +42,8 @@ def tree() -> argparse.ArgumentParser:
         if parent not in below:
             below[parent] = parsers[parent].add_subparsers(metavar="COMMAND", parser_class=Parser)
         parser = parsers[words] = below[parent].add_parser(name, help=command.does)
-        function = command.function() if command.place else None
-        if function is not None and not function.__name__.lstrip("_").startswith("add_"):
-            fill(parser, function, COMMON)
-        elif function is not None:  # it adds its options itself
-            parser = parsers[words] = below[parent]._name_parser_map[name] = command.parser()
+        if command.place:
+            fill(parser, command.function(), COMMON)
         parser.description = command.does
         for action in parser._actions:
             _complete(action)

@@ -20,20 +20,31 @@ PICTURES: Final = "pictures"
 """Name of the folder of pictures in a folder of results."""
 
 
-def deliver(document: Document, arguments: Any, command: str, saved: str, work: str = "") -> None:
+def deliver(document: Document, output: Any, command: str, work: str = "") -> None:
     """Save a document in the folder of ``--out``, if it is given; then print it, and say where it is.
 
+    With ``--pictures`` its pictures are files too, with ``--no-pictures`` its page has none.
+
     Args:
-        arguments: those of the command, with ``out``. With ``open``, the page is opened.
-        command: the words of the command, such as "league". saved: what else is in the folder, in words.
+        output: options such as ``Paged`` or ``Drawn``. command: the words of the command, such as "league".
         work: hash of the command's settings, by which ``out_folder.refuse_other`` knows the folder again.
     """
-    if arguments.out is not None:
-        save(document, arguments.out, command, work)
-    print_result(document, arguments)
-    if not getattr(arguments, "json", False):
+    if output.out is not None:
+        save_with_pictures(document, output, output.out, command, work)
+    print_result(document, output)
+    if not getattr(output, "json", False):
         print_line()
-    print_saved(arguments, saved, REPORT)
+    print_saved(output, REPORT)
+
+
+def save_with_pictures(document: Document, output: Any, folder: Path, command: str, work: str = "") -> None:
+    """Write the page of a document, the document, and its pictures as the options say, into a folder."""
+    from vibroswarm.show.document import without_pictures
+
+    no_pictures = getattr(output, "no_pictures", False)
+    save(without_pictures(document) if no_pictures else document, folder, command, work)
+    if hasattr(output, "pictures"):
+        save_requested_pictures(document, output, folder)
 
 
 def save(
@@ -70,11 +81,11 @@ def save_requested_pictures(
     Args:
         arguments: with ``out``, where earlier pictures are. folder: the folder of results, or its replacement.
     """
-    from vibroswarm.cli.options import wants_picture_files
     from vibroswarm.core.atomic_io import remove_folder
     from vibroswarm.show.figures import CAPTIONS
 
-    if wants_picture_files(arguments, f"{PICTURES}/{CAPTIONS}"):
+    earlier = (arguments.out / PICTURES / CAPTIONS).is_file()
+    if arguments.pictures or (earlier and not arguments.no_pictures):
         save_pictures(document, folder, getattr(arguments, "style", "column"), progress)
     elif (folder / PICTURES / CAPTIONS).is_file():
         remove_folder(folder / PICTURES)
@@ -95,8 +106,3 @@ def print_document(document: Document, *, as_json: bool = False) -> None:
     from vibroswarm.show.terminal import print_document as print_in
 
     print_in(document, sys.stdout, terminal.width(), wide=terminal.printing.wide)
-
-
-def print_in_terminal(document: Document) -> None:
-    """Print a document as text."""
-    print_document(document)

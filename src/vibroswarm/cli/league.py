@@ -6,22 +6,22 @@ wrong robots, where an undecided robot counts as if it had decided for the answe
 
 from __future__ import annotations
 
-import argparse
-from dataclasses import replace
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.options import (
-    add_execution_options,
-    add_json,
-    add_out,
-    add_scenario_options,
-    add_seed,
-    list_of,
-    real,
-    whole,
+    Execution,
+    Force,
+    Paged,
+    ScenarioBase,
+    Seed,
+    SeveralSizes,
+    SeveralStrategies,
 )
-from vibroswarm.cli.output import add_open
 from vibroswarm.errors import InputError, check_choice
 
 if TYPE_CHECKING:
@@ -31,173 +31,157 @@ if TYPE_CHECKING:
     from vibroswarm.league.standings import League, Standings
     from vibroswarm.scenario.scenario import Scenario
 
-EPILOG = """\
-examples:
-  vibroswarm league --runs 1000
-  vibroswarm league --strategy none,soft --vary none:decision.credible_threshold=0.8,0.9,0.95 --out out/league
-  vibroswarm league --strategy soft,totals,mine.py:mine --settings frozen.toml --robots 5,10,20
-  vibroswarm league --own-motion --runs 300 --out out/own-motion
-"""
+
+@dataclass(kw_only=True)
+class Players(ScenarioBase, SeveralSizes, SeveralStrategies):
+    """Strategies, swarms and floors that play, and the scenario that they have in common."""
+
+    seed: Seed = 1
+    patterns: Annotated[tuple[str, ...] | None, Option("patterns of floors (default: the paper's five)")] = (
+        None
+    )
+    fills: Annotated[
+        tuple[float, ...] | None,
+        Option("fill ratios below 0.5; each also mirrored (default 0.46,0.48)", "F,..."),
+    ] = None
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command ``league`` and its options to the program's commands."""
-    parser = commands.add_parser(
-        "league",
-        help="compare strategies on equal terms: time at equal error, error at equal time",
-        description="Compare strategies on the same floors, motion, readings and radio, with what each costs to send. "
-        "An undecided robot that leans to the wrong side at the end counts as wrong (forced error).",
-        epilog=EPILOG,
-    )
-    group = add_league_options(parser, runs=1000)
-    group.add_argument(
-        "--settings",
-        dest="entry_settings",
-        metavar="FILE",
-        type=Path,
-        help="fields that each strategy sets, in TOML (default: those found by 'vibroswarm tune')",
-    )
-    group.add_argument(
-        "--untuned", action="store_true", help="use the scenario's settings and each strategy's defaults"
-    )
-    group.add_argument(
-        "--own-motion",
-        action="store_true",
-        help="each strategy moves as suits it: use the settings that were found with motion",
-    )
-    group.add_argument(
-        "--vary",
-        metavar="[STRATEGY:]FIELD=A,B,...",
-        action="append",
-        default=[],
-        help="one entry for each value, of one strategy or of all; may be repeated",
-    )
-    group.add_argument(
-        "--belief-runs",
-        metavar="N",
-        type=whole,
-        default=100,
-        help="motions on which beliefs are compared with outcomes; 0: none (default 100)",
-    )
-    group.add_argument(
-        "--faults",
-        metavar="KIND,...",
-        type=list_of(),
-        help="kinds of faults that each strategy is tested with (default: stuck_at_1,opposite,radio_dead,stopped)",
-    )
-    group.add_argument(
-        "--fault-runs",
-        metavar="N",
-        type=whole,
-        default=100,
-        help="runs per fault, number of faulty robots and floor; 0: none (default 100)",
-    )
-    group.add_argument(
-        "--reference", metavar="NAME", help="entry that others are compared with (default: the first)"
-    )
-    add_json(group)
-    add_out(group, "save runs, tables and report here, or resume", force=True)
-    add_open(group)
-    # After Ctrl-C, the work saved in the folder --out can be resumed.
-    parser.set_defaults(run=run, resumes="folder")
+@dataclass(kw_only=True)
+class Entries:
+    """With which settings strategies play."""
+
+    settings_file: Annotated[
+        Path | None,
+        Option(
+            "fields that each strategy sets, in TOML (default: those found by 'vibroswarm league tune')",
+            name="--settings",
+        ),
+    ] = None
+    untuned: Annotated[bool, Option("use the scenario's settings and each strategy's defaults")] = False
+    own_motion: Annotated[
+        bool, Option("each strategy moves as suits it: use the settings that were found with motion")
+    ] = False
+    vary: Annotated[
+        Sequence[str],
+        Option(
+            "one entry for each value, of one strategy or of all; may be repeated", "[STRATEGY:]FIELD=A,B,..."
+        ),
+    ] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse options that exclude each other."""
+        if self.own_motion and (self.untuned or self.settings_file is not None):
+            raise InputError("conflicts with --untuned and --settings; use one of them", field="--own-motion")
+        if self.untuned and self.settings_file is not None:
+            raise InputError("conflicts with --settings; use one of them", field="--untuned")
 
 
-def add_league_options(parser: argparse.ArgumentParser, *, runs: int) -> argparse._ArgumentGroup:
-    """Add the options that ``league`` and ``tune`` share: strategies, floors, swarm sizes and runs.
+@dataclass(kw_only=True)
+class Tests:
+    """What is tested besides the league itself."""
 
-    Args:
-        runs: default of ``--runs``.
-    Returns:
-        The group of options "league".
-    """
-    # --robots takes a list here: the swarm sizes.
-    add_seed(add_scenario_options(parser, robots=list_of(whole)))
-    group = parser.add_argument_group("league")
-    group.add_argument(
-        "--patterns", metavar="NAME,...", type=list_of(), help="of floors (default: the paper's five)"
-    )
-    group.add_argument(
-        "--fills",
-        metavar="F,...",
-        type=list_of(real),
-        help="fill ratios below 0.5; each also mirrored (default 0.46,0.48)",
-    )
-    group.add_argument(
-        "--runs", metavar="N", type=whole, default=runs, help=f"runs per floor and size (default {runs})"
-    )
-    add_execution_options(parser)
-    return group
+    belief_runs: Annotated[
+        int, Option("motions on which beliefs are compared with outcomes; 0: none (default 100)", low=0)
+    ] = 100
+    faults: Annotated[
+        tuple[str, ...] | None,
+        Option(
+            "kinds of faults that each strategy is tested with (default: stuck_at_1,opposite,radio_dead,stopped)",
+            "KIND,...",
+        ),
+    ] = None
+    fault_runs: Annotated[
+        int, Option("runs per fault, number of faulty robots and floor; 0: none (default 100)", low=0)
+    ] = 100
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Simulate every strategy on every floor with every swarm size; print and save the tables.
+def league(
+    *,
+    runs: Annotated[int, Option("runs per floor and size")] = 1000,
+    reference: Annotated[
+        str | None, Option("entry that others are compared with (default: the first)")
+    ] = None,
+    scenario: Players,
+    entries: Entries,
+    tests: Tests,
+    execution: Execution,
+    output: Paged,
+) -> None:
+    """Compare strategies on the same floors, motion, readings and radio, with what each costs to send.
 
-    Returns the exit code.
+    An undecided robot that leans to the wrong side at the end counts as wrong (forced error).
+
+    examples:
+      vibroswarm league --runs 1000
+      vibroswarm league --strategy none,soft --vary none:decision.credible_threshold=0.8,0.9,0.95 --out out/league
+      vibroswarm league --strategy soft,totals,mine.py:mine --settings frozen.toml --robots 5,10,20
+      vibroswarm league --own-motion --runs 300 --out out/own-motion
     """
     from vibroswarm.cli.deliver import deliver
     from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.output import check_open
     from vibroswarm.cli.progress import study_progress
+    from vibroswarm.cli.studies import print_plan
     from vibroswarm.core.atomic_io import write_files
     from vibroswarm.core.tables import csv_bytes
     from vibroswarm.documents.league import league_document
-    from vibroswarm.league.entries import main_entries
-    from vibroswarm.scenario.fault_fields import FAULTS
     from vibroswarm.study.store import Store
 
-    check_open(arguments)
-    league, basic_entries = league_from(arguments)
+    made, basic_entries = league_of(scenario, entries, runs)
+    _check(made, reference, tests)
+    study = made.study  # refuses a floor on which no decision is right, before `--force` removes the folder
+    # `Store.existing` refuses a folder that holds anything but runs of this league.
+    claim(output, lambda folder: Store.existing(folder, study))
+    print_plan(
+        study, output.out, None, tests=len(basic_entries) * bool(tests.belief_runs or tests.fault_runs)
+    )
+    with study_progress("simulating") as progress:
+        standings = made.play(output.out, progress=progress, **execution.how)
+    tables = _tables_of(
+        standings, replace(made, entries=basic_entries), reference, tests, execution, output.out
+    )
+    if output.out is not None:
+        write_files(output.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
+    deliver(league_document(standings, tables), output, "league")
+
+
+def _check(league: League, reference: str | None, tests: Tests) -> None:
+    """Refuse options that do not fit a league, before anything is simulated."""
+    from vibroswarm.league.entries import main_entries
+    from vibroswarm.scenario.fault_fields import FAULTS
+
     main = main_entries(league.entries)
-    known_names = [*dict.fromkeys(name for one in main for name in (one.label, one.strategy))]
-    if arguments.reference is not None and arguments.reference not in known_names:
-        known = ", ".join(f"'{name}'" for name in known_names)
-        raise InputError(f"'{arguments.reference}' is not an entry (entries: {known})", field="--reference")
-    for kind in arguments.faults or ():  # refuse an unknown kind now, before anything is simulated
+    known = [*dict.fromkeys(name for one in main for name in (one.label, one.strategy))]
+    if reference is not None and reference not in known:
+        listed = ", ".join(f"'{name}'" for name in known)
+        raise InputError(f"'{reference}' is not an entry (entries: {listed})", field="--reference")
+    for kind in tests.faults or ():
         check_choice(kind, "--faults", FAULTS)
     # Without --faults, a league with swarms of one robot is accepted: its table of faults is empty.
-    if arguments.faults and arguments.fault_runs and min(league.robots) == 1:
+    if tests.faults and tests.fault_runs and min(league.robots) == 1:
         raise InputError(
             "needs swarms of at least 2 robots, one of which works; see --robots", field="--faults"
         )
-    for option, runs in (("--belief-runs", arguments.belief_runs), ("--fault-runs", arguments.fault_runs)):
-        if runs < 0:
-            raise InputError(f"{runs} is negative; give 0 or more", field=option)
-    if (arguments.belief_runs or arguments.fault_runs) and league.boundaries != {0.5}:
+    if (tests.belief_runs or tests.fault_runs) and league.boundaries != {0.5}:
         raise InputError(
             "must be 0.5 to compare beliefs and faults; add --belief-runs 0 --fault-runs 0",
             field="decision.decision_boundary",
         )
-    _ = league.study  # refuses a floor on which no decision is right, before `--force` removes the folder
-    # `Store.existing` refuses a folder that holds anything but runs of this league.
-    claim(arguments, lambda folder: Store.existing(folder, league.study))
-    with study_progress("simulating") as progress:
-        standings = league.play(
-            arguments.out,
-            progress=progress,
-            mixed=arguments.mixed,
-            workers=arguments.workers,
-            executor=arguments.executor,
-        )
-    tables = _tables_of(arguments, league, basic_entries, standings)
-    if arguments.out is not None:
-        write_files(arguments.out, {f"{name}.csv": csv_bytes(table) for name, table in tables.items()})
-    document = league_document(standings, tables)
-    deliver(document, arguments, "league", "tables (CSV), the runs (shards) and a report")
-    return 0
 
 
 def _tables_of(
-    arguments: argparse.Namespace, league: League, basic_entries: tuple[Entry, ...], standings: Standings
+    standings: Standings,
+    basic: League,
+    reference: str | None,
+    tests: Tests,
+    execution: Execution,
+    out: Path | None,
 ) -> dict[str, pl.DataFrame]:
     """Return the tables of a league by name, which ``--out`` saves as CSV.
 
-    The tables "beliefs" and "faults" need simulations of their own. They are run here, unless ``--belief-runs`` or
-    ``--fault-runs`` is 0; the table is then missing.
+    The tables "beliefs" and "faults" need simulations of their own; each is missing if none of its runs are wanted.
 
     Args:
-        basic_entries: the entries of these two tables: one for each strategy, without the further entries of
-            the league.
-        standings: the finished league.
+        basic: the league with the entries of these two tables: one for each strategy.
     """
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.league.belief_calibration import BELIEFS, belief_calibration
@@ -205,72 +189,55 @@ def _tables_of(
     from vibroswarm.league.fault_curves import KINDS, fault_curves
     from vibroswarm.league.tables import league_tables
 
-    out: Path | None = arguments.out
-    tables = league_tables(standings, arguments.reference)
-    if arguments.belief_runs:
+    how: dict[str, Any] = {"workers": execution.workers, "executor": execution.executor}
+    tables = league_tables(standings, reference)
+    if tests.belief_runs:
+        folder = None if out is None else out / BELIEFS
         with study_progress("comparing beliefs") as progress:
             tables["beliefs"] = belief_calibration(
-                replace(league, entries=basic_entries),
-                None if out is None else out / BELIEFS,
-                runs=arguments.belief_runs,
-                progress=progress,
-                workers=arguments.workers,
-                executor=arguments.executor,
+                basic, folder, runs=tests.belief_runs, progress=progress, **how
             )
-    if arguments.fault_runs:
+    if tests.fault_runs:
+        folder = None if out is None else out / FAULTS_FOLDER
+        kinds = tests.faults or KINDS
         with study_progress("with faulty robots") as progress:
             tables["faults"] = fault_curves(
-                replace(league, entries=basic_entries),
-                None if out is None else out / FAULTS_FOLDER,
-                kinds=arguments.faults or KINDS,
-                runs=arguments.fault_runs,
-                progress=progress,
-                workers=arguments.workers,
-                executor=arguments.executor,
+                basic, folder, kinds=kinds, runs=tests.fault_runs, progress=progress, **how
             )
     return tables
 
 
-def league_from(arguments: argparse.Namespace) -> tuple[League, tuple[Entry, ...]]:
+def league_of(players: Players, options: Entries, runs: int) -> tuple[League, tuple[Entry, ...]]:
     """Return the league that the options describe, and its basic entries: one for each strategy.
 
     The league has further entries: settings for several forced errors, and those of ``--vary``.
 
     Raises:
-        InputError: options conflict, or a strategy or setting is unknown.
+        InputError: a strategy or setting is unknown.
     """
     from vibroswarm.league.entries import entries_of, frozen_settings, main_entries, read_settings
     from vibroswarm.league.standings import League
 
-    names, base, floors, robots = players_from(arguments)
-    if arguments.own_motion and (arguments.untuned or arguments.entry_settings is not None):
-        raise InputError("conflicts with --untuned and --settings; use one of them", field="--own-motion")
+    names, base, floors, robots = players_of(players)
     # `settings` has the fields that each strategy sets, by strategy.
-    if arguments.untuned:
-        if arguments.entry_settings is not None:
-            raise InputError("conflicts with --settings; use one of them", field="--untuned")
+    settings: Any
+    if options.untuned:
         settings = {}  # no fields are set: entries have the scenario's settings, or else their strategies' defaults
-    elif arguments.entry_settings is not None:
-        settings = read_settings(arguments.entry_settings)
+    elif options.settings_file is not None:
+        settings = read_settings(options.settings_file)
     else:
-        settings = frozen_settings(arguments.own_motion)
+        settings = frozen_settings(options.own_motion)
     entries = entries_of(names, settings)
     basic_entries = main_entries(entries)
-    for text in arguments.vary:
+    for text in options.vary:
         entries = _varied(entries, text)
-    league = League(base, entries, floors, robots, runs=arguments.runs, seed=arguments.seed)
-    return league, basic_entries
+    return League(base, entries, floors, robots, runs=runs, seed=players.seed), basic_entries
 
 
-def players_from(
-    arguments: argparse.Namespace,
+def players_of(
+    players: Players,
 ) -> tuple[list[str], Scenario, tuple[LeagueFloor, ...], tuple[int, ...]]:
     """Return the names of strategies, the base scenario, the floors and the swarm sizes that the options describe.
-
-    A league varies the strategy and the swarm size, so these options hold lists. ``scenario_from`` takes single values;
-    therefore ``arguments.strategy`` and ``arguments.robots`` are set to None before it makes the base scenario.
-
-    Without ``--strategy``, the names are those of ``default_strategies``.
 
     Raises:
         InputError: ``--floor`` or ``--tiles`` is given, or the value of an option is wrong.
@@ -279,18 +246,12 @@ def players_from(
     from vibroswarm.league.entries import FILLS, PATTERNS, default_strategies, floors_of
 
     for option in ("floor", "tiles"):
-        if getattr(arguments, option) is not None:
+        if getattr(players, option) is not None:
             raise InputError("is not for a league; use --patterns and --fills", field=f"--{option}")
-    names = (
-        default_strategies()
-        if arguments.strategy is None
-        else [one.strip() for one in arguments.strategy.split(",")]
-    )
-    names = [chosen("strategy", name) for name in names]
-    robots = tuple(arguments.robots or (5, 10))
-    arguments.strategy = arguments.robots = None
-    floors = floors_of(arguments.patterns or PATTERNS, arguments.fills or FILLS)
-    return names, scenario_from(arguments), floors, robots
+    names = [chosen("strategy", name) for name in players.strategy or default_strategies()]
+    base = scenario_from(replace(players, strategy=None, robots=None))
+    floors = floors_of(players.patterns or PATTERNS, players.fills or FILLS)
+    return names, base, floors, players.robots or (5, 10)
 
 
 def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
@@ -318,3 +279,73 @@ def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
         # `parse_setting` returns the name and the value, converted to its type
         [parse_setting(f"{field}={value}")[1] for value in values.split(",")],
     )
+
+
+def tune(
+    *,
+    runs: Annotated[int, Option("runs of each setting, floor and size in the first round")] = 20,
+    points: Annotated[int, Option("settings tried for each tuned field of a strategy")] = 48,
+    own_motion: Annotated[
+        bool, Option("search the motion too, for 'vibroswarm league --own-motion'")
+    ] = False,
+    spaces: Annotated[
+        Path | None,
+        Option(
+            'bounds of the fields to search, in TOML: [voter] with "strategy.voter.phase_s" = { from = 5, to = 90 }'
+        ),
+    ] = None,
+    out: Annotated[Path | None, Option("write the settings here, for 'vibroswarm league --settings'")] = None,
+    force: Force = False,
+    scenario: Players,
+    execution: Execution,
+) -> None:
+    """Find settings for the strategies of a league: those that decide soonest at each of several forced errors.
+
+    The errors are the same for all strategies; in three rounds, each on fresh motion and floors. Until the file --out
+    is written, finished runs are saved in a folder beside it, and the same command resumes.
+
+    example:
+      vibroswarm league tune --strategy none,soft --out settings.toml
+      vibroswarm league --strategy none,soft --settings settings.toml --seed 2
+    """
+    from vibroswarm.cli.deliver import print_document
+    from vibroswarm.cli.interruption import folder_of_runs, saves_in
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.core.atomic_io import remove_folder, whole_file
+    from vibroswarm.documents.tune import tune_document
+    from vibroswarm.league.entries import read_settings
+    from vibroswarm.league.tuning import spaces as shipped_spaces
+    from vibroswarm.league.tuning import tune as tuned_by
+
+    names, base, floors, robots = players_of(scenario)
+    with ExitStack() as stack:
+        # The file is opened before the work, so that a name that cannot be written is refused at once.
+        file = None if out is None else stack.enter_context(whole_file(out, replace=force))
+        progress = stack.enter_context(progress_bar("tuning"))
+        runs_folder = None if out is None else folder_of_runs(out)
+        saves_in(runs_folder, resumes=True)
+        if runs_folder is not None and force and runs_folder.exists():
+            remove_folder(runs_folder)
+        tuned = tuned_by(
+            base,
+            names,
+            floors,
+            robots,
+            # the search spaces of the package, and those of the user's file in their place
+            space_of=shipped_spaces(own_motion) | (read_settings(spaces) if spaces else {}),
+            points=points,
+            runs=runs,
+            seed=scenario.seed,
+            progress=progress,
+            folder=runs_folder,
+            workers=execution.workers,
+            executor=execution.executor,
+        )
+        if file is not None:
+            file.write_text(tuned.to_toml(), encoding="utf-8", newline="\n")
+    # The file is complete, so the saved runs are no longer needed.
+    if runs_folder is not None and runs_folder.exists():
+        remove_folder(runs_folder)
+    print_document(tune_document(tuned))
+    if out is not None:
+        print(f"Saved: {out}")

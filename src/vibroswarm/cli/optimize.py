@@ -2,132 +2,81 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.options import (
-    add_execution_options,
-    add_json,
-    add_out,
-    add_pictures,
-    add_style,
-    whole,
-)
-from vibroswarm.cli.output import add_open, check_open
+from vibroswarm.cli.options import Drawn, Execution, Json
 from vibroswarm.cli.terminal import report
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
+    from vibroswarm.optimize.loop import Found
     from vibroswarm.optimize.spec import Search
     from vibroswarm.optimize.validation import Front, Truth
-    from vibroswarm.show.document import Document
 
-EPILOG = """\
-a search file (default: the paper's five parameters, starting from its P0):
-  start = ["paper-empirical"]
-  [scenario]
-  preset = "paper"
-  [space]
-  "walk.walk_duration_scale_ms" = { from = 0, to = 20000 }
-  "decision.min_observations" = { from = 1, to = 500, scale = "log" }
-  [objective]
-  cost = "time_at_error"        # or authors_code (default), intended, printed, errors, expected_time_to_right, ...
-  [grid]                        # cases for each candidate; the worst one counts
-  "floor.source" = ["stripe:0.48", "diagonal:0.48"]
-
-examples:
-  vibroswarm optimize --method pso --out out/pso           run again to resume
-  vibroswarm optimize search.toml --method tpe --budget 5000
-  vibroswarm optimize --check out/pso/best.toml --against paper
-"""
-
-
-METHODS = ("pso", "tpe", "gp", "cmaes", "nsga2", "random", "sobol", "grid")
+METHODS: Final = ("pso", "tpe", "gp", "cmaes", "nsga2", "random", "sobol", "grid")
 """Methods of a search, as ``optimize.spec`` has them, and a grid; a test compares them."""
+File = Annotated[Path | None, Option("the search file (default: the paper's search)", "SEARCH.toml")]
+Cost = Annotated[str | None, Option("cost to minimise (default: that of the file)")]
+Seed = Annotated[int | None, Option("same search and seed: same result", "S")]
 
 
-def add_parser(commands: Any) -> None:
-    """Add the command ``optimize`` and its options to the program's commands."""
-    parser = commands.add_parser(
-        "optimize",
-        help="search for good parameters; compare parameters",
-        description="Search for good parameters and validate them on fresh runs.",
-        epilog=EPILOG,
-    )
-    parser.add_argument("search", metavar="STUDY.toml", type=Path, nargs="?", help="the search file")
-    options = parser.add_argument_group("search")
-    method = options.add_argument("--method", metavar="NAME", help=f"{', '.join(METHODS)} (default pso)")
-    vars(method)["option"] = Option(str(method.help), names=partial(list, METHODS))
-    options.add_argument(
-        "--noise",
-        metavar="NAME",
-        help="for pso: rescore (default), ocba, fixed (the paper), or as-ran (its program)",
-    )
-    options.add_argument("--cost", metavar="NAME", help="cost to minimise (default: that of the file)")
-    options.add_argument("--budget", metavar="N", type=whole, help="runs that the search may use")
-    options.add_argument(
-        "--fresh", metavar="N", type=whole, help="fresh runs to validate the best (default 2000)"
-    )
-    options.add_argument("--seed", metavar="S", type=whole, help="same search and seed: same optimum")
-    check = parser.add_argument_group("comparison")
-    check.add_argument(
-        "--check",
-        metavar="P",
-        help="score this scenario (file or preset) on fresh runs, in the search's cases ...",
-    )
-    check.add_argument(
-        "--against", metavar="Q", help="... and this one on the same runs, in pairs (default: preset paper)"
-    )
-    check.add_argument(
-        "--runs",
-        metavar="N",
-        type=whole,
-        help="with --check or --method grid: runs of each (default 2000; 1000)",
-    )
-    parser.add_argument(
-        "--sensitivity",
-        action="store_true",
-        help="find which fields matter (Sobol indices) instead of the best",
-    )
-    add_execution_options(parser)
-    add_out(parser, "save the search here, or resume it", force=True)
-    add_open(parser)
-    add_style(parser)
-    add_pictures(parser)
-    add_json(parser)
-    # After Ctrl-C, the work saved in the folder --out can be resumed.
-    parser.set_defaults(run=run, resumes="folder")
+@dataclass(kw_only=True)
+class SearchOptions:
+    """What a search file says, and its options in its place."""
+
+    method: Annotated[str | None, Option("{names} (default pso)", names=partial(list, METHODS))] = None
+    noise: Annotated[
+        str | None, Option("for pso: rescore (default), ocba, fixed (the paper), or as-ran (its program)")
+    ] = None
+    cost: Cost = None
+    budget: Annotated[int | None, Option("runs that the search may use")] = None
+    fresh: Annotated[int | None, Option("fresh runs to validate the best (default 2000)")] = None
+    seed: Seed = None
+    runs: Annotated[int | None, Option("for a grid: runs of each cell (default 1000)")] = None
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Run a search, a grid, a comparison or a sensitivity analysis, as the options say; return the exit code.
+def optimize(
+    search: File = None,
+    /,
+    *,
+    options: SearchOptions,
+    execution: Execution,
+    output: Drawn,
+) -> None:
+    """Search for good parameters and validate them on fresh runs.
 
-    Only a search and a grid can be resumed. For the other two, ``arguments.resumes`` is set to None, so that the
-    message after Ctrl-C does not offer to resume them.
+    a search file (default: the paper's five parameters, starting from its P0):
+      start = ["paper-empirical"]
+      [scenario]
+      preset = "paper"
+      [space]
+      "walk.walk_duration_scale_ms" = { from = 0, to = 20000 }
+      "decision.min_observations" = { from = 1, to = 500, scale = "log" }
+      [objective]
+      cost = "time_at_error"        # or authors_code (default), intended, printed, errors, expected_time_to_right, ...
+      [grid]                        # cases for each candidate; the worst one counts
+      "floor.source" = ["stripe:0.48", "diagonal:0.48"]
+
+    examples:
+      vibroswarm optimize --method pso --out out/pso           run again to resume
+      vibroswarm optimize search.toml --method tpe --budget 5000
+      vibroswarm optimize compare out/pso/best.toml paper
     """
-    check_open(arguments)
-    if arguments.sensitivity:
-        arguments.resumes = None
-        return _sensitivity(arguments)
-    if arguments.check is not None:
-        arguments.resumes = None
-        return _check(arguments)
-    if arguments.against is not None:
-        raise InputError("needs --check", field="--against")
-    if arguments.runs is not None and arguments.method != "grid":
-        raise InputError("needs --check or --method grid; a search has a --budget", field="--runs")
-    if arguments.method == "grid":
-        return _grid(arguments)
-    return _search(search_from(arguments), arguments)
+    if options.method == "grid":
+        _grid(search, options, execution, output)
+        return
+    if options.runs is not None:
+        raise InputError("needs --method grid; a search has a --budget", field="--runs")
+    _search(search_of(search, options), execution, output)
 
 
-def search_from(arguments: argparse.Namespace) -> Search:
+def search_of(file: Path | None, options: SearchOptions) -> Search:
     """Return the search of the file, or without a file the default search, changed by the options.
 
     ``--cost`` replaces all objectives by a single one. The new objective keeps two settings of the search's first
@@ -137,25 +86,18 @@ def search_from(arguments: argparse.Namespace) -> Search:
     from vibroswarm.optimize.spec import Search
 
     # `Search.read` gets these options, since it checks how they fit the other entries of the file.
-    replaced = {"method": arguments.method, "cost": arguments.cost, "budget": arguments.budget}
-    search = Search() if arguments.search is None else Search.read(arguments.search, **replaced)
+    replaced: dict[str, Any] = {"method": options.method, "cost": options.cost, "budget": options.budget}
+    search = Search() if file is None else Search.read(file, **replaced)
     # The options change the default search too.
-    options = {"budget": arguments.budget, "fresh": arguments.fresh, "method": arguments.method}
-    changes = {name: value for name, value in options.items() if value is not None}
-    pso = search.pso if arguments.noise is None else replace(search.pso, noise=arguments.noise)
-    study = search.study if arguments.seed is None else replace(search.study, seed=arguments.seed)
+    given: dict[str, Any] = {"budget": options.budget, "fresh": options.fresh, "method": options.method}
+    changes = {name: value for name, value in given.items() if value is not None}
+    pso = search.pso if options.noise is None else replace(search.pso, noise=options.noise)
+    study = search.study if options.seed is None else replace(search.study, seed=options.seed)
     objectives = search.objectives
-    if arguments.cost is not None:
-        objectives = (Objective(arguments.cost, statistic=objectives[0].statistic, over=objectives[0].over),)
+    if options.cost is not None:
+        objectives = (Objective(options.cost, statistic=objectives[0].statistic, over=objectives[0].over),)
     settings = replace(search.settings, **changes)
     return replace(search, study=study, pso=pso, objectives=objectives, settings=settings)
-
-
-def _refuse(arguments: argparse.Namespace, names: tuple[str, ...], why: str) -> None:
-    """Raise ``InputError`` with the message ``why`` if one of the options ``names`` is given."""
-    for name in names:
-        if getattr(arguments, name) is not None:
-            raise InputError(why, field=f"--{name}")
 
 
 def _start(search: Search) -> None:
@@ -169,12 +111,7 @@ def _start(search: Search) -> None:
 
 @contextmanager
 def _counting(what: str, runs: int) -> Iterator[Callable[[int], None]]:
-    """Show a progress bar; yield a function that updates it with the number of finished runs.
-
-    Args:
-        what: description of the work.
-        runs: number of all runs.
-    """
+    """Show a progress bar; yield a function that updates it with the number of finished runs."""
     from vibroswarm.cli.progress import study_progress
     from vibroswarm.study.runner import StudyProgress
 
@@ -183,77 +120,64 @@ def _counting(what: str, runs: int) -> Iterator[Callable[[int], None]]:
         yield lambda done: progress(StudyProgress(done=done, wanted=runs, failed=0))
 
 
-def _execution(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the options for workers and executor as keyword arguments of functions that simulate."""
-    return {"executor": arguments.executor, "workers": arguments.workers}
+def _where(execution: Execution) -> dict[str, Any]:
+    """Return workers and executor as keyword arguments of functions that simulate."""
+    return {"executor": execution.executor, "workers": execution.workers}
 
 
-def _search(search: Search, arguments: argparse.Namespace) -> int:
-    """Run a search, score its winner or its Pareto front on fresh runs, print and save the result.
-
-    Fresh runs are needed because the scores of the search itself are too good: the winner was chosen for its score,
-    which is partly luck. With several objectives the result is a Pareto front. It is empty if no candidate has finite
-    scores; then nothing is scored on fresh runs.
-
-    Returns the exit code.
-    """
+def _search(search: Search, execution: Execution, output: Drawn) -> None:
+    """Run a search, score its winner or its Pareto front on fresh runs, print and save the result."""
+    from vibroswarm.cli.deliver import deliver
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.progress import search_progress
-    from vibroswarm.documents.search import search_document
+    from vibroswarm.documents.search import plan_sentences, search_document
     from vibroswarm.optimize.journal import Journal
     from vibroswarm.optimize.loop import check_libraries, run_search
     from vibroswarm.optimize.search_files import made_by, write_search
-    from vibroswarm.optimize.validation import fresh_runs, front_of, truth_of
 
-    execution = _execution(arguments)
     check_libraries(search)  # now, since `--force` removes the folder
     # Making a `Journal` writes nothing, but refuses a folder that holds anything but this search.
-    claim(arguments, lambda folder: Journal(folder, search, mixed=arguments.mixed))
+    claim(output, lambda folder: Journal(folder, search, mixed=execution.mixed))
     _start(search)
-    # the runs of the method, and those of the race between the best candidates
-    runs = search.search_runs + search.final_runs
-    aims = " and ".join(objective.words for objective in search.objectives)
-    summary = f"{search.space.size} fields, {aims}, {runs:,} runs, seed {search.seed}"
-    report(f"{search.settings.method}: {summary}")
+    for sentence in plan_sentences(search):
+        report(sentence)
     with search_progress() as progress:
-        result = run_search(search, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
-    truth: Truth | None = None
-    front: Front | None = None
-    if result.front:  # never with one objective
-        with _counting("scoring on fresh runs", fresh_runs(result) * len(result.front)) as counted:
-            front = front_of(result, progress=counted, **execution)
+        found = run_search(search, output.out, progress=progress, **execution.how)
+    truth, front = _validated(found, execution)
+    versions = []
+    if output.out is not None:
+        write_search(found, output.out, front)
+        versions = made_by(output.out)
+    deliver(search_document(found, truth, front, versions), output, "optimize")
+
+
+def _validated(found: Found, execution: Execution) -> tuple[Truth | None, Front | None]:
+    """Score the winner, or the Pareto front, on fresh runs.
+
+    The scores of the search itself are too good: the winner was chosen for its score, which is partly luck. With
+    several objectives the result is a front. It is empty if no candidate has finite scores; then nothing is scored.
+    """
+    from vibroswarm.optimize.validation import fresh_runs, front_of, truth_of
+
+    search, truth, front = found.search, None, None
+    if found.front:  # never with one objective
+        with _counting("scoring on fresh runs", fresh_runs(found) * len(found.front)) as counted:
+            front = front_of(found, progress=counted, **_where(execution))
     if len(search.objectives) == 1:  # the winner, and each start of the search for comparison
         with _counting("scoring on fresh runs", search.settings.fresh * (1 + len(search.starts))) as counted:
-            truth = truth_of(result, progress=counted, **execution)
-    versions = []
-    if arguments.out is not None:
-        write_search(result, arguments.out, front)
-        versions = made_by(arguments.out)
-    document = search_document(result, truth, front, versions)
-    _deliver(document, arguments, "optimize", "best.toml, history.csv, candidates.csv, the search itself")
-    return 0
+            truth = truth_of(found, progress=counted, **_where(execution))
+    return truth, front
 
 
-def _deliver(document: Document, arguments: argparse.Namespace, command: str, saved: str) -> None:
-    """Save and print the document of a search or a grid, with pictures as the options say."""
-    from vibroswarm.cli.deliver import REPORT, print_result, save, save_requested_pictures
-    from vibroswarm.cli.output import print_saved
-    from vibroswarm.show.document import without_pictures
-
-    if arguments.out is not None:
-        save(without_pictures(document) if arguments.no_pictures else document, arguments.out, command)
-        save_requested_pictures(document, arguments, arguments.out)
-    print_result(document, arguments)
-    print_saved(arguments, f"{saved}, pictures" if arguments.pictures else saved, REPORT)
-
-
-def _grid(arguments: argparse.Namespace) -> int:
-    """Run a grid, score its cell of lowest cost on fresh runs, print and save the result; return the exit code.
+def _grid(file: Path | None, options: SearchOptions, execution: Execution, output: Drawn) -> None:
+    """Run a grid, score its cell of lowest cost on fresh runs, print and save the result.
 
     ``--cost`` replaces the grid's objective by one with default statistic and parameters, even if the file has others.
     """
+    from vibroswarm.cli.deliver import deliver
     from vibroswarm.cli.out_folder import claim
-    from vibroswarm.cli.progress import say_compiling, study_progress
+    from vibroswarm.cli.progress import study_progress
+    from vibroswarm.cli.studies import print_plan
     from vibroswarm.documents.grid import grid_document
     from vibroswarm.optimize.grid import FRESH, Grid, scores_of, truth_of_grid
     from vibroswarm.optimize.objective import Objective
@@ -261,99 +185,108 @@ def _grid(arguments: argparse.Namespace) -> int:
     from vibroswarm.study.run import run as run_study
     from vibroswarm.study.store import Store
 
-    _refuse(arguments, ("noise", "budget"), "does not apply to a grid")
-    execution = _execution(arguments)
-    grid = Grid.paper() if arguments.search is None else Grid.read(arguments.search)
-    study = grid.study if arguments.runs is None else grid.study.with_runs(arguments.runs)
-    if arguments.seed is not None:
-        study = replace(study, seed=arguments.seed)
-    objective = grid.objective if arguments.cost is None else Objective(arguments.cost)
-    fresh = FRESH if arguments.fresh is None else arguments.fresh
+    for name in ("noise", "budget"):
+        if getattr(options, name) is not None:
+            raise InputError("does not apply to a grid", field=f"--{name}")
+    grid = Grid.paper() if file is None else Grid.read(file)
+    study = grid.study if options.runs is None else grid.study.with_runs(options.runs)
+    if options.seed is not None:
+        study = replace(study, seed=options.seed)
+    objective = grid.objective if options.cost is None else Objective(options.cost)
+    fresh = FRESH if options.fresh is None else options.fresh
     if fresh < 2:  # refused now, since `--force` removes the folder, and the grid takes long
         raise InputError(f"{fresh} is too few; at least 2", field="--fresh")
     # `Store.existing` refuses a folder that holds anything but runs of this study.
-    claim(arguments, lambda folder: Store.existing(folder, study))
-    say_compiling(study.motion)
+    claim(output, lambda folder: Store.existing(folder, study))
+    print_plan(study, output.out, None)
     with study_progress("simulating") as progress:
-        result = run_study(study, arguments.out, mixed=arguments.mixed, progress=progress, **execution)
+        result = run_study(study, output.out, progress=progress, **execution.how)
     nodes = scores_of(Grid(study, objective), result)
     with study_progress("scoring on fresh runs") as progress:
-        truth = truth_of_grid(nodes, fresh, progress=progress, **execution)
+        truth = truth_of_grid(nodes, fresh, progress=progress, **_where(execution))
     versions = []
-    if arguments.out is not None:
-        write_grid(nodes, arguments.out)
-        versions = grid_made_by(arguments.out)
-    document = grid_document(nodes, truth, versions)
-    _deliver(
-        document, arguments, "optimize --method grid", "best.toml, grid.toml, grid.csv, the runs (shards)"
-    )
-    return 0
+    if output.out is not None:
+        write_grid(nodes, output.out)
+        versions = grid_made_by(output.out)
+    deliver(grid_document(nodes, truth, versions), output, "optimize --method grid")
 
 
-def _sensitivity(arguments: argparse.Namespace) -> int:
-    """Compute Sobol indices of the fields of a search, print and save them; return the exit code."""
+def sensitivity(
+    search: File = None,
+    /,
+    *,
+    budget: Annotated[int, Option("runs of the analysis")] = 20_000,
+    cost: Cost = None,
+    seed: Seed = None,
+    execution: Execution,
+    output: Drawn,
+) -> None:
+    """Find which fields of a search matter, by Sobol indices.
+
+    example:
+      vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
+    """
     from vibroswarm.cli.deliver import deliver
     from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
     from vibroswarm.documents.sensitivity import sensitivity_document
     from vibroswarm.optimize.sensitivity import design_of, sobol_indices, write_sensitivity
 
-    names = ("method", "noise", "fresh", "check", "against", "runs")
-    _refuse(arguments, names, "does not apply to --sensitivity")
-    if arguments.mixed:
-        raise InputError(
-            "applies to a search or a grid that is continued, not to --sensitivity", field="--mixed"
-        )
-    # Here --budget is the number of runs of the analysis. It is removed from the arguments, since `search_from` would
-    # check it against the limits of a search's budget.
-    budget, arguments.budget = 20_000 if arguments.budget is None else arguments.budget, None
-    search = search_from(arguments)
-    work = hash_of(search.hash, budget)
-    design_of(search, budget)  # refuses a small budget now, since `--force` removes the folder
-    claim(arguments, lambda folder: refuse_other(folder, "optimize --sensitivity", work))
-    _start(search)
+    if execution.mixed:
+        raise InputError("applies to a search or a grid that is continued", field="--mixed")
+    made = search_of(search, SearchOptions(cost=cost, seed=seed))
+    work = hash_of(made.hash, budget)
+    design_of(made, budget)  # refuses a small budget now, since `--force` removes the folder
+    claim(output, lambda folder: refuse_other(folder, "optimize sensitivity", work))
+    _start(made)
     with _counting("simulating", budget) as counted:
-        indices = sobol_indices(search, budget, progress=counted, **_execution(arguments))
-    if arguments.out is not None:
-        write_sensitivity(indices, arguments.out)
-    document = sensitivity_document(indices)
-    deliver(document, arguments, "optimize --sensitivity", "sensitivity.csv", work)
-    return 0
+        indices = sobol_indices(made, budget, progress=counted, **_where(execution))
+    if output.out is not None:
+        write_sensitivity(indices, output.out)
+    deliver(sensitivity_document(indices), output, "optimize sensitivity", work)
 
 
-def _check(arguments: argparse.Namespace) -> int:
-    """Compare two scenarios on fresh runs, twice with different seeds, and print the result; return the exit code.
+def compare(
+    first: Annotated[str, Option("scenario file or preset", "FIRST")],
+    second: Annotated[str, Option("another one (default: preset paper)", "SECOND")] = "paper",
+    /,
+    *,
+    search: Annotated[
+        Path | None, Option("search file, whose cases and cost are used (default: the paper's search)")
+    ] = None,
+    cost: Cost = None,
+    runs: Annotated[int, Option("runs of each")] = 2000,
+    seed: Seed = None,
+    json: Json = False,
+    execution: Execution,
+) -> None:
+    """Score two scenarios on the same fresh runs, in pairs, twice with different seeds.
 
-    Of the search, the comparison uses only the cases, the first objective, the source of motion and the seed.
+    Of a search, the comparison uses only the cases, the first objective, the source of motion and the seed.
+
+    example:
+      vibroswarm optimize compare out/pso/best.toml paper
     """
-    from vibroswarm.cli.deliver import print_result
+    from vibroswarm.cli.deliver import print_document
     from vibroswarm.cli.scenario_warnings import warn_of
     from vibroswarm.documents.scenario_comparison import checked_document
     from vibroswarm.optimize.scenario_comparison import compare_scenarios, scenario_named
 
-    _refuse(arguments, ("method", "noise", "budget", "fresh", "out"), "applies to a search, not to --check")
-    for name in ("force", "mixed"):
-        if getattr(arguments, name):
-            raise InputError("applies to a search, not to --check", field=f"--{name}")
-    search = search_from(arguments)
-    runs = 2000 if arguments.runs is None else arguments.runs
-    names = (arguments.check, arguments.against or "paper")
-    first, second = scenario_named(names[0], "--check"), scenario_named(names[1], "--against")
-    warn_of([first, second])
-    _start(search)
+    made = search_of(search, SearchOptions(cost=cost, seed=seed))
+    one, other = scenario_named(first, "FIRST"), scenario_named(second, "SECOND")
+    warn_of([one, other])
+    _start(made)
     # Two scenarios, each with two blocks of seeds. Runs are counted once, however many cases each is simulated in.
-    all_runs = 4 * runs
-    with _counting("scoring on fresh runs", all_runs) as counted:
+    with _counting("scoring on fresh runs", 4 * runs) as counted:
         comparison = compare_scenarios(
-            first,
-            second,
-            search.objectives[0],  # the only one, or the first of several
+            one,
+            other,
+            made.objectives[0],  # the only one, or the first of several
             runs,
-            search.seed,
-            names=names,
-            cases=[cell.point for cell in search.cases],
-            motion=search.study.motion,
+            made.seed,
+            names=(first, second),
+            cases=[cell.point for cell in made.cases],
+            motion=made.study.motion,
             progress=counted,
-            **_execution(arguments),
+            **_where(execution),
         )
-    print_result(checked_document(comparison), arguments)
-    return 0
+    print_document(checked_document(comparison), as_json=json)

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from vibroswarm.cli import terminal
-from vibroswarm.errors import InputError
 
 
 def print_json(document: Any) -> None:
@@ -35,46 +34,36 @@ def print_line(text: str = "") -> None:
     print(text)
 
 
-def add_open(parser: Any, help: str = "open the report in the browser") -> None:
-    """Add the option that opens the page or report."""
-    parser.add_argument("--open", action="store_true", help=help)
+def print_saved(output: Any, page: str | None = None) -> None:
+    """Print where results are saved and what is in the folder, or without ``--out`` that they are not saved.
 
-
-def check_open(arguments: Any) -> None:
-    """Refuse ``--open`` without ``--out`` before the work begins, because only a saved page can be opened.
-
-    Raises:
-        InputError: ``--open`` is given without ``--out``.
-    """
-    if getattr(arguments, "open", False) and arguments.out is None:
-        raise InputError("needs --out DIR, where the page is saved", field="--open")
-
-
-def print_saved(arguments: Any, what: str, page: str | None = None) -> None:
-    """Print where results are saved, or without ``--out`` that they are not; with ``--open``, open their page.
-
-    With ``--json`` nothing is printed on stdout, which holds the JSON document only. A command without the option
-    ``--json`` or ``--open`` counts as called without it.
+    With ``--open``, their page is opened. With ``--json`` nothing is printed on stdout, which holds the JSON only.
 
     Args:
-        what: what is saved, or what would be saved with ``--out``, in words.
+        output: the options ``out``, and perhaps ``json`` and ``open``.
         page: file name of the page or report in the folder ``--out``; None if no page was written.
     """
-    as_json = getattr(arguments, "json", False)
-    if not as_json:
-        if arguments.out is None:
-            print_paragraph(f"Not saved; add --out DIR to save {what}")
+    out: Path | None = output.out
+    if not getattr(output, "json", False):
+        if out is None:
+            print_paragraph("Not saved; add --out DIR to save tables, what they are made of, and a page")
         else:
-            print_line(f"Saved in {arguments.out}: {what}")
+            print_line(f"Saved in {out}: {', '.join(_names_in(out))}")
             if page is not None:
-                kind = "Report" if page == "report.html" else "Page"
-                print_line(f"{kind}: open {(arguments.out / page).resolve()} in a browser")
+                print_line(f"Page: open {(out / page).resolve()} in a browser")
     sys.stdout.flush()  # so that the results are seen before the browser opens
-    if getattr(arguments, "open", False) and arguments.out is not None:
+    if getattr(output, "open", False) and out is not None:
         if page is None:
             print("vibroswarm: nothing to open: no page was written", file=sys.stderr)
         else:
-            open_page(arguments.out / page)
+            open_page(out / page)
+
+
+def _names_in(folder: Path) -> list[str]:
+    """Return the names of what a folder holds, pages first, and files that only the program reads left out."""
+    names = [path.name + "/" * path.is_dir() for path in folder.iterdir() if path.name[0] != "."]
+    shown = [name for name in names if not name.endswith(".json")]
+    return sorted(shown, key=lambda name: (not name.endswith(".html"), name))
 
 
 def open_page(path: Path) -> bool:

@@ -17,16 +17,18 @@ if TYPE_CHECKING:
 
 LINE_EVERY_S = 10.0
 """Shortest time between lines of progress."""
+FIRST_LINE_S = 2.0
+"""Time after which the first line says what takes so long."""
 
 
 class _Lines:
-    """Report lines on stderr, but drop those that come less than ten seconds after the last one or after the start."""
+    """Report lines on stderr: the first after ``FIRST_LINE_S``, further ones at least ``LINE_EVERY_S`` apart."""
 
     def __init__(self) -> None:
-        self.latest_s = time.monotonic()
+        self.latest_s = time.monotonic() + FIRST_LINE_S - LINE_EVERY_S
 
     def __call__(self, text: str) -> None:
-        """Report ``text`` on stderr, unless the last line, or the start, is less than ten seconds ago."""
+        """Report ``text`` on stderr, unless the last line or the start was a moment ago."""
         now_s = time.monotonic()
         if now_s - self.latest_s >= LINE_EVERY_S:
             self.latest_s = now_s

@@ -48,8 +48,7 @@ def run(
     if not output.json:
         print_line()
     has_page = result.segments is not None  # None: not recorded, or a user's motion source does not have them
-    saved = "scenario, tables, pictures and page" if pictures else "scenario, tables and page"
-    print_saved(output, saved, "run.html" if has_page else None)
+    print_saved(output, "run.html" if has_page else None)
     if out is not None and not has_page and not output.json:
         print_paragraph(f"No page: '{scenario.motion}' has no positions between samples")
 

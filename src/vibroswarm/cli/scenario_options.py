@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
-from vibroswarm.cli.options import refuse_both
+from vibroswarm.cli.options import ScenarioBase, ScenarioOptions
 from vibroswarm.cli.scenario_warnings import warn_of
 from vibroswarm.errors import InputError, nearest, share_from
 from vibroswarm.floors.grid_text import parse_tiles
@@ -12,10 +14,11 @@ from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
 from vibroswarm.floors.source import is_random, resolve
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
+from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, parse_setting, preset
 
 
-def scenario_from(arguments: Any) -> Scenario:
+def scenario_from(options: ScenarioBase) -> Scenario:
     """Make the scenario that the options describe; print the first new warning about it and the number of others.
 
     The base is the scenario of ``--preset`` or ``--scenario``, or else the preset "paper". Other options such as
@@ -24,11 +27,35 @@ def scenario_from(arguments: Any) -> Scenario:
     Raises:
         InputError: an option or field is wrong.
     """
-    refuse_both(arguments, "preset", "scenario")
-    base = Scenario.read(arguments.scenario) if arguments.scenario else preset(arguments.preset or "paper")
-    scenario = base.with_values(values_from(arguments, base))
+    base = Scenario.read(options.scenario) if options.scenario else preset(options.preset or "paper")
+    scenario = base.with_values(values_from(options, base))
     warn_of([scenario])
     return scenario
+
+
+def scenario_named(name: str, settings: Sequence[str] = ()) -> Scenario:
+    """Return the scenario of a preset or file, with fields set by ``--set``, and print warnings about it.
+
+    Args:
+        name: name of a preset, or path of a file that ends in .toml. For any other name, ``preset`` raises an error
+            that lists the presets.
+        settings: the values of ``--set``, texts FIELD=VALUE.
+    """
+    is_file = name not in preset_names() and Path(name).suffix == ".toml"
+    base = Scenario.read(name) if is_file else preset(name)
+    scenario = base.with_values(dict(parse_setting(setting) for setting in settings))
+    warn_of([scenario])
+    return scenario
+
+
+def stated_fields(options: ScenarioOptions) -> list[str]:
+    """Return the names of the fields that --set and --strategy state, and that logs therefore do not decide.
+
+    No other option states a field that can be inferred from logs, except --preset and --scenario, whose values are
+    replaced by inferred ones.
+    """
+    stated = [parse_setting(text)[0] for text in options.settings]
+    return stated + (["strategy.name"] if options.strategy is not None else [])
 
 
 def check_one_floor(scenario: Scenario) -> None:
@@ -43,7 +70,7 @@ def check_one_floor(scenario: Scenario) -> None:
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
 
 
-def values_from(arguments: Any, base: Scenario) -> dict[str, Any]:
+def values_from(options: ScenarioBase, base: Scenario) -> dict[str, Any]:
     """Return the values of the fields that options set, by dotted names such as ``swarm.robots``.
 
     If a value is user code (FILE.py:NAME), the file is loaded.
@@ -55,20 +82,21 @@ def values_from(arguments: Any, base: Scenario) -> dict[str, Any]:
         InputError: a value is wrong.
     """
     values: dict[str, Any] = {}
-    settings = dict(parse_setting(text) for text in arguments.settings)
-    threshold = _image_threshold(arguments, settings)
-    if arguments.floor is not None or arguments.tiles is not None:
-        values |= _floor_values(base, arguments.floor, arguments.tiles, threshold)
+    settings = dict(parse_setting(text) for text in options.settings)
+    threshold = _image_threshold(options, settings)
+    if options.floor is not None or options.tiles is not None:
+        values |= _floor_values(base, options.floor, options.tiles, threshold)
     if threshold is not None:
         values["floor.image_threshold"] = threshold
-    if arguments.robots is not None:
-        values["swarm.robots"] = arguments.robots
+    robots = _the_one(getattr(options, "robots", None), "--robots")
+    if robots is not None:
+        values["swarm.robots"] = robots
     for kind in ("strategy", "network", "task"):
-        name = getattr(arguments, kind)
+        name = _the_one(getattr(options, kind, None), f"--{kind}")
         if name is not None:
             values[f"{kind}.name"] = chosen(kind, name)
-    if arguments.energies is not None:
-        vibrating, still = read_energies(arguments.energies)
+    if options.energies is not None:
+        vibrating, still = read_energies(options.energies)
         values |= {
             "sensor.model": "energies",
             "sensor.vibrating_energies": vibrating,
@@ -79,9 +107,22 @@ def values_from(arguments: Any, base: Scenario) -> dict[str, Any]:
             settings[f"{kind}.name"] = chosen(kind, settings[f"{kind}.name"])
     values |= settings  # --set overrides other options
     # Without --tiles, each pixel of a picture became a tile.
-    if arguments.floor is not None and arguments.tiles is None and is_picture(arguments.floor):
-        check_pixel_tiles(base.with_values(values), arguments.floor)
+    if options.floor is not None and options.tiles is None and is_picture(options.floor):
+        check_pixel_tiles(base.with_values(values), options.floor)
     return values
+
+
+def _the_one(value: Any, option: str) -> Any:
+    """Return the value of an option that may hold several, but only one here.
+
+    Raises:
+        InputError: it holds several.
+    """
+    if not isinstance(value, tuple):
+        return value
+    if len(value) > 1:
+        raise InputError(f"{','.join(map(str, value))}: give one value here", field=option)
+    return value[0]
 
 
 def chosen(kind: str, text: str) -> str:
@@ -113,7 +154,7 @@ def chosen(kind: str, text: str) -> str:
     return text
 
 
-def _image_threshold(arguments: Any, settings: dict[str, Any]) -> float | None:
+def _image_threshold(options: ScenarioBase, settings: dict[str, Any]) -> float | None:
     """Return the brightness from which tiles of the picture vibrate; None if no option sets it.
 
     Args:
@@ -123,13 +164,13 @@ def _image_threshold(arguments: Any, settings: dict[str, Any]) -> float | None:
     """
     name = "floor.image_threshold"
     field: str = "--image-threshold"
-    given: Any = arguments.image_threshold
+    given: Any = options.image_threshold
     if name in settings:
         field, given = name, settings[name]
         check_threshold(given, field)
     elif given is not None:
         given = share_from(given, field)
-    if given is not None and (arguments.floor is None or not is_picture(arguments.floor)):
+    if given is not None and (options.floor is None or not is_picture(options.floor)):
         raise InputError("applies to a picture; add --floor FILE.png", field=field)
     return None if given is None else float(given)
 

@@ -1,4 +1,4 @@
-"""``vibroswarm tradeoff``: decision time against error over p_c and O_c, on shared motion.
+"""``vibroswarm evaluate tradeoff``: decision time against error over p_c and O_c, on shared motion.
 
 p_c is the credible threshold: a robot decides when its belief in an answer exceeds it. O_c is the number of
 observations that it must exceed to decide. The motion of each run is simulated once, and decisions are computed on it
@@ -43,21 +43,20 @@ def tradeoff(
 ) -> None:
     """Decision time against error for each credible threshold and minimum of observations, by replay."""
     from vibroswarm.analysis.tradeoff import time_error_curve
-    from vibroswarm.cli.deliver import REPORT, print_result, save, save_requested_pictures
+    from vibroswarm.cli.deliver import REPORT, print_result, save_with_pictures
     from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.tradeoff import tradeoff_document
-    from vibroswarm.show.document import without_pictures
     from vibroswarm.study.summary import write_table
 
     made = scenario_from(scenario)
     work = hash_of(made.hash, scenario.seed, runs, list(thresholds), list(observations))
     # An existing folder is accepted only if it holds results of the same settings, or with --force. at_once=False: the
     # older folder stays until the new one is complete and replaces it.
-    claim(output, lambda folder: refuse_other(folder, "tradeoff", work), at_once=False)
+    claim(output, lambda folder: refuse_other(folder, "evaluate tradeoff", work), at_once=False)
     say_compiling()
     curve = time_error_curve(
         made,
@@ -74,9 +73,6 @@ def tradeoff(
         with whole_folder(output.out, replace=True, marker=MARKER) as part:
             write_table(curve, part / "tradeoff")
             (part / "scenario.toml").write_text(made.to_toml(), encoding="utf-8")
-            on_page = without_pictures(document) if output.no_pictures else document
-            save(on_page, part, "tradeoff", work)
-            save_requested_pictures(document, output, part)
+            save_with_pictures(document, output, part, "evaluate tradeoff", work)
     print_result(document, output)
-    pictures = "pictures, " if output.pictures else ""
-    print_saved(output, f"tradeoff.csv, {pictures}scenario.toml", REPORT)
+    print_saved(output, REPORT)

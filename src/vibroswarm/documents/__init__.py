@@ -28,6 +28,7 @@ DOCUMENTS: Final = {
     "vibroswarm.paper.claims.Claim": "reproduction:claim_document",
     "vibroswarm.paper.claims.Decided": "reproduction:verdict_document",
     "vibroswarm.paper.reproduce.Reproduction": "reproduction:reproduction_document",
+    "vibroswarm.study.detection.Detection": "detection:detection_document",
     "vibroswarm.study.study_outputs.Comparison": "study:comparison_document",
     "vibroswarm.study.summary.Outcome": "study:study_document",
     "vibroswarm.optimize.grid.Nodes": "grid:grid_document",

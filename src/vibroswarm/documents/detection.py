@@ -8,10 +8,10 @@ below (``analysis.detection``).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Final, NamedTuple
+from typing import Final
 
 import polars as pl
 
@@ -23,51 +23,31 @@ from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
 from vibroswarm.show.numbers import count, decimals_of, listed, number
 from vibroswarm.simulation import versions
+from vibroswarm.study.detection import Detection
 
 MOST_CURVES: Final = 8
 """Most numbers of robots with a figure of their own."""
 
 
-class Tolerated(NamedTuple):
-    """Tolerated probabilities."""
-
-    misses: float
-    false_alarms: float
-
-
-def detection_document(
-    tables: Mapping[str, pl.DataFrame],
-    scenario: Scenario,
-    seed: int,
-    tolerated: Tolerated,
-    *,
-    added: Sequence[float] = (),
-    warnings: Sequence[str] = (),
-) -> Document:
-    """Return which floors robots find, and how soon.
-
-    Args:
-        tables: by name, results of ``analysis.detection``: ``detection`` (``detection_curve``), ``needed``, ``pairs``.
-        scenario, seed: those of the runs behind the tables, in which floor and number of robots vary.
-        added: fill ratios below the boundary that the user did not ask for.
-        warnings: reasons not to trust the answer.
-    """
+def detection_document(detection: Detection) -> Document:
+    """Return which floors robots find, and how soon."""
+    tables, scenario, seed, added = detection.tables, detection.scenario, detection.seed, detection.added
     found, needed, curve = hardest(tables["pairs"]), tables["needed"], tables["detection"]
-    figures = tuple(_figures(curve, scenario, tolerated))
+    figures = tuple(_figures(curve, scenario, detection))
     numbers = (_curve_table(curve), *([_pairs_table(tables["pairs"])] if found.height else []))
     parts: list[Part] = [Text(_setting_of(needed, scenario))]
     if added:
         parts.append(Text(f"Fill ratios added to count false alarms: {listed(map(_percent, added))}."))
     if found.height:
-        parts.append(_found_table(found, scenario, tolerated))
+        parts.append(_found_table(found, scenario, detection))
     parts.append(Section("Every floor", (_needed_table(needed, scenario), Text(_MEANING))))
     if figures:
         parts.append(Section("Misses against the fill ratio", figures))
     return Document(
         title="How many robots, and how much time?",
-        answer=_answer(found, scenario, tolerated),
+        answer=_answer(found, scenario, detection),
         knew=told([scenario]),
-        warnings=tuple(warnings),
+        warnings=detection.warnings,
         parts=(*parts, Section("All numbers", numbers, folded=True)),
         made_by={"scenario": scenario.hash, "seed": str(seed), **versions()},
     )
@@ -96,18 +76,24 @@ def hardest(pairs: pl.DataFrame) -> pl.DataFrame:
     )
 
 
-def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Tolerated) -> tuple[str, ...]:
+def _answer(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> tuple[str, ...]:
     """Return a sentence for each number of robots on the fill ratios that they find."""
     boundary, t_end_s = scenario.decision.decision_boundary, scenario.run.t_end_s
     if found.is_empty():
         return (f"All floors are on one side of {_percent(boundary)}: no pairs of misses and false alarms.",)
     return tuple(
-        _sentence(count(robots, "robot"), robots == 1, rows, t_end_s, tolerated)
+        _sentence(
+            f"{count(robots, 'robot')} with strategy {scenario.strategy.name}",
+            robots == 1,
+            rows,
+            t_end_s,
+            tolerated,
+        )
         for (robots,), rows in found.group_by("robots", maintain_order=True)
     )
 
 
-def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolerated: Tolerated) -> str:
+def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolerated: Detection) -> str:
     """Name the found fill ratio nearest to the boundary, that farthest from it, and those that are not found."""
     who = f"{who} {'finds' if is_one else 'find'}"
     found = rows.filter(pl.col("time_s").is_not_null()).sort("fill_ratio")
@@ -117,7 +103,7 @@ def _sentence(who: str, is_one: bool, rows: pl.DataFrame, t_end_s: float, tolera
     nearest, farthest = found.row(0, named=True), found.row(-1, named=True)
     sentence = (
         f"{who} {_percent(nearest['fill_ratio'])} vibrating within {nearest['time_s']:.0f} s, with at "
-        f"most {_percent(tolerated.misses)} misses, and at most {_percent(tolerated.false_alarms)} false alarms on "
+        f"most {_percent(tolerated.error)} misses, and at most {_percent(tolerated.false_alarms)} false alarms on "
         f"floors up to {_percent(nearest['fill_ratio_below'])}"
     )
     if farthest["fill_ratio"] != nearest["fill_ratio"]:
@@ -154,7 +140,7 @@ def _fills(frame: pl.DataFrame, *names: str) -> Column:
     return Column("fill ratio", share=True, decimals=decimals_of((round(value, 6) for value in values), 4))
 
 
-def _found_table(found: pl.DataFrame, scenario: Scenario, tolerated: Tolerated) -> Table:
+def _found_table(found: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> Table:
     """Tabulate the hardest pair of floors of each floor above the boundary and number of robots."""
     fills = _fills(found, "fill_ratio", "fill_ratio_below")
     columns = {
@@ -236,7 +222,7 @@ def _curve_table(curve: pl.DataFrame) -> Table:
     return Table(curve.select(shown), columns, caption=caption, name="detection", names=3)
 
 
-def _figures(curve: pl.DataFrame, scenario: Scenario, tolerated: Tolerated) -> Iterator[Figure]:
+def _figures(curve: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> Iterator[Figure]:
     """Yield figures of misses against the fill ratio: one per number of robots, and one of all numbers.
 
     A figure of one number of robots has a line for each time; only the ``MOST_CURVES`` smallest numbers have one. If
@@ -247,7 +233,7 @@ def _figures(curve: pl.DataFrame, scenario: Scenario, tolerated: Tolerated) -> I
     boundary = scenario.decision.decision_boundary
 
     def figure(name: str, part: pl.DataFrame, series: pl.Expr, title: str) -> Figure:
-        return Figure(name, partial(_draw, part, series, boundary, tolerated.misses, title), title)
+        return Figure(name, partial(_draw, part, series, boundary, tolerated.error, title), title)
 
     numbers = drawable["robots"].unique().sort().to_list()
     for robots in numbers[:MOST_CURVES]:

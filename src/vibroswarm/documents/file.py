@@ -51,14 +51,14 @@ def study_file_document(study: Study, path: str) -> Document:
         answer=(
             f"{study.name or 'Study'}: {count(len(study.cells), 'cell')}, seed {study.seed}, varied: {varied}.",
         ),
-        parts=(Text(f"To run it: vibroswarm sweep {path} --out DIR"),),
+        parts=(Text(f"To run it: vibroswarm evaluate {path} --out DIR"),),
         made_by={"study": study.hash, "seed": str(study.seed), "cells": str(len(study.cells))},
         data={"varied": pl.DataFrame({"field": list(study.varied)}, schema={"field": pl.String})},
     )
 
 
 def settings_document(comments: Sequence[str], settings: Mapping[str, Mapping[str, Any]]) -> Document:
-    """Return settings of strategies, as ``tune`` writes them.
+    """Return settings of strategies, as ``league tune`` writes them.
 
     Args:
         comments: the file's first lines, which say how the settings were chosen. settings: fields by strategy.

@@ -109,7 +109,7 @@ def _size(league: League) -> str:
 
 def _warnings(league: League) -> tuple[str, ...]:
     names = [entry.label for entry in league.entries if not entry.tuned]
-    return (f"Not tuned for a league (`vibroswarm tune`): {', '.join(names)}.",) if names else ()
+    return (f"Not tuned for a league (`vibroswarm league tune`): {', '.join(names)}.",) if names else ()
 
 
 def _grids(table: pl.DataFrame) -> tuple[str, ...]:

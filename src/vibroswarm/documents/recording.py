@@ -5,16 +5,25 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import polars as pl
 
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.session_estimates import estimate_of
+from vibroswarm.plots.run import write_run_picture
 from vibroswarm.recordings.assemble_recording import count_lines
 from vibroswarm.recordings.recording import Recording
-from vibroswarm.recordings.replay import Replayed, SessionOutcome, logged_outcomes, session_outcomes
+from vibroswarm.recordings.replay import (
+    Replayed,
+    SessionOutcome,
+    logged_outcomes,
+    session_outcomes,
+    with_beliefs,
+)
 from vibroswarm.recordings.threshold import Rates, Threshold
+from vibroswarm.run_page.write import record_of, write_page
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
 from vibroswarm.show.numbers import Estimate, count, listed, number, percent, with_limits
@@ -353,3 +362,23 @@ def _flat(found: Threshold) -> dict[str, Any]:
     return values | {
         f"{group}_{name}": value for group, inner in nested.items() for name, value in inner.items()
     }
+
+
+def write_pages(recording: Recording, folder: Path) -> list[str]:
+    """Write a page and a picture of each session into ``folder``; return the names of the pages.
+
+    The pages show beliefs. If these are not all logged, those of all sessions are computed by a replay, and the title
+    of each page says so. The pictures show no beliefs, and decisions as logged.
+    """
+
+    names = []
+    logged = recording.logs_beliefs
+    with_replayed = recording if logged else with_beliefs(recording)
+    runs = recording.runs["run"].to_list()
+    for run in runs:
+        name = "run" if len(runs) == 1 else f"run-{run + 1}"
+        write_run_picture(recording, folder / f"{name}.png", run)
+        title = str(recording.sessions[run]["log"]) + ("" if logged else " (beliefs replayed, not logged)")
+        write_page(record_of(with_replayed, run, title=title), folder / f"{name}.html")
+        names.append(f"{name}.html")
+    return names

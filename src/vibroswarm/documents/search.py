@@ -33,6 +33,7 @@ from vibroswarm.documents.search_words import (
     best_sentence,
     failures_in,
     other_names,
+    score_sentence,
     values_text,
     warnings_of,
 )
@@ -87,9 +88,20 @@ def search_document(
         answer=tuple(_answer(found, truth, front)),
         knew=told(_scenarios(found, truth)),
         warnings=warnings_of(found, truth, front, made_by),
-        parts=(Text(_how(found)), *sections),
+        parts=(Text(_how(found)), *(Text(score_sentence(one)) for one in search.objectives), *sections),
         made_by=_made_by(search, made_by),
     )
+
+
+def plan_sentences(search: Search) -> Iterator[str]:
+    """Say what a search will do: its method, fields, runs and score."""
+    # the runs of the method, those of the race between the best candidates, and those that validate the winner
+    runs = search.search_runs + search.final_runs
+    yield (
+        f"{search.settings.method}: {count(search.space.size, 'field')}, for the lowest {aims(search)}; {runs:,} runs, "
+        f"and {search.settings.fresh * (1 + len(search.starts)):,} fresh runs to validate the best; seed {search.seed}"
+    )
+    yield from map(score_sentence, search.objectives)
 
 
 def truth_document(truth: Truth) -> Document:
@@ -321,5 +333,23 @@ def commands(file: str, against: str) -> dict[str, str]:
         against: the preset.
     """
     run = {"one run of the best, in this folder": "vibroswarm run --scenario best.toml"}
-    check = f"vibroswarm optimize {file} --check best.toml --against {against}"
+    check = f"vibroswarm optimize compare best.toml {against} --search {file}"
     return run | ({"scored once more on other runs, in pairs, twice": check} if file else {})
+
+
+def search_sentences(about: dict[str, Any], *, is_validated: bool) -> list[str]:
+    """Describe the state of a search's folder in sentences.
+
+    Args:
+        about: the content of the folder, as ``journal.held`` returns it. is_validated: whether the folder has results.
+    """
+    done, requested = about["runs_there"], about["runs_wanted"]
+    lines = [
+        f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
+        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['steps']} steps; "
+        f"{about['runs_failed']:,} failed.",
+        f"Fields: {', '.join(about['fields'])}.",
+    ]
+    if not is_validated:
+        lines.append("Not validated on fresh runs yet; run the same optimize command to resume.")
+    return lines

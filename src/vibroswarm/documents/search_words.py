@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.objective import AIMS, Objective
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import TELLING, Front, Truth
@@ -76,6 +76,27 @@ def place_of(dimension: Dimension, value: Any) -> float:
 def aim(objective: Objective) -> str:
     """Write what an objective minimises, and its unit."""
     return f"{objective.words} ({objective.unit})" if objective.unit else objective.words
+
+
+SCORES: Final = {
+    "intended": "the paper's cost as its text defines it: the sum over robots of (1 + the estimate's error in tiles) x "
+    "(time / T_end if right, 5 if wrong, 1 if undecided)",
+    "printed": "the paper's cost as printed, in which the estimate's error hardly counts",
+    "authors_code": "the paper's cost as its program computed it: the sum over robots of (the estimate's error in "
+    "tiles) x (time / T_end if right, 5 if wrong, 3 if undecided)",
+    "decision_time": "the mean decision time over robots; undecided counts as T_end",
+    "errors": "the mean over robots of time / T_end if right, and of what a false alarm, a miss or no decision costs",
+    "expected_time_to_right": "the expected time to a right consensus if runs without one are repeated",
+    "time_at_error": "the mean decision time, plus a penalty for more errors or undecided robots than wanted",
+}
+"""What a cost is, by its name."""
+
+
+def score_sentence(objective: Objective) -> str:
+    """Say what a score is, its unit, and which way is better."""
+    of = f" ({objective.statistic.replace('+', ' + ')} over runs)" if objective.name not in AIMS else ""
+    unit = f"in {objective.unit}" if objective.unit else "without a unit"
+    return f"Score: {SCORES.get(objective.name, f'your cost {objective.name}')}{of}; {unit}, lower is better."
 
 
 def aims(search: Search) -> str:

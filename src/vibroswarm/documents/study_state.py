@@ -82,5 +82,7 @@ def state_sentences(about: dict[str, Any]) -> list[str]:
     if len(about["made_by"]) > 1:
         lines.append("Parts come from different versions; the whole may not be repeatable.")
     if done < requested:
-        lines.append(f"To resume: vibroswarm sweep '{about['folder']}/study.toml' --out '{about['folder']}'")
+        lines.append(
+            f"To resume: vibroswarm evaluate '{about['folder']}/study.toml' --out '{about['folder']}'"
+        )
     return lines

@@ -156,7 +156,9 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
     try:
         from SALib.sample import sobol
     except ImportError:
-        raise InputError("needs SALib: pip install 'vibroswarm[optimize]'", field="--sensitivity") from None
+        raise InputError(
+            "needs SALib: pip install 'vibroswarm[optimize]'", field="optimize sensitivity"
+        ) from None
     # N: the bit length of a number, less 1, is the exponent of the largest power of two up to that number. If there are
     # no points, N is 1, and refused below.
     base = 1 << max((points // (dimensions + 2)).bit_length() - 1, 0)

@@ -8,6 +8,7 @@ the number of readings in the time that the chain takes for a sample.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -17,9 +18,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
+from vibroswarm.observation.observe import sense_program
 from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
 from vibroswarm.recordings.log import Log
 from vibroswarm.robot.sensing import SenseProgram, SenseState, energy, readings, sense_step
+from vibroswarm.scenario.scenario import Scenario
 
 COLUMNS: Final = ("robot", "time_s", "ax", "ay", "az")
 """Columns of a file of acceleration."""
@@ -151,3 +154,29 @@ def _check_window(
             f"{program.rate_hz:g} Hz)",
             field=str(path),
         )
+
+
+def with_energies(
+    logs: list[Log], scenario: Scenario, files: Sequence[Path] | None
+) -> tuple[list[Log], list[str]]:
+    """Replace the energies of logs by those computed from recorded acceleration.
+
+    Args:
+        files: the files of acceleration, one for each log in the same order; None to return the logs unchanged.
+    Returns:
+        The changed logs, and for each log a sentence: how its energies were computed, and how far they differ from the
+        logged energies. Without files, the list of sentences is empty.
+    """
+
+    if files is None:
+        return logs, []
+    if len(files) != len(logs):
+        raise InputError(f"{len(files)} files for {len(logs)} logs; give one per log", field="--acceleration")
+    program = sense_program(scenario)
+    computed = [energies_from(log, path, program) for log, path in zip(logs, files, strict=True)]
+    words = [
+        f"{item.log.name}: {item.samples} energies computed from {path} ({readings(program)} readings at "
+        f"{program.rate_hz:g} Hz each); they differ from the log's by up to {item.largest_difference:.3g}"
+        for item, path in zip(computed, files, strict=True)
+    ]
+    return [item.log for item in computed], words

@@ -9,7 +9,7 @@ Motion is that of the recording, in which robots continued to sample after decid
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import zero_rows
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniform
-from vibroswarm.errors import CodeError, InputError
+from vibroswarm.errors import CodeError, InputError, nearest
 from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
 from vibroswarm.inference.code_errors import translate_errors
 from vibroswarm.inference.generated_kernels import kernels
@@ -42,7 +42,7 @@ from vibroswarm.observation.observe import vibrating_at
 from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
-from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.scenario.scenario import Scenario, field_names, parse_setting
 from vibroswarm.strategies import known
 from vibroswarm.strategies import strategy as strategy_of
 
@@ -399,3 +399,32 @@ def _session_outcomes(
             )
         )
     return outcomes
+
+
+def replayed_settings(settings: Sequence[str], gate: str | None = None) -> dict[str, Any]:
+    """Return the fields that a replay changes, by dotted name.
+
+    Args:
+        settings: texts FIELD=VALUE; a field may be named with or without its section. gate: of the decision.
+
+    Raises:
+        InputError: a replay cannot change the field, the name without a section fits fields of several sections, both
+            options set the gate, or ``--set`` names a strategy, which ``--strategy`` does.
+    """
+
+    known = [name for name in field_names() if name.partition(".")[0] in REPLAYABLE]
+    values: dict[str, Any] = {}
+    if gate is not None:
+        values["decision.gate"] = gate
+    for text in settings:
+        name, value = parse_setting(text)
+        matches = [field for field in known if name in (field, field.partition(".")[2])]
+        if len(matches) != 1:  # no field has this name, or fields of several sections have it
+            suggestion = nearest(name, known + [field.partition(".")[2] for field in known])
+            raise InputError(f"is not a field that a replay can change{suggestion}", field=name)
+        if matches[0] == "strategy.name":
+            raise InputError("is set by --strategy; use that option", field="--set strategy.name")
+        if matches[0] == "decision.gate" and gate is not None:
+            raise InputError("is also set by --gate; use one of them", field="--set decision.gate")
+        values[matches[0]] = value
+    return values

@@ -116,6 +116,6 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
         some = ", ".join(lost[:5]) + (f" and {len(lost) - 5} more" if len(lost) > 5 else "")
         raise RunError(
             f"'{out}' is incomplete: batches {some} are in none of the folders{damage}. Run the job that lacks them "
-            f"again and merge it too, or finish here: vibroswarm sweep '{out / 'study.toml'}' --out '{out}'"
+            f"again and merge it too, or finish here: vibroswarm evaluate '{out / 'study.toml'}' --out '{out}'"
         )
     return joined

@@ -16,6 +16,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.tables import csv_bytes, write_frame
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.column_map import check_columns, check_values, numbers_of, table_of, text_of
 from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
@@ -355,3 +356,16 @@ def with_positions(
         counts={"rows": samples.height},
     )
     return TrackedLog(log, offset, outside=outside, unseen=unseen)
+
+
+def write_tables(folder: Path, tracking: Tracking) -> None:
+    """Write positions, stops and gaps as CSV, rounded to 6 decimals (micrometres and microseconds).
+
+    The positions are also written unrounded, as Parquet.
+    """
+    from polars.selectors import float as float_columns
+
+    write_frame(tracking.positions, folder / "positions.parquet")
+    tables = {"positions": tracking.positions, "stops": tracking.stops, "gaps": tracking.gaps()}
+    for name, table in tables.items():
+        (folder / f"{name}.csv").write_bytes(csv_bytes(table.with_columns(float_columns().round(6))))

@@ -1,17 +1,20 @@
-"""``vibroswarm show`` for a file: a scenario, settings of strategies, study, search, floor or table."""
+"""The document of a file: a scenario, settings of strategies, study, search, floor or table."""
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Callable
 from itertools import takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from vibroswarm.cli.deliver import print_result
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
     import polars as pl
+    from numpy.typing import NDArray
+
+    from vibroswarm.show.document import Document
 
 TABLES: Final = (".csv", ".parquet")
 """Suffixes of files that hold a table; a .csv file may also hold a floor."""
@@ -19,9 +22,11 @@ FLOORS: Final = (".txt", ".png")
 """Suffixes of files that hold a floor."""
 
 
-def show_file(path: Path, arguments: argparse.Namespace) -> None:
-    """Print what a file holds; the kind of file is detected by its suffix and its content.
+def file_document(path: Path, draw: Callable[[NDArray[np.uint8]], str]) -> Document:
+    """Return what a file holds; the kind of file is detected by its suffix and its content.
 
+    Args:
+        draw: draws the tiles of a floor as text.
     Raises:
         InputError: the file cannot be read, its suffix is not known, or its content is wrong.
     """
@@ -30,23 +35,28 @@ def show_file(path: Path, arguments: argparse.Namespace) -> None:
 
     check_plain(path, MAX_BYTES, "a file of vibroswarm")
     if path.suffix == ".toml":
-        _show_toml(path, arguments)
-    elif path.suffix in TABLES and not _is_floor(path):
-        _show_table(path, arguments)
-    elif path.suffix in (*FLOORS, ".csv"):
-        _show_floor(path, arguments)
-    else:
-        raise InputError(
-            "is neither a folder nor a file that vibroswarm shows (.toml, .csv, .parquet, .txt, .png)",
-            field=str(path),
-        )
+        return _toml_document(path)
+    if path.suffix in TABLES and not _is_floor(path):
+        from vibroswarm.documents.file import table_document
+
+        return table_document(_frame(path), path.name)
+    if path.suffix in (*FLOORS, ".csv"):
+        from vibroswarm.documents.floor import tiles_document
+        from vibroswarm.floors.io import read_tiles
+
+        tiles = read_tiles(path)
+        return tiles_document(path.name, tiles, draw(tiles))
+    raise InputError(
+        "is neither a folder nor a file that vibroswarm shows (.toml, .csv, .parquet, .txt, .png)",
+        field=str(path),
+    )
 
 
-def _show_toml(path: Path, arguments: argparse.Namespace) -> None:
-    """Print what a TOML file describes: a search, a study, settings of strategies or a scenario.
+def _toml_document(path: Path) -> Document:
+    """Return what a TOML file describes: a search, a study, settings of strategies or a scenario.
 
     A search and a study are detected by the names of their entries, settings by the form of their keys; any other file
-    is read as a scenario. Of a search or a study, only a summary is printed.
+    is read as a scenario. Of a search or a study, it is a summary.
     """
     from vibroswarm.core.untrusted_files import parsed_toml, read_text
 
@@ -58,24 +68,22 @@ def _show_toml(path: Path, arguments: argparse.Namespace) -> None:
 
         # ``optimize --method grid`` writes such a file without settings of a search, which can be read as both.
         cells = _cells_of_grid(path) if "search" not in tables else 0
-        document = search_file_document(Search.read(path), cells)
+        return search_file_document(Search.read(path), cells)
     # entries that no scenario has; a search may have some of them, so it is detected first
-    elif {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
+    if {"grid", "zip", "list", "random", "sobol", "runs", "until"} & set(tables):
         from vibroswarm.documents.file import study_file_document
         from vibroswarm.study.spec import Study
 
-        document = study_file_document(Study.read(path), str(path))
-    elif _is_settings(tables):
+        return study_file_document(Study.read(path), str(path))
+    if _is_settings(tables):
         from vibroswarm.documents.file import settings_document
 
         comments = takewhile(lambda line: line.startswith("#"), text.splitlines())
-        document = settings_document([line.lstrip("# ") for line in comments], tables)
-    else:
-        from vibroswarm.documents.file import scenario_file_document
-        from vibroswarm.scenario.scenario import Scenario
+        return settings_document([line.lstrip("# ") for line in comments], tables)
+    from vibroswarm.documents.file import scenario_file_document
+    from vibroswarm.scenario.scenario import Scenario
 
-        document = scenario_file_document(Scenario.read(path), str(path))
-    print_result(document, arguments)
+    return scenario_file_document(Scenario.read(path), str(path))
 
 
 def _cells_of_grid(path: Path) -> int:
@@ -89,7 +97,7 @@ def _cells_of_grid(path: Path) -> int:
 
 
 def _is_settings(tables: dict[str, Any]) -> bool:
-    """Return whether a file holds settings of strategies, as ``tune`` writes them.
+    """Return whether a file holds settings of strategies, as ``league tune`` writes them.
 
     Such a file has one table for each strategy, in which all keys are dotted names of fields, such as
     ``"strategy.soft.eta"``.
@@ -123,27 +131,10 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _show_floor(path: Path, arguments: argparse.Namespace) -> None:
-    """Draw a floor from its file, and print its measures of difficulty."""
-    from vibroswarm.cli.floors import in_terminal
-    from vibroswarm.documents.floor import tiles_document
-    from vibroswarm.floors.io import read_tiles
-
-    tiles = read_tiles(path)
-    print_result(tiles_document(path.name, tiles, in_terminal(tiles)), arguments)
-
-
 MOST_COLUMNS: Final = 10_000
 """Largest number of columns of a table in CSV."""
 MOST_CSV: Final = 2**30
 """Size limit of a table in CSV, bytes."""
-
-
-def _show_table(path: Path, arguments: argparse.Namespace) -> None:
-    """Print a table."""
-    from vibroswarm.documents.file import table_document
-
-    print_result(table_document(_frame(path), path.name), arguments)
 
 
 def _frame(path: Path) -> pl.DataFrame:
@@ -178,10 +169,10 @@ def _first_line(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 
-def show_tables(folder: Path, arguments: argparse.Namespace) -> None:
-    """Print the names and sizes of the tables in a folder, and the names of its pictures and pages.
+def tables_document(folder: Path) -> Document:
+    """Return the names and sizes of the tables in a folder, and the names of its pictures and pages.
 
-    ``show`` prints this for a folder that is no result, study or search and has no ``printed.json``.
+    ``vibroswarm show`` prints this for a folder that is no result, study or search and has no ``printed.json``.
 
     Raises:
         InputError: the folder has neither tables nor pictures.
@@ -195,4 +186,4 @@ def show_tables(folder: Path, arguments: argparse.Namespace) -> None:
     if not tables and not pictures:
         raise InputError("holds nothing that a command of vibroswarm writes", field=str(folder))
     sizes = {path.name: _frame(path).shape for path in tables}
-    print_result(folder_document(sizes, pictures), arguments)
+    return folder_document(sizes, pictures)

@@ -1,0 +1,63 @@
+"""The documents of what a scenario may name: strategies, networks, tasks, sources of motion, sensors, presets."""
+
+from __future__ import annotations
+
+from typing import Final, get_args
+
+import polars as pl
+
+import vibroswarm.simulation  # noqa: F401  (registers the engines)
+from vibroswarm.scenario import plugins
+from vibroswarm.scenario.fields import Sensor
+from vibroswarm.scenario.presets import describe, preset_names
+from vibroswarm.show.document import Document, Table
+from vibroswarm.show.numbers import count
+
+NOUNS: Final = {
+    "strategy": ("strategy", "strategies"),
+    "network": ("network", "networks"),
+    "task": ("task", "tasks"),
+    "motion": ("source of motion", "sources of motion"),
+    "sensor": ("sensor", "sensors"),
+    "preset": ("preset", "presets"),
+}
+"""One and several of each kind."""
+USES: Final = {
+    "strategy": "--strategy NAME",
+    "network": "--network NAME",
+    "task": "--task NAME",
+    "motion": "--motion NAME",
+    "sensor": "--set sensor.model=NAME",
+    "preset": "--preset NAME",
+}
+"""How a command selects one of a kind."""
+SENSORS: Final = {
+    "gamma": "energies of still and of vibrating tiles have gamma distributions",
+    "energies": "energies are drawn from measured ones (--energies FILE)",
+}
+
+
+def known_document(kind: str) -> Document:
+    """Return the names of a kind, with one line each.
+
+    Args:
+        kind: a key of ``NOUNS``.
+    """
+    named = about_of(kind)
+    title = NOUNS[kind][1]
+    frame = pl.DataFrame({kind: list(named), "about": list(named.values())})
+    answer = f"{count(len(named), *NOUNS[kind])}; select one with {USES[kind]}."
+    return Document(
+        title[:1].upper() + title[1:], (answer,), parts=(Table(frame, name=title.replace(" ", "_"), names=1),)
+    )
+
+
+def about_of(kind: str) -> dict[str, str]:
+    """Return a line about each object of a kind, by name, those of installed packages included."""
+    if kind == "preset":
+        return {name: describe(name) for name in preset_names()}
+    if kind == "sensor":
+        models = get_args(Sensor.model_fields["model"].annotation)
+        return {name: SENSORS.get(name, "") for name in models}
+    plugins.load_installed()
+    return {name: one.about for name, one in plugins.KINDS[kind].known().items()}

@@ -1,0 +1,73 @@
+"""What a study consists of, what is left to do, and how long the command that runs it may take."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from vibroswarm.show.numbers import count, duration, listed
+from vibroswarm.study.cell_comparison import MOST_AGAIN
+from vibroswarm.study.plan import Plan
+from vibroswarm.study.precision import FIRST_LOOK
+from vibroswarm.study.runner import Expected, Job
+
+PAGE_S: Final = 3.0
+"""Processor time of a page without cells, s: imports, and figures of all cells."""
+PAGE_OF_CELL_S: Final = 1.8
+"""Processor time of a cell's references and figures, s."""
+TESTS_OF_STRATEGY_S: Final = 6.0
+"""Processor time of the tests of a strategy in a league, s, with the usual numbers of runs."""
+CELLS_DRAWN: Final = 12
+"""Of more cells, a page has fewer figures."""
+
+
+def plan_sentence(plan: Plan) -> str:
+    """Return how many cells and runs there are, and what the cells share.
+
+    For each run, all cells together need so many motions, observations of samples, and inferences from the readings.
+    """
+    study = plan.study
+    # With --until, intervals are computed after 100 runs for the first time.
+    runs = f"{study.runs:,}" if study.runs else f"{FIRST_LOOK} or more"
+    shared = ", ".join(
+        (
+            count(len(plan.groups), "motion"),
+            count(plan.observations, "observation"),
+            count(plan.inferences, "inference"),
+        )
+    )
+    return f"{count(len(study.cells), 'cell')}, {runs} runs each, seed {study.seed}; shared per run: {shared}"
+
+
+def work_sentence(
+    plan: Plan,
+    left: Expected,
+    job: Job | None = None,
+    *,
+    again: bool = False,
+    drawn: bool = False,
+    tests: int = 0,
+) -> str:
+    """Return what a command has to do, and how much processor time that takes in all.
+
+    Args:
+        left: the runs that are missing (``runner.expected``). job: a part of the study; None if all of it is run.
+        again: whether the runs are repeated on other seeds. drawn: whether a page is written.
+        tests: number of strategies whose beliefs and faults are tested too.
+    """
+    if left.runs == 0:
+        return "Nothing to do: all runs exist."
+    share = 1 / job.of if job else 1.0
+    runs_s = left.core_s * share
+    words = [f"{count(left.runs, 'run')} of motion{f' (this shard: 1/{job.of} of them)' if job else ''}"]
+    if again:
+        repeated = min(plan.study.runs or FIRST_LOOK, MOST_AGAIN) * len(plan.groups)
+        runs_s += left.core_s / left.runs * repeated
+        words.append(f"{repeated:,} on other seeds")
+    page_s = PAGE_S + PAGE_OF_CELL_S * min(len(plan.study.cells), CELLS_DRAWN) if drawn else 0.0
+    if drawn:
+        words.append("the report")
+    if tests:
+        words.append(f"beliefs and faults of {count(tests, 'strategy', 'strategies')}")
+        page_s += TESTS_OF_STRATEGY_S * tests
+    how = f"estimated from {left.tried} trial runs" if left.tried else "a rough estimate"
+    return f"To do: {listed(words)}; about {duration(runs_s + page_s)} of one core in all ({how})"
