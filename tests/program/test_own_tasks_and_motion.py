@@ -221,7 +221,7 @@ def test_a_task_that_is_wrong(
 
 def test_commands_about_shares_refuse_another_task(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["detect", "--task", f"{files / 'halves.py'}:halves", "--runs", "4"]) == 2
-    assert "task.name: must be fill_ratio for this command" in capsys.readouterr().err
+    assert "task.name: must be fill_ratio to detect" in capsys.readouterr().err
 
 
 @pytest.mark.slow

@@ -30,7 +30,7 @@ def fine(path, side):
 @pytest.mark.parametrize(
     "command",
     ["run", "evaluate --runs 2", "evaluate --runs 2 --vary preset=paper,text", "scenario", "floors show",
-     "floors measure", "detect", "tradeoff"],
+     "floors measure", "detect", "evaluate tradeoff"],
 )  # fmt: skip
 def test_a_large_picture_needs_tiles_before_anything_runs(circle, command, capsys, tmp_path):
     words = command.split()
