@@ -34,9 +34,9 @@ ROBOTS = usual_markers(5, 1.0, 1.0, size_mm=50.0)
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with a result, its video and what belongs to it: 40 s of five robots at low resolution."""
+    """A folder with a result, its video and what belongs to it: 25 s of five robots at low resolution."""
     folder = tmp_path_factory.mktemp("a session")
-    scenario = preset("paper").with_values({"run.t_end_s": 40.0, "floor.source": "random:0.48"})
+    scenario = preset("paper").with_values({"run.t_end_s": 25.0, "floor.source": "random:0.48"})
     result = simulate(scenario, 3, 1, segments=True)
     result.write(folder / "run")
     rows = ["".join(map(str, row)) for row in result.floor(0).tiles.tolist()]
@@ -74,7 +74,7 @@ def test_a_video_is_tracked_into_a_recording(session: Path, capsys: pytest.Captu
     assert told["clock_offset_s"] == pytest.approx(OFFSET_S, abs=0.04)
     assert told["lens"] == "chessboard"
     positions = pl.read_parquet(out / "positions.parquet")
-    assert positions.height > 0.95 * 400 * 5
+    assert positions.height > 0.95 * 250 * 5
     assert np.quantile(errors_mm(session, positions), 0.95) < 2.0  # 0.75 px/mm; 1 mm at 1080p: the benchmark
     true = Result.read(session / "run").motion
     stops = pl.read_csv(out / "stops.csv")

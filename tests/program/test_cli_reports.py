@@ -86,6 +86,7 @@ def test_a_second_time_in_the_same_folder_simulates_nothing_and_draws_the_same(
 FEW = ["evaluate", "--runs", "4", "--no-confirm", *SMALL]
 
 
+@pytest.mark.usefixtures("svg_alone")
 def test_pictures_are_files_on_request_and_in_the_report_anyway(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

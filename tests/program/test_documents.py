@@ -107,8 +107,11 @@ def test_every_block_says_what_it_is(document):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("svg_alone")
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
-def test_the_code_runs(document, here, monkeypatch):
+def test_the_code_runs(document, here, monkeypatch, request):
+    if document.name != "studies.md":  # it draws pictures by name
+        request.getfixturevalue("one_picture")  # test_installed.py and test_cli_reports.py draw all
     main_module = ModuleType("__main__")  # what is typed in there can be found by its name
     monkeypatch.setitem(sys.modules, "__main__", main_module)
     names: dict[str, object] = vars(main_module)
