@@ -12,6 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from helpers.result_outcomes import from_result
+from vibroswarm.analysis.figures import Swarms, figures_of
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import (
@@ -21,7 +22,6 @@ from vibroswarm.inference.outcomes import (
     estimate_of,
     robot_columns,
     run_columns,
-    run_figures,
 )
 from vibroswarm.optimize.objective import NAMES, Objective
 from vibroswarm.optimize.outcomes import from_tables
@@ -35,6 +35,15 @@ CELLS, RUNS, SWARM = 3, 40, 3
 FILLS = np.tile([0.2, 0.48, 0.5, 0.8], RUNS // 4)
 BOUNDARIES = [0.5, 0.48, 0.3]
 Arrays = dict[str, NDArray[Any]]
+
+
+def run_figures(robots: Arrays, runs: Arrays, t_end_s: Any) -> Arrays:
+    """Figures by run in the shape of the columns of runs."""
+    shape = robots["decision"].shape[:-1]
+    return {
+        name: of_run.reshape(shape)
+        for name, of_run in figures_of(Swarms.of_arrays(robots, runs, t_end_s)).items()
+    }
 
 
 def made_up(seed: int = 1) -> Arrays:
@@ -99,6 +108,14 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
         consensus = "truth_undefined"
     else:
         consensus = "right" if own[0]["decision"] == truth else "wrong"
+    doubts = [robot["belief_below"] if truth == 1 else 1.0 - robot["belief_below"] for robot in own]
+    leaning = [
+        0.5 if math.isnan(doubt) else float(doubt > 0.5) for doubt in doubts
+    ]  # no belief is exactly 1/2
+    forced = [
+        lean if robot["decision"] == -1 else float(robot["decision"] != truth)
+        for robot, lean in zip(own, leaning, strict=True)
+    ]
     last = (
         max(robot["decision_time_s"] for robot in own)
         if consensus in ("right", "wrong", "truth_undefined")
@@ -106,7 +123,6 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
     )
     known = truth is not None
     return {
-        "truth": math.nan if truth is None else float(truth),
         "consensus": consensus,
         "counts": (right, wrong, undecided),
         "consensus_time_s": math.nan if last is None else last,
@@ -122,6 +138,17 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
         "swarm_right": float(consensus == "right") if known else math.nan,
         "swarm_wrong": float(consensus == "wrong") if known else math.nan,
         "swarm_time_s": T_END if last is None else min(last, T_END),
+        "robots": SWARM,
+        "decided": right + wrong if known else math.nan,
+        "robot_error": wrong / (right + wrong) if right + wrong else math.nan,
+        "forced_error": sum(forced) / SWARM if known else math.nan,
+        **{f"swarm_{name}": float(consensus == name) for name in ("split", "incomplete", "truth_undefined")},
+        "swarm_error": float(consensus == "wrong") if consensus in ("right", "wrong") else math.nan,
+        **{
+            f"agreed_on_{answer}": float(all(robot["decision"] == answer for robot in own))
+            for answer in (0, 1)
+        },
+        "agreement_held": math.nan,
     }
 
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.cell_summary import run_figures
+from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import Interval, generator, mean_interval
-from vibroswarm.analysis.paired import FIGURES, compare, confirmed, equivalent, holm
+from vibroswarm.analysis.paired import COMPARED, compare, confirmed, equivalent, holm
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import replay, simulate
@@ -29,6 +29,7 @@ def figures(times: list[float], right: list[float | None], first_run: int = 0) -
             "belief_in_truth": [0.5] * n,
             "wrong_share": [0.0] * n,
             "undecided_share": [0.2] * n,
+            "forced_error": [0.1] * n,
         },
         schema_overrides={"right_share": pl.Float64},
     )
@@ -38,7 +39,7 @@ def test_by_hand() -> None:
     first = figures([1.0, 2.0, 3.0, 9.0], [1.0, 0.5, None, 0.0])
     second = figures([2.0, 2.0, 5.0, 4.0, 7.0], [0.5, 0.5, 1.0, 0.5, 1.0])
     time_s, belief, right, *_ = compare(first, second)
-    assert [p.figure for p in compare(first, second)] == list(FIGURES)
+    assert [p.figure for p in compare(first, second)] == list(COMPARED)
     assert (time_s.first, time_s.second, time_s.difference.estimate) == (3.75, 3.25, 0.5)
     assert (time_s.wins, time_s.ties, time_s.losses) == (2, 1, 1)  # sooner is better
     assert (time_s.pairs, time_s.unpaired) == (4, 1)

@@ -258,7 +258,7 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
         ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
         ("evaluate --vary strategy.soft.eta", "is not of the form section.field=value,value"),
         ("evaluate --runs 5 --until 2%", "--until: use --runs or --until, not both"),
-        ("evaluate --figure right", "--figure: needs --until"),
+        ("evaluate --figure robots_right", "--figure: needs --until"),
     ],
 )
 def test_bad_input_is_said(line: str, words: str, capsys: pytest.CaptureFixture[str]) -> None:

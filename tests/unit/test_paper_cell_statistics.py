@@ -6,7 +6,8 @@ import numpy as np
 import polars as pl
 import pytest
 
-from vibroswarm.analysis.cell_summary import run_figures, summary
+from vibroswarm.analysis.cell_summary import summary
+from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.sampling import walk_figures
 from vibroswarm.paper.cells import FIRST_RUNS, READ, WALKED, Cell, CellResult, digest_of, summarise
 from vibroswarm.result import Result

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.errors import InputError
-from vibroswarm.study.precision import FIGURES, FIRST_LOOK, Precision, figure_of, settled
+from vibroswarm.study.precision import FIGURES, FIRST_LOOK, RENAMED, Precision
+from vibroswarm.study.settled import figure_of, settled
 from vibroswarm.study.spec import Study
 from vibroswarm.study.study_result import StudyResult
 
@@ -46,11 +47,13 @@ def test_the_errors_of_all_looks_sum_to_that_of_the_level(level: float) -> None:
 def test_times_are_known_relatively_and_shares_absolutely():
     assert Precision(0.1, "decision_time_s").reached(500.0, 450.0, 550.0)
     assert not Precision(0.1, "decision_time_s").reached(500.0, 449.0, 551.0)
-    assert Precision(0.1, "right").reached(0.5, 0.4, 0.6)
-    assert not Precision(0.05, "right").reached(0.5, 0.4, 0.6)
-    assert not Precision(0.1, "right").reached(0.5, 0.5, 0.5), "an interval without a width is not known"
-    assert not Precision(0.1, "right").reached(math.nan, math.nan, math.nan)
-    assert not Precision(0.1, "right").reached(0.5, -math.inf, math.inf)
+    assert Precision(0.1, "robots_right").reached(0.5, 0.4, 0.6)
+    assert not Precision(0.05, "robots_right").reached(0.5, 0.4, 0.6)
+    assert not Precision(0.1, "robots_right").reached(0.5, 0.5, 0.5), (
+        "an interval without a width is not known"
+    )
+    assert not Precision(0.1, "robots_right").reached(math.nan, math.nan, math.nan)
+    assert not Precision(0.1, "robots_right").reached(0.5, -math.inf, math.inf)
 
 
 @pytest.mark.parametrize(
@@ -110,14 +113,16 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> StudyResult:
     )
 
 
-@pytest.mark.parametrize("figure", FIGURES)
+@pytest.mark.parametrize(
+    "figure", [*RENAMED.values(), "decision_time_s", "belief_in_truth", "consensus_time_s"]
+)
 def test_figures_are_those_of_the_tables(figure: str, result: StudyResult) -> None:
     robots, runs = result.robots(), result.runs()
     joined = robots.join(runs.select("run", "truth"), on="run")
     hit = {
-        "right": pl.col("decision") == pl.col("truth"),
-        "wrong": (pl.col("decision") != -1) & (pl.col("decision") != pl.col("truth")),
-        "undecided": pl.col("decision") == -1,
+        "robots_right": pl.col("decision") == pl.col("truth"),
+        "robots_wrong": (pl.col("decision") != -1) & (pl.col("decision") != pl.col("truth")),
+        "robots_undecided": pl.col("decision") == -1,
     }
     if figure in ("decision_time_s", "belief_in_truth"):
         wanted = robots[figure].fill_null(60.0).mean()
@@ -126,11 +131,17 @@ def test_figures_are_those_of_the_tables(figure: str, result: StudyResult) -> No
     elif figure in hit:
         wanted = joined.select(hit[figure].mean()).item()
     else:
-        wanted = (runs["consensus"] == figure.removeprefix("consensus_")).mean()
+        wanted = (runs["consensus"] == figure.removeprefix("swarm_")).mean()
     found = figure_of(result.store.scan(0, 200), figure, 60.0, 0.95)  # type: ignore[arg-type]
     assert found.estimate == pytest.approx(wanted, rel=1e-12)
     assert found.n == 200
     assert found.low < found.estimate < found.high
+
+
+@pytest.mark.parametrize(("old", "new"), RENAMED.items())
+def test_a_renamed_figure_is_named(old: str, new: str) -> None:
+    with pytest.raises(InputError, match=f"'{old}' is called '{new}' now"):
+        Precision(0.02, old)
 
 
 @pytest.fixture(scope="module")
@@ -146,13 +157,6 @@ def with_and_without_truth(tmp_path_factory: pytest.TempPathFactory) -> pl.DataF
     return rows.with_columns(run=pl.col("run") + 40 * pl.col("cell"))
 
 
-IN_THE_SUMMARY = {
-    "right": "robots_right", "wrong": "robots_wrong", "undecided": "robots_undecided",
-    "consensus_right": "swarm_right", "consensus_wrong": "swarm_wrong",
-}  # fmt: skip
-"""Names that figures have in ``CellSummary``, where they differ."""
-
-
 @pytest.mark.parametrize("figure", FIGURES)
 @pytest.mark.parametrize("truth", ["all", "some", "none"])
 def test_figures_agree_with_the_summary_of_the_cell(
@@ -165,12 +169,11 @@ def test_figures_agree_with_the_summary_of_the_cell(
     if truth == "none":
         assert {-1, 0, 1} == set(rows["decision"]), "robots decide, and stay undecided"
     found = figure_of(rows.lazy(), figure, 60.0, 0.95)
-    wanted = getattr(summary(rows, runs, 60.0), IN_THE_SUMMARY.get(figure, figure))
+    wanted = getattr(summary(rows, runs, 60.0), figure)
     assert found.n == wanted.n
     assert math.isnan(found.estimate) == (found.n == 0)
     assert found.estimate == pytest.approx(wanted.estimate, rel=1e-12, nan_ok=True)
-    if not IN_THE_SUMMARY.get(figure, "").startswith("robots_"):  # the summary has other intervals for these
-        assert found[1:3] == pytest.approx(wanted[1:3], rel=1e-12, nan_ok=True)
+    assert found[1:3] == pytest.approx(wanted[1:3], rel=1e-12, nan_ok=True), "the interval that is shown"
 
 
 def test_a_group_is_settled_when_its_worst_cell_is(tmp_path: Path) -> None:
@@ -180,18 +183,20 @@ def test_a_group_is_settled_when_its_worst_cell_is(tmp_path: Path) -> None:
     for cell in (0, 1):
         rows = result.store.scan(0, 100)
         assert rows is not None
-        found = figure_of(rows.filter(pl.col("cell") == cell), "right", 60.0, Precision(0.5).level_at(0))
+        found = figure_of(
+            rows.filter(pl.col("cell") == cell), "robots_right", 60.0, Precision(0.5).level_at(0)
+        )
         half_widths.append((found.high - found.low) / 2)
     worst = max(half_widths)
-    assert settled(result.store, group, Precision(worst, "right")) == (
+    assert settled(result.store, group, Precision(worst, "robots_right")) == (
         0,
         100,
         Precision(0.5).level_at(0),
         True,
     )
-    later = settled(result.store, group, Precision((worst + min(half_widths)) / 2, "right"))
+    later = settled(result.store, group, Precision((worst + min(half_widths)) / 2, "robots_right"))
     assert later is None or later.look > 0
-    assert settled(result.store, group, Precision(0.001, "right")) is None, "400 runs are not there"
-    most = settled(result.store, group, Precision(0.001, "right", max_runs=150))
+    assert settled(result.store, group, Precision(0.001, "robots_right")) is None, "400 runs are not there"
+    most = settled(result.store, group, Precision(0.001, "robots_right", max_runs=150))
     assert most is not None
     assert (most.runs, most.reached) == (150, False)

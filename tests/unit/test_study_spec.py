@@ -155,7 +155,7 @@ BAD = {
     "until 0": ('until = "0%"', "not a percentage"),
     "until nan": ('until = "nan%"', "not a percentage"),
     "figure without until": (HEAD + 'figure = "right"', "only together with 'until'"),
-    "unknown figure": ('until = "2%"\nfigure = "rihgt"', "did you mean 'right'"),
+    "unknown figure": ('until = "2%"\nfigure = "robots_rihgt"', "did you mean 'robots_right'"),
     "max_runs too few": ('until = "2%"\nmax_runs = 99', "whole number from 100"),
     "level of 1.5": (
         'until = "2%"\nlevel = 1.5',

@@ -3,7 +3,8 @@
 | module | covers |
 |---|---|
 | ``verdict`` | one run, in numbers and in sentences; whether a posterior is an estimate or an opinion |
-| ``cell_summary``, ``incidence`` | one cell: each run in a row, all figures with intervals, decisions over time |
+| ``figures`` | all figures, each declared once; one row of them per run |
+| ``cell_summary``, ``incidence`` | one cell: all figures with intervals, decisions over time |
 | ``paired`` | two cells, run by run |
 | ``tradeoff``, ``detection`` | many cells: time against error, how many robots for how long |
 | ``fault_tolerance`` | how many robots that fail a strategy bears |

@@ -31,7 +31,7 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.special import betainc
 
-from vibroswarm.analysis.cell_summary import run_figures
+from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import (
     Interval,
     check_level,

@@ -29,7 +29,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.cell_summary import run_figures
+from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence, time_grid
 from vibroswarm.analysis.intervals import check_level, plain, wilson_limits
 from vibroswarm.errors import InputError

@@ -37,35 +37,15 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
-from numpy.typing import NDArray
 
-from vibroswarm.analysis.cell_summary import ByRun
+from vibroswarm.analysis.figures import ByRun
 from vibroswarm.analysis.intervals import Interval, generator
 from vibroswarm.analysis.tradeoff import replayed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcomes import Array, numbers
+from vibroswarm.inference.outcomes import Array, forced_errors, numbers
 from vibroswarm.scenario.scenario import Scenario
-
-HALF = 0.5
-"""Belief of a robot that leans to neither answer, and the error expected of it."""
-
-
-def forced_errors(decision: NDArray[np.integer], belief_in_truth: Array, truth: Array) -> Array:
-    """Return the forced error of each robot: 1 if it is wrong, 0 if it is right.
-
-    An undecided robot counts as deciding for the answer that it believes in more; without such an answer it has 1/2.
-
-    Args:
-        decision: 0, 1, or -1 while undecided. belief_in_truth: belief in the true answer, of an undecided robot at the
-            end of the run; nan: it has no belief. truth: 0 or 1; nan: neither decision is right.
-    Returns: errors in the broadcast shape of the arguments; nan where the truth is nan.
-    """
-    doubt = np.where(np.isnan(belief_in_truth), HALF, 1.0 - belief_in_truth)
-    leaning = np.where(doubt > HALF, 1.0, np.where(doubt < HALF, 0.0, HALF))
-    errors = np.where(decision == -1, leaning, decision != truth)
-    return np.where(np.isnan(truth), np.nan, errors)
 
 
 def forced_error_by_robot(robots: pl.DataFrame, runs: pl.DataFrame) -> Array:
@@ -81,18 +61,6 @@ def forced_error_by_robot(robots: pl.DataFrame, runs: pl.DataFrame) -> Array:
     return forced_errors(
         robots["decision"].to_numpy(), numbers(robots["belief_in_truth"]), numbers(truth["truth"])
     )
-
-
-def forced_error_by_run(robots: pl.DataFrame, runs: pl.DataFrame) -> pl.DataFrame:
-    """Average ``forced_errors`` over the robots of each run.
-
-    Args:
-        robots, runs: tables of one cell (the runs of one scenario), as a ``Result`` has them.
-    Returns: run and forced_error (null if neither decision is right), one row per run, sorted by run.
-    """
-    errors = pl.Series("forced_error", forced_error_by_robot(robots, runs), nan_to_null=True)
-    by_run = robots.select("run").with_columns(errors).sort("run").group_by("run", maintain_order=True)
-    return by_run.agg(pl.col("forced_error").mean())
 
 
 DRAWS: Final = 1000

@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.cell_summary import run_figures
+from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import check_level, cluster_share_of_distinct, wilson_limits
 
 POINTS = 121

@@ -36,23 +36,13 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
+from vibroswarm.analysis.figures import BY_COLUMN, FIGURES
 from vibroswarm.analysis.intervals import Interval, check_level, plain, sign_flip
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, nearest
 
-FIGURES: Final = {
-    "decision_time_s": -1,
-    "belief_in_truth": 1,
-    "right_share": 1,
-    "wrong_share": -1,
-    "undecided_share": -1,
-}
-"""Columns of ``cell_summary.run_figures`` compared by default; 1 if higher is better, -1 if lower is better."""
-
-DIRECTIONS: Final = FIGURES | {"forced_error": -1, "swarm_right": 1, "swarm_wrong": -1, "swarm_time_s": -1}
-"""All columns that can be compared, each with 1 if larger values are better and -1 if smaller values are better. All
-but ``forced_error`` are columns of ``cell_summary.run_figures``; ``forced_error`` has to be joined to its table from
-``forced_error.forced_error_by_run``."""
+COMPARED: Final = tuple(figure.by_run for figure in FIGURES if figure.compared)
+"""Columns of ``figures.run_figures`` that are compared by default."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +55,7 @@ class Paired(NotebookView):
     """
 
     figure: str
-    """Name of the figure, one of ``DIRECTIONS``."""
+    """Name of the figure in ``figures.run_figures``."""
     first: float
     second: float
     difference: Interval
@@ -98,7 +88,7 @@ class Paired(NotebookView):
 def compare(
     first: pl.DataFrame,
     second: pl.DataFrame,
-    figures: Sequence[str] = tuple(FIGURES),
+    figures: Sequence[str] = COMPARED,
     level: float = 0.95,
     seed: int = 0,
 ) -> tuple[Paired, ...]:
@@ -106,18 +96,18 @@ def compare(
 
     Args:
         first, second: ``run_figures`` of the two cells, of the same seed; rows with the same run number are a pair.
-        figures: names in ``DIRECTIONS``, each a column of both tables. level: confidence level of the intervals.
-        seed: of the sign flips.
+        figures: columns of both tables that can be compared (``RunFigure.better``).
+        level: confidence level of the intervals. seed: of the sign flips.
     Returns: one comparison per figure, in the order of ``figures``.
     Raises:
-        InputError: a figure that is not in ``DIRECTIONS``, no run in both cells, or a level outside (0, 1).
+        InputError: a figure that cannot be compared, no run in both cells, or a level outside (0, 1).
     """
     check_level(level)
-    for figure in figures:
-        if figure not in DIRECTIONS:
+    known = [name for name, figure in BY_COLUMN.items() if figure.better]
+    for name in figures:
+        if name not in known:
             raise InputError(
-                f"'{figure}' cannot be compared{nearest(figure, DIRECTIONS)}; "
-                f"there are {', '.join(DIRECTIONS)}",
+                f"'{name}' cannot be compared{nearest(name, known)}; there are {', '.join(known)}",
                 field="figures",
             )
     both = first.join(second, on="run", how="inner", suffix="_second").sort("run")
@@ -143,7 +133,7 @@ def _compare_one(both: pl.DataFrame, figure: str, in_one_only: int, level: float
     d = a - b
     d[np.isclose(a, b, rtol=1e-12, atol=1e-12)] = 0.0  # rounding is no difference
     interval, p_value = sign_flip(d, level, seed)
-    better = d * DIRECTIONS[figure]
+    better = d * BY_COLUMN[figure].better
     return Paired(
         figure=figure,
         first=float(a.mean()) if a.size else math.nan,

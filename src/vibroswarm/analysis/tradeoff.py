@@ -24,7 +24,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.cell_summary import run_figures, summary
+from vibroswarm.analysis.cell_summary import summary
+from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, plain
 from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import needs_moves, timeline_of

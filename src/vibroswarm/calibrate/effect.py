@@ -12,9 +12,9 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.cell_summary import run_figures
+from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.intervals import Interval, mean_interval
-from vibroswarm.analysis.paired import FIGURES, Confirmation, compare, confirmed
+from vibroswarm.analysis.paired import COMPARED, Confirmation, compare, confirmed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, whole_number_of
 from vibroswarm.inference.outcomes import CONSENSUS
@@ -35,7 +35,7 @@ class Effect(NotebookView):
 
     strategy: str
     figures: tuple[dict[str, Interval], dict[str, Interval]]
-    """Mean of each figure (``paired.FIGURES``) over runs with the first seed, in the first and the second scenario."""
+    """Mean of each figure (``paired.COMPARED``) over runs with the first seed, in the first and the second scenario."""
     consensus: tuple[dict[str, float], dict[str, float]]
     """Share of runs with each consensus outcome with the first seed, in the first and the second scenario."""
     differences: tuple[Confirmation, ...]
@@ -134,7 +134,7 @@ def _effect(name: str, blocks: list[list[dict[str, Tables]]], t_end_s: float) ->
     comparisons = [compare(second, first) for first, second in tables]
     # Means and shares of outcomes, for each scenario, are those of the first seed, ``tables[0]`` and ``blocks[0]``.
     figures = [
-        {figure: mean_interval(table[figure].drop_nulls().to_numpy()) for figure in FIGURES}
+        {figure: mean_interval(table[figure].drop_nulls().to_numpy()) for figure in COMPARED}
         for table in tables[0]
     ]
     runs_tables = [cell[name][1] for cell in blocks[0]]

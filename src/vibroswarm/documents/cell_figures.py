@@ -1,4 +1,4 @@
-"""Headings of the figures of a cell (``analysis.cell_summary``), in the order in which tables have them."""
+"""Columns of tables with figures of a cell (``analysis.figures``), and with what else is known of a cell."""
 
 from __future__ import annotations
 
@@ -6,32 +6,10 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from typing import Final
 
+from vibroswarm.analysis.figures import BY_NAME, FIGURES, RunFigure
 from vibroswarm.show.document import Column
 
-_TIMES: Final = {
-    "decision_time_s": "decision time",
-    "consensus_time_s": "time of consensus",
-    "consensus_median_s": "median time of consensus",
-}
-_SHARES: Final = {
-    "robots_right": "robots right",
-    "robots_wrong": "robots wrong",
-    "robots_undecided": "robots undecided",
-    "error": "robots wrong",
-    "forced_error": "forced error",
-    "swarm_right": "swarms right",
-    "swarm_wrong": "swarms wrong",
-    "swarm_split": "split",
-    "swarm_incomplete": "incomplete",
-    "swarm_truth_undefined": "without a right answer",
-    "swarm_error": "wrong among swarms that agreed",
-    "robot_error": "wrong among robots that decided",
-    "agreed_on_0": "agreed on 0 (less)",
-    "agreed_on_1": "agreed on 1 (more)",
-    "agreement_lasted": "lasted",
-}
 _NUMBERS: Final = {
-    "belief_in_truth": Column("belief in the truth", decimals=3),
     "icc_decision_time": Column("correlation within a run: decision time", decimals=3),
     "icc_right": Column("correlation within a run: right", decimals=3),
     "icc_undecided": Column("correlation within a run: undecided", decimals=3),
@@ -56,15 +34,21 @@ def with_limits_of(names: Iterable[str], columns: Collection[str]) -> list[str]:
     return [each for name in names for each in (name, *limits_of(name)) if each in columns]
 
 
+def column_of(figure: RunFigure) -> Column:
+    """Return the format of a figure: seconds without decimals, shares in percent, anything else with three decimals."""
+    if figure.unit == "s":
+        return Column(figure.title, "s", decimals=0)
+    return Column(figure.title, share=True) if figure.is_share else Column(figure.title, decimals=3)
+
+
 def figure_columns(columns: Collection[str], wide: Collection[str] = ()) -> dict[str, Column]:
     """Return the formats of the figures in a table.
 
     Args:
         columns: names of the columns of the table. wide: figures that a terminal prints on request only.
     """
-    formats = {name: Column(title, "s", decimals=0) for name, title in _TIMES.items()}
-    formats |= {name: Column(title, share=True) for name, title in _SHARES.items()}
-    formats |= _NUMBERS
+    formats = {figure.name: column_of(figure) for figure in FIGURES} | _NUMBERS
+    formats["error"] = column_of(BY_NAME["robots_wrong"])
     return columns_of({name: replace(column, wide=name in wide) for name, column in formats.items()}, columns)
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any
 
 import polars as pl
 
+from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.paired import Confirmation
 from vibroswarm.calibrate.effect import Effect
 from vibroswarm.documents.cell_figures import figure_columns, limits_of
@@ -48,15 +49,6 @@ def _says(one: Confirmation) -> str:
     return one.says if one.first.difference.excludes(0.0) else "no significant difference"
 
 
-FIGURES: Final = {
-    "decision_time_s": "decision time, s",
-    "belief_in_truth": "belief in the truth",
-    "right_share": "share of robots right",
-    "wrong_share": "share of robots wrong",
-    "undecided_share": "share of robots undecided",
-}
-
-
 def _figures(found: Sequence[Effect], names: tuple[str, str]) -> Table:
     """Return a row for each strategy and scenario: means over runs, and the shares of runs by consensus."""
     rows = []
@@ -75,10 +67,11 @@ def _differences(found: Sequence[Effect], names: tuple[str, str]) -> Table:
     rows = []
     for effect in found:
         for one in effect.differences:
+            figure = BY_COLUMN[one.first.figure]
             # times are written in whole seconds, shares and beliefs with three decimals
-            decimals = 0 if one.first.figure.endswith("_s") else 3
-            difference = with_limits(one.first.difference, decimals=decimals, sign=True)
-            rows.append((effect.strategy, FIGURES[one.first.figure], difference, _says(one)))
+            difference = with_limits(one.first.difference, decimals=0 if figure.unit else 3, sign=True)
+            words = f"{figure.title}, {figure.unit}" if figure.unit else figure.title
+            rows.append((effect.strategy, words, difference, _says(one)))
     frame = pl.DataFrame(rows, schema=["strategy", "figure", "difference", "on other seeds"], orient="row")
     columns = {"on other seeds": Column(prose=True)}
     return Table(frame, columns, f"{names[1]} - {names[0]}, paired by run (95 %).", "differences", names=2)

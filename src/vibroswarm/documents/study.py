@@ -15,7 +15,9 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.documents.cell_figures import figure_columns, limits_of, with_limits_of
+from vibroswarm.analysis.figures import BY_COLUMN, RunFigure
+from vibroswarm.analysis.paired import COMPARED
+from vibroswarm.documents.cell_figures import column_of, figure_columns, limits_of, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.study_figures import (
     comparison_figures,
@@ -265,14 +267,6 @@ def _levels(outcome: Outcome) -> str:
     )
 
 
-_COMPARED: Final = {
-    "decision_time_s": "Decision time",
-    "right_share": "Share of robots right",
-    "wrong_share": "Share of robots wrong",
-    "undecided_share": "Share of robots undecided",
-    "forced_error": "Forced error",
-}
-"""Figures of the tables of comparisons, in words. The belief in the truth is compared too, but has no table."""
 _COMPARED_WORDS: Final = (
     "Cells with one seed have the same motion and noise in each run, so they are compared in pairs of runs. Intervals "
     "are from sign flips; p-values are corrected over all comparisons (Holm). Each is repeated on other seeds, with "
@@ -285,20 +279,20 @@ def _compared_parts(compared: Sequence[Compared]) -> list[Part]:
     if not compared:
         return []
     table = comparison_table(compared)
-    tables = tuple(_compared_table(table, figure) for figure in _COMPARED)
+    tables = tuple(_compared_table(table, BY_COLUMN[figure]) for figure in COMPARED)
     return [
         Section("How they compare, and on other seeds", (Text(_COMPARED_WORDS), *tables), wide=True),
         *comparison_figures(compared),
     ]
 
 
-def _compared_table(table: pl.DataFrame, figure: str) -> Table:
+def _compared_table(table: pl.DataFrame, figure: RunFigure) -> Table:
     """Tabulate the differences of a figure, and those in the second block, if there is one."""
-    is_share = figure != "decision_time_s"
-    unit, decimals = ("points", 1) if is_share else ("s", 0)
+    of_cell = column_of(figure)
+    unit, decimals = ("points", 1) if figure.is_share else (figure.unit, of_cell.decimals)
 
     def difference(name: str, title: str) -> Column:
-        return Column(title, unit, share=is_share, decimals=decimals, sign=True, limits=limits_of(name))
+        return replace(of_cell, title=title, unit=unit, decimals=decimals, sign=True, limits=limits_of(name))
 
     columns = {
         "name": Column("compared"),
@@ -314,10 +308,9 @@ def _compared_table(table: pl.DataFrame, figure: str) -> Table:
     if "confirmed" in columns:
         words = pl.when("confirmed").then(pl.lit("confirmed")).otherwise(pl.lit("not confirmed"))
         table = table.with_columns(confirmed=words)
-    rows = table.filter(pl.col("figure") == figure).select(with_limits_of(columns, table.columns))
-    return Table(
-        rows, columns, caption=f"{_COMPARED[figure]}: first - second.", name=f"compared-{figure}", folded=True
-    )
+    rows = table.filter(pl.col("figure") == figure.by_run).select(with_limits_of(columns, table.columns))
+    caption = f"{figure.title[0].upper()}{figure.title[1:]}: first - second."
+    return Table(rows, columns, caption=caption, name=f"compared-{figure.by_run}", folded=True)
 
 
 _EQUAL_ERROR_WORDS: Final = (

@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 from scipy.special import betainc
 
+from vibroswarm.analysis.figures import FIGURES, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.documents.figure_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -53,9 +54,9 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
     cells, layout = outcome.cells, layout_of([row.cell for row in outcome.cells])
     if len(cells) <= MOST_ROWS:
         yield _figure("outcomes", "Outcomes of the swarms", partial(_outcomes, cells))
-    for name, title, label, percent in _FIGURES:
-        if layout.x is not None or len(cells) <= MOST_ROWS:
-            yield _figure(name, title, partial(_bars, cells, layout, name, label, percent))
+    for figure in FIGURES:
+        if figure.picture and (layout.x is not None or len(cells) <= MOST_ROWS):
+            yield _figure(figure.name, figure.picture, partial(_bars, cells, layout, figure))
     yield from _planes(cells)
     # ``swarm_right.n`` counts the runs with a truth: those in which one of the two decisions is right.
     if layout.field == SOURCE and any(row.summary.swarm_right.n for row in cells):
@@ -82,16 +83,6 @@ def _figure(name: str, title: str, draw: Callable[..., Picture]) -> Figure:
     return Figure(name, lambda style: draw(style=style), title)
 
 
-_FIGURES: Final = (
-    ("decision_time_s", "Decision time (restricted mean)", "decision time (s)", False),
-    ("belief_in_truth", "Belief in the truth (the paper's accuracy)", "belief in the truth", False),
-    ("robots_right", "Robots that decided rightly", "robots right", True),
-    ("robots_wrong", "Robots that decided wrongly", "robots wrong", True),
-)
-"""Quantities of cells that are drawn: field of ``cell_summary.CellSummary``, title, label of the axis, whether it is a
-share."""
-
-
 def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
     """Draw how many swarms of each cell ended with each kind of consensus."""
     kinds = ("right", "wrong", "split", "incomplete", "truth_undefined")
@@ -105,20 +96,16 @@ def _outcomes(cells: Sequence[CellOutcome], style: str) -> Picture:
     return draw_outcomes(_frame(rows), interval="95 % Wilson interval", style=style)
 
 
-def _bars(
-    cells: Sequence[CellOutcome], layout: Layout, figure: str, label: str, percent: bool, style: str
-) -> Picture:
+def _bars(cells: Sequence[CellOutcome], layout: Layout, figure: RunFigure, style: str) -> Picture:
     """Draw a figure of the cells with its intervals.
 
     It is drawn along ``layout.x`` with a line for each series. If there is no x, or if there are more than
     ``MOST_SERIES`` lines, each cell has a row of its own instead, up to ``MOST_ROWS`` cells.
 
-    Args:
-        figure: name in ``CellSummary``. label: of its axis. percent: whether it is a share, shown in percent.
     """
-    rows = []
+    rows: list[dict[str, object]] = []
     for cell_outcome in cells:
-        estimated, number = getattr(cell_outcome.summary, figure), cell_outcome.cell.number
+        estimated, number = cell_outcome.summary.figures[figure.name], cell_outcome.cell.number
         x = name_of(cell_outcome.cell) if layout.x is None else layout.x[number]
         series = {} if layout.x is None else {"series": layout.series[number]}
         interval = {"estimate": estimated.estimate, "low": estimated.low, "high": estimated.high}
@@ -134,9 +121,9 @@ def _bars(
     return draw_error_bars(
         frame,
         x_label="" if too_many_lines else layout.label,
-        label=label,
+        label=f"{figure.title} ({figure.unit})" if figure.unit else figure.title,
         interval="95 % interval",
-        percent=percent,
+        percent=figure.is_share,
         style=style,
     )
 
@@ -294,7 +281,7 @@ def _front(cells: Sequence[CellOutcome], style: str) -> Picture:
     """
     rows = []
     for cell_outcome in cells:
-        time, error = cell_outcome.summary.decision_time_s, cell_outcome.forced_error
+        time, error = cell_outcome.summary.decision_time_s, cell_outcome.summary.forced_error
         rows.append(
             {
                 "name": name_of(cell_outcome.cell),

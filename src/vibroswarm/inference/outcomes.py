@@ -72,6 +72,10 @@ RUNS: Final[dict[str, Any]] = {
 before ``run.t_end_s``, as their motion statistics are biased."""
 
 
+HALF: Final = 0.5
+"""Belief of a robot that leans to neither answer, and the error expected of it."""
+
+
 # Floors and truth
 
 
@@ -153,6 +157,22 @@ def belief_in_truth(belief: Array, truth: Array) -> Array:
         belief: belief that f is below the boundary. truth: 0, 1 or nan; broadcast against ``belief``.
     """
     return np.where(truth == 0.0, belief, np.where(truth == 1.0, 1.0 - belief, np.nan))
+
+
+def forced_errors(decision: NDArray[np.integer], belief_in_truth: Array, truth: Array) -> Array:
+    """Return the forced error of each robot: 1 if it is wrong, 0 if it is right.
+
+    An undecided robot counts as deciding for the answer that it believes in more; without such an answer it has 1/2.
+
+    Args:
+        decision: 0, 1, or -1 while undecided. belief_in_truth: belief in the true answer, of an undecided robot at the
+            end of the run; nan: it has no belief. truth: 0 or 1; nan: neither decision is right.
+    Returns: errors in the broadcast shape of the arguments; nan where the truth is nan.
+    """
+    doubt = np.where(np.isnan(belief_in_truth), HALF, 1.0 - belief_in_truth)
+    leaning = np.where(doubt > HALF, 1.0, np.where(doubt < HALF, 0.0, HALF))
+    errors = np.where(decision == -1, leaning, decision != truth)
+    return np.where(np.isnan(truth), np.nan, errors)
 
 
 def estimate_of(alpha: NDArray[Any], beta: NDArray[Any]) -> Array:
@@ -284,64 +304,7 @@ def numbers(column: pl.Series) -> Array:
     return column.cast(pl.Float64).fill_null(math.nan).to_numpy()
 
 
-# Figures of each run
-
-
-def run_figures(robots: Columns, runs: Columns, t_end_s: ArrayLike) -> dict[str, Array]:
-    """Return the figures (results as numbers) of each run, by name, (..., runs) each.
-
-    They are the figures of ``of_swarms``, and three means over the run's robots: decision time (T_end for undecided
-    robots), belief in the truth, and estimate. A mean leaves out robots whose value is nan; it is nan if all are.
-
-    Args:
-        robots: columns of the table of robots, (..., runs, robots) each. runs: columns of the table of runs, (...,
-            runs) each, as ``run_columns`` returns them. t_end_s: end of a run, s: one number, or one for each cell in
-            the shape of the leading axes.
-    """
-    # t_end_s has one number per cell. It gets an axis for runs here, and another one for robots where that is needed.
-    shape, end_s = robots["decision"].shape, np.asarray(t_end_s, dtype=np.float64)[..., None]
-    of_robots = {
-        "decision_time_s": capped_time_s(robots["decision_time_s"], end_s[..., None]),
-        "belief_in_truth": robots["belief_in_truth"],
-        "estimate": estimate_of(robots["alpha"], robots["beta"]),
-    }
-    # All robots are put into one axis, run by run, so that each run's numbers are added in one fixed order.
-    # first: index of each run's first robot.
-    first = np.arange(0, math.prod(shape), shape[-1])
-    means = {
-        name: mean_by_run(values.ravel(), first).reshape(shape[:-1]) for name, values in of_robots.items()
-    }
-    return of_swarms(runs, shape[-1], end_s) | means
-
-
-def of_swarms(runs: Columns, robots: ArrayLike, t_end_s: ArrayLike) -> dict[str, Array]:
-    """Return those figures of each run that follow from the table of runs, by name, (..., runs) each.
-
-    Where the truth is nan, the figures that count right or wrong decisions are nan too.
-
-    Args:
-        runs: columns of the table of runs, (..., runs) each, as ``run_columns`` returns them: the truth is nan where
-            neither decision is right, and the consensus is an index into ``CONSENSUS``.
-        robots: robots per run. t_end_s: end of a run, s. Both are numbers, or arrays that are broadcast against (...,
-            runs).
-    Returns: truth; consensus_time_s (nan without consensus); right, wrong, undecided (numbers of robots);
-        right_share, wrong_share, undecided_share; swarm_right, swarm_wrong (1 if the consensus is right, or wrong, else
-        0); swarm_time_s (capped consensus time).
-    """
-    robots = np.asarray(robots, dtype=np.float64)
-    truth = runs["truth"].astype(np.float64)
-    known = ~np.isnan(truth)
-    counts = {name: np.where(known, runs[name], np.nan) for name in ("right", "wrong")}
-    counts["undecided"] = runs["undecided"].astype(np.float64)
-    swarm = {f"swarm_{CONSENSUS[k]}": np.where(known, runs["consensus"] == k, np.nan) for k in (RIGHT, WRONG)}
-    return {
-        "truth": truth,
-        "consensus_time_s": runs["consensus_time_s"],
-        **counts,
-        **{f"{name}_share": values / robots for name, values in counts.items()},
-        **swarm,
-        "swarm_time_s": capped_time_s(runs["consensus_time_s"], t_end_s),
-    }
+# Sums over the robots of each run
 
 
 def sum_by_run(values: Array, first: NDArray[np.intp]) -> Array:

@@ -25,10 +25,9 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.forced_error import forced_errors
 from vibroswarm.analysis.intervals import mean_interval, plain
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.inference.outcomes import numbers
+from vibroswarm.inference.outcomes import forced_errors, numbers
 from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.fault_draws import working

@@ -21,10 +21,10 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.cell_summary import interval
+from vibroswarm.analysis.figures import Swarms, figures_of, interval
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain
 from vibroswarm.floors.source import is_random
-from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s, run_figures
+from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s
 from vibroswarm.paper.columns import COLUMNS
 from vibroswarm.scenario.scenario import Scenario, field_names, preset, value_of
 from vibroswarm.study.batch_table import arrays_of
@@ -132,7 +132,7 @@ class CellResult:
     row: dict[str, Any]
     """Summary of the cell's figures with their limits, by name, see ``row_of``."""
     figures: Figures
-    """Figures of each run, (runs,) each: ``outcomes.run_figures`` and ``WALKED``."""
+    """Figures of each run, (runs,) each: ``analysis.figures`` and ``WALKED``."""
     digest: str
     """SHA-256 of the table of robots of all runs."""
     first: pl.DataFrame
@@ -245,7 +245,10 @@ def summarise(
     # Columns of robots, (cells, runs, robots), and of runs, (cells, runs).
     of_robots, of_runs = arrays_of(rows.select(READ), numbers, runs, robots)
     t_end_s = np.array([cell.scenario.run.t_end_s for cell in cells])
-    figures = run_figures(of_robots, of_runs, t_end_s) | {name: of_runs[name] for name in WALKED}
+    swarms = Swarms.of_arrays(of_robots, of_runs, t_end_s)
+    shape = (len(cells), runs)
+    figures = {name: values.reshape(shape) for name, values in figures_of(swarms).items()}
+    figures |= {name: of_runs[name] for name in ("truth", *WALKED)}
 
     def cell_result(k: int) -> CellResult:
         """Return the result of the k-th cell."""
@@ -271,8 +274,7 @@ def row_of(robots: Columns, figures: Figures, t_end_s: float) -> dict[str, Any]:
         robots: columns of the table of robots, (runs, robots) each. figures: figures of each run, (runs,) each.
         t_end_s: end of a run, which is the decision time of an undecided robot.
     """
-    runs, count = robots["decision"].shape
-    figures = {**figures, "robots": np.full(runs, count)}  # shares of robots need the number of robots
+    runs = robots["decision"].shape[0]
     row: dict[str, Any] = {"runs": runs}
     for name in ("decision_time_s", "belief_in_truth"):
         row |= _with_limits(name, interval(name, figures))

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import Final
 
 from vibroswarm.analysis.cell_summary import CellSummary
+from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.forced_error import MatchedError
 from vibroswarm.analysis.intervals import Interval
-from vibroswarm.analysis.paired import DIRECTIONS
 from vibroswarm.study.cell_comparison import Compared
 from vibroswarm.study.spec import Cell
 
@@ -46,7 +46,7 @@ class Effect:
         if not self.significant:
             return None
         # The direction is 1 if higher is better, else -1.
-        return self.interval.estimate * DIRECTIONS[self.figure] > 0
+        return self.interval.estimate * BY_COLUMN[self.figure].better > 0
 
 
 @dataclass(frozen=True)
@@ -173,4 +173,4 @@ def _effect(one: Compared) -> Effect:
 
 def lacks_truth(figures: CellSummary) -> bool:
     """Return whether no answer is right in some runs of a cell: then its outcome is on what its swarms agreed."""
-    return figures.swarm_right.n < figures.runs
+    return bool(figures.swarm_right.n < figures.runs)

@@ -112,6 +112,16 @@ def columns_of(result: Result) -> tuple[Columns, Columns]:
     return robots, runs
 
 
+def tables_of(rows: pl.DataFrame) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Divide rows of one cell, one for each run and robot, into a table of robots and one of runs, as a ``Result`` has.
+
+    The table of runs also has the figures of how the robots of a run sampled.
+    """
+    # ``run`` is the only column that both tables have.
+    of_run = [name for name in rows.columns if name != "cell" and (name not in ROBOTS or name == "run")]
+    return rows.select(list(ROBOTS)), rows.filter(pl.col("robot") == 0).select(of_run)
+
+
 def values_of(column: pl.Series) -> NDArray[Any]:
     """Return a column of ``ROWS`` as numbers, (rows,): nan in place of null, and an Enum's words as their index."""
     if isinstance(column.dtype, pl.Enum):

@@ -24,15 +24,14 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.cell_summary import run_figures
+from vibroswarm.analysis.figures import run_figures
 from vibroswarm.analysis.forced_error import (
     MatchedError,
     Reached,
-    forced_error_by_run,
     matched_error,
     reached_together,
 )
-from vibroswarm.analysis.paired import FIGURES, Confirmation, Paired, compare, confirmed, holm
+from vibroswarm.analysis.paired import Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.deliveries import needs_moves
 from vibroswarm.scenario.scenario import Scenario
@@ -264,8 +263,7 @@ def comparisons(
 
     Args:
         replicate: the second block, None if there is none. reference: as of ``pairs_of``.
-    Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.FIGURES``, then the forced
-        error.
+    Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.COMPARED``.
     """
     selected = set(result.selected)
     pairs = [
@@ -305,7 +303,7 @@ def _pair(figures: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Pai
     figures_of_cell, figures_of_reference = figures(cell), figures(reference)
     if figures_of_cell.join(figures_of_reference, on="run", how="semi").is_empty():
         return None
-    return compare(figures_of_cell, figures_of_reference, (*FIGURES, "forced_error"))
+    return compare(figures_of_cell, figures_of_reference)
 
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
@@ -335,13 +333,11 @@ class _Figures:
         self.result, self._cache = result, dict[int, pl.DataFrame]()
 
     def __call__(self, cell: Cell) -> pl.DataFrame:
-        """Return ``cell_summary.run_figures`` of a cell with its ``forced_error``, one row per run."""
+        """Return ``figures.run_figures`` of a cell, one row per run."""
         figures = self._cache.pop(cell.number, None)
         if figures is None:
             robots, runs = self.result.tables(cell.number)
-            figures = run_figures(robots, runs, cell.scenario.run.t_end_s).join(
-                forced_error_by_run(robots, runs), on="run", how="left", maintain_order="left"
-            )
+            figures = run_figures(robots, runs, cell.scenario.run.t_end_s)
         self._cache[cell.number] = figures  # taken out above and inserted again, so that it is the last one
         if len(self._cache) > KEPT:
             least_recently_used = next(iter(self._cache))

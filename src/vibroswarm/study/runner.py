@@ -23,7 +23,8 @@ from vibroswarm.errors import CodeError, InputError, RunError
 from vibroswarm.study.batch import Batch, BatchResult, Cancelled, batch_of, do_batch
 from vibroswarm.study.executors import Workers, check_worker, do_all, workers_for
 from vibroswarm.study.plan import Group, Plan, plan_of
-from vibroswarm.study.precision import FIRST_LOOK, Precision, settled
+from vibroswarm.study.precision import FIRST_LOOK, Precision
+from vibroswarm.study.settled import settled
 from vibroswarm.study.spec import MOST_RUNS, Study
 from vibroswarm.study.store import Store
 

@@ -27,10 +27,10 @@ from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
-from vibroswarm.study.batch_table import AGREED_TABLE, FAILED_RUNS, FAILED_TABLE
+from vibroswarm.study.batch_table import AGREED_TABLE, FAILED_RUNS, FAILED_TABLE, tables_of
 from vibroswarm.study.frames import dataset_of, pandas_of
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
-from vibroswarm.study.precision import Settled, runs_that_count, settled
+from vibroswarm.study.settled import Settled, runs_that_count, settled
 from vibroswarm.study.spec import MOST_RUNS, Cell, Study
 from vibroswarm.study.store import Store
 from vibroswarm.study.verbs import verbs
@@ -267,9 +267,7 @@ class StudyResult(NotebookView):
         The table of runs also has the figures of how the robots of a run sampled.
         """
         rows = self.rows(cell).collect()  # a row for each run and robot, with the columns of both tables
-        # ``run`` is the only column that both tables have.
-        of_run = [name for name in rows.columns if name != "cell" and (name not in ROBOTS or name == "run")]
-        return rows.select(list(ROBOTS)), rows.filter(pl.col("robot") == 0).select(of_run)
+        return tables_of(rows)
 
     def samples(self, *cells: int) -> pl.DataFrame:
         """Return the table of samples of ``cells`` (by default all selected), with the varied fields.

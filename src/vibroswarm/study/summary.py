@@ -18,17 +18,15 @@ import polars as pl
 
 from vibroswarm.analysis.cell_summary import CellSummary, summary
 from vibroswarm.analysis.decidability import Decidability, decidability
-from vibroswarm.analysis.forced_error import forced_error_by_run
-from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import RunError
-from vibroswarm.inference.outcomes import numbers
 from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import Compared, at_equal_error, comparison_table, comparisons
-from vibroswarm.study.precision import Settled, figure_of
+from vibroswarm.study.settled import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult
 
@@ -46,8 +44,6 @@ class CellOutcome(NotebookView):
     """Means of the columns ``WALK`` over runs, with ``_low`` and ``_high``; None for a value that is not finite."""
     decidable: Decidability
     """Whether the cell can be decided at all."""
-    forced_error: Interval
-    """Mean over runs of ``analysis.forced_error``: robots wrong, or undecided and leaning to the wrong side."""
     failed: pl.DataFrame
     """Runs that the source of motion gave up, ``batch_table.FAILED_RUNS``; their robots count as undecided."""
     settled: Settled | None = None
@@ -56,9 +52,7 @@ class CellOutcome(NotebookView):
 
     def as_row(self) -> dict[str, Any]:
         """Return a flat row of all figures with ``_low`` and ``_high``, for a table; None for what is not finite."""
-        ends = zip(("", "_low", "_high"), self.forced_error[:3], strict=True)  # estimate, low, high
-        error = {f"forced_error{end}": value if math.isfinite(value) else None for end, value in ends}
-        return {**self.summary.as_row(), **error, **self.walk}
+        return {**self.summary.as_row(), **self.walk}
 
 
 @dataclass(frozen=True)
@@ -142,7 +136,6 @@ def outcome_of(
         settled = result.settled(number)
         plain_figures = summary(robots, runs, cell.scenario.run.t_end_s, agreements=result.agreements(number))
         figures = _with_corrected_interval(plain_figures, result, number, settled)
-        error = mean_interval(numbers(forced_error_by_run(robots, runs)["forced_error"]))
         failed, decidable = result.failed_runs(number), decidability(cell.scenario)
         cells.append(
             CellOutcome(
@@ -150,7 +143,6 @@ def outcome_of(
                 summary=figures,
                 walk=_walk(runs),
                 decidable=decidable,
-                forced_error=error,
                 failed=failed,
                 settled=settled,
             )
@@ -183,16 +175,6 @@ def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
     return replace(result, selected=with_runs), without
 
 
-_SETTLED: Final = {
-    "right": "robots_right",
-    "wrong": "robots_wrong",
-    "undecided": "robots_undecided",
-    "consensus_right": "swarm_right",
-    "consensus_wrong": "swarm_wrong",
-}
-"""Field of ``CellSummary`` for a figure of ``precision.FIGURES``, where the two have different names."""
-
-
 def _with_corrected_interval(
     figures: CellSummary, result: StudyResult, cell: int, settled: Settled | None
 ) -> CellSummary:
@@ -209,9 +191,7 @@ def _with_corrected_interval(
         return figures
     t_end_s = result.study.cells[cell].scenario.run.t_end_s
     interval = figure_of(result.rows(cell), until.figure, t_end_s, settled.level)
-    field_name = _SETTLED.get(until.figure, until.figure)  # other figures have the name of their field
-    changed: dict[str, Any] = {field_name: interval}
-    return replace(figures, **changed)
+    return replace(figures, figures={**figures.figures, until.figure: interval})
 
 
 def _walk(runs: pl.DataFrame) -> dict[str, Any]:

@@ -1,0 +1,427 @@
+"""Figures of runs and of cells: each is declared here, once, and is then in tables, pages, pictures and comparisons.
+
+A figure of a run is one number for each run. The figure of a cell (one scenario, many runs) is made of them, with an
+interval that treats the run as the independent unit:
+
+| kind | figure of a cell | interval |
+|---|---|---|
+| mean | mean over the runs that have the figure | Student's t |
+| runs | share of the runs, of those that have the figure, in which it is 1 and not 0 | Wilson |
+| robots | sum of a number of robots over runs / sum of another | cluster bootstrap over runs |
+| median | median over runs; a run without the figure counts as infinitely late | order statistics |
+
+Columns of the table of figures by run that are no figures of a cell themselves are numbers of robots: ``robots``, and
+of them ``right``, ``wrong``, ``undecided`` and ``decided`` (right or wrong). Right, wrong and decided are nan in runs
+without a truth: there the fill ratio lies on the boundary, so that neither decision is right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+from numpy.typing import ArrayLike, NDArray
+
+from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval, quantile_interval, wilson
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import (
+    CONSENSUS,
+    RUNS,
+    Array,
+    Columns,
+    capped_time_s,
+    estimate_of,
+    forced_errors,
+    mean_by_run,
+    numbers,
+    sum_by_run,
+)
+
+COUNTS: Final = ("right", "wrong", "undecided")
+"""Columns of the table of runs with numbers of robots."""
+
+
+class Swarms:
+    """Runs and their robots, from which the figures of runs are computed. The robots of all runs are in one row.
+
+    Args:
+        robots: columns of the table of robots, (robots of all runs,) each, run by run; nan where a value is missing.
+        runs: columns of the table of runs, (runs,) each; ``consensus`` is an index into ``outcomes.CONSENSUS``.
+            ``agreement_held`` is 1 if opinions still agree at the end, 0 if not, and nan without an agreement.
+        first: (runs,): index of each run's first robot. t_end_s: end of the runs, s: one number, or one for each run.
+    """
+
+    def __init__(self, robots: Columns, runs: Columns, first: NDArray[np.intp], t_end_s: ArrayLike) -> None:
+        self.robots, self.runs, self.first = robots, runs, first
+        self.count: NDArray[np.int64] = np.diff(np.append(first, robots["decision"].size)).astype(np.int64)
+        self.t_end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64), first.shape)
+
+    @classmethod
+    def of_tables(
+        cls, robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, agreements: pl.DataFrame | None = None
+    ) -> Swarms:
+        """Read the tables of one cell, as a ``Result`` has them, in any order of rows.
+
+        Args:
+            t_end_s: end of a run, s. agreements: ``analysis.agreement.AGREEMENTS``; None: decisions are final.
+        Raises:
+            InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
+        """
+        if not t_end_s > 0:
+            raise InputError(
+                f"{t_end_s!r} cannot be the end of a run; give a time above 0, s", field="t_end_s"
+            )
+        by_run, by_number = ByRun(robots), runs.sort("run")
+        if (
+            by_run.runs.tolist() != by_number["run"].to_list()
+        ):  # each run of the robots once, in ascending order
+            raise InputError(
+                "the tables of robots and of runs must have the same runs, once each", field="runs"
+            )
+        held = np.full(by_run.runs.size, np.nan)
+        if agreements is not None:
+            held[np.searchsorted(by_run.runs, agreements["run"].to_numpy())] = numbers(agreements["holds"])
+        # Figures compare the integer codes of the categories. The cast gives a column of plain strings these codes too.
+        coded = by_number.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical())
+        of_runs = _TableColumns(coded)
+        of_runs["agreement_held"] = held
+        return cls(_TableColumns(by_run.robots), of_runs, by_run.first, t_end_s)
+
+    @classmethod
+    def of_arrays(cls, robots: Columns, runs: Columns, t_end_s: ArrayLike) -> Swarms:
+        """Read arrays of runs whose swarms have the same size, possibly of several cells.
+
+        Args:
+            robots: columns of the table of robots, (..., runs, robots) each. runs: columns of the table of runs, (...,
+                runs) each, or (runs,) if all cells share the values.
+            t_end_s: end of a run, s: one number, or one for each cell in the shape of the leading axes.
+        """
+        shape = robots["decision"].shape
+        end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64)[..., None], shape[:-1])
+        return cls(
+            {name: column.ravel() for name, column in robots.items()},
+            {name: np.broadcast_to(column, shape[:-1]).ravel() for name, column in runs.items()}
+            | {"agreement_held": np.full(math.prod(shape[:-1]), np.nan)},
+            np.arange(0, math.prod(shape), shape[-1]),
+            end_s.ravel(),
+        )
+
+    def sum(self, values: Array) -> Array:
+        """Sum ``values``, one for each robot, over the robots of each run, shape (runs,)."""
+        return sum_by_run(values, self.first)
+
+    def mean(self, values: Array) -> Array:
+        """Average ``values`` over the robots of each run that have one (not nan), (runs,); nan if no robot has one."""
+        return mean_by_run(values, self.first)
+
+    def least(self, values: Array) -> Array:
+        """Return the smallest of ``values`` over the robots of each run that have one (not nan), (runs,)."""
+        return np.fmin.reduceat(values, self.first) if self.first.size else np.zeros(0)
+
+    def by_robot(self, of_runs: Array) -> Array:
+        """Repeat a value of each run for each of its robots."""
+        return np.repeat(of_runs, self.count)
+
+    @cached_property
+    def time_s(self) -> Array:
+        """Time of each robot's decision, s; the end of the run if it did not decide."""
+        return capped_time_s(self.robots["decision_time_s"], self.by_robot(self.t_end_s))
+
+    @cached_property
+    def truth(self) -> Array:
+        """The right answer of each run, 0 or 1; nan: neither is right."""
+        return np.asarray(self.runs["truth"], dtype=np.float64)
+
+    @cached_property
+    def counts(self) -> dict[str, Array]:
+        """Numbers of robots of each run: ``robots``, right, wrong, undecided and decided."""
+        known = ~np.isnan(self.truth)
+        right, wrong = (np.where(known, self.runs[name], np.nan) for name in ("right", "wrong"))
+        undecided = np.asarray(self.runs["undecided"], dtype=np.float64)
+        robots = self.count.astype(np.float64)
+        return {
+            "robots": robots,
+            "right": right,
+            "wrong": wrong,
+            "undecided": undecided,
+            "decided": right + wrong,
+        }
+
+    def ended(self, consensus: str, where_known: bool = False) -> Array:
+        """Return in which runs the consensus was this: 1 or 0; with ``where_known``, nan in runs without a truth."""
+        hit = np.asarray(self.runs["consensus"] == CONSENSUS.index(consensus), dtype=np.float64)
+        return np.where(np.isnan(self.truth), np.nan, hit) if where_known else hit
+
+
+class _TableColumns(dict[str, Array]):
+    """Columns of a table as arrays of floats, each made when it is first asked for; nan where a value is missing."""
+
+    def __init__(self, table: pl.DataFrame) -> None:
+        super().__init__()
+        self._table = table
+
+    def __missing__(self, name: str) -> Array:
+        self[name] = numbers(self._table[name])
+        return self[name]
+
+
+class ByRun(NotebookView):
+    """Robots grouped by run, to sum and average values of robots over each run.
+
+    Values are added in a fixed order, whatever the number of threads, so that rounding is reproducible.
+
+    ``robots`` is the table sorted by run; ``runs`` are the numbers of its runs, ``first`` the index of each run's first
+    row and ``count`` its number of robots, shape (runs,) each. Values of robots, in and out of the methods, are in the
+    order of this sorted table, which may differ from the order of the argument.
+
+    Args:
+        robots: table of robots, in any order.
+    """
+
+    def __init__(self, robots: pl.DataFrame) -> None:
+        self.robots = robots if robots["run"].is_sorted() else robots.sort("run", "robot")
+        run = self.robots["run"].to_numpy()
+        # A run starts at row 0, if the table has rows, and wherever the run number changes.
+        starts = np.append(run.size > 0, run[1:] != run[:-1])
+        self.first = np.flatnonzero(starts)
+        self.runs = run[self.first]
+        robots_per_run = np.diff(np.append(self.first, run.size))
+        self.count: NDArray[np.int64] = robots_per_run.astype(np.int64)
+
+    def sum(self, values: Array) -> Array:
+        """Sum ``values``, one for each row of the attribute ``robots``, over the robots of each run, shape (runs,)."""
+        return sum_by_run(values, self.first)
+
+    def mean(self, values: Array) -> Array:
+        """Average ``values`` over the robots of each run that have one, shape (runs,); nan if no robot has one.
+
+        ``values`` has one value for each row of the attribute ``robots``, nan for a robot without one.
+        """
+        return mean_by_run(values, self.first)
+
+    def capped_time_s(self, t_end_s: float) -> Array:
+        """Compute min(decision time, t_end) of each robot; t_end if it did not decide."""
+        return capped_time_s(numbers(self.robots["decision_time_s"]), t_end_s)
+
+
+@dataclass(frozen=True)
+class RunFigure:
+    """A figure: how it is computed for each run, how runs make it a figure of a cell, and how it is shown."""
+
+    name: str
+    """Its name as a figure of a cell; tables have its limits as ``name_low`` and ``name_high``."""
+    title: str
+    """What tables and axes call it."""
+    of_run: Callable[[Swarms], Array]
+    """Computes it for each run, (runs,); nan in runs that do not have it."""
+    kind: str = "mean"
+    """How runs make it a figure of a cell: "mean", "runs", "robots" or "median"."""
+    better: int = 0
+    """1 if larger values are better, -1 if smaller values are, 0 if neither: then it cannot be compared."""
+    unit: str = ""
+    """``s``, or empty."""
+    column: str = ""
+    """Its name in the table of figures by run, if that is another one."""
+    counted: tuple[str, str] = ("", "")
+    """Kind "robots": which robots are counted, and among which; columns of ``Swarms.counts``."""
+    compared: bool = False
+    """Whether cells are compared by it unless other figures are asked for."""
+    picture: str = ""
+    """Title of the picture that a study's page has of it; empty: none."""
+
+    @property
+    def by_run(self) -> str:
+        """Its name in the table of figures by run."""
+        return self.column or self.name
+
+    @property
+    def is_share(self) -> bool:
+        """Whether it is a share, which is shown in percent."""
+        return self.kind in ("runs", "robots") or self.name == "forced_error"
+
+
+def _decision_time_s(swarms: Swarms) -> Array:
+    return swarms.mean(swarms.time_s)
+
+
+def _belief_in_truth(swarms: Swarms) -> Array:
+    return swarms.mean(swarms.robots["belief_in_truth"])
+
+
+def _estimate(swarms: Swarms) -> Array:
+    return swarms.mean(estimate_of(swarms.robots["alpha"], swarms.robots["beta"]))
+
+
+def _forced_error(swarms: Swarms) -> Array:
+    in_truth, truth = swarms.robots["belief_in_truth"], swarms.by_robot(swarms.truth)
+    return swarms.mean(forced_errors(swarms.robots["decision"], in_truth, truth))
+
+
+def _agreed_on(answer: int) -> Callable[[Swarms], Array]:
+    def of_run(swarms: Swarms) -> Array:
+        decision = swarms.robots["decision"]
+        # The sum is nan if the decision of a robot is not logged.
+        unknown = np.isnan(swarms.sum(decision))
+        return np.where(unknown, np.nan, swarms.sum(1.0 * (decision == answer)) == swarms.count)
+
+    return of_run
+
+
+def _share(counted: str, among: str) -> Callable[[Swarms], Array]:
+    def of_run(swarms: Swarms) -> Array:
+        counts = swarms.counts
+        with np.errstate(invalid="ignore", divide="ignore"):  # 0 / 0 where no robot decided
+            shares: Array = counts[counted] / counts[among]
+        return shares
+
+    return of_run
+
+
+def _wrong_among_agreed(swarms: Swarms) -> Array:
+    right, wrong = swarms.ended("right", where_known=True), swarms.ended("wrong", where_known=True)
+    return np.where(right + wrong == 1.0, wrong, np.nan)
+
+
+def _robots(name: str, title: str, counted: str, among: str = "robots", **settings: Any) -> RunFigure:
+    column = f"{counted}_share" if among == "robots" else name
+    return RunFigure(
+        name,
+        title,
+        _share(counted, among),
+        kind="robots",
+        counted=(counted, among),
+        column=column,
+        **settings,
+    )
+
+
+FIGURES: Final = (
+    RunFigure(
+        "decision_time_s",
+        "decision time",
+        _decision_time_s,
+        better=-1,
+        unit="s",
+        compared=True,
+        picture="Decision time (restricted mean)",
+    ),
+    RunFigure(
+        "belief_in_truth",
+        "belief in the truth",
+        _belief_in_truth,
+        better=1,
+        compared=True,
+        picture="Belief in the truth (the paper's accuracy)",
+    ),
+    _robots(
+        "robots_right",
+        "robots right",
+        "right",
+        better=1,
+        compared=True,
+        picture="Robots that decided rightly",
+    ),
+    _robots(
+        "robots_wrong",
+        "robots wrong",
+        "wrong",
+        better=-1,
+        compared=True,
+        picture="Robots that decided wrongly",
+    ),
+    _robots("robots_undecided", "robots undecided", "undecided", better=-1, compared=True),
+    RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
+    RunFigure("estimate", "estimate of the fill ratio", _estimate),
+    _robots("robot_error", "wrong among robots that decided", "wrong", "decided"),
+    RunFigure("swarm_right", "swarms right", lambda s: s.ended("right", True), "runs", better=1),
+    RunFigure("swarm_wrong", "swarms wrong", lambda s: s.ended("wrong", True), "runs", better=-1),
+    RunFigure("swarm_split", "split", lambda s: s.ended("split"), "runs"),
+    RunFigure("swarm_incomplete", "incomplete", lambda s: s.ended("incomplete"), "runs"),
+    RunFigure(
+        "swarm_truth_undefined", "without a right answer", lambda s: s.ended("truth_undefined"), "runs"
+    ),
+    RunFigure("swarm_error", "wrong among swarms that agreed", _wrong_among_agreed, "runs"),
+    RunFigure(
+        "consensus_time_s",
+        "time of consensus",
+        lambda s: capped_time_s(s.runs["consensus_time_s"], s.t_end_s),
+        better=-1,
+        unit="s",
+        column="swarm_time_s",
+    ),
+    RunFigure(
+        "consensus_median_s",
+        "median time of consensus",
+        lambda s: np.asarray(s.runs["consensus_time_s"]),
+        "median",
+        unit="s",
+        column="consensus_time_s",
+    ),
+    RunFigure("agreed_on_0", "agreed on 0 (less)", _agreed_on(0), "runs"),
+    RunFigure("agreed_on_1", "agreed on 1 (more)", _agreed_on(1), "runs"),
+    RunFigure(
+        "agreement_lasted", "lasted", lambda s: s.runs["agreement_held"], "runs", column="agreement_held"
+    ),
+)
+"""All figures, in the order in which tables have them."""
+
+BY_NAME: Final = {figure.name: figure for figure in FIGURES}
+"""Each figure by its name as a figure of a cell."""
+BY_COLUMN: Final = {figure.by_run: figure for figure in FIGURES}
+"""Each figure by its name in the table of figures by run."""
+
+
+def figures_of(swarms: Swarms) -> dict[str, Array]:
+    """Compute the figures of each run, by name in the table of figures by run, (runs,) each, and numbers of robots."""
+    return swarms.counts | {figure.by_run: figure.of_run(swarms) for figure in FIGURES}
+
+
+def run_figures(
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, agreements: pl.DataFrame | None = None
+) -> pl.DataFrame:
+    """Compute one row of figures for each run, sorted by run.
+
+    Args:
+        robots, runs: tables of one cell, as a ``Result`` has them; the same runs in both. t_end_s: end of a run, s.
+        agreements: ``analysis.agreement.AGREEMENTS``; None: decisions are final.
+    Returns: run, truth, consensus, numbers of robots, and a column for each figure; null where a run does not have it.
+    Raises:
+        InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
+    """
+    swarms = Swarms.of_tables(robots, runs, t_end_s, agreements)
+    columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
+    # Numbers of robots are floats so far, with nan (then null) in runs without a truth.
+    typed = [column.cast(pl.Int64) if column.name in swarms.counts else column for column in columns]
+    return runs.sort("run").select("run", "truth", "consensus").with_columns(typed)
+
+
+def columns_of(table: pl.DataFrame) -> dict[str, Array]:
+    """Return the figures of a table of ``run_figures`` as arrays, (runs,) each; nan where a run does not have one."""
+    return {name: numbers(table[name]) for name in table.columns if name not in ("run", "truth", "consensus")}
+
+
+def interval(name: str, by_run: Mapping[str, NDArray[Any]], level: float = 0.95, seed: int = 0) -> Interval:
+    """Compute a figure of a cell, with its limits, from the figures of its runs.
+
+    Args:
+        name: of the figure. by_run: columns of ``figures_of``, (runs,) each, nan where a run does not have a figure.
+        level: confidence level. seed: seed of the bootstrap.
+    """
+    figure = BY_NAME[name]
+    if figure.kind == "robots":
+        count, of = (by_run[column] for column in figure.counted)
+        known = ~np.isnan(count)
+        return cluster_share(count[known], of[known], level, seed)
+    values = by_run[figure.by_run]
+    if figure.kind == "mean":
+        return mean_interval(values, level)
+    if figure.kind == "median":
+        return quantile_interval(np.where(np.isnan(values), math.inf, values), 0.5, level)
+    known = ~np.isnan(values)
+    return wilson(int(values[known].sum()), int(known.sum()), level)
