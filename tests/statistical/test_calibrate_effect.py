@@ -37,15 +37,26 @@ def test_a_consensus_where_neither_decision_is_right_is_counted() -> None:
     assert sum(one.consensus[0].values()) == pytest.approx(1.0)
 
 
-def test_strategies_that_steer_and_no_runs_are_refused() -> None:
-    steering = EASY.with_values({"strategy.name": "explore"})
-    for first, second in ((steering, EASY), (EASY, steering)):
-        with pytest.raises(InputError, match="'explore' steers"):
-            effects(first, second, runs=1, strategies=("none",))
-    with pytest.raises(InputError, match="'explore' steers"):
-        effects(EASY, EASY, runs=1, strategies=("none", "explore"))
+def test_a_strategy_that_steers_is_compared_like_any_other() -> None:
+    short = EASY.with_values({"run.t_end_s": 60.0})
+    (one,) = effects(short, short, runs=2, strategies=("explore",))
+    assert all(each.first.difference.estimate == 0.0 for each in one.differences)
+    (one,) = effects(short, short.with_values({"strategy.name": "explore"}), runs=2, strategies=("none",))
+    assert all(each.first.difference.estimate == 0.0 for each in one.differences)
+
+
+def test_no_runs_are_refused() -> None:
     with pytest.raises(InputError, match="runs: 0 is wrong"):
         effects(EASY, EASY, runs=0)
+
+
+def test_a_field_that_only_one_scenario_has_is_no_obstacle() -> None:
+    rows = ("00", "01")
+    tiles = EASY.with_values({"floor.source": "corner", "floor.tiles": rows, "run.t_end_s": 60.0})
+    drawn = EASY.with_values({"run.t_end_s": 60.0})
+    for first, second in ((tiles, drawn), (drawn, tiles)):
+        (one,) = effects(first, second, runs=2, strategies=("none",))
+        assert one.differences
 
 
 def test_scenarios_that_end_at_different_times_are_refused() -> None:

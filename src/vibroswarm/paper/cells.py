@@ -23,14 +23,12 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.figures import Swarms, figures_of, interval
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain
-from vibroswarm.floors.source import is_random
 from vibroswarm.inference.outcomes import ROBOTS, Columns, as_series, capped_time_s
 from vibroswarm.paper.columns import COLUMNS
-from vibroswarm.scenario.scenario import Scenario, field_names, preset, value_of
+from vibroswarm.scenario.scenario import Scenario, differences, preset
 from vibroswarm.study.batch_table import arrays_of
 from vibroswarm.study.cell_comparison import second_seed
 from vibroswarm.study.executors import processors
-from vibroswarm.study.factors import LABEL
 from vibroswarm.study.run import run
 from vibroswarm.study.runner import StudyProgress
 from vibroswarm.study.spec import Study
@@ -109,20 +107,6 @@ def options_of(column: str, scenario: Scenario) -> list[str]:
     if "swarm.robots" in values:
         words.append(f"--robots {values.pop('swarm.robots')}")
     return words + [f"--set {shlex.quote(f'{name}={json.dumps(value)}')}" for name, value in values.items()]
-
-
-def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
-    """Return the values of the fields in which a scenario differs from a base, by dotted name.
-
-    The values are for TOML (``--set``, a study's file): tuples become lists, and fields that are None in the scenario
-    are left out. If such a field has a value in the base, the base plus the differences is not the scenario.
-    """
-    changed: dict[str, Any] = {}
-    for name in field_names():
-        value = value_of(scenario, name)
-        if value is not None and value != value_of(base, name):
-            changed[name] = list(value) if isinstance(value, tuple) else value
-    return changed
 
 
 @dataclass(frozen=True)
@@ -326,24 +310,13 @@ def _weight(cells: list[Cell], how: tuple[int, str, int]) -> float:
 
 
 def study_of(group: Mapping[str, Cell], how: tuple[int, str, int]) -> Study:
-    """Return the study with these cells, in order.
-
-    A study has a base scenario and a list of points; a point is a cell's label and its fields that differ from the
-    base.
+    """Return the study with these cells, in order, labelled with their keys.
 
     Args:
         group: the cells by key. how: seed, motion engine and number of runs of these cells.
     """
     seed, motion, runs = how
-    base = preset(COLUMNS[0])
-    points = [{LABEL: key, **differences(cell.scenario, base)} for key, cell in group.items()]
-    # The points have the tiles too (``floor.tiles``). But a study looks up each ``floor.source`` of its points, and
-    # refuses an unknown name, unless ``floors`` defines it. Names of random floors must not be defined there.
-    floors = {
-        cell.scenario.floor.source: cell.scenario.floor.tiles
-        for cell in group.values()
-        if cell.scenario.floor.tiles is not None and not is_random(cell.scenario.floor.source)
-    }
-    return Study(
-        base, {"list": points}, runs, seed=seed, motion=motion, floors=floors, name="The paper's cells"
+    scenarios = {key: cell.scenario for key, cell in group.items()}
+    return Study.of_scenarios(
+        scenarios, runs, seed, motion=motion, base=preset(COLUMNS[0]), name="The paper's cells"
     )

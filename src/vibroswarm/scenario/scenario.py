@@ -307,6 +307,20 @@ def value_of(scenario: Scenario, name: str) -> Any:
     return getattr(node, field)
 
 
+def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
+    """Return the values of the fields in which a scenario differs from a base, by dotted name.
+
+    The values are for TOML (``--set``, a study's file): tuples become lists, and fields that are None in the scenario
+    are left out. If such a field has a value in the base, the base plus the differences is not the scenario.
+    """
+    changed: dict[str, Any] = {}
+    for name in field_names():
+        value = value_of(scenario, name)
+        if value is not None and value != value_of(base, name):
+            changed[name] = list(value) if isinstance(value, tuple) else value
+    return changed
+
+
 def kind_of(name: str) -> Any:
     """Return the type of a field, by its dotted name; None if there is no such field."""
     section, _, field = name.partition(".")

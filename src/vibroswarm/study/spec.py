@@ -41,7 +41,14 @@ from vibroswarm.floors.source import family, is_random, resolve
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
-from vibroswarm.scenario.scenario import Scenario, check_pixel_tiles, threshold_of
+from vibroswarm.scenario.scenario import (
+    Scenario,
+    check_pixel_tiles,
+    differences,
+    field_names,
+    threshold_of,
+    value_of,
+)
 from vibroswarm.study.factors import (
     BLOCKS,
     LABEL,
@@ -229,6 +236,47 @@ class Study(NotebookView):
                 raise InputError(f"{shown(values)} is not a list of values", field=name.replace("__", "."))
         vary = {name.replace("__", "."): [plain_value(v) for v in values] for name, values in grid.items()}
         return cls(base=scenario, vary={"grid": vary} if vary else {}, runs=runs, seed=seed)
+
+    @classmethod
+    def of_scenarios(
+        cls,
+        scenarios: Mapping[str, Scenario],
+        runs: int = 100,
+        seed: int = 1,
+        *,
+        base: Scenario | None = None,
+        motion: str = "event",
+        name: str = "",
+    ) -> Study:
+        """Make a study with these scenarios as cells, in order.
+
+        Args:
+            scenarios: by label. runs: of each cell. seed: of all cells. motion: name of the source of motion.
+            base: the cells' varied fields are those in which they differ from it; by default the first scenario.
+            name: a title.
+        Raises:
+            InputError: a field that has a default is None in a scenario, or ``Study`` refuses a value.
+        """
+        base = base or next(iter(scenarios.values()))
+        sections = base.model_dump(exclude_none=True)
+        # A point cannot set a field to None, so the base has no value of a field that is None in a scenario.
+        for name in field_names():
+            if any(value_of(scenario, name) is None for scenario in scenarios.values()):
+                section, _, field_name = name.partition(".")
+                sections.get(section, {}).pop(field_name, None)
+        points = [{LABEL: label, **differences(scenario, base)} for label, scenario in scenarios.items()]
+        # The points have the tiles too (``floor.tiles``). But a study looks up each ``floor.source`` of its points, and
+        # refuses an unknown name, unless ``floors`` defines it. Names of random floors must not be defined there.
+        floors = {
+            scenario.floor.source: scenario.floor.tiles
+            for scenario in scenarios.values()
+            if scenario.floor.tiles is not None and not is_random(scenario.floor.source)
+        }
+        study = cls(sections, {"list": points}, runs, seed=seed, motion=motion, floors=floors, name=name)
+        for cell, (label, scenario) in zip(study.cells, scenarios.items(), strict=True):
+            if cell.scenario != scenario:
+                raise InputError("sets a field to None that has a default", field=label)
+        return study
 
     @classmethod
     def from_toml(cls, text: str, *, name: str = "study", folder: str | Path | None = None) -> Study:
