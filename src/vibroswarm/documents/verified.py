@@ -1,0 +1,40 @@
+"""The document of saved runs that were simulated again."""
+
+from __future__ import annotations
+
+from vibroswarm.show.document import Column, Document, Table
+from vibroswarm.show.numbers import count, percent
+from vibroswarm.study.verify import Verified
+
+
+def verified_document(verified: Verified) -> Document:
+    """Return how many runs came out the same, which did not, and what else made them."""
+    again, differing = verified.runs.height, verified.runs.height - verified.same
+    every = again == verified.saved
+    runs = (
+        f"all {count(again, 'run')}" if every else f"{again:,} of {verified.saved:,} runs, drawn at random,"
+    )
+    if verified.holds:
+        upper = percent(verified.share_that_differs.high)
+        rest = "" if every else f" With 95 % confidence, less than {upper} of the saved runs differ."
+        answer = (f"Verified: {runs} came out the same again, bit by bit.{rest}",)
+    else:
+        answer = (f"NOT VERIFIED: {runs} were simulated again, and {differing:,} came out differently.",)
+    table = verified.runs.filter(~verified.runs["same"]).select("cell", "run", "tables")
+    columns = {
+        "cell": Column("cell"),
+        "run": Column("run"),
+        "tables": Column("tables that differ", prose=True),
+    }
+    if not any(verified.runs["cell"]):
+        table = table.drop("cell")
+    return Document(
+        title=f"Runs of {verified.folder} simulated again",
+        answer=answer,
+        warnings=tuple(
+            f"made by {name} {theirs}; this is {name} {own}, so that runs may differ"
+            for name, (theirs, own) in verified.other_versions.items()
+        ),
+        parts=(Table(table, columns, name="differing", names=table.width - 1),) if table.height else (),
+        data={"runs": verified.runs},
+    )

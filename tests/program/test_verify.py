@@ -1,0 +1,98 @@
+"""Saved runs are simulated again and compared; a changed number is seen."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import polars as pl
+import pytest
+
+from vibroswarm import InputError, Result, Study, preset, simulate
+from vibroswarm.cli import main
+from vibroswarm.study import verify as module
+from vibroswarm.study.verify import verify
+
+SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("verify") / "result"
+    simulate(SHORT, 3, 4, segments=True).write(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("verify") / "study"
+    Study.of(SHORT, 6, 5, strategy__name=["none", "soft"]).run(folder, progress=False)
+    return folder
+
+
+def test_a_result_is_the_same(result: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["verify", str(result)]) == 0
+    assert "Verified: all 4 runs came out the same again, bit by bit." in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("table", "column"), [("robots", "belief_below"), ("segments", "x_m"), ("motion", "time_s")]
+)
+def test_one_bit_is_seen(tmp_path: Path, result: Path, table: str, column: str) -> None:
+    """Negative control: the last bit of one number of one run is changed."""
+    read = Result.read(result)
+    frame: pl.DataFrame = getattr(read, table)
+    values = frame[column].to_numpy().copy()
+    place = int((frame["run"] == 2).arg_true()[0])
+    values.view("uint64")[place] ^= 1
+    changed = frame.with_columns(pl.Series(column, values))
+    object.__setattr__(read, table, changed)
+    read.write(tmp_path / "changed")
+    found = verify(tmp_path / "changed")
+    assert not found.holds
+    assert found.runs.filter(~found.runs["same"]).rows() == [("", 2, False, table)]
+
+
+def test_a_study_is_the_same_and_a_sample_says_how_sure_that_is(study: Path) -> None:
+    assert verify(study).runs.height == 12
+    some = verify(study, 5, seed=2)
+    assert (some.runs.height, some.saved, some.holds) == (5, 12, True)
+    assert some.share_that_differs.high == pytest.approx(0.434, abs=1e-3)  # Wilson, 0 of 5
+    assert set(some.runs["cell"]) <= {"none", "soft"}
+
+
+def test_other_runs_are_seen(
+    study: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Negative control: runs of another seed."""
+
+    def with_another_seed(scenario: Any, seed: int, *rest: Any, **how: Any) -> Result:
+        return simulate(scenario, seed + 1, *rest, **how)
+
+    monkeypatch.setattr(module, "simulate", with_another_seed)
+    assert main(["verify", str(study), "--runs", "3", "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["answer"] == [
+        "NOT VERIFIED: 3 of 12 runs, drawn at random, were simulated again, and 3 came out differently."
+    ]
+    assert [row["tables"] for row in told["tables"]["differing"]] == ["robots"] * 3
+
+
+def test_other_versions_are_named(result: Path, tmp_path: Path) -> None:
+    read = Result.read(result)
+    older = {**read.versions, "numpy": "1.0"}
+    object.__setattr__(read, "versions", older)
+    read.write(tmp_path / "older")
+    found = verify(tmp_path / "older", 1)
+    assert found.other_versions == {"numpy": ("1.0", Result.read(result).versions["numpy"])}
+    assert found.holds
+
+
+@pytest.mark.parametrize("content", [None, "notes.txt"])
+def test_what_holds_no_runs_is_refused(tmp_path: Path, content: str | None) -> None:
+    if content:
+        (tmp_path / content).write_text("x", encoding="utf-8")
+    with pytest.raises(InputError, match="holds neither runs of one scenario nor a study"):
+        verify(tmp_path)
+    assert main(["verify", str(tmp_path / "nowhere")]) == 2
