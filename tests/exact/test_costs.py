@@ -47,10 +47,21 @@ BY_HAND = made([[0, 1], [0, -1]], [[600, 300], [1200, NAN]], [[0.48, 0.52], [0.4
         ("authors_code", 0 * 0.5 + 1 * 5, 1 * 1.0 + 2 * 3),
         ("decision_time", 450.0, 1200.0),
         ("errors", (0.5 + 5) / 2, (1.0 + 1) / 2),
+        ("robots_wrong", 0.5, 0.0),
+        ("robots_undecided", 0.0, 0.5),
+        ("swarm_wrong", 0.0, 0.0),  # split, and incomplete
+        ("consensus_time_s", 1200.0, 1200.0),
     ],
 )
 def test_costs_of_two_runs_made_by_hand(name: str, first: float, second: float) -> None:
     assert costs.COSTS[name](BY_HAND)[:, 0].tolist() == pytest.approx([first, second], abs=1e-12)
+
+
+def test_a_swarm_that_agrees_wrongly_costs() -> None:
+    wrong = made([[1, 1], [0, 0]], [[600, 300], [900, 800]], [[0.5, 0.5], [0.5, 0.5]])
+    assert costs.COSTS["swarm_wrong"](wrong)[:, 0].tolist() == [1.0, 0.0]
+    assert costs.COSTS["consensus_time_s"](wrong)[:, 0].tolist() == [600.0, 900.0]
+    assert (Objective("consensus_time_s").unit, Objective("swarm_wrong").unit) == ("s", "")
 
 
 def test_the_score_is_mean_plus_standard_deviation_with_ddof_0() -> None:

@@ -230,6 +230,8 @@ class RunFigure:
     """Its name in the table of figures by run, if that is another one."""
     counted: tuple[str, str] = ("", "")
     """Kind "robots": which robots are counted, and among which; columns of ``Swarms.counts``."""
+    of_decisions: bool = False
+    """Whether decisions and their times are enough to compute it; then searches can minimise it."""
     compared: bool = False
     """Whether cells are compared by it unless other figures are asked for."""
     picture: str = ""
@@ -332,15 +334,18 @@ FIGURES: Final = (
         "robots wrong",
         "wrong",
         better=-1,
+        of_decisions=True,
         compared=True,
         picture="Robots that decided wrongly",
     ),
-    _robots("robots_undecided", "robots undecided", "undecided", better=-1, compared=True),
+    _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
     RunFigure("estimate", "estimate of the fill ratio", _estimate),
     _robots("robot_error", "wrong among robots that decided", "wrong", "decided"),
     RunFigure("swarm_right", "swarms right", lambda s: s.ended("right", True), "runs", better=1),
-    RunFigure("swarm_wrong", "swarms wrong", lambda s: s.ended("wrong", True), "runs", better=-1),
+    RunFigure(
+        "swarm_wrong", "swarms wrong", lambda s: s.ended("wrong", True), "runs", better=-1, of_decisions=True
+    ),
     RunFigure("swarm_split", "split", lambda s: s.ended("split"), "runs"),
     RunFigure("swarm_incomplete", "incomplete", lambda s: s.ended("incomplete"), "runs"),
     RunFigure(
@@ -352,6 +357,7 @@ FIGURES: Final = (
         "time of consensus",
         lambda s: capped_time_s(s.runs["consensus_time_s"], s.t_end_s),
         better=-1,
+        of_decisions=True,
         unit="s",
         column="swarm_time_s",
     ),

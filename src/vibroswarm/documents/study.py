@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_COLUMN, RunFigure
+from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, RunFigure
 from vibroswarm.analysis.paired import COMPARED
 from vibroswarm.documents.cell_figures import column_of, figure_columns, limits_of, with_limits_of
 from vibroswarm.documents.knowledge import told
@@ -174,28 +174,14 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
     return Table(frame, columns, caption=caption, name="differences")
 
 
+_SHOWN: Final = ("swarm_right", "swarm_wrong", "robots_undecided", "decision_time_s")
+"""Figures in the table of outcomes that a terminal prints unasked."""
 _OUTCOME: Final = (
-    "swarm_right",
-    "swarm_wrong",
-    "swarm_split",
-    "swarm_incomplete",
-    "robots_right",
-    "robots_wrong",
-    "robots_undecided",
-    "decision_time_s",
-    "forced_error",
-    "belief_in_truth",
+    *("swarm_right", "swarm_wrong", "swarm_split", "swarm_incomplete"),
+    *("robots_right", "robots_wrong", "robots_undecided", "decision_time_s"),
+    *(figure.name for figure in FIGURES if figure.compared),
 )
-"""Figures in the table of outcomes."""
-_OUTCOME_IF_WIDE: Final = (
-    "runs",
-    "swarm_split",
-    "swarm_incomplete",
-    "robots_right",
-    "robots_wrong",
-    "forced_error",
-    "belief_in_truth",
-)
+"""Figures in the table of outcomes, the first place of a name counting: cells are compared by some of them."""
 _OUTCOME_WORDS: Final = (
     "Swarms right: all robots of the run are. Split: robots decided differently; incomplete: a robot did not decide. "
     "Forced error: robots wrong, or undecided and leaning to the wrong side at the end. Belief in the truth: the "
@@ -221,9 +207,10 @@ def _outcome_table(outcome: Outcome) -> Table:
     runs = counts((one.summary.runs for one in outcome.cells), "run")
     ends = sorted({one.summary.t_end_s for one in outcome.cells})
     whole = f"{number(ends[0])} s" if len(ends) == 1 else "the whole run"
-    names = ["runs", *(["failed_runs"] if outcome.has_failed_runs else []), *_OUTCOME]
+    names = dict.fromkeys(["runs", *(["failed_runs"] if outcome.has_failed_runs else []), *_OUTCOME])
     rows = outcome.table.select("name", *with_limits_of(names, outcome.table.columns))
-    columns = {"name": Column("cell"), **figure_columns(rows.columns, _OUTCOME_IF_WIDE)}
+    wide = [name for name in ("runs", *_OUTCOME) if name not in _SHOWN]
+    columns = {"name": Column("cell"), **figure_columns(rows.columns, wide)}
     caption = f"{runs} per cell; in brackets 95 % intervals over runs (Wilson, t). Undecided robots count as {whole}."
     return Table(rows, columns, caption=caption, name="outcome")
 

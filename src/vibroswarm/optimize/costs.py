@@ -7,6 +7,7 @@
 | authors_code | the same with abs(f - f*) / 0.04; undecided 3 | its program |
 | decision_time | mean over robots of min(t, T_end), s | - |
 | errors | mean over robots of t/T_end if right, ``false_alarm`` or ``miss`` if wrong, ``undecided`` if undecided | - |
+| name of a figure | robots_wrong, robots_undecided, swarm_wrong, consensus_time_s (``analysis.figures``) | - |
 | consensus | two figures: min(consensus time, T_end), s; 1 if the consensus is right, else 0 | - |
 | at_error | four figures: mean over robots of min(t, T_end), s; counts of wrong, of decided and of all robots | - |
 
@@ -26,6 +27,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm.analysis.figures import FIGURES, RunFigure
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array
 from vibroswarm.optimize.outcomes import Outcomes
@@ -107,12 +109,23 @@ def at_error(outcomes: Outcomes) -> Array:
     return np.column_stack([outcomes.time_s.mean(axis=1), outcomes.wrong.sum(axis=1), decided, robots])
 
 
+def _of_figure(figure: RunFigure) -> Figures:
+    """Return the cost that is a figure of each run, (runs, 1)."""
+
+    def cost(outcomes: Outcomes) -> Array:
+        check_truth(outcomes)
+        return figure.of_run(outcomes.swarms)[:, None]
+
+    return cost
+
+
 COSTS: Final[dict[str, Figures]] = {
     "intended": intended,
     "printed": printed,
     "authors_code": authors_code,
     "decision_time": decision_time,
     "errors": errors,
+    **{figure.name: _of_figure(figure) for figure in FIGURES if figure.of_decisions},
 }
 """Costs with one figure per run, to which a statistic is applied."""
 

@@ -27,6 +27,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.figures import BY_NAME
 from vibroswarm.analysis.intervals import Interval, generator, mean_interval, quantile_interval
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, number_of, shown
@@ -139,7 +140,10 @@ class Objective(NotebookView):
     @property
     def unit(self) -> str:
         """The unit of the score; empty if it has none."""
-        return "s" if self.name in (*AIMS, "decision_time") else ""
+        is_time = self.name in (*AIMS, "decision_time") or (
+            self.name in BY_NAME and BY_NAME[self.name].unit == "s"
+        )
+        return "s" if is_time else ""
 
     def figures(self, outcomes: Outcomes) -> Array:
         """Compute the figures of each run of ``outcomes``, (runs, columns).

@@ -18,6 +18,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.figures import Swarms
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.ticks import reached
 from vibroswarm.errors import InputError
@@ -30,6 +31,7 @@ from vibroswarm.inference.outcomes import (
     fill_ratios,
     numbers,
     right_of,
+    run_columns,
     truths,
     wrong_of,
 )
@@ -95,6 +97,15 @@ class Outcomes(NotebookView):
     def wrong(self) -> NDArray[np.bool_]:
         """Which robots decided wrong, (runs, robots); none in a run whose truth is nan."""
         return wrong_of(self.decision, self.truth)
+
+    @property
+    def swarms(self) -> Swarms:
+        """The runs for figures that are computed from decisions (``analysis.figures``)."""
+        runs = run_columns(
+            self.decision, self.decision_time_s, self.fill_ratio, self.truth, self.end_s, self.t_end_s
+        )
+        robots = {"decision": self.decision.astype(np.float64), "decision_time_s": self.decision_time_s}
+        return Swarms.of_arrays(robots, runs, self.t_end_s)
 
     @property
     def time_s(self) -> Array:
