@@ -55,7 +55,7 @@ def test_a_study(tmp_path: Path, text: str) -> None:
         folder = tmp_path / root
         folder.mkdir()
         out = folder / "out"
-        assert main(["sweep", str(study(folder, name)), "--no-confirm", "-q", "--out", str(out)]) == 0
+        assert main(["evaluate", str(study(folder, name)), "--no-confirm", "-q", "--out", str(out)]) == 0
     check(tmp_path / "hostile" / "out", tmp_path / "plain" / "out", text)
 
 
