@@ -92,13 +92,13 @@ def test_pictures_are_files_on_request_and_in_the_report_anyway(
 ) -> None:
     code, out, _ = told(capsys, *FEW, "--out", tmp_path / "a")
     assert code == 0
-    assert "(shards) and a report" in " ".join(out.split())
+    assert ": report.html, shards/" in " ".join(out.split())
     assert not (tmp_path / "a" / "pictures").exists()
     page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") > 5
     code, out, _ = told(capsys, *FEW, "--out", tmp_path / "a", "--pictures")
     assert code == 0
-    assert "(shards), pictures and a report" in " ".join(out.split())
+    assert ": report.html, pictures/, shards/" in " ".join(out.split())
     outcomes = tmp_path / "a" / "pictures" / "outcomes.csv"
     assert pl.read_csv(outcomes)["runs"].unique().to_list() == [4]
     # Pictures that exist do not stay behind when the study grows.
