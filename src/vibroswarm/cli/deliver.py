@@ -5,19 +5,14 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli import terminal
-from vibroswarm.cli.out_folder import Printed, write_printed
 from vibroswarm.cli.output import print_json, print_line, print_saved
+from vibroswarm.documents.saved import PICTURES, REPORT, save, save_pictures
 
 if TYPE_CHECKING:
     from vibroswarm.show.document import Document
-
-REPORT: Final = "report.html"
-"""Name of the page in a folder of results."""
-PICTURES: Final = "pictures"
-"""Name of the folder of pictures in a folder of results."""
 
 
 def deliver(document: Document, output: Any, command: str, work: str = "") -> None:
@@ -45,26 +40,6 @@ def save_with_pictures(document: Document, output: Any, folder: Path, command: s
     save(without_pictures(document) if no_pictures else document, folder, command, work)
     if hasattr(output, "pictures"):
         save_requested_pictures(document, output, folder)
-
-
-def save(
-    document: Document, folder: Path, command: str, work: str = "", *, page: str | None = REPORT
-) -> None:
-    """Write the page of a document into a folder, and the document itself, so that ``show`` can print it again."""
-    from vibroswarm.show.page import write_page
-
-    if page is not None:
-        write_page(folder / page, document)
-    write_printed(folder, Printed(command, work, document))
-
-
-def save_pictures(
-    document: Document, folder: Path, style: str, progress: Callable[[float], None] = lambda share: None
-) -> None:
-    """Write the pictures of a document as files into a folder in the folder of results."""
-    from vibroswarm.show.figures import write_figures
-
-    write_figures(folder / PICTURES, document, style, progress)
 
 
 def save_requested_pictures(

@@ -49,13 +49,13 @@ def import_logs(
       vibroswarm lab import camera.csv --columns columns.toml --floor world.txt --tiles 5x5 --out lab
       vibroswarm lab import tracked-1 tracked-2 --floor world.txt --tiles 5x5 --out lab
     """
-    from vibroswarm.cli.deliver import save
     from vibroswarm.cli.options import Paged
-    from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
+    from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.scenario_options import check_one_floor, scenario_from, stated_fields
     from vibroswarm.core.atomic_io import whole_folder
     from vibroswarm.documents.recording import import_document, write_pages
+    from vibroswarm.documents.saved import hash_of, refuse_other, save
     from vibroswarm.recordings.assemble_recording import recording_of
 
     output = Paged(out=out, force=force, json=json, open=page.open)

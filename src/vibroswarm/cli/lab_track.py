@@ -120,11 +120,12 @@ def track(
       vibroswarm lab track day1.mp4 --markers markers.toml --lens chessboard.mp4 --log day1.csv \\
           --floor world.txt --tiles 5x5 --out tracked
     """
-    from vibroswarm.cli.deliver import print_result, save
-    from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
+    from vibroswarm.cli.deliver import print_result
+    from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.output import print_line, print_saved
     from vibroswarm.cli.scenario_options import scenario_from, stated_fields
     from vibroswarm.core.atomic_io import whole_folder
+    from vibroswarm.documents.saved import hash_of, refuse_other, save
     from vibroswarm.documents.tracking import tracking_document
     from vibroswarm.recordings.assemble_recording import recording_of
     from vibroswarm.recordings.log_readers import CAMERA_LOG, camera_log_bytes

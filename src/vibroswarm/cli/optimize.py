@@ -227,7 +227,8 @@ def sensitivity(
       vibroswarm optimize sensitivity search.toml --budget 20000 --out out/which
     """
     from vibroswarm.cli.deliver import deliver
-    from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
+    from vibroswarm.cli.out_folder import claim
+    from vibroswarm.documents.saved import hash_of, refuse_other
     from vibroswarm.documents.sensitivity import sensitivity_document
     from vibroswarm.optimize.sensitivity import design_of, sobol_indices, write_sensitivity
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from vibroswarm.cli.command_line import Option
@@ -29,10 +28,12 @@ def run(
       vibroswarm run --floor world.txt --tiles 5x5 --set decision.decision_boundary=0.03
     """
     from vibroswarm.cli.deliver import print_result
-    from vibroswarm.cli.out_folder import claim, refuse_other_run
+    from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.output import print_line, print_paragraph, print_saved
     from vibroswarm.cli.scenario_options import chosen, scenario_from
     from vibroswarm.documents.run import result_document
+    from vibroswarm.documents.run_folder import write_run_folder
+    from vibroswarm.documents.saved import refuse_other_run
 
     made, out = scenario_from(scenario), output.out
     if pictures and out is None:
@@ -43,7 +44,7 @@ def run(
     # Segments are the positions between samples. They are recorded only for the page, which needs them.
     result = _simulate(made, scenario.seed, motion, segments=out is not None)
     if out is not None:
-        _save(result, out, pictures=pictures)
+        write_run_folder(result, out, pictures=pictures)
     print_result(result_document(result), output)
     if not output.json:
         print_line()
@@ -66,30 +67,3 @@ def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Res
     say_compiling(scenario=scenario)
     with progress_bar("simulating") as progress:
         return simulate(scenario, seed, runs=1, motion=motion, segments=segments, progress=progress)
-
-
-def _save(result: Result, out: Path, *, pictures: bool) -> None:
-    """Write a result with its page and maps, and with ``pictures`` their pictures, into the folder ``out``.
-
-    The folder is written completely or not at all; an older result in it is replaced. The page is written only if the
-    result has the positions between samples, and maps only if the robots' strategy keeps a map of the floor.
-    """
-    from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
-    from vibroswarm.core.atomic_io import whole_folder
-    from vibroswarm.run_page.write import write_run_page
-
-    with whole_folder(out, replace=True) as part:
-        result.write_into(part)
-        if result.segments is not None:
-            write_run_page(result, part / "run.html")
-        maps = floor_maps(result) if result.scenario.strategy.name in WITH_MAP else None
-        if maps is not None:
-            from vibroswarm.study.summary import write_table
-
-            write_table(maps, part / "maps")
-        if pictures:
-            from vibroswarm.plots.run import write_maps_picture, write_run_picture
-
-            write_run_picture(result, part / "run.png")
-            if maps is not None:
-                write_maps_picture(maps, part / "maps.png")

@@ -90,8 +90,8 @@ def _show_folder(folder: Path, json: bool) -> None:
         InputError: the folder holds a damaged search, or nothing that a command writes.
     """
     from vibroswarm.cli.deliver import print_document
-    from vibroswarm.cli.out_folder import read_printed
     from vibroswarm.cli.output import print_json, print_line, print_paragraph
+    from vibroswarm.documents.saved import read_printed
     from vibroswarm.documents.search import search_sentences
     from vibroswarm.documents.study_results import results_or_need
     from vibroswarm.optimize.journal import HEAD as SEARCH_HEAD

@@ -182,9 +182,10 @@ def print_outcome(
         result: the study with its finished runs; without any, ``outcome_of`` raises ``InputError``.
         second: the repetition of its cells on other seeds, which confirms comparisons; None if it was not run.
     """
-    from vibroswarm.cli.deliver import REPORT, print_result
+    from vibroswarm.cli.deliver import print_result
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.documents.saved import REPORT
     from vibroswarm.documents.study import study_document
     from vibroswarm.study.summary import outcome_of, write_outcome
 
@@ -208,8 +209,9 @@ def _write_page(outcome: Outcome, out: Path, output: Drawn) -> None:
     A reference of a cell is how fast a decision could have been made if all samples had been known in one place at
     once. References are computed for studies with few cells only.
     """
-    from vibroswarm.cli.deliver import REPORT, save_requested_pictures
+    from vibroswarm.cli.deliver import save_requested_pictures
     from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.documents.saved import REPORT
     from vibroswarm.documents.study import study_document
     from vibroswarm.show.page import write_page
     from vibroswarm.study.baselines import references_of

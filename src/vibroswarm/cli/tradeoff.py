@@ -43,12 +43,13 @@ def tradeoff(
 ) -> None:
     """Decision time against error for each credible threshold and minimum of observations, by replay."""
     from vibroswarm.analysis.tradeoff import time_error_curve
-    from vibroswarm.cli.deliver import REPORT, print_result, save_with_pictures
-    from vibroswarm.cli.out_folder import claim, hash_of, refuse_other
+    from vibroswarm.cli.deliver import print_result, save_with_pictures
+    from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.output import print_saved
     from vibroswarm.cli.progress import say_compiling
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import whole_folder
+    from vibroswarm.documents.saved import REPORT, hash_of, refuse_other
     from vibroswarm.documents.tradeoff import tradeoff_document
     from vibroswarm.study.summary import write_table
 

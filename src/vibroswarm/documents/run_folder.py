@@ -1,0 +1,34 @@
+"""The folder of one run: its tables, its page, its maps and pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
+from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.result import Result
+from vibroswarm.run_page.write import write_run_page
+from vibroswarm.study.summary import write_table
+
+
+def write_run_folder(result: Result, out: Path, *, pictures: bool) -> None:
+    """Write a result with its page and maps, and with ``pictures`` their pictures, into the folder ``out``.
+
+    The folder is written completely or not at all; an older result in it is replaced. The page is written only if the
+    result has the positions between samples, and maps only if the robots' strategy keeps a map of the floor.
+    """
+
+    with whole_folder(out, replace=True) as part:
+        result.write_into(part)
+        if result.segments is not None:
+            write_run_page(result, part / "run.html")
+        maps = floor_maps(result) if result.scenario.strategy.name in WITH_MAP else None
+        if maps is not None:
+            write_table(maps, part / "maps")
+        if pictures:
+            # here, since a run without pictures need not wait for matplotlib
+            from vibroswarm.plots.run import write_maps_picture, write_run_picture
+
+            write_run_picture(result, part / "run.png")
+            if maps is not None:
+                write_maps_picture(maps, part / "maps.png")

@@ -1,0 +1,158 @@
+"""What a folder of results holds besides tables: a page, pictures, and the document itself, to be shown again.
+
+The file ``printed.json`` in the folder holds what the command printed, so that ``vibroswarm show`` can print it again:
+
+    format   2
+    command  the words of the command, such as "league"
+    work     a hash of the command's settings; empty if another file of the folder, such as study.toml, has them
+    document the document, without its figures (``show.stored``)
+
+``show`` lays tables out for the width of its own terminal, with all columns if ``--wide``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from vibroswarm.core.atomic_io import write_files
+from vibroswarm.core.untrusted_files import entry, read_json
+from vibroswarm.errors import InputError, check_format
+
+if TYPE_CHECKING:
+    from vibroswarm.scenario.scenario import Scenario
+    from vibroswarm.show.document import Document
+
+REPORT: Final = "report.html"
+"""Name of the page in a folder of results."""
+PICTURES: Final = "pictures"
+"""Name of the folder of pictures in a folder of results."""
+
+
+def save(
+    document: Document, folder: Path, command: str, work: str = "", *, page: str | None = REPORT
+) -> None:
+    """Write the page of a document into a folder, and the document itself, so that ``show`` can print it again."""
+    from vibroswarm.show.page import write_page
+
+    if page is not None:
+        write_page(folder / page, document)
+    write_printed(folder, Printed(command, work, document))
+
+
+def save_pictures(
+    document: Document, folder: Path, style: str, progress: Callable[[float], None] = lambda share: None
+) -> None:
+    """Write the pictures of a document as files into a folder in the folder of results."""
+    from vibroswarm.show.figures import write_figures
+
+    write_figures(folder / PICTURES, document, style, progress)
+
+
+def refuse_other(folder: Path, command: str, work: str) -> None:
+    """Refuse a folder unless its ``printed.json`` states the same command and the same settings.
+
+    Args:
+        command: the words of the command, such as "lab import".
+        work: hash of the command's settings (``hash_of``), which ``deliver`` saves in ``printed.json``.
+    Raises:
+        InputError: the folder is refused.
+    """
+    there = read_printed(folder) if folder.is_dir() else None
+    if there is None:
+        raise InputError(f"exists already but holds no results of '{command}'", field=str(folder))
+    if there.command != command:
+        raise InputError(f"exists already and holds results of '{there.command}'", field=str(folder))
+    if there.work != work:
+        raise InputError(
+            f"exists already and holds results of '{command}' with other settings", field=str(folder)
+        )
+
+
+def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -> None:
+    """Refuse a folder unless it holds the result of the same run, made by the same version of the code.
+
+    A run is the same if scenario, seed and motion source are equal.
+
+    Raises:
+        InputError: the folder is refused.
+    """
+    from vibroswarm.core.code_version import code_hash
+    from vibroswarm.result import Result
+
+    if not folder.is_dir():
+        raise InputError("is a file; give the name of a folder", field=str(folder))
+    try:
+        there = Result.read(folder)
+    except InputError as error:
+        raise InputError(
+            f"exists already: {str(error).removeprefix(f'{error.field}: ')}", field=str(folder)
+        ) from None
+    if there.scenario != scenario:
+        raise InputError("exists already and holds a run of another scenario", field=str(folder))
+    if (there.seed, there.source) != (seed, motion):
+        what = f"a run with seed {there.seed} by '{there.source}'"
+        raise InputError(f"exists already and holds {what}", field=str(folder))
+    if there.versions.get("code") != code_hash():
+        raise InputError("exists already and was made by another version of vibroswarm", field=str(folder))
+
+
+PRINTED: Final = "printed.json"
+"""Name of the file with what a command printed."""
+FORMAT: Final = 2
+"""Format of ``printed.json``, by which a newer format is recognised."""
+
+
+class Printed(NamedTuple):
+    """What a command printed: the content of ``printed.json``, whose fields the module's docstring explains."""
+
+    command: str
+    work: str
+    document: Document
+
+
+def hash_of(*parts: object) -> str:
+    """Return 16 hexadecimal digits that identify a command's work: the hash of its settings.
+
+    Args:
+        parts: the settings. Their ``repr`` must be the same in every process.
+    """
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+
+
+def write_printed(folder: Path, printed: Printed) -> None:
+    """Write ``printed.json`` into a folder.
+
+    Raises:
+        RunError: it cannot be written.
+    """
+    from vibroswarm.show.stored import document_values
+
+    about = {
+        "format": FORMAT,
+        "command": printed.command,
+        "work": printed.work,
+        "document": document_values(printed.document),
+    }
+    write_files(folder, {PRINTED: json.dumps(about, indent=1) + "\n"})
+
+
+def read_printed(folder: Path) -> Printed | None:
+    """Read ``printed.json`` of a folder; None if the folder has no such file.
+
+    Raises:
+        InputError: the file is damaged, of a newer format, or no plain file.
+    """
+    from vibroswarm.show.stored import document_from
+
+    path = folder / PRINTED
+    if not os.path.lexists(path):  # what is there but is no plain file is refused below
+        return None
+    about = read_json(path, "what a command printed")
+    check_format(entry(about, "format", int, path), FORMAT, str(path))
+    command, work = entry(about, "command", str, path), entry(about, "work", str, path)
+    return Printed(command, work, document_from(entry(about, "document", dict, path), str(path)))
