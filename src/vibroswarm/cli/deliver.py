@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 from vibroswarm.cli import terminal
 from vibroswarm.cli.output import print_json, print_line, print_saved
-from vibroswarm.documents.saved import PICTURES, REPORT, save, save_pictures
 
 if TYPE_CHECKING:
     from vibroswarm.show.document import Document
@@ -22,8 +21,10 @@ def deliver(document: Document, output: Any, command: str, work: str = "") -> No
 
     Args:
         output: options such as ``Paged`` or ``Drawn``. command: the words of the command, such as "league".
-        work: hash of the command's settings, by which ``out_folder.refuse_other`` knows the folder again.
+        work: hash of the command's settings, by which ``saved.refuse_other`` knows the folder again.
     """
+    from vibroswarm.documents.saved import REPORT
+
     if output.out is not None:
         save_with_pictures(document, output, output.out, command, work)
     print_result(document, output)
@@ -34,6 +35,7 @@ def deliver(document: Document, output: Any, command: str, work: str = "") -> No
 
 def save_with_pictures(document: Document, output: Any, folder: Path, command: str, work: str = "") -> None:
     """Write the page of a document, the document, and its pictures as the options say, into a folder."""
+    from vibroswarm.documents.saved import save
     from vibroswarm.show.document import without_pictures
 
     no_pictures = getattr(output, "no_pictures", False)
@@ -48,7 +50,7 @@ def save_requested_pictures(
     folder: Path,
     progress: Callable[[float], None] = lambda share: None,
 ) -> None:
-    """Write the pictures of a document as files, if the options of ``add_pictures`` ask for them.
+    """Write the pictures of a document as files, if the options ask for them.
 
     Pictures that an earlier command has written are written again, or removed with ``--no-pictures``, since what they
     show may be outdated.
@@ -57,6 +59,7 @@ def save_requested_pictures(
         arguments: with ``out``, where earlier pictures are. folder: the folder of results, or its replacement.
     """
     from vibroswarm.core.atomic_io import remove_folder
+    from vibroswarm.documents.saved import PICTURES, save_pictures
     from vibroswarm.show.figures import CAPTIONS
 
     earlier = (arguments.out / PICTURES / CAPTIONS).is_file()
