@@ -62,7 +62,7 @@ def detect(
 
     examples:
       vibroswarm detect                                             more than half? fill ratios 0.24 to 0.76
-      vibroswarm detect --more-than 3% --tiles 10x10 --strategy soft
+      vibroswarm detect --more-than 3% --tiles 10x10
       vibroswarm detect --robots 5,10,20 --error 10% --out out/detect
       vibroswarm detect --false-alarms 1% --boundary-of readings    robots that ignore their sensor's errors
     """

@@ -161,7 +161,7 @@ Motion = Annotated[
     str, Option("engine: {names} (default event), or FILE.py:NAME", names=partial(list, MOTIONS))
 ]
 Json = Annotated[bool, Option("print JSON and nothing else on stdout")]
-Force = Annotated[bool, Option("replace what is there, if vibroswarm wrote it")]
+Force = Annotated[bool, Option("replace it if it exists")]
 
 
 def toml_path(text: str) -> Path:

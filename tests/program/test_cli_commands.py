@@ -1,0 +1,180 @@
+"""Words of commands: older ones name the new ones, lists of names, and how the parts of a command line are read."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pytest
+
+from vibroswarm import InputError, Study, preset
+from vibroswarm.cli import main
+from vibroswarm.cli.command_line import Option, bound, help_of, parser_of
+from vibroswarm.cli.commands import COMMANDS
+from vibroswarm.documents.plan import PAGE_S, work_sentence
+from vibroswarm.study import detection
+from vibroswarm.study.plan import plan_of
+from vibroswarm.study.runner import Expected, Job
+
+OLDER = {
+    "sweep study.toml --out out": "evaluate STUDY.toml",
+    "merge a b": "evaluate merge",
+    "tradeoff --runs 5": "evaluate tradeoff",
+    "tune": "league tune",
+    "optimize --check=p.toml": "optimize compare FIRST SECOND",
+    "optimize --sensitivity": "optimize sensitivity",
+}
+
+
+@pytest.mark.parametrize("line", OLDER)
+def test_older_words_name_the_new_ones_in_one_line(line, capsys):
+    assert main(line.split()) == 2
+    told = capsys.readouterr()
+    assert told.out == ""
+    assert told.err.count("\n") == 1
+    assert told.err.endswith(f" is now 'vibroswarm {OLDER[line]}'\n")
+    new = OLDER[line].split()
+    assert " ".join(new[:2]) in COMMANDS or new[0] in COMMANDS
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [
+        ("strategies", ("soft", "dmvd", "places")),
+        ("networks", ("ideal", "tree")),
+        ("sensors", ("gamma", "energies")),
+        ("motions", ("event", "mujoco")),
+        ("tasks", ("fill_ratio",)),
+        ("presets", ("paper", "calibrated")),
+    ],
+)
+def test_names_are_listed_with_a_line_each(command, names, capsys):
+    assert main([command]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    for name in names:
+        (line,) = (line for line in lines if line.split()[:1] == [name])
+        assert len(line.split()) > 2, line
+
+
+def test_a_study_file_says_what_is_simulated(tmp_path, capsys):
+    file = tmp_path / "study.toml"
+    file.write_text('runs = 2\n[scenario]\nrun = { t_end_s = 30 }\n[grid]\n"swarm.robots" = [2, 3]\n')
+    for options in (["--strategy", "soft"], ["--set", "swarm.robots=2"], ["--vary", "swarm.robots=2,3"]):
+        assert main(["evaluate", str(file), *options]) == 2
+        assert f"{options[0]}: is not for a study file" in capsys.readouterr().err
+    assert main(["evaluate", str(file), "--no-confirm", "--no-pictures"]) == 0
+
+
+def inspect(
+    folder: Annotated[Path, Option("a folder", "DIR")],
+    /,
+    *logs: Annotated[Path, Option("logs", "LOG")],
+    runs: Annotated[int, Option("runs", low=1, high=9)] = 3,
+    share: Annotated[float | None, Option("5 % or so")] = None,
+    style: Annotated[Literal["page", "slide"], Option("{names}")] = "page",
+    sizes: Annotated[tuple[int, ...], Option("sizes")] = (5, 10),
+    settings: Annotated[Sequence[str], Option("set", name="--set")] = (),
+    quick: Annotated[bool, Option("quickly")] = False,
+) -> None:
+    """Inspect a folder.
+
+    example:
+      inspect out
+    """
+
+
+def parsed(*words: str) -> dict[str, object]:
+    values = parser_of("inspect", inspect, {}).parse_args(words)
+    return dict(bound(inspect, vars(values)).arguments)
+
+
+def test_a_function_becomes_a_command_line():
+    assert parsed("out", "a.csv", "b.csv") == {
+        "folder": Path("out"),
+        "logs": (Path("a.csv"), Path("b.csv")),
+        "runs": 3,
+        "share": None,
+        "style": "page",
+        "sizes": (5, 10),
+        "settings": [],
+        "quick": False,
+    }
+    line = ["out", "a", "--set", "x=1", "--set", "y=2", "--sizes", "3,4,3", "--quick", "--share", "0.5"]
+    found = parsed(*line)
+    assert (found["settings"], found["sizes"], found["share"]) == (["x=1", "y=2"], (3, 4), 0.5)
+    parser = parser_of("inspect", inspect, {})
+    texts = {action.dest: help_of(action) for action in parser._actions}
+    assert texts["runs"] == "runs (default 3)"
+    assert texts["style"] == "page, slide (default page)"
+    assert parser.description == "Inspect a folder."
+    assert "inspect out" in parser.format_help()
+    assert "5 % or so" in parser.format_help()
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("out a --runs 0", "--runs: 0 is not from 1 to 9"),
+        ("out a --runs x", "--runs: 'x' is not a whole number"),
+        ("out a --share nan", "--share: 'nan' is not a number"),
+        ("out a --style pagee", "--style: there is no 'pagee', did you mean 'page'?"),
+        ("out a --sizes 3,x", "--sizes: 'x' is not a whole number"),
+        ("out a --run 3", "--run: unknown option, did you mean '--runs'?"),
+        ("out", "inspect: the following arguments are required: LOG"),
+    ],
+)
+def test_what_is_wrong_names_the_option(line, words):
+    with pytest.raises(InputError) as error:
+        parsed(*line.split())
+    assert str(error.value).startswith(words)
+
+
+def test_a_parameter_without_an_option_is_a_mistake():
+    def forgotten(*, runs: int = 3) -> None: ...
+
+    forgotten.__annotations__["runs"] = int
+    with pytest.raises(TypeError, match="runs"):
+        parser_of("forgotten", forgotten, {})
+    assert isinstance(parser_of("inspect", inspect, {}), argparse.ArgumentParser)
+
+
+def test_an_estimate_covers_the_whole_command():
+    plan = plan_of(Study.of(preset("paper"), runs=100, strategy__name=["none", "soft"]))
+    left = Expected(runs=100, core_s=10.0, tried=26)
+    assert "about 10 s of one core in all" in work_sentence(plan, left)
+    assert "about 20 s of one core" in work_sentence(plan, left, again=True)
+    drawn = work_sentence(plan, left, again=True, drawn=True)
+    assert "100 on other seeds and the report" in drawn
+    assert int(drawn.split("about ")[1].split()[0]) > 20 + PAGE_S
+    assert "about 2.5 s" in work_sentence(plan, left, Job(1, 4))
+    assert work_sentence(plan, Expected(0, 0.0, 0), drawn=True) == "Nothing to do: all runs exist."
+
+
+SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--runs", "3"]
+
+
+def test_detection_asks_for_a_share_and_names_its_strategy(capsys):
+    line = ["detect", *SHORT, "--more-than", "30%", "--robots", "2", "--strategy", "totals"]
+    assert main(line) == 0
+    said = capsys.readouterr().out
+    assert "Does more than 30 % vibrate?" in said
+    assert "2 robots with strategy totals find" in said
+    assert main([*line, "--set", "decision.decision_boundary=0.2"]) == 2
+    assert "--more-than: is also set by --set decision.decision_boundary" in capsys.readouterr().err
+
+
+def test_a_detection_searches_robots_and_time(monkeypatch):
+    """Later ends are tried only where there are enough runs to show something, and nothing is found."""
+    scenario = preset("paper").with_values({"run.t_end_s": 20.0, "swarm.robots": 2})
+    assert detection.sizes_of(scenario) == (2, 4, 8)
+    few = detection.detect(scenario, robots=[2], fills=[0.4, 0.6], runs=4)
+    assert few.scenario.run.t_end_s == 20.0
+    assert not few.finds_nothing, "4 runs cannot show 5 %"
+    ends = []
+    monkeypatch.setattr(detection, "run", lambda study, *_: ends.append(study.cells[0].scenario.run.t_end_s))
+    nothing = type("Nothing", (), {"finds_nothing": True})()
+    monkeypatch.setattr(detection, "detection_of", lambda *_: nothing)
+    detection.detect(scenario, robots=[2], fills=[0.4, 0.6], runs=4)
+    assert ends == [20.0, 40.0, 80.0]
