@@ -57,7 +57,7 @@ def stop_after(times: int, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def results(text: str) -> list[str]:
     """Lines of results, without those of where they are saved."""
-    return [line for line in text.splitlines() if not line.startswith(("Saved", "Report"))]
+    return [line for line in text.splitlines() if not line.startswith(("Saved", "Page"))]
 
 
 @pytest.mark.slow

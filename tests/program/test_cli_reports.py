@@ -92,13 +92,13 @@ def test_pictures_are_files_on_request_and_in_the_report_anyway(
 ) -> None:
     code, out, _ = told(capsys, *FEW, "--out", tmp_path / "a")
     assert code == 0
-    assert ": report.html, shards/" in " ".join(out.split())
+    assert "report.html, study.toml, tables (CSV, Parquet), " in " ".join(out.split())
     assert not (tmp_path / "a" / "pictures").exists()
     page = (tmp_path / "a" / "report.html").read_text(encoding="utf-8")
     assert page.count("<svg") > 5
     code, out, _ = told(capsys, *FEW, "--out", tmp_path / "a", "--pictures")
     assert code == 0
-    assert ": report.html, pictures/, shards/" in " ".join(out.split())
+    assert "pictures/, " in " ".join(out.split())
     outcomes = tmp_path / "a" / "pictures" / "outcomes.csv"
     assert pl.read_csv(outcomes)["runs"].unique().to_list() == [4]
     # Pictures that exist do not stay behind when the study grows.
@@ -191,7 +191,9 @@ def test_detect_tells_what_is_needed(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert not (out / "pictures").exists()
     found = pairs.filter((pl.col("robots") == 6) & pl.col("time_s").is_not_null()).sort("fill_ratio")
     fill, time_s = found.select("fill_ratio", "time_s").row(0)
-    sentence = f"6 robots find {100 * fill:g} % vibrating within {time_s:.0f} s, with at most"
+    sentence = (
+        f"6 robots with strategy none find {100 * fill:g} % vibrating within {time_s:.0f} s, with at most"
+    )
     assert sentence in " ".join(said.split())
     page = (out / "report.html").read_text(encoding="utf-8").replace("\xa0", " ")
     assert sentence in page
@@ -238,7 +240,7 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("detect --fills 2", "--fills: '2' is not from 0 to 1"),
+        ("detect --fills 2", "--fills: 2 is not from 0 to 1"),
         ("detect --fills 0.461 --runs 2", "the nearest that can be had"),
         ("detect --strategy soft --runs 2", "soft feedback is neutral at a boundary of 0.5 only"),
         (
@@ -248,13 +250,13 @@ def test_detect_adds_floors_below_the_boundary_and_says_so(capsys: pytest.Captur
         ("detect --false-alarms 2 --runs 2", "--false-alarms: '2' is not a percentage"),
         ("detect --error 5", "--error: '5' is not a percentage; give one such as 2%"),
         ("detect --robots x", "--robots: 'x' is not a whole number"),
-        ("detect --style poster", "--style: invalid choice: 'poster'"),
+        ("detect --style poster", "--style: there is no 'poster' (choices: column, page, slide)"),
         ("evaluate tradeoff --thresholds 1.2 --runs 3", "decision.credible_threshold: 1.2 is wrong"),
         ("evaluate tradeoff --observations a", "--observations: 'a' is not a whole number"),
         ("evaluate tradeoff --thresholds x", "--thresholds: 'x' is not a number"),
         ("evaluate tradeoff --runs 0", "runs: 0 is wrong; give a whole number from 1"),
         ("evaluate tradeoff --workers 0", "workers: 0 is not from 1 to 4096"),
-        ("evaluate --style poster", "--style: invalid choice: 'poster'"),
+        ("evaluate --style poster", "--style: there is no 'poster' (choices: column, page, slide)"),
         ("evaluate --strategy none,sofd", "did you mean 'soft'?"),
         ("evaluate --vary strategy.soft.eta", "is not of the form section.field=value,value"),
         ("evaluate --runs 5 --until 2%", "--until: use --runs or --until, not both"),

@@ -6,7 +6,7 @@ import json
 import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from vibroswarm.cli import terminal
 
@@ -59,11 +59,18 @@ def print_saved(output: Any, page: str | None = None) -> None:
             open_page(out / page)
 
 
+TABLES: Final = {".csv": "CSV", ".parquet": "Parquet"}
+"""Suffixes of tables, which are not listed one by one."""
+
+
 def _names_in(folder: Path) -> list[str]:
-    """Return the names of what a folder holds, pages first, and files that only the program reads left out."""
-    names = [path.name + "/" * path.is_dir() for path in folder.iterdir() if path.name[0] != "."]
-    shown = [name for name in names if not name.endswith(".json")]
-    return sorted(shown, key=lambda name: (not name.endswith(".html"), name))
+    """Return what a folder holds: pages, other files, tables by their kind, folders; not what only programs read."""
+    paths = [path for path in folder.iterdir() if path.name[0] != "." and path.suffix != ".json"]
+    kinds = sorted({TABLES[path.suffix] for path in paths if path.suffix in TABLES})
+    files = [path.name for path in paths if path.is_file() and path.suffix not in TABLES]
+    files.sort(key=lambda name: (not name.endswith(".html"), name))
+    folders = sorted(f"{path.name}/" for path in paths if path.is_dir())
+    return [*files, *([f"tables ({', '.join(kinds)})"] if kinds else []), *folders]
 
 
 def open_page(path: Path) -> bool:
