@@ -353,3 +353,69 @@ def test_a_strategy_that_was_typed_in_is_refused(monkeypatch: pytest.MonkeyPatch
             c_sources(parts_of(preset("paper").with_values({"strategy.name": "typed_in"})))
     finally:
         forget("typed_in")
+
+
+WARNED = [
+    "-std=c99",
+    "-O2",
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wshadow",
+    "-Werror",
+    "-Wno-unused-parameter",
+]
+
+
+def compiled(folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+    command = ["gcc", *flags, "-c", "vibroswarm.c", "-o", "/dev/null"]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@needs_gcc
+@pytest.mark.slow
+@pytest.mark.parametrize("strategy", sorted(names()))
+def test_compilers_warn_of_nothing(tmp_path: Path, strategy: str) -> None:
+    assert main(["export", "c", str(tmp_path / "c"), "--strategy", strategy]) == 0
+    for precision in (1, 2, 3):
+        done = compiled(tmp_path / "c" / "src", *WARNED, f"-DVS_PRECISION={precision}")
+        assert done.returncode == 0, done.stderr
+    program = (tmp_path / "c" / "src" / "vibroswarm.c").read_text(encoding="utf-8")
+    assert not re.search(r"(if|while) \(\([^()]*\)\) {", program), "doubled parentheses"
+
+
+@needs_gcc
+def test_what_only_reads_takes_a_constant_and_what_breaks_numbers_is_refused(library: Path) -> None:
+    header = (library / "src" / "vibroswarm.h").read_text(encoding="utf-8")
+    for getter in ("vs_left_percent", "vs_right_percent", "vs_observed", "vs_time_s"):
+        assert f"{getter}(const vs_Robot *r)" in header
+    assert "vs_sample(vs_Robot *r" in header
+    assert compiled(library / "src", *WARNED).returncode == 0
+    fast = compiled(library / "src", "-std=c99", "-ffast-math")
+    assert fast.returncode != 0
+    assert "compile without -ffast-math" in fast.stderr
+    short = compiled(
+        library / "src", "-std=c99", "-DVS_PRECISION=3", "-U__SIZEOF_DOUBLE__", "-D__SIZEOF_DOUBLE__=4"
+    )
+    assert short.returncode != 0
+    assert "double has 4 bytes here" in short.stderr
+
+
+def test_a_robot_can_say_what_it_runs(library: Path, tmp_path: Path) -> None:
+    def identity(folder: Path) -> dict[str, str]:
+        text = (folder / "src" / "vibroswarm_parameters.h").read_text(encoding="utf-8")
+        return dict(re.findall(r"#define (VS_(?:SCENARIO_HASH|CODE_HASH|PROGRAM_ID)) (.+)", text))
+
+    same, other = tmp_path / "same", tmp_path / "other"
+    assert main(["export", "c", str(same), "--strategy", "soft"]) == 0
+    assert (
+        main(["export", "c", str(other), "--strategy", "soft", "--set", "decision.min_observations=1"]) == 0
+    )
+    assert identity(same) == identity(library)
+    assert (
+        identity(same)["VS_SCENARIO_HASH"]
+        == f'"{preset("paper").with_values({"strategy.name": "soft"}).hash}"'
+    )
+    assert re.fullmatch(r"UINT32_C\(0x[0-9a-f]{8}\)", identity(same)["VS_PROGRAM_ID"])
+    assert identity(same)["VS_PROGRAM_ID"] != identity(other)["VS_PROGRAM_ID"]

@@ -38,6 +38,7 @@ one by one."""
 class RobotParts:
     """The parts of a scenario's robots."""
 
+    scenario: Scenario
     strategy: Strategy
     hooks: Mapping[str, Any]
     """Values of the open names of ``robot_program``, see ``hooks_of``."""
@@ -89,6 +90,7 @@ def parts_of(scenario: Scenario) -> RobotParts:
         mixture = empty_mixture(count, lag)
     setup = setup_of(scenario)
     return RobotParts(
+        scenario=scenario,
         strategy=strategy,
         hooks=hooks_of(strategy, has_places=mixture is not None),
         # A simulated robot reads beliefs from a table; an exported one computes them.

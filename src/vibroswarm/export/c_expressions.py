@@ -231,7 +231,7 @@ class Expressions:
 
         Constant indices are checked against the length, others are not: a negative index would count from the end in
         Python, but not in C. ``VS_LOAD`` converts stored floating-point numbers to ``vs_real`` where they are read. The
-        target of an assignment is the element itself, to which C converts the value.
+        target of an assignment is the element itself, for which ``VS_STORE`` converts the value.
         """
         if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
             array, axis = self.expression(node.value.value), self.expression(node.slice).constant
@@ -252,10 +252,11 @@ class Expressions:
             if value.constant is not None and not 0 <= value.constant < array.type.shape[k]:
                 self.refuse(index, f"the index {value.constant} of an array of {array.type.shape[k]}")
             text += f"[{value.text}]"
-        if array.type.element == STORED and isinstance(node.ctx, ast.Load):
+        is_stored, is_read = array.type.element == STORED, isinstance(node.ctx, ast.Load)
+        if is_stored and is_read:
             text = f"VS_LOAD({text})"
         # ``is_place`` matters only for an element that is a row, which is passed by address and never converted.
-        return Value(text, array.type.number, is_place=True)
+        return Value(text, array.type.number, is_place=True, is_stored=is_stored and not is_read)
 
     def on_unaryop(self, node: ast.UnaryOp) -> Value:
         """Translate ``-x`` or ``not x``; refuse any other operator of one operand."""

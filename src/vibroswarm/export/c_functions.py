@@ -165,7 +165,10 @@ class Function(Calls):
             if (dict(self.types), self.returns) == before:
                 break
         names = list(self.parameters_in_order)
-        texts = [parameter(kind, identifier(name)) for name, kind in zip(names, self.given, strict=True)]
+        texts = [
+            parameter(kind, identifier(name), writes=self.writes)
+            for name, kind in zip(names, self.given, strict=True)
+        ]
         returns = self.returns or VOID
         head = f"{c_name(returns)} {self.name}({', '.join(texts) or 'void'})"
         # Variables of loops are declared in the heads of the loops.
@@ -256,7 +259,7 @@ class Function(Calls):
             for statement in node.body if test.constant else node.orelse:
                 self.statement(statement)
             return
-        self.write(f"if ({test.text}) {{")
+        self.write(f"if {in_parentheses(test.text)} {{")
         self.block(node.body)
         if node.orelse:
             self.write("} else {")
@@ -270,7 +273,7 @@ class Function(Calls):
         test = self.truth(node.test)
         if self.pending:  # statements before the loop would be run only once
             self.refuse(node, "a row that a function returns, in the condition of a loop")
-        self.write(f"while ({test.text}) {{")
+        self.write(f"while {in_parentheses(test.text)} {{")
         self.block(node.body)
         self.write("}")
 
@@ -491,7 +494,10 @@ class Function(Calls):
             self.refuse(node, f"'{ast.unparse(target)[:60]}' is given a value of another kind")
         if place.type in INTEGERS and value.type == REAL:
             self.refuse(node, f"'{ast.unparse(target)[:60]}', a whole number, is given a fraction")
-        self.write(f"{place.text} = {as_real(value) if place.type == REAL else value.text};")
+        text = as_real(value) if place.type == REAL else value.text
+        if (place.type, value.type) == (INT, LONG):  # the row holds 32 bits, in Python too
+            text = f"((vs_int){text})"
+        self.write(f"{place.text} = {f'VS_STORE({text})' if place.is_stored else text};")
 
     def assign_name(self, name: str, value: Value, node: ast.AST) -> None:
         """Write the assignment of a value to a variable, whose type may widen by it.
@@ -516,6 +522,16 @@ class Function(Calls):
             self.refuse(node, f"'{name}' is given values of several kinds")
         self.types[name] = kind
         self.write(f"{identifier(name)} = {as_real(value) if kind == REAL else value.text};")
+
+
+def in_parentheses(text: str) -> str:
+    """Return an expression in parentheses, but not in two pairs, of which compilers warn."""
+    depth = 0
+    for place, character in enumerate(text):
+        depth += (character == "(") - (character == ")")
+        if depth == 0:  # the first parenthesis is closed here, or there is none
+            return text if text[0] == "(" and place == len(text) - 1 else f"({text})"
+    return f"({text})"
 
 
 def contains(kind: Any, part: Any) -> bool:

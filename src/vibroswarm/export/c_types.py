@@ -111,12 +111,16 @@ def declaration(kind: Any, name: str) -> str:
     return f"{c_name(kind)} {name}"
 
 
-def parameter(kind: Any, name: str) -> str:
-    """Return the declaration of a function's parameter in C: structs and arrays are passed by address."""
+def parameter(kind: Any, name: str, *, writes: bool) -> str:
+    """Return the declaration of a function's parameter in C: structs and arrays are passed by address.
+
+    Args:
+        writes: whether the function may change what its parameters refer to; if not, they refer to constants.
+    """
     if isinstance(kind, CArray):
-        return declaration(kind, name)
+        return f"{'' if writes else 'const '}{declaration(kind, name)}"
     if isinstance(kind, Struct):
-        return f"{'' if kind.mutable else 'const '}{kind.name} *{name}"
+        return f"{'' if kind.mutable and writes else 'const '}{kind.name} *{name}"
     return f"{c_name(kind)} {name}"
 
 
@@ -234,6 +238,8 @@ class Value:
     """Its number, if that is known when the program is translated."""
     is_place: bool = False
     """Whether it has an address in memory."""
+    is_stored: bool = False
+    """Whether it is the target of an assignment that holds floating-point numbers as they are stored."""
     real: str = ""
     """For a whole number that might overflow 32 bits: its text as a floating-point number; else empty."""
     wide: str = ""

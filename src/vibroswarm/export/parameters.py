@@ -6,6 +6,7 @@ be read back, and each constant of the program as a ``#define``. ``differences``
 
 from __future__ import annotations
 
+import hashlib
 import math
 import re
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm.core.code_version import code_hash
 from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.errors import InputError
 from vibroswarm.export.assembly import RobotParts
@@ -63,7 +65,18 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
         for name, value in values.items()
     }
     found["VS_RMS_THRESHOLD"] = c_number(parts.rms_threshold, "VS_RMS_THRESHOLD")
-    return found
+    return found | identity_of(parts)
+
+
+def identity_of(parts: RobotParts) -> dict[str, str]:
+    """Return the constants by which a flashed robot says what it runs: two hashes, and four bytes of both to send."""
+    hashes = (parts.scenario.hash, code_hash())
+    four_bytes = hashlib.sha256(" ".join(hashes).encode()).hexdigest()[:8]
+    return {
+        "VS_SCENARIO_HASH": f'"{hashes[0]}"',
+        "VS_CODE_HASH": f'"{hashes[1]}"',
+        "VS_PROGRAM_ID": f"UINT32_C(0x{four_bytes})",
+    }
 
 
 def c_number(value: Any, name: str) -> str:
@@ -123,6 +136,8 @@ def header_text(scenario: Scenario, parts: RobotParts) -> str:
         "/* Parameters of a vibroswarm scenario. Compare with one: vibroswarm export check DIR. */",
         "#ifndef VIBROSWARM_PARAMETERS_H",
         "#define VIBROSWARM_PARAMETERS_H",
+        "",
+        "#include <stdint.h>",
         "",
         "/* The scenario, field by field. */",
         *(f"{FIELD}{line}" for line in toml_lines(scenario)),

@@ -13,6 +13,13 @@
 #include "vibroswarm_mathematics.h"
 #endif
 
+#if defined(__FAST_MATH__) || (defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__)
+#error "vibroswarm uses NaN and infinity: compile without -ffast-math and -ffinite-math-only"
+#endif
+#if VS_PRECISION >= 2 && defined(__SIZEOF_DOUBLE__) && __SIZEOF_DOUBLE__ < 8
+#error "double has 4 bytes here, as on an AVR: this strategy needs 8; take another board, or compare VS_PRECISION 1"
+#endif
+
 #if VS_PRECISION >= 2
 typedef double vs_real;
 #define VS_OF(name) name
@@ -29,6 +36,7 @@ typedef float vs_stored;
 typedef int32_t vs_int;
 
 #define VS_LOAD(stored) ((vs_real)stored)
+#define VS_STORE(number) ((vs_stored)(number))
 #define VS_R(number) ((vs_real)number)
 #define VS_NAN ((vs_real)NAN)
 #define VS_INFINITY ((vs_real)INFINITY)
