@@ -17,7 +17,7 @@ from vibroswarm.league.best import GUESS, best_table, guesses
 from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.fronts import LEVELS, REACHES, front_table
 from vibroswarm.league.standings import FIGURES, League, Standings
-from vibroswarm.league.tuning import hull_of, ranked_for_aims
+from vibroswarm.league.tuning import chosen_along, hull_of
 from vibroswarm.scenario.scenario import preset
 
 Array = NDArray[np.float64]
@@ -73,7 +73,7 @@ def test_equal_contestants_are_in_one_group_and_few_units_tell_nothing_apart() -
 
 def league_of(errors_and_times: dict[str, list[tuple[float, float]]], runs: int = 200) -> Standings:
     """Standings of strategies with settings of these forced errors and times, with noise that all share."""
-    aims = (0.0, 0.16, 0.25)
+    aims = (0.12, 0.16, 0.25)
     entries = [
         Entry(f"{name} {k}", name, {}, aim=aims[k] if len(points) > 1 else None)
         for name, points in errors_and_times.items()
@@ -135,7 +135,7 @@ def chosen_times(same_runs: bool, seed: int) -> Array:
         choosing, fresh = (
             (time_s + rng.normal(0, 15, 40), error + rng.normal(0, 0.004, 40)) for _ in range(2)
         )
-        places = [ranked[0] for ranked in ranked_for_aims(*choosing).values()]
+        places = chosen_along(*choosing)
         judged = choosing if same_runs else fresh
         hull = hull_of(judged[0][places], judged[1][places])
         x, y = judged[1][places][hull][::-1], judged[0][places][hull][::-1]

@@ -25,6 +25,7 @@ from vibroswarm.league.entries import (
     entries_of,
     floors_of,
     frozen_settings,
+    least_entries,
     main_entries,
     read_settings,
     varied,
@@ -239,15 +240,16 @@ def test_fronts(standings: Standings) -> None:
 
 
 def test_a_strategy_stands_for_itself_with_the_setting_of_the_middle_aim() -> None:
-    tables = {"none": [{"forced_error": aim} for aim in (0, 0.14, 0.18, 0.2)], "mcp": [{"forced_error": 0}],
+    tables = {"none": [{"forced_error": aim} for aim in (0.1312, 0.14, 0.19, 0.2)], "mcp": [{"forced_error": 0.3}],
               "soft": {"strategy.soft.eta": 7.0}, "totals": [{}, {"strategy.totals.threshold": 2.0}]}  # fmt: skip
     entries = entries_of(list(tables), tables)
     assert [entry.label for entry in entries] == [
-        "none least", "none 14 %", "none 18 %", "none 20 %", "mcp least", "soft", "totals 1", "totals 2",
+        "none 13.1 %", "none 14.0 %", "none 19.0 %", "none 20.0 %", "mcp 30.0 %", "soft", "totals 1", "totals 2",
     ]  # fmt: skip
     assert [entry.label for entry in main_entries(entries)] == [
-        "none 14 %", "mcp least", "soft", "totals 1", "totals 2",
+        "none 14.0 %", "mcp 30.0 %", "soft", "totals 1", "totals 2",
     ]  # fmt: skip
+    assert [entry.label for entry in least_entries(entries)][:2] == ["none 13.1 %", "mcp 30.0 %"]
     assert all("forced_error" not in entry.settings for entry in entries)
     with pytest.raises(InputError, match="forced_error"):
         entries_of(["none"], {"none": [{"forced_error": 0.7}]})

@@ -65,7 +65,7 @@ def said(
         "floor_differences": on_floors() if floors is None else floors,
         "best": BEST,
     }
-    entries = [SimpleNamespace(strategy=name, label=name) for name in STANDINGS["name"]]
+    entries = [SimpleNamespace(strategy=name, label=name, aim=None) for name in STANDINGS["name"]]
     league: Any = SimpleNamespace(
         table=STANDINGS,
         league=SimpleNamespace(entries=entries),
@@ -203,6 +203,6 @@ def test_fronts_come_first_and_every_setting_last() -> None:
     assert next(iter(document.figures)) == "fronts"
     numbers = document.figures["fronts"].drawn.numbers
     assert numbers["series"].n_unique() == 2
-    assert document.tables["main"].frame["name"].to_list() == sorted(["none 14 %", "soft 14 %"])
+    assert document.tables["main"].frame["name"].to_list() == sorted(["none 14.0 %", "soft 14.0 %"])
     assert document.tables["standings"].frame.height == 8
     assert page_html(document)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,20 @@ from hypothesis import strategies as st
 
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
-from vibroswarm.league.entries import AIM, LEAST, entries_of, floors_of, read_settings
+from vibroswarm.league.entries import AIM, entries_of, floors_of, read_settings
 from vibroswarm.league.standings import League
-from vibroswarm.league.tuning import AGAIN, _box, _candidates, hull_of, ranked_for_aims, spaces, tune
+from vibroswarm.league.tuning import (
+    ROUNDS,
+    _borrowed,
+    _box,
+    _candidates,
+    _chosen_within,
+    chosen_along,
+    hull_of,
+    ranked_for_aims,
+    spaces,
+    tune,
+)
 from vibroswarm.scenario.scenario import field_names, preset
 from vibroswarm.strategies import known
 
@@ -47,13 +59,18 @@ def test_settings_are_ranked_by_time_at_the_price_of_error() -> None:
     time_s = np.array([500.0, 200.0, 355.0, 100.0, 400.0])
     found = ranked_for_aims(time_s, error, [0.05, 0.12, 0.19, 0.29, 0.35])
     assert found == {
-        LEAST: [0, 2, 1, 4, 3],
+        0.0: [0, 2, 1, 4, 3],
         0.12: [0, 1, 2, 3, 4],
         0.19: [1, 0, 2, 3, 4],
         0.29: [3, 1, 2, 0, 4],
+        0.35: [3, 1, 2, 0, 4],
     }
     one = ranked_for_aims(np.array([5.0]), np.array([0.1]), [0.1])
-    assert one == {LEAST: [0], 0.1: [0]}
+    assert one == {0.0: [0], 0.1: [0]}
+    assert chosen_along(time_s, error, [0.05, 0.12]) == [0, 1]
+    assert chosen_along(time_s, error, [0.12, 0.35]) == [0, 1, 3]
+    assert chosen_along(time_s, error, [0.05]) == [0]
+    assert chosen_along(np.array([5.0, 6.0]), np.array([0.103, 0.1])) == [1], "too near each other"
 
 
 def test_more_settings_are_tried_of_more_fields_and_every_round_is_fresh(
@@ -74,14 +91,13 @@ def test_more_settings_are_tried_of_more_fields_and_every_round_is_fresh(
     for name, fields in (("none", 1), ("soft", 2)):
         (first, second, third) = rounds[name]
         assert first == (8 * fields, 2, 5)
-        assert second[1:] == (2 * AGAIN, 6)
-        assert third[1:] == (2 * AGAIN**2, 7)
-        assert third[0] <= second[0]
+        assert second[1:] == (2 * ROUNDS[1], 6)
+        assert third[1:] == (2 * ROUNDS[2], 7)
+        assert third[0] <= second[0] + 1
         settings = tuned.settings[name]
-        assert settings[0][AIM] == LEAST
         assert [one[AIM] for one in settings] == sorted({one[AIM] for one in settings})
     assert set(tuned.settings) == {"none", "soft"}
-    assert tuned.table["aim"].is_not_null().sum() == sum(len(found) for found in tuned.settings.values())
+    assert tuned.table["is_chosen"].sum() == sum(len(found) for found in tuned.settings.values())
     assert "8 settings for each tuned field" in tuned.how
     with pytest.raises(InputError, match="positive"):
         tune(BASE, ["positive"], floors, [3], space_of=space, points=4, runs=2)
@@ -124,7 +140,7 @@ def test_the_command_writes_settings_that_a_league_reads(
     line = ["league", "tune", *SMALL, *QUICK, "--points", "8", "--out", str(file)]
     assert main(line) == 0
     said = capsys.readouterr().out
-    assert said.startswith("none ")
+    assert said.startswith("none: ")
     assert "decision.min_observations" in said
     assert set(read_settings(file)) == {"none"}
     text = file.read_text(encoding="utf-8")
@@ -154,4 +170,28 @@ def test_a_space_with_only_fixed_values_has_one_setting() -> None:
     tuned = tune(
         BASE, ["none"], floors_of(["stripe"], [0.48]), [3], space_of={"none": fixed}, points=4, runs=2
     )
-    assert tuned.settings == {"none": [{AIM: LEAST, **fixed}]}
+    ((found,),) = tuned.settings.values()
+    assert {field: value for field, value in found.items() if field != AIM} == fixed
+
+
+def test_a_strategy_is_tried_with_what_was_chosen_for_one_whose_fields_it_has() -> None:
+    (entry,) = entries_of(["soft"], {})
+    own = [
+        replace(entry, settings={"decision.min_observations": k, "strategy.soft.eta": k}) for k in range(9)
+    ]
+    space = {"decision.min_observations": {"from": 0, "to": 9}, "strategy.soft.eta": {"from": 0, "to": 9}}
+    of_none = {"decision.min_observations": {"from": 0, "to": 9}, "run.t_end_s": 60.0}
+    all_spaces = {
+        "none": of_none,
+        "soft": space,
+        "mcp": {"decision.credible_threshold": {"from": 0, "to": 1}},
+    }
+    settings = {
+        "none": [{AIM: 0.1, "decision.min_observations": 77, "run.t_end_s": 60.0}],
+        "mcp": [{AIM: 0.1, "decision.credible_threshold": 0.9}],
+    }
+    borrowed = _borrowed(own, _chosen_within(space, all_spaces, settings))
+    assert [one.settings for one in borrowed] == [
+        {"decision.min_observations": 77, "strategy.soft.eta": k} for k in (0, 2, 4, 6)
+    ]
+    assert _chosen_within(of_none, all_spaces, settings) == [], "its own fields are not more than those"

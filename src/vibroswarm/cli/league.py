@@ -97,7 +97,7 @@ class Tests:
 
 def league(
     *,
-    runs: Annotated[int, Option("runs per floor and size")] = 1000,
+    runs: Annotated[int, Option("runs per floor and size")] = 300,
     reference: Annotated[
         str | None, Option("entry that others are compared with (default: the first)")
     ] = None,

@@ -74,7 +74,9 @@ def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | N
             *_fronts(standings, tables["fronts"]),
             _time_and_error(standings),
             _costs(standings.main.table),
-            *_differences(tables["differences"]),
+            *_differences(
+                tables["differences"], folded=len(league.entries) > len(standings.main.league.entries)
+            ),
             *_beliefs(tables.get("beliefs")),
             *_faults(tables.get("faults")),
             *_by_floor(standings.main.floor_table, tables["floor_differences"]),
@@ -148,7 +150,9 @@ def _time_and_error(standings: Standings) -> Section:
     )
     if table.height < standings.table.height:
         words = f"For each strategy the setting tuned for {percent(MAIN_AIM, 0)}, or the nearest that it has. {words}"
-        return Section("One setting of each", (_table(frame, "main", FIGURES), Text(words, "aside")))
+        return Section(
+            "One setting of each", (_table(frame, "main", FIGURES), Text(words, "aside")), folded=True
+        )
     return Section("Time and error", (front, _table(frame, "standings", FIGURES), Text(words, "aside")))
 
 
@@ -159,8 +163,12 @@ def _costs(table: pl.DataFrame) -> Section:
     return Section("What it costs, and what a robot knows", (costs,))
 
 
-def _differences(differences: pl.DataFrame) -> tuple[Section, ...]:
-    """Return the section of differences from the reference; none for a single entry."""
+def _differences(differences: pl.DataFrame, folded: bool) -> tuple[Section, ...]:
+    """Return the section of differences from the reference; none for a single entry.
+
+    Args:
+        folded: whether it compares single settings of fronts.
+    """
     if differences.is_empty():
         return ()
     words = (
@@ -168,7 +176,8 @@ def _differences(differences: pl.DataFrame) -> tuple[Section, ...]:
         "difference is not evidence of no difference."
     )
     table = _table(_side_by_side(differences, "name"), "differences", DIFFERENCES)
-    return (Section(f"Difference from {differences['reference'][0]}", (table, Text(words, "aside"))),)
+    title = f"Difference from {differences['reference'][0]}"
+    return (Section(title, (table, Text(words, "aside")), folded=folded),)
 
 
 def _side_by_side(differences: pl.DataFrame, *index: str) -> pl.DataFrame:
@@ -294,7 +303,7 @@ def _beliefs(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
         "name", "settings", "prior", *with_limits_of(["confidence", "right"], beliefs.columns), "decided"
     )
     figure = Figure("beliefs", lambda style: _draw_beliefs(beliefs, style))
-    table = _table(frame, "beliefs", columns, names=3)
+    table = _table(frame, "beliefs", columns, names=3, folded=True)
     return (Section("Belief and truth", (figure, table, Text(words, "aside"))),)
 
 

@@ -29,7 +29,8 @@ def answers(standings: Standings, tables: Mapping[str, pl.DataFrame]) -> tuple[s
     """
     differences = tables["differences"]
     found = [*_at_levels(tables["fronts"]), *_best(standings.table, tables["best"])]
-    if differences.height:
+    has_fronts = any(entry.aim is not None for entry in standings.league.entries)
+    if differences.height and not has_fronts:  # single settings of unequal error compare nothing
         found += [_compared(differences), _floor_by_floor(tables["floor_differences"])]
     return (*found, *_guessing(standings), *_too_confident(tables.get("beliefs")))
 

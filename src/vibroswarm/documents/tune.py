@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import polars as pl
 
-from vibroswarm.league.entries import AIM, LEAST
-from vibroswarm.league.tuning import AIMS, Tuned
+from vibroswarm.documents.cell_figures import columns_of
+from vibroswarm.league.tuning import Tuned
 from vibroswarm.show.document import Column, Document, Section, Table, Text
-from vibroswarm.show.numbers import listed, percent
+from vibroswarm.show.numbers import count, span
 
 COLUMNS: Final = {
-    "aim": Column("tuned for", share=True, decimals=0),
+    "is_chosen": Column("chosen"),
     "forced_error": Column("forced error", share=True, limits=("forced_error_low", "forced_error_high")),
     "decision_time_s": Column(
         "decision time", "s", decimals=0, limits=("decision_time_s_low", "decision_time_s_high")
@@ -27,13 +26,14 @@ def tune_document(tuned: Tuned) -> Document:
     unchanged = "no fields set (as in the scenario, else the strategy's defaults)"
     settings = pl.when(pl.col("settings") == "").then(pl.lit(unchanged)).otherwise("settings")
     table = tuned.table.with_columns(settings=settings)
-    chosen = table.filter(pl.col("aim").is_not_null()).sort("strategy", "aim", maintain_order=True)
+    chosen = table.filter("is_chosen").drop("name", "is_chosen").sort("strategy", "forced_error")
+    shown = columns_of(COLUMNS, chosen.columns)
     return Document(
         title="Settings for a league",
-        answer=tuple(_reached(name, settings) for name, settings in tuned.settings.items()),
+        answer=tuple(_found(name, chosen.filter(strategy=name)) for name in tuned.settings),
         warnings=("The figures favour the settings that were lucky: play a league with another seed.",),
         parts=(
-            Table(chosen.drop("name"), COLUMNS, name="settings"),
+            Table(chosen, shown, name="settings"),
             Text(tuned.how, "aside"),
             Section(
                 "All settings of the last round",
@@ -44,11 +44,10 @@ def tune_document(tuned: Tuned) -> Document:
     )
 
 
-def _reached(name: str, settings: Sequence[Mapping[str, Any]]) -> str:
-    """Say for which forced errors a strategy has settings."""
-    aims = [one[AIM] for one in settings if one[AIM] != LEAST]
-    if not aims:
-        return f"{name} reaches none of the forced errors up to {percent(AIMS[-1], 0)}: the setting with the least."
-    return (
-        f"{name} has settings for {listed(percent(aim, 0) for aim in aims)} forced error, and for the least."
+def _found(name: str, chosen: pl.DataFrame) -> str:
+    """Say where the chosen settings of a strategy lie."""
+    errors, times = (
+        span([100 * error for error in chosen["forced_error"]], 1),
+        span(chosen["decision_time_s"], 0),
     )
+    return f"{name}: {count(chosen.height, 'setting')} along its front, {errors} % forced error in {times} s."

@@ -14,7 +14,7 @@ import polars as pl
 
 from vibroswarm.analysis.best_group import best_group
 from vibroswarm.analysis.intervals import plain
-from vibroswarm.league.entries import LEAST
+from vibroswarm.league.entries import least_entries
 from vibroswarm.league.fronts import drawn_means
 from vibroswarm.league.standings import Standings
 
@@ -39,8 +39,8 @@ def guesses(standings: Standings, entry: int) -> bool:
 def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
     """Compare entries by forced error, and by decision time those that do not guess.
 
-    Of a strategy with settings for several aims only those for ``LEAST`` are compared, by forced error alone: at equal
-    error, its front is compared (``fronts``).
+    Of a strategy with settings along a front only those with the least error are compared, by forced error alone: at
+    equal error, its front is compared (``fronts``).
 
     Args:
         standings: results of the league. seed: of the bootstrap.
@@ -48,10 +48,10 @@ def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:
         the smallest; limits of a figure hold together with 95 %.
     """
     entries = standings.league.entries
-    places = range(len(entries))
+    places, least = range(len(entries)), least_entries(entries)
     known = [k for k in places if not np.isnan(standings.interval(k, "forced_error").estimate)]
     compared = {
-        "forced_error": [k for k in known if entries[k].aim in (None, LEAST)],
+        "forced_error": [k for k in known if entries[k] in least],
         "decision_time_s": [k for k in known if entries[k].aim is None and not guesses(standings, k)],
     }
     rows: list[dict[str, Any]] = []

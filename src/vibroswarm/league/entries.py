@@ -8,11 +8,10 @@ A league compares strategies on the same floors. A file of settings has one tabl
     "strategy.totals.threshold" = 2.5
 
 Each strategy runs with these settings; all other fields are those of the base scenario. A strategy may have several
-tables, of which each is an entry: those that ``tuning`` finds are for several forced errors, and ``forced_error`` says
-for which::
+tables, of which each is an entry: those that ``tuning`` finds lie along a front, and ``forced_error`` says where::
 
     [[soft]]
-    forced_error = 0.16
+    forced_error = 0.161
     "strategy.soft.eta" = 5000.0
 
 The floors are each pattern of the paper at f and at 1 - f, for the two fill ratios f of the paper. A patterned floor
@@ -44,12 +43,10 @@ SIZE: Final = {"floor.rows": 10, "floor.columns": 10, "floor.tiles": None}
 FILLS: Final = (0.46, 0.48)
 """Fill ratios below 1/2; a league also has their mirrors 1 - f."""
 AIM: Final = "forced_error"
-"""Key of a table of settings for the forced error that it was tuned for."""
-LEAST: Final = 0.0
-"""Aim of the settings with the least forced error that was found."""
+"""Key of a table of settings for the forced error that it had when it was tuned."""
 MAIN_AIM: Final = 0.16
-"""Aim of the settings that stand for a strategy where it plays with one setting. On the floors of a league it is near
-the least forced error that most strategies reach."""
+"""The settings nearest to this forced error stand for a strategy where it plays with one setting. On the floors of a
+league it is near the least forced error that most strategies reach."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +62,7 @@ class Entry(NotebookView):
     tuned: bool = False
     """Whether settings for this strategy were given."""
     aim: float | None = None
-    """Forced error that the settings were tuned for; ``LEAST``: the least; None: they have no aim."""
+    """Forced error of the settings when they were tuned; None: not known."""
     code: str | None = None
     """Code of a user's strategy, as a scenario names it (a file and class); None: the strategy is known by its name."""
 
@@ -147,33 +144,37 @@ def entries_of(names: Sequence[str], settings: Settings) -> tuple[Entry, ...]:
 
 
 def _aim_in(table: dict[str, Any], name: str) -> float | None:
-    """Remove the aim from a table of settings of a strategy, and return it; None if there is none."""
+    """Remove ``AIM`` from a table of settings of a strategy, and return its value; None if there is none."""
     if AIM not in table:
         return None
-    return number_of(table.pop(AIM), f"settings of {name}.{AIM}", LEAST, 0.5)
+    return number_of(table.pop(AIM), f"settings of {name}.{AIM}", 0.0, 0.5)
 
 
 def _label(name: str, aim: float | None, number: int | None) -> str:
     """Return the label of an entry of a strategy; ``number``: its place among several tables, from 0."""
     if aim is None:
         return name if number is None else f"{name} {number + 1}"
-    return f"{name} least" if aim == LEAST else f"{name} {100 * aim:g} %"
+    return f"{name} {100 * aim:.1f} %"
 
 
 def main_entries(entries: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Return the entries that stand for their strategies: of those with an aim, the one nearest to ``MAIN_AIM``.
+    """Return the entries without an aim, and of each strategy with aims the one nearest to ``MAIN_AIM``."""
+    return _nearest_entries(entries, MAIN_AIM)
 
-    Of a strategy that was found to reach no aim, it is that with the least error. Entries without an aim all stay.
-    """
-    aims: dict[str, list[float]] = {}
+
+def least_entries(entries: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Return the entries without an aim, and of each strategy with aims the one with the least."""
+    return _nearest_entries(entries, 0.0)
+
+
+def _nearest_entries(entries: Sequence[Entry], error: float) -> tuple[Entry, ...]:
+    """Return the entries without an aim, and of each strategy with aims those whose aim is nearest to an error."""
+    nearest: dict[str, float] = {}
     for entry in entries:
         if entry.aim is not None:
-            aims.setdefault(entry.strategy, []).append(entry.aim)
-    main = {
-        name: min([aim for aim in found if aim != LEAST] or [LEAST], key=lambda aim: abs(aim - MAIN_AIM))
-        for name, found in aims.items()
-    }
-    return tuple(entry for entry in entries if entry.aim is None or entry.aim == main[entry.strategy])
+            found = nearest.get(entry.strategy, entry.aim)
+            nearest[entry.strategy] = min(found, entry.aim, key=lambda aim: abs(aim - error))
+    return tuple(entry for entry in entries if entry.aim is None or entry.aim == nearest[entry.strategy])
 
 
 def varied(

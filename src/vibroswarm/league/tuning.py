@@ -11,13 +11,16 @@ one of two settings for each run.
 | front | T(e) | convex hull of the points below, piecewise linear |
 | price of error at an aim a | s | slope of the hull's piece at a: seconds that one unit of error costs |
 | rank of setting k at a | - | T_k + s E_k, the smallest first; of the two ends of the piece, the one nearer to a |
+| chosen at a | - | both ends of the piece, so that the front can be read there |
 
 There are three rounds, each with fresh motion and floors, so that luck in one round does not help in the next:
 
 1. ``points`` settings **for each tuned field** of a strategy, spread evenly over its space (Sobol sequence), with
    ``runs`` runs each;
-2. the best settings at each aim, half as many new ones around them, and the default, with ``AGAIN`` times as many runs;
-3. the best ``FINALISTS`` at each aim, with ``AGAIN`` times as many runs again. They choose.
+2. the best settings at each aim, half as many new ones around them, and the default, with twice as many runs.
+   A strategy that has the fields of one that was tuned before, and more (soft feedback has those of no feedback), is
+   also tried with what was chosen for that one: otherwise more fields would be a handicap;
+3. the best ``FINALISTS`` at each aim, and the default again, with sixteen times as many runs. These runs choose.
 
 The chosen settings are still partly lucky in the third round. So report their figures from a league whose seed is that
 of no round, never from the tuning.
@@ -39,7 +42,7 @@ from vibroswarm.analysis.forced_error import front_of
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import Array
-from vibroswarm.league.entries import AIM, LEAST, Entry, LeagueFloor, entries_of, shipped
+from vibroswarm.league.entries import AIM, Entry, LeagueFloor, entries_of, shipped
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.numbers import count, listed
@@ -49,10 +52,15 @@ AIMS: Final = (0.01, 0.02, 0.03, 0.05, 0.07, 0.10, 0.12, 0.14, 0.16, 0.18, 0.20,
 """Forced errors that settings are searched for."""
 FINALISTS: Final = 3
 """Settings of a round that enter the next, for each aim."""
+OWN: Final = 4
+"""Settings of a strategy that are combined with those of another whose fields it has."""
 DIGITS: Final = 3
 """Significant digits of settings."""
-AGAIN: Final = 2
-"""Runs of a round, relative to the round before."""
+ROUNDS: Final = (1, 2, 16)
+"""Runs of each round, relative to the first. The last has many: on the steep part of a front an error of one point is
+worth 100 s."""
+APART: Final = 0.004
+"""Least difference between the forced errors of chosen settings."""
 REACH: Final = 0.25
 """Width of the box around a setting from which the second round draws, relative to the bounds of each field."""
 
@@ -62,10 +70,10 @@ class Tuned(NotebookView):
     """Result of a tuning."""
 
     settings: Mapping[str, Sequence[Mapping[str, Any]]]
-    """For each strategy its chosen settings by field, from the least forced error on; ``AIM`` has the aim."""
+    """For each strategy its chosen settings by field, by rising forced error, which ``AIM`` has."""
     table: pl.DataFrame
-    """All settings of the third round, one row each: name, strategy, forced_error and decision_time_s with limits, aim
-    (null: not chosen), settings as text."""
+    """All settings of the third round, one row each: name, strategy, is_chosen, forced_error and decision_time_s with
+    limits, settings as text."""
     how: str = ""
     """How they were found, in one sentence."""
 
@@ -74,9 +82,7 @@ class Tuned(NotebookView):
         text = tomli_w.dumps(
             {name: [dict(one) for one in settings] for name, settings in self.settings.items()}
         )
-        return (
-            f"# {self.how}\n# {AIM}: what each was tuned for; {LEAST:g}: the least that was found.\n\n{text}"
-        )
+        return f"# {self.how}\n# {AIM}: of these settings, in the last round.\n\n{text}"
 
 
 def spaces(own_motion: bool = False) -> dict[str, dict[str, Any]]:
@@ -128,12 +134,13 @@ def tune(
     for entry in tuned:
         if entry.strategy not in known_spaces:
             raise InputError(f"no space to search for '{entry.strategy}'; give one", field="strategy")
-    settings, tables = {}, []
+    settings: dict[str, list[dict[str, Any]]] = {}
+    tables = []
 
     def play(part: str, number: int, entries: Sequence[Entry]) -> Standings:
         """Play entries with the runs and seed of a round, from 0; runs are saved in the subfolder ``part``."""
         league = League(
-            base, tuple(entries), tuple(floors), tuple(robots), runs=runs * AGAIN**number, seed=seed + number
+            base, tuple(entries), tuple(floors), tuple(robots), runs=runs * ROUNDS[number], seed=seed + number
         )
         return league.play(None if folder is None else folder / part, **how)
 
@@ -142,23 +149,23 @@ def tune(
         space = known_spaces[entry.strategy]
         candidates, default = _candidates(entry, space, points, seed)
         best = _best(play(f"{done}-first", 0, candidates), FINALISTS)
-        nearer = [*best, *_around(best, space, points, seed + 1), default]
-        finalists = _best(play(f"{done}-second", 1, _numbered(nearer)), FINALISTS)
+        around = _around(best, space, points, seed + 1)
+        nearer = [*best, *around, *_borrowed(best, _chosen_within(space, known_spaces, settings)), default]
+        finalists = _numbered([*_best(play(f"{done}-second", 1, _numbered(nearer)), FINALISTS), default])
         found = play(f"{done}-third", 2, finalists)
-        first_aims: dict[
-            int, float
-        ] = {}  # a setting that is the best at several aims is chosen for the first
-        for aim, ranked in _ranked(found).items():
-            first_aims.setdefault(ranked[0], aim)
-        chosen = {aim: finalists[place] for place, aim in first_aims.items()}
-        settings[entry.strategy] = [{AIM: aim, **one.settings} for aim, one in chosen.items()]
+        chosen = chosen_along(*_figures(found))
+        errors = [found.interval(place, "forced_error").estimate for place in chosen]
+        settings[entry.strategy] = [
+            {AIM: round(error, DIGITS), **finalists[place].settings}
+            for place, error in zip(chosen, errors, strict=True)
+        ]
         tables.append(_table(found, chosen))
     progress(1.0)
     found_by = (
         f"{count(points, 'setting')} for each tuned field of a strategy with {count(runs, 'run')} of each of "
-        f"{count(len(floors), 'floor')} and swarms of {listed(map(str, robots))}; then, with {AGAIN * runs} fresh "
+        f"{count(len(floors), 'floor')} and swarms of {listed(map(str, robots))}; then, with {ROUNDS[1] * runs} fresh "
         f"runs, the best {FINALISTS} for each forced error and half as many new ones around them; then the best "
-        f"{FINALISTS} with {AGAIN**2 * runs} fresh runs (seeds {seed} to {seed + 2})."
+        f"{FINALISTS} with {ROUNDS[2] * runs} fresh runs (seeds {seed} to {seed + 2})."
     )
     return Tuned(settings, pl.concat(tables), found_by)
 
@@ -171,12 +178,47 @@ def _best(found: Standings, most: int) -> list[Entry]:
 
 def _ranked(found: Standings) -> dict[float, list[int]]:
     """Rank the entries of a round for each aim, see ``ranked_for_aims``."""
+    return ranked_for_aims(*_figures(found))
+
+
+def _figures(found: Standings) -> tuple[Array, Array]:
+    """Return the decision time and the forced error of each entry, (entries,) each."""
     entries = range(len(found.league.entries))
-    error, time_s = (
+    time_s, error = (
         np.array([found.interval(k, name).estimate for k in entries])
-        for name in ("forced_error", "decision_time_s")
+        for name in ("decision_time_s", "forced_error")
     )
-    return ranked_for_aims(time_s, error)
+    return time_s, error
+
+
+def chosen_along(time_s: Array, error: Array, aims: Sequence[float] = AIMS) -> list[int]:
+    """Return the indices of the settings that are chosen: by rising error, those that the front needs at the aims.
+
+    They are the least error and, for each aim, both ends of the hull's piece there. Of settings whose errors differ by
+    less than ``APART``, the one with the least error is chosen.
+
+    Args:
+        time_s, error: of each setting, (settings,) each, without nan. aims: forced errors, rising.
+    """
+    hull = hull_of(time_s, error)[::-1]  # from the least error on
+    needed = {0} | {k for aim in aims for k in _piece_at(aim, error[hull])}
+    chosen: list[int] = []
+    for place in hull[sorted(needed)]:
+        if not chosen or error[place] >= error[chosen[-1]] + APART:
+            chosen.append(int(place))
+    return chosen
+
+
+def _piece_at(aim: float, error: Array) -> tuple[int, ...]:
+    """Return the two ends of a front's piece at an aim: none below its least error, the last piece beyond its end.
+
+    Args:
+        error: of the points of the front, rising.
+    """
+    if aim < error[0]:
+        return ()
+    upper = min(max(int(np.searchsorted(error, aim)), 1), error.size - 1)
+    return max(upper - 1, 0), upper
 
 
 def ranked_for_aims(time_s: Array, error: Array, aims: Sequence[float] = AIMS) -> dict[float, list[int]]:
@@ -184,18 +226,19 @@ def ranked_for_aims(time_s: Array, error: Array, aims: Sequence[float] = AIMS) -
 
     Args:
         time_s, error: of each setting, (settings,) each, without nan. aims: forced errors, rising.
-    Returns: for ``LEAST`` and for each aim between the ends of the front, the indices of all settings, the best first.
+    Returns: for 0 (the least error) and for each aim from the least error on, the indices of all settings, the best
+        first.
     """
     hull = hull_of(time_s, error)[::-1]  # from the least error on
-    ranked = {LEAST: [int(k) for k in np.lexsort((time_s, error))]}
+    ranked = {0.0: [int(k) for k in np.lexsort((time_s, error))]}
     for aim in aims:
-        if not error[hull[0]] <= aim <= error[hull[-1]]:
+        piece = _piece_at(aim, error[hull])
+        if not piece:
             continue
-        # The ends of the piece of the hull at the aim. The first piece holds an aim at its end too.
-        upper = max(int(np.searchsorted(error[hull], aim)), 1) if hull.size > 1 else 0
-        ends = hull[[max(upper - 1, 0), upper]]
+        ends = hull[list(piece)]
         rise = error[ends[1]] - error[ends[0]]
         price = (time_s[ends[0]] - time_s[ends[1]]) / rise if rise > 0.0 else 0.0
+        # Both ends have the same rank; the nearer one is first, whatever rounding does.
         nearest_end = min(ends, key=lambda k: abs(error[k] - aim))
         by_rank = np.lexsort((np.abs(error - aim), time_s + price * error))
         ranked[aim] = [int(nearest_end), *(int(k) for k in by_rank if k != nearest_end)]
@@ -270,6 +313,34 @@ def _around(centres: Sequence[Entry], space: Mapping[str, Any], points: int, see
     ]
 
 
+def _chosen_within(
+    space: Mapping[str, Any],
+    spaces_of: Mapping[str, Mapping[str, Any]],
+    settings: Mapping[str, Sequence[Any]],
+) -> list[dict[str, Any]]:
+    """Return the settings that were chosen for strategies whose tuned fields are some of those of a space.
+
+    Args:
+        space: search space. spaces_of: those of all strategies. settings: what was chosen so far, as in ``Tuned``.
+    """
+    own = set(_ranges(space))
+    return [
+        {field: one[field] for field in _ranges(spaces_of[name]) if field in one}
+        for name, chosen in settings.items()
+        if set(_ranges(spaces_of[name])) < own
+        for one in chosen
+    ]
+
+
+def _borrowed(best: Sequence[Entry], chosen: Sequence[Mapping[str, Any]]) -> list[Entry]:
+    """Return entries with what was chosen for other strategies in the fields that both have.
+
+    Their other fields are those of ``OWN`` of the best settings, evenly spread along the front.
+    """
+    own = best[:: max(1, len(best) // OWN)][:OWN]
+    return [replace(one, settings={**one.settings, **other}) for other in chosen for one in own]
+
+
 def _box(centre: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
     """Return the bounds of a box around a setting, within the given bounds and as wide as ``REACH`` says."""
     box = {}
@@ -296,27 +367,20 @@ def _numbered(entries: Sequence[Entry]) -> list[Entry]:
     return different
 
 
-def _table(found: Standings, chosen: Mapping[float, Entry]) -> pl.DataFrame:
+def _table(found: Standings, chosen: Sequence[int]) -> pl.DataFrame:
     """Return the figures of the finalists of a strategy, with their settings as text: rows of ``Tuned.table``.
 
     Args:
-        found: standings of the third round. chosen: its chosen entries, by aim.
+        found: standings of the third round. chosen: the indices of its chosen entries.
     """
     entries = found.league.entries
     words = {one.label: ", ".join(f"{k} = {v}" for k, v in one.settings.items()) for one in entries}
-    aims = pl.DataFrame(
-        {"name": [one.label for one in chosen.values()], "aim": list(chosen)},
-        schema={"name": pl.String, "aim": pl.Float64},
-    )
-    figures = found.table.select(
-        "name", "strategy", "forced_error", "forced_error_low", "forced_error_high",
+    return found.table.select(
+        "name", "strategy", pl.col("name").is_in([entries[k].label for k in chosen]).alias("is_chosen"),
+        "forced_error", "forced_error_low", "forced_error_high",
         "decision_time_s", "decision_time_s_low", "decision_time_s_high",
         settings=pl.col("name").replace_strict(words, return_dtype=pl.String),
     )  # fmt: skip
-    columns = ("name", "strategy", "aim")  # the others follow
-    return figures.join(aims, on="name", how="left", maintain_order="left").select(
-        *columns, pl.exclude(columns)
-    )
 
 
 def _rounded(point: Mapping[str, Any], ranges: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
