@@ -24,7 +24,7 @@ import numba
 import polars as pl
 
 from stage_timing import SEED, cpu_model, scenario_of
-from vibroswarm.cli.deliver import print_in_terminal
+from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import add_json
 from vibroswarm.cli.output import print_json
 from vibroswarm.inference.deliveries import timeline_of
@@ -168,7 +168,7 @@ def print_ratios(rows: Sequence[dict[str, Any]]) -> None:
     frame = pl.DataFrame(rows, infer_schema_length=None).select(*columns, "least", "most")
     slower = [row["work"] for row in rows if row["is_loss"]]
     loss = [Text(f"Slower by more than {100 * LOSS:.0f} %: {', '.join(slower)}.")] if slower else []
-    print_in_terminal(Document("Ratios", (words,), parts=(Table(frame, columns, name="ratios"), *loss)))
+    print_document(Document("Ratios", (words,), parts=(Table(frame, columns, name="ratios"), *loss)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import polars as pl
 
 from pymunk_walk import INSTALL, pymunk_version, pymunk_walk
-from vibroswarm.cli.deliver import print_in_terminal
+from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.options import add_json, between, list_of, whole
 from vibroswarm.cli.output import print_json, print_paragraph
 from vibroswarm.inference.deliveries import timeline_of
@@ -335,7 +335,7 @@ def print_figures(figures: list[Figure]) -> None:
     frame = pl.DataFrame(rows, infer_schema_length=None)
     words = f"{'motion' if is_motion else 'stages'}, {robots} in {first.side_m:g} m x {first.side_m:g} m"
     table = Table(frame if is_motion else frame.drop("x fixed-step"), columns, name="figures")
-    print_in_terminal(Document("Figures", (words,), parts=(table,)))
+    print_document(Document("Figures", (words,), parts=(table,)))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

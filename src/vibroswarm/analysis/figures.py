@@ -47,7 +47,7 @@ COUNTS: Final = ("right", "wrong", "undecided")
 """Columns of the table of runs with numbers of robots."""
 
 
-class Swarms:
+class Swarms(NotebookView):
     """Runs and their robots, from which the figures of runs are computed. The robots of all runs are in one row.
 
     Args:
@@ -211,7 +211,7 @@ class ByRun(NotebookView):
 
 
 @dataclass(frozen=True)
-class RunFigure:
+class RunFigure(NotebookView):
     """A figure: how it is computed for each run, how runs make it a figure of a cell, and how it is shown."""
 
     name: str

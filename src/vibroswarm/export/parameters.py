@@ -33,6 +33,8 @@ FIELD: Final = "//@ "
 """Beginning of the lines that hold fields of the scenario."""
 HEADER_FILE: Final = "vibroswarm_parameters.h"
 """Name of the header of parameters."""
+IDENTITY: Final = ("VS_SCENARIO_HASH", "VS_CODE_HASH", "VS_PROGRAM_ID")
+"""Constants by which a robot says what it runs; they are compared with nothing, since all else is."""
 DEFINE: Final = re.compile(r"#define (VS_\w+) (.+)")
 """Line of a constant in the header: the name of its macro, and its value."""
 
@@ -65,18 +67,15 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
         for name, value in values.items()
     }
     found["VS_RMS_THRESHOLD"] = c_number(parts.rms_threshold, "VS_RMS_THRESHOLD")
-    return found | identity_of(parts)
+    return found
 
 
 def identity_of(parts: RobotParts) -> dict[str, str]:
     """Return the constants by which a flashed robot says what it runs: two hashes, and four bytes of both to send."""
     hashes = (parts.scenario.hash, code_hash())
     four_bytes = hashlib.sha256(" ".join(hashes).encode()).hexdigest()[:8]
-    return {
-        "VS_SCENARIO_HASH": f'"{hashes[0]}"',
-        "VS_CODE_HASH": f'"{hashes[1]}"',
-        "VS_PROGRAM_ID": f"UINT32_C(0x{four_bytes})",
-    }
+    values = (*(f'"{one}"' for one in hashes), f"UINT32_C(0x{four_bytes})")
+    return dict(zip(IDENTITY, values, strict=True))
 
 
 def c_number(value: Any, name: str) -> str:
@@ -145,6 +144,9 @@ def header_text(scenario: Scenario, parts: RobotParts) -> str:
         "/* Constants of the program, which follow from it; lengths in m, times in s, unless their names say else. */",
         *(f"#define {name} {value}" for name, value in constants_of(parts).items()),
         "",
+        "/* What a robot that was flashed with this program can say that it runs. */",
+        *(f"#define {name} {value}" for name, value in identity_of(parts).items()),
+        "",
         "#endif",
         "",
     ]
@@ -178,7 +180,11 @@ def read_header(path: Path) -> tuple[Scenario, dict[str, str]]:
             f"no line begins with '{FIELD}', so this is no header of vibroswarm", field=str(path)
         )
     scenario = Scenario.from_toml("\n".join(fields), name=str(path))
-    constants = {match[1]: match[2].strip() for match in map(DEFINE.fullmatch, text.splitlines()) if match}
+    constants = {
+        match[1]: match[2].strip()
+        for match in map(DEFINE.fullmatch, text.splitlines())
+        if match and match[1] not in IDENTITY
+    }
     return scenario, constants
 
 
