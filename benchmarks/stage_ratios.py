@@ -25,7 +25,6 @@ import polars as pl
 
 from stage_timing import SEED, cpu_model, scenario_of
 from vibroswarm.cli.deliver import print_document
-from vibroswarm.cli.options import add_json
 from vibroswarm.cli.output import print_json
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.localisation.locate import locate
@@ -179,7 +178,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         allow_abbrev=False,
     )
     parser.add_argument("--write", action="store_true", help=f"record the ratios in {RECORDED.name}")
-    add_json(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON and nothing else on stdout")
     chosen = parser.parse_args(arguments)
     ratios = measure(tasks())
     rows = compared(ratios, recorded())

@@ -26,7 +26,6 @@ import polars as pl
 
 from pymunk_walk import INSTALL, pymunk_version, pymunk_walk
 from vibroswarm.cli.deliver import print_document
-from vibroswarm.cli.options import add_json, between, list_of, whole
 from vibroswarm.cli.output import print_json, print_paragraph
 from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.replay import infer
@@ -338,6 +337,13 @@ def print_figures(figures: list[Figure]) -> None:
     print_document(Document("Figures", (words,), parts=(table,)))
 
 
+def count_of(text: str, most: int) -> int:
+    """Read a whole number from 1 to ``most``."""
+    if not (text.isdecimal() and 1 <= int(text) <= most):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1 to {most}")
+    return int(text)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and report."""
     parser = argparse.ArgumentParser(
@@ -346,19 +352,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--robots",
         metavar="N,N",
-        type=list_of(between(whole, 1, 10_000)),
+        type=lambda text: tuple(count_of(one, 10_000) for one in text.split(",")),
         default=ROBOTS,
         help="numbers of robots (default 5,10,100,1000)",
     )
     parser.add_argument(
         "--runs",
         metavar="N",
-        type=between(whole, 1, 100_000),
+        type=lambda text: count_of(text, 100_000),
         default=RUNS,
         help=f"runs per turn; more give steadier figures (default {RUNS})",
     )
     parser.add_argument("--peers", action="store_true", help="also measure installed peers: pymunk")
-    add_json(parser)
+    parser.add_argument("--json", action="store_true", help="print JSON and nothing else on stdout")
     chosen = parser.parse_args(arguments)
     report = measure(chosen.robots, chosen.runs, peers=chosen.peers)
     if chosen.json:
