@@ -6,6 +6,7 @@ are those of the package's tables, but for the last bits.
 
 from __future__ import annotations
 
+import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from helpers.exported_robots import (
     built,
     built_for_arm,
     measured_at_each_tick,
+    plain_program,
     run_on_arm,
     run_program,
     steered_and_measured,
@@ -103,6 +105,22 @@ def test_c_in_double_precision_is_the_plain_program_bit_by_bit(swarm: Swarm, tmp
         assert np.array(run_program(program, fed)).tobytes() == np.array(walked).tobytes()
 
 
+@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+def test_work_that_takes_many_periods_gives_the_same_numbers(swarm: Swarm, tmp_path: Path) -> None:
+    """Control periods pass while localisation and map are under way: walk and events stay the same, bit by bit."""
+    walk_at_once = built(SCENARIO, tmp_path, precision=3, rows=1)
+    events_at_once = built(SCENARIO, tmp_path, precision=3, rows=2)
+    walk = built(SCENARIO, tmp_path, precision=3, rows=1, polls=25)
+    events_later = built(SCENARIO, tmp_path, precision=3, rows=2, polls=25)
+    periods_late = built(SCENARIO, tmp_path, precision=3, rows=4, polls=25)
+    for fed in swarm.whole[:2]:
+        assert run_program(walk, fed) == run_program(walk_at_once, fed)
+        assert run_program(events_later, fed) == run_program(events_at_once, fed)
+        late = run_program(periods_late, fed)
+        assert max(late) > 10
+        assert np.mean(np.array(late) > 0) > 0.5
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_robots_of_field_do_the_same_in_python_and_c(tmp_path: Path) -> None:
@@ -180,6 +198,34 @@ def test_the_plain_program_steers_as_the_simulation_does(
     check_inspection(explored, swarm, least=85)
     assert [robot.decided_s for robot in swarm.robots] == explored.robots["decision_time_s"].to_list()
     assert not explored.motion["x_m"].head(200).equals(inspection.motion["x_m"].head(200))  # it did steer
+
+
+def test_a_robot_that_is_steered_stands_until_it_knows_where_to_go() -> None:
+    """Periods missed meanwhile are counted, and change nothing but the clock."""
+    module = plain_program(EXPLORE)
+    robots = [module.Robot() for _ in range(2)]
+    for robot in robots:
+        module.start(robot, SEED, 0, 0)
+        module.told_pose(robot, 0.5, 0.5, 0.0)
+    for late, robot in zip((0, 7), robots, strict=True):
+        while not module.step(robot, 0.0, math.inf):
+            while robot.jobs:
+                module.work(robot)
+        module.sample(robot, 1)
+        walk = robot.walk
+        for _ in range(late):
+            assert not module.looks_now(robot, 0.0)
+            assert not module.step(robot, 0.0, math.inf)
+            assert (module.left_percent(robot), module.right_percent(robot)) == (0.0, 0.0)
+            assert robot.walk == walk
+        while robot.jobs:
+            module.work(robot)
+        assert not module.step(robot, 0.0, math.inf)
+        assert module.left_percent(robot) != 0.0
+    at_once, later = robots
+    assert (at_once.missed, later.missed) == (0, 7)
+    assert later.tick == at_once.tick + 7
+    assert (later.walk, later.belief, later.decision) == (at_once.walk, at_once.belief, at_once.decision)
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

@@ -33,7 +33,7 @@ from vibroswarm.strategies import strategy as strategy_of
 
 HERE = Path(__file__).parent
 START, STEP, SAMPLE, RECEIVE, HEAR, TIMER, TICK, TOLD, MOVED, STOPPED, ACCELERATE, OBSERVED = range(12)
-STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-ffp-contract=off")
+STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off")
 ARM = (
     "arm-none-eabi-gcc", "-std=c99", "-Os", "-mcpu=cortex-m0", "-mthumb", "-ffunction-sections", "-fdata-sections",
     "-nostartfiles", "-Wl,--gc-sections", "--specs=nano.specs",
@@ -140,10 +140,12 @@ def write_sources(scenario: Scenario, folder: Path) -> list[str]:
     return [f"-DMESSAGE_FIELDS={fields}", *(["-DHAS_PLACES"] if parts.mixture is not None else [])]
 
 
-def built(scenario: Scenario, folder: Path, *, precision: int, optimise: str = "-O1") -> Path:
-    """Compile the robot with gcc; return the program."""
-    defined = write_sources(scenario, folder)
-    program = folder / f"precision-{precision}"
+def built(
+    scenario: Scenario, folder: Path, *, precision: int, optimise: str = "-O1", polls: int = 0, rows: int = 3
+) -> Path:
+    """Compile the robot with gcc; return the program. ``polls`` and ``rows``: as of ``robot_harness.c``."""
+    defined = [*write_sources(scenario, folder), f"-DPOLLS={polls}", f"-DROWS={rows}"]
+    program = folder / f"precision-{precision}-{polls}-{rows}"
     flags = [*STRICT, optimise, f"-DVS_PRECISION={precision}", *(["-fno-builtin"] if precision == 3 else [])]
     command = ["gcc", *flags, *defined, "vibroswarm.c", "robot_harness.c", "-o", str(program), "-lm"]
     subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
@@ -253,12 +255,12 @@ class Swarm:
     def event(self, i: int, tick: int, samples: bool, stands: bool, has_timer: bool) -> list[Any]:
         """Do what robot ``i`` does at a tick, but for its walk; return what it sends."""
         robot = self.robots[i]
-        robot.tick, robot.sends = tick, False
+        robot.tick, robot.work_tick, robot.sends = tick, tick, False
         if samples:
             self.sample(i)
         elif not stands:
             self.note_heard(i, robot.waiting)
-            self.module.read_inbox(robot)
+            self.module.read_inbox(robot, robot.waiting)
             due = has_timer and robot.state.next_s * 1000.0 / robot.world.tick_ms - 1e-9 <= tick
             if due:
                 self.module.timer(robot)
@@ -279,15 +281,16 @@ class Swarm:
         """Do a control period of robot ``i``; return what it sends."""
         robot = self.robots[i]
         mode, legs, avoidances, timers = robot.walk.mode, robot.walk.legs, robot.walk.avoidances, robot.timers
-        waiting = robot.waiting
         self.whole[i] += [STEP, gyro_deg, ray_mm]
+        robot.sends = False
         samples = self.module.step(robot, gyro_deg, ray_mm)
         walk = robot.walk
         if (mode, legs, avoidances) != (walk.mode, walk.legs, walk.avoidances):
             row = [robot.tick, walk.mode, walk.legs, walk.avoidances, walk.leg_ms, walk.error_deg]
             self.walked[i] += row
         self.standing[robot.tick - 1, i], self.sampling[robot.tick - 1, i] = walk.mode == STOP, samples
-        self.note_heard(i, waiting - robot.waiting)
+        self.note_heard(i, robot.called)
+        self.do_jobs(robot)
         if robot.timers != timers:
             self.short[i] += [TIMER, robot.tick]
             self.note(i, TIMER)
@@ -295,11 +298,17 @@ class Swarm:
             self.sample(i)
         return [(i, robot.sent - 1, robot.out)] if robot.sends else []
 
+    def do_jobs(self, robot: Any) -> None:
+        """Let a robot do all that waits; what it sends stays."""
+        while robot.jobs:
+            self.module.work(robot)
+
     def sample(self, i: int) -> None:
         """Let robot ``i`` sample."""
         robot = self.robots[i]
         reading = self.readings[i][robot.samples]
         self.module.sample(robot, reading)
+        self.do_jobs(robot)
         self.whole[i] += [SAMPLE, reading]
         self.short[i] += [TICK, robot.tick, SAMPLE, reading]
         self.note(i, SAMPLE)
@@ -307,7 +316,7 @@ class Swarm:
     def note_heard(self, i: int, count: int) -> None:
         """Note that robot ``i`` hears the first ``count`` messages of its inbox."""
         robot = self.robots[i]
-        for k in range(count):
+        for k in np.arange(robot.first_message, robot.first_message + count) % len(robot.inbox):
             content = [float(getattr(robot.inbox[k], field)) for field in self.fields]
             self.short[i] += [HEAR, robot.tick, robot.inbox_sender[k], robot.inbox_number[k], *content]
 

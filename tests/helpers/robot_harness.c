@@ -1,8 +1,18 @@
 /* Feeds one exported robot what it measured and heard in an inspection, and writes what it did.
 
    Input and output are numbers of 8 bytes: in, the kind of an event and then its arguments; out, rows of OUTPUTS.
-   On a computer they are stdin and stdout; on a Cortex-M0 files of its debugger (semihosting). */
+   On a computer they are stdin and stdout; on a Cortex-M0 files of its debugger (semihosting).
+
+   POLLS: after so many polls the next event comes while a job is under way; 0: never. ROWS, a sum: 1 writes what the walk
+   did, 2 what the jobs did, 4 how many periods each was late. */
 #include "vibroswarm.h"
+
+#ifndef POLLS
+#define POLLS 0
+#endif
+#ifndef ROWS
+#define ROWS 3
+#endif
 
 #ifdef __arm__
 static int call_debugger(int operation, const void *arguments)
@@ -64,14 +74,19 @@ static vs_Robot robot;
 static double buffer[64];
 static int filled, taken;
 
-static double next(void)
+static bool has_next(void)
 {
     if (taken == filled) {
         filled = read_bytes(buffer, sizeof buffer) / (int)sizeof buffer[0];
         taken = 0;
-        if (filled <= 0)
-            finish();
     }
+    return filled > 0;
+}
+
+static double next(void)
+{
+    if (!has_next())
+        finish();
     return buffer[taken++];
 }
 
@@ -87,7 +102,9 @@ static void read_message(void)
 /* Kind, tick, sends, decision, belief, heard, and the message. */
 static void write_event(double kind)
 {
-    const double head[] = {kind, (double)robot.tick, robot.sends, (double)robot.decision, robot.belief, (double)robot.heard};
+    if (!(ROWS & 2))
+        return;
+    const double head[] = {kind, (double)robot.work_tick, robot.sends, (double)robot.decision, robot.belief, (double)robot.heard};
     write_bytes(head, sizeof head);
     const double content[] = {
 #define F(name) (double)robot.out.name,
@@ -99,89 +116,126 @@ static void write_event(double kind)
 
 static void write_walk(void)
 {
+    if (!(ROWS & 1))
+        return;
     const double row[] = {(double)robot.tick, (double)robot.walk.mode, (double)robot.walk.legs,
                           (double)robot.walk.avoidances, robot.walk.leg_ms, robot.walk.error_deg};
     write_bytes(row, sizeof row);
 }
 
+static bool is_working;
+
+/* All jobs, those that polls add while they are under way included. */
+static void do_jobs(void)
+{
+    if (is_working)
+        return;
+    is_working = true;
+    while (robot.jobs > 0) {
+        const vs_int timers = robot.timers, samples = robot.samples;
+        vs_work(&robot);
+        const double late = robot.tick - robot.work_tick;
+        if (ROWS & 4)
+            write_bytes(&late, sizeof late);
+        if (timers != robot.timers)
+            write_event(5);
+        if (samples != robot.samples)
+            write_event(2);
+    }
+    is_working = false;
+}
+
+static void do_event(void);
+
+void vs_poll(void)
+{
+    static int polls;
+    if (is_working && robot.jobs < 5 && !robot.decides && ++polls == POLLS && has_next()) {
+        polls = 0;
+        do_event();
+    }
+}
+
+static void do_event(void)
+{
+    const int kind = (int)next();
+    double v[6];
+    vs_int before;
+    switch (kind) {
+    case 0: /* start: seed, run, number */
+        for (int k = 0; k < 3; k++)
+            v[k] = next();
+        vs_start(&robot, (int64_t)v[0], (vs_int)v[1], (vs_int)v[2]);
+        break;
+    case 1: /* step: gyro, ray */
+        v[0] = next();
+        v[1] = next();
+        before = robot.walk.mode + 10 * robot.walk.legs + 1000000 * robot.walk.avoidances;
+        vs_step(&robot, v[0], v[1]);
+        if (before != robot.walk.mode + 10 * robot.walk.legs + 1000000 * robot.walk.avoidances)
+            write_walk();
+        do_jobs();
+        break;
+    case 2: /* sample: reading */
+        vs_sample(&robot, (vs_int)next());
+        do_jobs();
+        break;
+    case 3: /* message in the inbox: sender, number, content */
+        v[0] = next();
+        v[1] = next();
+        read_message();
+        vs_receive(&robot, (vs_int)v[0], (vs_int)v[1], &message);
+        break;
+    case 4: /* message heard at this tick: tick, sender, number, content */
+        robot.tick = robot.work_tick = (vs_int)next();
+        v[0] = next();
+        v[1] = next();
+        read_message();
+        vs_hear(&robot, (vs_int)v[0], (vs_int)v[1], &message);
+        break;
+    case 5: /* timer: tick */
+        robot.tick = robot.work_tick = (vs_int)next();
+        vs_timer(&robot);
+        write_event(5);
+        break;
+    case 6: /* tick of the next sample */
+        robot.tick = (vs_int)next();
+        break;
+    case 7: /* start as told with the simulation's errors: x, y, heading */
+        for (int k = 0; k < 3; k++)
+            v[k] = next();
+        vs_told_simulated(&robot, v[0], v[1], v[2]);
+        break;
+    case 8: /* move: kind, duration, turn, ray, after a drive, at an obstacle */
+        for (int k = 0; k < 6; k++)
+            v[k] = next();
+        vs_moved(&robot, (vs_int)v[0], v[1], v[2], v[3], v[4] != 0, v[5] != 0);
+        break;
+    case 9: /* a stop begins */
+        vs_stopped(&robot);
+#ifdef HAS_PLACES
+        for (int k = 0; k < 9; k++) {
+            const double value = robot.estimate[k];
+            write_bytes(&value, sizeof value);
+        }
+#endif
+        break;
+    case 10: /* acceleration: x, y, z */
+        for (int k = 0; k < 3; k++)
+            v[k] = next();
+        vs_accelerate(&robot, v[0], v[1], v[2]);
+        break;
+    default: /* observation of this stop, as -1 or -2 */
+        v[0] = -1.0 - (double)vs_observed(&robot);
+        write_bytes(v, sizeof v[0]);
+    }
+}
+
 int main(void)
 {
     open_files();
-    for (;;) {
-        const int kind = (int)next();
-        double v[6];
-        vs_int before, timers;
-        switch (kind) {
-        case 0: /* start: seed, run, number */
-            for (int k = 0; k < 3; k++)
-                v[k] = next();
-            vs_start(&robot, (int64_t)v[0], (vs_int)v[1], (vs_int)v[2]);
-            break;
-        case 1: /* step: gyro, ray */
-            v[0] = next();
-            v[1] = next();
-            before = robot.walk.mode + 10 * robot.walk.legs + 1000000 * robot.walk.avoidances;
-            timers = robot.timers;
-            vs_step(&robot, v[0], v[1]);
-            if (before != robot.walk.mode + 10 * robot.walk.legs + 1000000 * robot.walk.avoidances)
-                write_walk();
-            if (timers != robot.timers)
-                write_event(5);
-            break;
-        case 2: /* sample: reading */
-            vs_sample(&robot, (vs_int)next());
-            write_event(2);
-            break;
-        case 3: /* message in the inbox: sender, number, content */
-            v[0] = next();
-            v[1] = next();
-            read_message();
-            vs_receive(&robot, (vs_int)v[0], (vs_int)v[1], &message);
-            break;
-        case 4: /* message heard at this tick: tick, sender, number, content */
-            robot.tick = (vs_int)next();
-            v[0] = next();
-            v[1] = next();
-            read_message();
-            vs_hear(&robot, (vs_int)v[0], (vs_int)v[1], &message);
-            break;
-        case 5: /* timer: tick */
-            robot.tick = (vs_int)next();
-            vs_timer(&robot);
-            write_event(5);
-            break;
-        case 6: /* tick of the next sample */
-            robot.tick = (vs_int)next();
-            break;
-        case 7: /* start as told with the simulation's errors: x, y, heading */
-            for (int k = 0; k < 3; k++)
-                v[k] = next();
-            vs_told_simulated(&robot, v[0], v[1], v[2]);
-            break;
-        case 8: /* move: kind, duration, turn, ray, after a drive, at an obstacle */
-            for (int k = 0; k < 6; k++)
-                v[k] = next();
-            vs_moved(&robot, (vs_int)v[0], v[1], v[2], v[3], v[4] != 0, v[5] != 0);
-            break;
-        case 9: /* a stop begins */
-            vs_stopped(&robot);
-#ifdef HAS_PLACES
-            for (int k = 0; k < 9; k++) {
-                const double value = robot.estimate[k];
-                write_bytes(&value, sizeof value);
-            }
-#endif
-            break;
-        case 10: /* acceleration: x, y, z */
-            for (int k = 0; k < 3; k++)
-                v[k] = next();
-            vs_accelerate(&robot, v[0], v[1], v[2]);
-            break;
-        default: /* observation of this stop, as -1 or -2 */
-            v[0] = -1.0 - (double)vs_observed(&robot);
-            write_bytes(v, sizeof v[0]);
-        }
-    }
+    for (;;)
+        do_event();
 }
 
 #ifdef __arm__

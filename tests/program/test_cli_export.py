@@ -15,7 +15,7 @@ from helpers.exported_robots import STRICT
 from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError, RunError
-from vibroswarm.export import c_library
+from vibroswarm.export import c_library, timing
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_program import c_sources
 from vibroswarm.strategies import names
@@ -25,6 +25,10 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "export.md"
 needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 needs_arm = pytest.mark.skipif(
     shutil.which(c_library.COMPILER) is None, reason="arm-none-eabi-gcc is not installed"
+)
+needs_emulator = pytest.mark.skipif(
+    shutil.which(c_library.COMPILER) is None or shutil.which(timing.EMULATOR) is None,
+    reason="arm-none-eabi-gcc or qemu-system-arm is not installed",
 )
 MIXTURE = ["--set", "localisation.method=mixture"]
 
@@ -233,7 +237,9 @@ def test_without_the_compiler_the_size_is_not_stated(
 ) -> None:
     monkeypatch.setattr(c_library, "COMPILER", "no-such-compiler")
     assert main(["export", "c", str(tmp_path / "x"), "--strategy", "none"]) == 0
-    assert "Size not measured: arm-none-eabi-gcc is not installed" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "Size not measured: " in said
+    assert "is not installed" in said
 
 
 def path_with(folder: Path, **scripts: str) -> str:
@@ -294,10 +300,48 @@ def test_the_sketch_compiles_as_cpp(library: Path, tmp_path: Path) -> None:
     subprocess.run(["g++", "-Wall", "-Werror", *include, "sketch.cpp", "v.o"], cwd=tmp_path, check=True)
 
 
+LATE_SKETCH = """
+#include <stdint.h>
+#include <stdio.h>
+static uint32_t time_us;
+static uint32_t micros() { return time_us += 50; }
+#include "inspection.ino"
+int main()
+{
+    setup();
+    for (int k = 0; k < 2000; k++)
+        loop();
+    const long steps_before = robot.tick - robot.missed;
+    time_us += 1010000; /* a driver of the sketch that takes 1.01 s */
+    loop();
+    printf("%ld %ld %ld %lu\\n", (long)robot.tick, (long)robot.missed, robot.tick - robot.missed - steps_before,
+           (unsigned long)time_us / PERIOD_US);
+}
+"""
+
+
+@needs_gcc
+def test_periods_that_a_sketch_misses_are_not_made_up_for(library: Path, tmp_path: Path) -> None:
+    if shutil.which("g++") is None:
+        pytest.skip("g++ is not installed")
+    (tmp_path / "late.cpp").write_text(LATE_SKETCH)
+    include = ["-I", str(library / "src"), "-I", str(library / "examples" / "inspection")]
+    source = str(library / "src" / "vibroswarm.c")
+    subprocess.run(["gcc", *STRICT, *include, "-c", source, "-o", "v.o"], cwd=tmp_path, check=True)
+    subprocess.run(
+        ["g++", "-Wall", "-Werror", *include, "late.cpp", "v.o", "-o", "late"], cwd=tmp_path, check=True
+    )
+    done = subprocess.run([tmp_path / "late"], capture_output=True, text=True, check=True)
+    tick, missed, steps_after, periods = map(int, done.stdout.split())
+    assert tick == periods + 1  # the clock is that of the board: the first step is at time 0
+    assert missed in (49, 50)  # by when in a period the driver began
+    assert steps_after == 1
+
+
 def documented() -> dict[str, tuple[int, int, int]]:
     """Return precision, flash and static RAM of each strategy in the table of the document."""
     rows = re.findall(
-        r"^\| `(\w+)` \| yes \| \w+ \((\d)\)[^|]* \| ([\d,]+) \| ([\d,]+) \|",
+        r"^\| `(\w+)` \| \w+ \((\d)\) \| ([\d,]+) \| ([\d,]+) \|",
         DOCUMENT.read_text(),
         re.MULTILINE,
     )
@@ -319,19 +363,56 @@ def test_every_shipped_strategy_is_exportable_as_documented() -> None:
         assert f"#define VS_PRECISION {precision} " in header, name
 
 
+def written(scenario: Any, folder: Path) -> Path:
+    """Write a scenario's library; return the folder of its sources."""
+    for file, text in c_library.library_files(scenario).items():
+        (folder / file).parent.mkdir(parents=True, exist_ok=True)
+        (folder / file).write_text(text)
+    return folder / "src"
+
+
 @needs_arm
 @pytest.mark.parametrize("name", ["soft", "places", "explore", "field"])
 def test_flash_and_static_ram_are_within_limits_and_as_documented(name: str, tmp_path: Path) -> None:
-    for file, text in c_library.library_files(scenario_for(name)).items():
-        (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / file).write_text(text)
-    found = c_library.measured(tmp_path / "src")
+    found = c_library.measured(written(scenario_for(name), tmp_path))
     assert found is not None
     assert found.flash <= 40 * 1024
     assert name == "field" or found.ram <= (2 * 1024 if name == "soft" else 16 * 1024)
     _, flash, ram = documented()[name]
     assert found.flash == pytest.approx(flash, rel=0.03)  # compilers differ a little
     assert found.ram == pytest.approx(ram, abs=64)
+
+
+@needs_emulator
+@pytest.mark.parametrize("name", ["soft", "places", "explore", "field"])
+def test_wheels_are_set_within_the_period_and_work_takes_the_documented_time(
+    name: str, tmp_path: Path
+) -> None:
+    scenario = scenario_for(name)
+    sources = written(scenario, tmp_path)
+    memory = c_library.measured(sources)
+    assert memory is not None
+    found = timing.timed(sources, scenario, memory.flags)
+    assert found is not None
+    assert timing.unfit(scenario, memory, found) == []
+    row = re.search(rf"^\| `{name}` .*$", DOCUMENT.read_text(), re.MULTILINE)
+    assert row is not None
+    late_ms, load, waits_ms, is_fit = [cell.strip() for cell in row[0].split("|")[5:9]]
+    assert is_fit == "yes"
+    assert found.late_ms == pytest.approx(float(late_ms), rel=0.05)  # compilers differ a little
+    assert 100 * found.load == pytest.approx(float(load), rel=0.05, abs=0.1)
+    assert timing.ms(found.waits) == pytest.approx(float(waits_ms), rel=0.05, abs=1)
+    # At once, in one step, the work of strategies with a map took many periods.
+    assert (timing.ms(found.work) > 100) == (name != "soft")
+
+
+@needs_emulator
+def test_what_does_not_fit_says_so(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--strategy", "soft", "--set", "run.control_period_ms=2"]
+    assert main(["export", "c", str(tmp_path / "x"), *options]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "NOT FIT for the study's robots: wheels may be set" in said
+    assert "with a control period of 2 ms" in said
 
 
 def test_a_strategy_that_was_typed_in_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -364,7 +445,6 @@ WARNED = [
     "-Wconversion",
     "-Wshadow",
     "-Werror",
-    "-Wno-unused-parameter",
 ]
 
 

@@ -30,6 +30,7 @@ def c(
     from vibroswarm.core.atomic_io import check_folder, whole_folder
     from vibroswarm.documents.export import export_document
     from vibroswarm.export.c_library import COMPILER, MARKER, library_files, measured
+    from vibroswarm.export.timing import timed
 
     # Refuse the folder before the work. --force replaces a folder only if it holds the file MARKER, as a library does.
     check_folder(folder, replace=force, marker=MARKER)
@@ -41,7 +42,10 @@ def c(
             (part / name).write_text(text, encoding="utf-8")
         # None without the compiler and the tool for sizes of the robot's processor
         memory = measured(part / "src")
-    document = export_document(list(files), memory, has_compiler=shutil.which(COMPILER) is not None)
+        timing = None if memory is None else timed(part / "src", made, memory.flags)
+    document = export_document(
+        made, list(files), memory, timing, has_compiler=shutil.which(COMPILER) is not None
+    )
     print_document(document, as_json=json)
     if not json:
         print(f"Saved: {folder} ({len(files)} files; begin with examples/inspection/inspection.ino)")

@@ -8,24 +8,52 @@ from dataclasses import asdict
 import polars as pl
 
 from vibroswarm.export.c_library import COMPILER, SIZE_TOOL, Memory
+from vibroswarm.export.timing import CLOCK_HZ, EMULATOR, Timing, ms, unfit
+from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Document, Table
 from vibroswarm.show.numbers import count
 
 
-def export_document(files: Sequence[str], memory: Memory | None, *, has_compiler: bool) -> Document:
-    """Return what was exported, and how much memory a robot's program takes.
+def export_document(
+    scenario: Scenario,
+    files: Sequence[str],
+    memory: Memory | None,
+    timing: Timing | None,
+    *,
+    has_compiler: bool,
+) -> Document:
+    """Return what was exported, how much memory and time a robot's program takes, and whether that fits the robots.
 
     Args:
         memory: None if it was not measured, because the compiler for the robot's processor is not installed, or the
-            tool that lists sizes is missing or fails. has_compiler: whether it is installed.
+            tool that lists sizes is missing or fails. timing: None if it was not measured, because compiler or emulator
+            are not installed. has_compiler: whether the compiler is installed.
     """
+    answer = [_memory_words(memory, has_compiler=has_compiler)]
+    reasons = []
+    if memory is not None:
+        answer.append(_timing_words(timing))
+        reasons = unfit(scenario, memory, timing)
+        answer += [f"NOT FIT for the study's robots: {reason}." for reason in reasons]
     return Document(
         title="Exported program",
-        answer=(_memory_words(memory, has_compiler=has_compiler),),
+        answer=tuple(answer),
         data={
             "files": pl.DataFrame({"file": list(files)}),
             "memory": pl.DataFrame([] if memory is None else [asdict(memory)]),
+            "timing": pl.DataFrame([] if timing is None else [asdict(timing)]),
+            "unfit": pl.DataFrame({"reason": reasons}, schema={"reason": pl.String}),
         },
+    )
+
+
+def _timing_words(timing: Timing | None) -> str:
+    if timing is None:
+        return f"Time not measured: {EMULATOR} is not installed or fails (Debian: qemu-system-arm)."
+    return (
+        f"At {CLOCK_HZ / 1e6:g} MHz wheels are set at most {timing.late_ms:.1f} ms after a control period begins. "
+        f"Localisation and strategy work in between, {timing.load:.1%} of the time, and are at most "
+        f"{ms(timing.waits):.0f} ms late."
     )
 
 

@@ -155,7 +155,9 @@ class Calls(Expressions):
         given |= {word.arg: word.value for word in node.keywords if word.arg}
         if len(node.args) > len(names) or set(given) != set(names):
             self.refuse(node, f"the arguments of '{ast.unparse(node)[:60]}'")
+        before = self.changes
         values = self.in_any_order(node, [given[name] for name in names])
+        arguments_change = self.changes > before
         compiled = self.program.function(called, [value.type for value in values], self.source, node)
         if compiled.changes:  # the function called may change a row, so this one may too
             self.changes += 1
@@ -163,8 +165,11 @@ class Calls(Expressions):
         if any(is_by_reference(kind) for kind in compiled.parameters):
             self.calls_with_rows += 1
         texts = []
-        for value, kind in zip(values, compiled.parameters, strict=True):
-            if isinstance(kind, Struct):
+        for value, kind, is_taken in zip(values, compiled.parameters, compiled.takes, strict=True):
+            if not is_taken:
+                if arguments_change:  # by this one perhaps: it is computed all the same
+                    self.pending.append(f"(void){value.text};")
+            elif isinstance(kind, Struct):
                 place = value
                 if not value.is_place:
                     place = Value(self.hold(value), kind, is_place=True)

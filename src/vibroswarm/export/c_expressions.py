@@ -182,6 +182,8 @@ class Expressions:
             return self.program.globals[name]
         if name in self.source.space:
             number = number_of(self.source.space[name])
+            if number is not None and self.program.enums.get(name) == number:
+                return Value(f"VS_{name}", INT, number)
             if number is not None:
                 return literal(number)
         self.refuse(node, f"the name '{name}', which is no number, variable or row")

@@ -8,11 +8,13 @@ assertion after it is only for the type checker.
 from __future__ import annotations
 
 import ast
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
-from vibroswarm.export.c_calls import Calls
+from vibroswarm.export.c_calls import BUILT_IN, Calls
 from vibroswarm.export.c_types import (
     BOOL,
     INT,
@@ -52,6 +54,8 @@ class Compiled:
     """The whole function."""
     changes: bool
     """Whether it may change a row or array that it is given."""
+    takes: tuple[bool, ...]
+    """For each parameter in Python, whether it is one in C: a function that is not public has those that it uses."""
 
 
 class Program:
@@ -65,6 +69,8 @@ class Program:
         replaced: Mapping[Callable[..., Any], Callable[..., Any]],
         template: str,
         instead: Mapping[str, Any],
+        enums: Mapping[str, int] = MappingProxyType({}),
+        public: Collection[str] = (),
     ) -> None:
         """Begin without functions.
 
@@ -73,10 +79,13 @@ class Program:
                 class in the template, for classes that only stand for a strategy's own. globals: constant rows and
                 numbers, by name. replaced: functions that are not exported, and those exported in place of them.
             template: name of the template's module; names of its functions in C do not contain it. instead: values of
-                open global names of the template.
+                open global names of the template. enums: constants that have a name in C, by that without its ``VS_``.
+            public: names of the template's functions that are called from outside.
         """
         self.struct_of, self.row_names, self.globals = struct_of, row_names, globals
-        self.replaced, self.template, self.instead = replaced, template, instead
+        self.replaced, self.template, self.instead, self.enums = replaced, template, instead, enums
+        self.public = public
+        self.polls = False  # whether loops of the functions that are translated next poll
         # Functions in C by (Python function, types of its arguments). A function comes after the functions that it
         # calls; it is None while it is being translated.
         self.compiled: dict[Any, Compiled | None] = {}
@@ -88,8 +97,22 @@ class Program:
         is_template = plain(function).__module__ == self.template
         return source_of(function, self.instead if is_template else None)
 
+    def called_from(self, public: set[str]) -> list[Compiled]:
+        """Return the functions with these names in C and those that they call, each after those that it calls."""
+        needed: list[Compiled] = []
+        words = set(public)
+        for item in reversed(self.compiled.values()):
+            if item is not None and item.name in words:  # None: none is any more
+                needed.append(item)
+                words.update(re.findall(r"\w+", item.text))
+        return needed[::-1]
+
     def function(
-        self, function: Any, given: list[Any], caller: Source | None = None, node: ast.AST | None = None
+        self,
+        function: Any,
+        given: list[Any],
+        caller: Source | None = None,
+        node: ast.AST | None = None,
     ) -> Compiled:
         """Return a function in C for arguments of given types; it is translated once for each set of types.
 
@@ -114,7 +137,8 @@ class Program:
                 raise (caller or source).refusal(node, f"{source.function.__name__} calls itself")
             return found
         self.compiled[key] = None
-        made = Function(self, source, tuple(types), self.name_for(source)).translated()
+        is_public = plain(function).__module__ == self.template and source.function.__name__ in self.public
+        made = Function(self, source, tuple(types), self.name_for(source)).translated(is_public=is_public)
         del self.compiled[key]  # so that it is inserted last, after the functions that it calls
         self.compiled[key] = made
         return made
@@ -146,8 +170,8 @@ class Function(Calls):
         self.returns: Any = None
         self.loops, self.pending = [], []
 
-    def translated(self) -> Compiled:
-        """Return the function in C.
+    def translated(self, *, is_public: bool) -> Compiled:
+        """Return the function in C; parameters that it does not use are left out unless it is public.
 
         An assignment can widen a variable's type, as from ``int`` to ``float``, also for statements before it in a
         loop. So the body is translated again and again until no type changes. Types only widen, so this ends.
@@ -165,9 +189,19 @@ class Function(Calls):
             if (dict(self.types), self.returns) == before:
                 break
         names = list(self.parameters_in_order)
+        body_text = "\n".join(self.lines)
+        # Not behind a dot or arrow, where the name is that of a field.
+        used = [re.search(rf"(?<![.>\w]){identifier(name)}\b", body_text) is not None for name in names]
+        takes = tuple(is_public or is_used for is_used in used)
         texts = [
             parameter(kind, identifier(name), writes=self.writes)
-            for name, kind in zip(names, self.given, strict=True)
+            for name, kind, is_taken in zip(names, self.given, takes, strict=True)
+            if is_taken
+        ]
+        unused = [
+            f"    (void){identifier(name)};"
+            for name, is_used in zip(names, used, strict=True)
+            if is_public and not is_used
         ]
         returns = self.returns or VOID
         head = f"{c_name(returns)} {self.name}({', '.join(texts) or 'void'})"
@@ -178,8 +212,8 @@ class Function(Calls):
             if name not in names and name not in self.program_loops
         ]
         place = f"/* {self.source.file}, line {self.source.before + self.source.tree.lineno} */"
-        text = "\n".join([place, f"{head}", "{", *local, *self.lines, "}"])
-        return Compiled(self.name, self.given, returns, head, text, self.writes)
+        text = "\n".join([place, f"{head}", "{", *local, *unused, *self.lines, "}"])
+        return Compiled(self.name, self.given, returns, head, text, self.writes, takes)
 
     @property
     def parameters_in_order(self) -> list[str]:
@@ -205,6 +239,18 @@ class Function(Calls):
         for statement in statements:
             self.statement(statement)
         self.depth -= 1
+
+    def block_of_loop(self, statements: list[ast.stmt]) -> None:
+        """Translate the body of a loop; it polls if it has a loop or a call in it, and so may take long."""
+        takes_long = any(
+            isinstance(node, ast.For | ast.While)
+            or (isinstance(node, ast.Call) and getattr(node.func, "id", "") not in BUILT_IN)
+            for statement in statements
+            for node in ast.walk(statement)
+        )
+        if self.program.polls and takes_long:
+            self.lines.append("    " * (self.depth + 1) + "vs_poll();")
+        self.block(statements)
 
     def do_pass(self, node: ast.Pass) -> None:
         """Do nothing."""
@@ -274,7 +320,7 @@ class Function(Calls):
         if self.pending:  # statements before the loop would be run only once
             self.refuse(node, "a row that a function returns, in the condition of a loop")
         self.write(f"while {in_parentheses(test.text)} {{")
-        self.block(node.body)
+        self.block_of_loop(node.body)
         self.write("}")
 
     def do_for(self, node: ast.For) -> None:
@@ -314,7 +360,7 @@ class Function(Calls):
             self.write(self.head_of_range(node, name))
         self.types.setdefault(node.target.id, INT)  # unless it is known from the translation before
         self.loops.append(node.target.id)
-        self.block(node.body)
+        self.block_of_loop(node.body)
         self.loops.pop()
         self.write("}")
 

@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -85,7 +86,7 @@ FLAGS: Final = (
 TRIED: Final = ("-Os", "-Os -fno-inline")
 """Flags to choose from: which gives less flash depends on the strategy."""
 SECONDS: Final = 120
-"""Longest time for a call of the compiler, s."""
+"""Longest time for a call of the compiler or the emulator, s."""
 
 
 @dataclass(frozen=True)
@@ -124,16 +125,7 @@ def _measured(sources: Path, program: Path, flags: str) -> Memory | None:
     Raises:
         RunError: the compiler failed.
     """
-    files = [str(sources / "vibroswarm.c"), str(ASSETS / "measured_program.c")]
-    command = [COMPILER, *FLAGS, *flags.split(), "-I", str(sources), *files, "-o", str(program), "-lm"]
-    try:
-        subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)
-    except (OSError, subprocess.SubprocessError) as error:
-        # stderr: what the compiler wrote; there is none if it could not be started. It is bytes if time was up, also
-        # with ``text=True``.
-        words = getattr(error, "stderr", None) or str(error)
-        words = words.decode(errors="replace") if isinstance(words, bytes) else words
-        raise RunError(f"{COMPILER} failed: {words.strip()[:300]}") from error
+    compile_with(sources, "measured_program.c", flags.split(), program)
     try:
         size = subprocess.run(
             [SIZE_TOOL, str(program)], check=True, capture_output=True, text=True, timeout=SECONDS
@@ -147,3 +139,21 @@ def _measured(sources: Path, program: Path, flags: str) -> Memory | None:
         return None
     text, data, zeros = (int(word) for word in numbers[0])
     return Memory(flash=text + data, ram=data + zeros, flags=flags)
+
+
+def compile_with(sources: Path, around: str, flags: Sequence[str], program: Path) -> None:
+    """Compile the library with a program around it, the file ``around`` of ``ASSETS``, to the file ``program``.
+
+    Raises:
+        RunError: the compiler failed.
+    """
+    files = [str(sources / "vibroswarm.c"), str(ASSETS / around)]
+    command = [COMPILER, *FLAGS, *flags, "-I", str(sources), *files, "-o", str(program), "-lm"]
+    try:
+        subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)
+    except (OSError, subprocess.SubprocessError) as error:
+        # stderr: what the compiler wrote; there is none if it could not be started. It is bytes if time was up, also
+        # with ``text=True``.
+        words = getattr(error, "stderr", None) or str(error)
+        words = words.decode(errors="replace") if isinstance(words, bytes) else words
+        raise RunError(f"{COMPILER} failed: {words.strip()[:300]}") from error

@@ -7,6 +7,7 @@ The constants are macros in a header of their own (``parameters``).
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
@@ -36,7 +37,7 @@ from vibroswarm.export.parameters import ROWS, macro_of
 from vibroswarm.export.source import plain
 from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture
 from vibroswarm.robot.sensing import SenseProgram, SenseState
-from vibroswarm.robot.walk import Dice, WalkProgram, WalkState
+from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkProgram, WalkState
 from vibroswarm.strategies.base import arrays_of, fields_of
 from vibroswarm.strategies.world import Draws, Reading, World
 
@@ -51,6 +52,11 @@ NEEDS_DOUBLE: Final = {
     "three_valued": (DOUBLE, "phases last whole control periods, and float would end them a period later"),
 }
 """Strategies for which float is not precise enough: the precision that is, and why."""
+ENUMS: Final = {
+    "What a robot does: its member walk.mode.": {"DRIVE": DRIVE, "TURN": TURN, "AVOID": AVOID, "STOP": STOP},
+    "Kinds of jobs.": {name: getattr(robot_program, name) for name in ("MOVE", "STAND", "LISTEN", "SAMPLE")},
+}
+"""Constants of the program that have names in C, by what they are."""
 OMITTED_OF_WORLD: Final = ("beliefs",)
 """Fields of ``World`` that a robot does not have: the table of beliefs is too large."""
 
@@ -86,6 +92,8 @@ def c_sources(parts: RobotParts) -> CSources:
         replaced=parts.replaced,
         template=robot_program.__name__,
         instead=parts.hooks,
+        enums={name: value for names in ENUMS.values() for name, value in names.items()},
+        public=robot_program.API,
     )
     api = []  # functions of the API in C; translating one also translates the functions that it calls
     for name in robot_program.API:
@@ -93,14 +101,16 @@ def c_sources(parts: RobotParts) -> CSources:
         given = [
             type_of_argument(item, robot, structs) for item in inspect.signature(function).parameters.values()
         ]
+        # Functions that both kinds call are translated with the prompt ones, which come first, and do not poll.
+        program.polls = name in robot_program.PATIENT
         api.append(program.function(function, given))
-    # No function is None any more, because all are translated by now; the test is for the type checker.
-    compiled = [item for item in program.compiled.values() if item is not None]
     public = {item.name for item in api}
+    compiled = program.called_from(public)
     texts = [text_of(item.text, item.name in public) for item in compiled]
     tables = [
         f"static const {kind.name} vs_{name.lower()} = {{{', '.join(initial(name, kind))}}};"
         for name, kind in constants.items()
+        if any(re.search(rf"\bvs_{name.lower()}\b", text) for text in texts)
     ]
     tuples = [typedef(kind) for kind in program.tuples.values()]
     types = [typedef(kind) for kind in structs.values()]
@@ -110,7 +120,8 @@ def c_sources(parts: RobotParts) -> CSources:
             made=made_by(parts),
             types="\n\n".join(types),
             heads=documented(heads),
-            inbox=robot_program.INBOX,
+            inbox=robot_memory.INBOX,
+            enums="\n".join(enum_of(about, names) for about, names in ENUMS.items()),
             precision=precision,
             why=why,
         ),
@@ -179,6 +190,7 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
         "Dice": struct_of_class("vs_Dice", Dice),
         "SenseProgram": struct_of_class("vs_SenseProgram", SenseProgram),
         "SenseState": struct_of_class("vs_SenseState", SenseState),
+        "Job": struct_of_class("vs_Job", robot_memory.Job),
         "Params": struct_of_row("vs_Params", {k: type(v) for k, v in parts.params.items()}, mutable=False),
         "State": struct_of_row("vs_State", fields_of(strategy.state)),
         "Message": struct_of_row("vs_Message", fields_of(strategy.message)),
@@ -202,7 +214,7 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
     Args:
         structs: the other structs, by the names of their Python classes.
     """
-    inbox = robot_program.INBOX
+    inbox = robot_memory.INBOX
     # Types of fields that depend on the strategy, or that are rows or arrays.
     special: dict[str, Any] = {
         "state": structs["State"],
@@ -211,6 +223,7 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
         "inbox": CArray(structs["Message"], (inbox,)),
         "inbox_sender": CArray("int32_t", (inbox,)),
         "inbox_number": CArray("int32_t", (inbox,)),
+        "queue": CArray(structs["Job"], (robot_memory.JOBS,)),
         "world": structs["World"],
         "walk": structs["WalkState"],
         "dice": structs["Dice"],
@@ -249,6 +262,11 @@ def initial(name: str, kind: Struct) -> list[str]:
     if kind.fields is EMPTY:
         return ["0"]
     return [f".{identifier(field)} = {macro_of(name, field)}" for field, _ in kind.fields]
+
+
+def enum_of(about: str, names: Mapping[str, int]) -> str:
+    """Return the definition in C of constants, below a comment that says what they are."""
+    return f"/* {about} */\nenum {{ {', '.join(f'VS_{name} = {value}' for name, value in names.items())} }};"
 
 
 def text_of(text: str, is_public: bool) -> str:
@@ -300,7 +318,13 @@ extern "C" {{
 
 #define VS_INBOX {inbox}
 
+{enums}
+
 {types}
+
+/* To be written by you: what is due now in this control period (see examples/inspection). Functions that take long,
+   vs_work above all, call it every few thousand instructions. */
+void vs_poll(void);
 
 /* Set all bytes of a robot to zero before vs_start. */
 

@@ -5,7 +5,7 @@ These classes and values are placeholders: an exporter replaces them by those of
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from vibroswarm.robot.sensing import SenseState
 from vibroswarm.robot.walk import Dice, WalkState
@@ -25,6 +25,27 @@ RMS_THRESHOLD: Final = 0.0
 """Energy above which a robot reads 1."""
 SENSING_BLIND_MS: Final = 0.0
 """Driving time after a turn or avoidance for which the rays are ignored; 0: they never are."""
+INBOX: Final = 16
+"""Greatest number of messages that are kept until they are heard."""
+JOBS: Final = 8
+"""Greatest number of jobs that wait."""
+
+
+class Job(NamedTuple):
+    """What localisation or the strategy is to be told."""
+
+    kind: int
+    """``robot_program.MOVE``, STAND, LISTEN or SAMPLE."""
+    tick: int
+    """The tick at which it happened."""
+    number: int
+    """MOVE: the kind of the move; LISTEN: number of messages to hear; SAMPLE: the observation."""
+    duration_s: float
+    """MOVE: how long it took; the fields below, too, are those of ``robot_program.moved``."""
+    turned_rad: float
+    ray_m: float
+    after_drive: bool
+    at_obstacle: bool
 
 
 class Message:
@@ -50,6 +71,22 @@ class Robot:
     """Number of the robot, from 0."""
     tick: int
     """Number of control periods since the start."""
+    queue: Any
+    """Jobs that wait, in a ring from ``first_job`` on."""
+    first_job: int
+    """Index of the oldest job."""
+    jobs: int
+    """Number of jobs that wait, that under way included."""
+    work_tick: int
+    """Tick of the job under way, or of the last."""
+    decides: bool
+    """Whether the strategy is deciding where the robot goes next."""
+    stands: bool
+    """Whether the robot stands until the next tick because it is busy."""
+    missed: int
+    """Number of ticks without a step."""
+    missed_deg: float
+    """Angle turned in the ticks that were missed just now."""
     world: World
     """What the robot knows about its task."""
     walk: WalkState
@@ -80,12 +117,16 @@ class Robot:
     """Number of messages passed to the strategy."""
     timers: int
     """Number of calls of ``on_timer``."""
+    first_message: int
+    """Index of the oldest message of the inbox."""
     waiting: int
     """Number of messages in the inbox."""
+    called: int
+    """Number of them, from the oldest on, that a job is to hear."""
     dropped: int
     """Number of messages lost because the inbox was full."""
     inbox: Any
-    """Messages received and not heard yet, oldest first."""
+    """Messages received and not heard yet, in a ring from ``first_message`` on."""
     inbox_sender: Any
     """The sender of each message in the inbox."""
     inbox_number: Any

@@ -2,10 +2,16 @@
 
 An exporter replaces the functions of ``default_hooks`` by a strategy's hooks, and the constants of ``robot_memory`` by
 those of a scenario. A robot ``r`` is a ``robot_memory.Robot``, which the functions change in place. The surrounding
-program calls the functions named in ``API``: ``step`` once per tick (control period) with the angle turned, by the
-gyro, and the shortest ray; ``accelerate`` with readings of the accelerometer, or ``sample`` with an observation; and
-``receive`` with messages. Random numbers have the same addresses as in the simulation, so a robot that measures and
-hears the same does the same, bit by bit.
+program calls the functions named in ``PROMPT`` and ``PATIENT``: ``step`` once per tick (control period) with the angle
+turned, by the gyro, and the shortest ray; ``accelerate`` with readings of the accelerometer, or ``sample`` with an
+observation; and ``receive`` with messages. Random numbers have the same addresses as in the simulation, so a robot that
+measures and hears the same does the same, bit by bit.
+
+**Control never waits for thought.** Localisation and the strategy may need many control periods. So ``step`` only
+walks, and notes in a queue of jobs what localisation and strategy are to be told; ``work`` does the oldest job. In C
+the loops of ``work``, and of all that it calls, call ``vs_poll``, in which the surrounding program steps when a period
+is due. The two share no memory but the queue and the inbox, and a job has its tick: so the results do not depend on how
+many periods a job takes. Only a robot that its strategy steers waits for the job of a sample, where it stands anyway.
 
 Order in a tick: a robot that walks hears the messages received since it last walked, then its timer is called if it is
 due. A robot that stands hears nothing until it walks again. A stop ends with a sample. A message sent in a tick can be
@@ -29,6 +35,8 @@ from vibroswarm.core.rng import (
     uniform,
 )
 from vibroswarm.export.robot_memory import (
+    INBOX,
+    JOBS,
     LOCALISER,
     PARAMS,
     RMS_THRESHOLD,
@@ -36,6 +44,7 @@ from vibroswarm.export.robot_memory import (
     SENSING_BLIND_MS,
     WALKER,
     WORLD,
+    Job,
     Message,
     Robot,
 )
@@ -77,8 +86,16 @@ from vibroswarm.strategies.world import Reading
 
 HAS_PLACES: Final = False
 """Whether the robot estimates where it is."""
-INBOX: Final = 16
-"""Greatest number of messages that are kept while a robot stands."""
+MOVE: Final = 0
+"""Job: a move has ended; localisation is told."""
+STAND: Final = 1
+"""Job: a stop for a sample has begun; localisation states the robot's place."""
+LISTEN: Final = 2
+"""Job: the robot walks, so it hears its messages, and its timer may be due."""
+SAMPLE: Final = 3
+"""Job: a sample was taken; the strategy is told."""
+JOBS_OF_STEP: Final = 2
+"""Greatest number of jobs that a step adds."""
 UNKNOWN_M: Final = math.nan
 """Place of a robot that does not estimate it; its strategy does not read it."""
 
@@ -90,10 +107,16 @@ begin_places, add_drive, add_turn, add_obstacle, add_sample = (
     localisation.sampled,
 )
 
-API: Final = (
-    "start", "told_pose", "looks_now", "step", "left_percent", "right_percent", "accelerate", "observed",
-    "sample", "receive", "moved", "stopped", "hear", "time_s", "timer", "told_simulated",
+PROMPT: Final = (
+    "looks_now", "step", "left_percent", "right_percent", "accelerate", "observed", "sample", "receive", "missed",
+    "time_s",
 )  # fmt: skip
+"""Functions that the surrounding program calls in each control period, also while ``work`` is under way."""
+PATIENT: Final = (
+    "start", "told_pose", "work", "moved", "stopped", "hear", "take_sample", "timer", "told_simulated",
+)  # fmt: skip
+"""Functions that may take many control periods, and poll meanwhile; those after ``work`` are parts of it, for tests."""
+API: Final = (*PROMPT, *PATIENT)
 """Functions that the surrounding program calls."""
 
 
@@ -162,12 +185,22 @@ def roll(r: Robot) -> None:
 
 def time_s(r: Robot) -> float:
     """Return the time since the start, s."""
-    return r.tick * r.world.tick_ms / 1000.0
+    return time_of_tick(r, r.tick)
+
+
+def time_of_tick(r: Robot, tick: int) -> float:
+    """Return the time of a tick since the start, s."""
+    return tick * r.world.tick_ms / 1000.0
 
 
 def looks_now(r: Robot, gyro_deg: float) -> bool:
     """Return whether the next ``step``, called with the same ``gyro_deg``, needs the shortest ray."""
-    return looks(r.walk, WALKER, gyro_deg)
+    return not is_busy(r) and looks(r.walk, WALKER, gyro_deg + r.missed_deg)
+
+
+def is_busy(r: Robot) -> bool:
+    """Return whether the robot must stand: its strategy decides where it goes next, or the queue may get full."""
+    return r.decides or r.jobs > JOBS - JOBS_OF_STEP
 
 
 def is_blind(r: Robot) -> bool:
@@ -183,18 +216,27 @@ def is_blind(r: Robot) -> bool:
 def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
     """Do one tick; return True to take the sample now, and then call ``sample`` before the next step.
 
-    If it returns False and ``r.sends`` is true, send ``r.out`` to all robots: the message of the timer.
+    A robot that is busy (``is_busy``) misses the tick: it stands, its clock goes on, and its walk goes on at the next
+    tick at which it is not.
 
     Args:
         gyro_deg: angle turned since the last step, anticlockwise positive. nearest_mm: the shortest ray; used only if
             ``looks_now(r, gyro_deg)`` was true before the step.
     """
+    r.stands = is_busy(r)
+    if r.stands:
+        missed(r, 1)
+        r.missed_deg += gyro_deg
+        if HAS_PLACES:
+            r.move_start_s += r.world.tick_s
+        return False
     r.tick += 1
-    r.sends = False
+    turned_deg = gyro_deg + r.missed_deg
+    r.missed_deg = 0.0
     before = r.walk
     # A robot that ignores its rays sees no obstacle at any distance.
     seen_mm = math.inf if SENSING_BLIND_MS > 0.0 and is_blind(r) else nearest_mm
-    r.walk = walk_step(before, WALKER, gyro_deg, seen_mm, r.dice)
+    r.walk = walk_step(before, WALKER, turned_deg, seen_mm, r.dice)
     # A new leg or avoidance has used the numbers in r.dice, so new ones are drawn.
     if r.walk.legs != before.legs or r.walk.avoidances != before.avoidances:
         roll(r)
@@ -204,9 +246,8 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
         # A turn or avoidance has ended; driven_ms counts the present tick already, so one tick is subtracted.
         if was != DRIVE and r.walk.mode == DRIVE:
             r.sees_from_ms = r.walk.driven_ms - WALKER.tick_ms + SENSING_BLIND_MS
-    begins_stop = r.walk.mode == STOP and before.mode != STOP
     if HAS_PLACES:
-        r.move_turned_deg += gyro_deg
+        r.move_turned_deg += turned_deg
         # A move ends when the mode changes, or when one avoidance follows another.
         begins_avoidance = r.walk.avoidances != before.avoidances
         if r.walk.mode != before.mode or begins_avoidance:
@@ -215,29 +256,71 @@ def step(r: Robot, gyro_deg: float, nearest_mm: float) -> bool:
             # ``end_move``.
             if begins_avoidance:
                 r.move_ray_m = seen_mm / 1000.0
-    if begins_stop:
-        r.sense = begin_sense()
-        if HAS_PLACES:
-            stopped(r)
     if r.walk.mode == STOP:
+        if before.mode != STOP:
+            r.sense = begin_sense()
+            if HAS_PLACES:
+                add_job(r, STAND, 0)
         return r.walk.sampled
-    read_inbox(r)
-    # The time of the timer in ticks, with a margin for rounding.
-    if HAS_TIMER and next_s(r.state) * 1000.0 / r.world.tick_ms - 1e-9 <= r.tick:
-        timer(r)
+    new = r.waiting - r.called
+    if HAS_TIMER or new > 0:
+        add_job(r, LISTEN, new)
+        r.called = r.waiting
     return False
+
+
+def missed(r: Robot, ticks: int) -> None:
+    """Note that so many ticks passed without a step, because the surrounding program was late.
+
+    The robot's clock goes on, its walk does not. Ticks are never made up for: the next step is that of the present.
+    """
+    r.tick += ticks
+    r.missed += ticks
+
+
+def add_job(r: Robot, kind: int, number: int) -> None:
+    """Add a job of this tick to the queue; ``number`` is the number of messages to hear, or the observation."""
+    of_no_move = Job(kind, r.tick, number, 0.0, 0.0, UNKNOWN_M, False, False)
+    r.queue[(r.first_job + r.jobs) % JOBS] = of_no_move
+    r.jobs += 1
+
+
+def work(r: Robot) -> bool:
+    """Do the oldest job; return False if there is none. If ``r.sends`` is then true, send ``r.out`` to all robots.
+
+    Call it whenever nothing else is due.
+    """
+    r.sends = False
+    if r.jobs == 0:
+        return False
+    job = r.queue[r.first_job]
+    r.work_tick = job.tick
+    if job.kind == MOVE:
+        moved(r, job.number, job.duration_s, job.turned_rad, job.ray_m, job.after_drive, job.at_obstacle)
+    elif job.kind == STAND:
+        stopped(r)
+    elif job.kind == LISTEN:
+        read_inbox(r, job.number)
+        # The time of the timer in ticks, with a margin for rounding.
+        if HAS_TIMER and next_s(r.state) * 1000.0 / r.world.tick_ms - 1e-9 <= job.tick:
+            timer(r)
+    else:
+        take_sample(r, job.number)
+    r.first_job = (r.first_job + 1) % JOBS
+    r.jobs -= 1
+    return True
 
 
 def left_percent(r: Robot) -> float:
     """Return the command of the left wheel until the next step, % of full speed."""
     left, _ = wheel_commands_percent(r.walk, WALKER)
-    return left
+    return 0.0 if r.stands else left
 
 
 def right_percent(r: Robot) -> float:
     """Return the command of the right wheel until the next step, % of full speed."""
     _, right = wheel_commands_percent(r.walk, WALKER)
-    return right
+    return 0.0 if r.stands else right
 
 
 def accelerate(r: Robot, ax: float, ay: float, az: float) -> None:
@@ -260,12 +343,14 @@ def observed(r: Robot) -> int:
 
 
 def sample(r: Robot, reading: int) -> None:
-    """Process a sample: update the belief and decide; if ``r.sends`` is then true, send ``r.out`` to all robots.
+    """Take a sample, whose observation is ``reading``, 0 or 1: ``work`` tells the strategy."""
+    r.decides = HAS_STEER
+    add_job(r, SAMPLE, reading)
 
-    Args:
-        reading: the observation, 0 or 1.
-    """
-    t_s, k = time_s(r), r.samples
+
+def take_sample(r: Robot, reading: int) -> None:
+    """Update the belief by an observation, and decide; if ``r.sends`` is then true, send ``r.out`` to all robots."""
+    t_s, k = time_of_tick(r, r.work_tick), r.samples
     # ``estimate`` holds the fields of a ``Reading`` from x_m on, in order: pose and spread of the robot; then number,
     # place and spreads of the lagged sample, the one taken ``localisation.lag`` samples ago.
     if HAS_PLACES:
@@ -297,6 +382,7 @@ def process(r: Robot, x: Reading, k: int) -> None:
             r.state, r.arrays, x, steering_draws(r.seed, r.run, r.number, k), PARAMS, r.world
         )
         r.walk = steered(r.walk, turn_deg, drive_ms)
+    r.decides = False
 
 
 def timer(r: Robot) -> None:
@@ -305,7 +391,7 @@ def timer(r: Robot) -> None:
     r.sends = on_timer(
         r.state,
         r.arrays,
-        time_s(r),
+        time_of_tick(r, r.work_tick),
         r.out,
         timer_draws(r.seed, r.run, r.number, r.timers),
         PARAMS,
@@ -321,7 +407,7 @@ def after_event(r: Robot) -> None:
     found = decision(r.state, r.arrays, PARAMS, r.world)
     if found != r.decision:
         r.decision = found
-        r.decided_s = time_s(r)
+        r.decided_s = time_of_tick(r, r.work_tick)
     if r.sends:
         r.sent += 1
 
@@ -335,17 +421,21 @@ def receive(r: Robot, sender: int, number: int, message: Message) -> bool:
     if r.waiting == INBOX:
         r.dropped += 1
         return False
-    r.inbox[r.waiting] = message
-    r.inbox_sender[r.waiting], r.inbox_number[r.waiting] = sender, number
+    k = (r.first_message + r.waiting) % INBOX
+    r.inbox[k] = message
+    r.inbox_sender[k], r.inbox_number[k] = sender, number
     r.waiting += 1
     return True
 
 
-def read_inbox(r: Robot) -> None:
-    """Hear the messages in the inbox, in the order in which they came, and empty it."""
-    for k in range(r.waiting):
+def read_inbox(r: Robot, count: int) -> None:
+    """Hear the first ``count`` messages of the inbox, in the order in which they came, and remove them."""
+    for _ in range(count):
+        k = r.first_message
         hear(r, r.inbox_sender[k], r.inbox_number[k], r.inbox[k])
-    r.waiting = 0
+        r.first_message = (k + 1) % INBOX
+        r.waiting -= 1
+        r.called -= 1
 
 
 def hear(r: Robot, sender: int, number: int, message: Message) -> None:
@@ -358,7 +448,7 @@ def hear(r: Robot, sender: int, number: int, message: Message) -> None:
         r.arrays,
         message,
         sender,
-        time_s(r),
+        time_of_tick(r, r.work_tick),
         message_draws(r.seed, r.run, r.number, sender, number),
         PARAMS,
         r.world,
@@ -369,9 +459,10 @@ def hear(r: Robot, sender: int, number: int, message: Message) -> None:
 def end_move(r: Robot, kind: int) -> None:
     """End the move of a kind (DRIVE, TURN, AVOID or STOP) that was under way, and begin the next."""
     duration_s = time_s(r) - r.move_start_s
-    # The last argument says whether an avoidance follows.
-    moved(
-        r,
+    # The last field says whether an avoidance follows.
+    job = Job(
+        MOVE,
+        r.tick,
         kind,
         duration_s,
         math.radians(r.move_turned_deg),
@@ -379,6 +470,8 @@ def end_move(r: Robot, kind: int) -> None:
         r.move_after_drive,
         r.walk.mode == AVOID,
     )
+    r.queue[(r.first_job + r.jobs) % JOBS] = job
+    r.jobs += 1
     # Only a drive of two ticks or more counts, as in ``localisation.locate``: a drive of one tick before an avoidance
     # means that the robot had turned in place. 1.5 allows for rounding of the times.
     r.move_after_drive = kind == DRIVE and duration_s > 1.5 * r.world.tick_s

@@ -1,6 +1,9 @@
 /* An inspection by one robot. Fill in the functions marked STUB for your board; everything else is the simulated program.
 
-   Angles are anticlockwise positive. The period is that of the scenario; acceleration is read at VS_SENSING_RATE_HZ. */
+   Angles are anticlockwise positive. The period is that of the scenario; acceleration is read at VS_SENSING_RATE_HZ.
+
+   Wheels are set within each period, whatever localisation and strategy do: these work in between (vs_work), and call
+   vs_poll often. A period that your own functions miss is never made up for: the robot's clock goes on without it. */
 #include <string.h>
 
 #include <vibroswarm.h>
@@ -8,9 +11,12 @@
 
 static const uint8_t ROBOT_NUMBER = 0; /* from 0, another one on each robot */
 static const uint32_t SEED = 1;        /* the same on all robots, another one in each inspection */
+static const uint32_t PERIOD_US = 1000UL * VS_WORLD_TICK_MS;
+static const uint32_t READING_US = (uint32_t)(1e6 / VS_SENSING_RATE_HZ);
 
 static vs_Robot robot;
-static uint32_t next_period_us, next_reading_us;
+static bool runs;
+static uint32_t next_period_us, last_reading_us;
 static float turned_deg;
 
 /* STUB: turn rate by the gyro, deg/s. */
@@ -51,32 +57,54 @@ void setup()
     memset(&robot, 0, sizeof robot);
     vs_start(&robot, SEED, 0, ROBOT_NUMBER);
     vs_told_pose(&robot, 0.0f, 0.0f, 0.0f); /* where it is placed: m, m, rad; without effect if it does not localise */
-    next_period_us = next_reading_us = micros();
+    next_period_us = last_reading_us = micros();
+    runs = true;
 }
 
-void loop()
+static void read_sensors()
+{
+    const uint32_t passed_us = micros() - last_reading_us;
+    float ax, ay, az;
+    if (passed_us < READING_US)
+        return;
+    last_reading_us += passed_us / READING_US * READING_US;
+    read_acceleration(&ax, &ay, &az);
+    vs_accelerate(&robot, ax, ay, az);
+    turned_deg += gyro_deg_s() * 1e-6f * (passed_us / READING_US * READING_US);
+}
+
+static void do_period()
+{
+    const int32_t late_us = (int32_t)(micros() - next_period_us);
+    if (late_us < 0)
+        return;
+    const uint32_t missed = (uint32_t)late_us / PERIOD_US;
+    next_period_us += (missed + 1) * PERIOD_US;
+    vs_missed(&robot, (vs_int)missed);
+    const bool samples = vs_step(&robot, turned_deg, vs_looks_now(&robot, turned_deg) ? shortest_ray_mm() : 1e6f);
+    set_wheels(vs_left_percent(&robot), vs_right_percent(&robot));
+    turned_deg = 0.0f;
+    if (samples)
+        vs_sample(&robot, vs_observed(&robot));
+}
+
+/* What is due now. The robot's program calls this while it works. */
+void vs_poll()
 {
     vs_Message message;
     uint8_t sender;
     uint32_t number;
-    const uint32_t reading_us = (uint32_t)(1e6 / VS_SENSING_RATE_HZ);
+    if (!runs)
+        return;
     while (radio_receive(&message, &sender, &number))
         vs_receive(&robot, sender, number, &message);
-    if ((int32_t)(micros() - next_reading_us) >= 0) {
-        float ax, ay, az;
-        next_reading_us += reading_us;
-        read_acceleration(&ax, &ay, &az);
-        vs_accelerate(&robot, ax, ay, az);
-        turned_deg += gyro_deg_s() * 1e-6f * reading_us;
-    }
-    if ((int32_t)(micros() - next_period_us) < 0)
-        return;
-    next_period_us += 1000UL * VS_WORLD_TICK_MS;
-    const bool samples = vs_step(&robot, turned_deg, vs_looks_now(&robot, turned_deg) ? shortest_ray_mm() : 1e6f);
-    turned_deg = 0.0f;
-    if (samples)
-        vs_sample(&robot, vs_observed(&robot));
-    if (robot.sends)
+    read_sensors();
+    do_period();
+}
+
+void loop()
+{
+    vs_poll();
+    if (vs_work(&robot) && robot.sends)
         radio_send(&robot.out, ROBOT_NUMBER, (uint32_t)(robot.sent - 1));
-    set_wheels(vs_left_percent(&robot), vs_right_percent(&robot));
 }

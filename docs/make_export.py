@@ -1,0 +1,69 @@
+"""Make the table of export.md again: flash, RAM and times of every strategy's program on a Cortex-M0+.
+
+    python docs/make_export.py
+
+It takes a minute, and needs arm-none-eabi-gcc with newlib, and qemu-system-arm.
+"""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from pathlib import Path
+from typing import Final
+
+from vibroswarm import preset
+from vibroswarm.export.assembly import parts_of
+from vibroswarm.export.c_library import Memory, library_files, measured
+from vibroswarm.export.c_program import SINGLE, precision_of
+from vibroswarm.export.timing import Timing, ms, timed, unfit
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.strategies import names
+
+PAGE: Final = Path(__file__).with_name("export.md")
+HEAD: Final = (
+    "| strategy | precision | flash, bytes | static RAM, bytes | wheels set within, ms | work, % of the time "
+    "| longest work done within, ms | fit | why not float |\n|---|---|---|---|---|---|---|---|---|\n"
+)
+WORDS: Final = {1: "float", 2: "mixed", 3: "double"}
+
+
+def table() -> str:
+    """The table, of all strategies."""
+    rows = []
+    for name in names():
+        scenario = preset("paper").with_values({"strategy.name": name})
+        precision, why = precision_of(parts_of(scenario))
+        memory, timing = measured_and_timed(scenario)
+        is_fit = "no" if unfit(scenario, memory, timing) else "yes"
+        rows.append(
+            f"| `{name}` | {WORDS[precision]} ({precision}) | {memory.flash:,} | {memory.ram:,} | {timing.late_ms:.1f} "
+            f"| {100 * timing.load:.1f} | {ms(timing.waits):.0f} | {is_fit} | {'' if precision == SINGLE else why} |\n"
+        )
+    return HEAD + "".join(rows)
+
+
+def measured_and_timed(scenario: Scenario) -> tuple[Memory, Timing]:
+    """Memory and time of a scenario's program, exported to a folder of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        for file, text in library_files(scenario).items():
+            path = Path(folder) / file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+        memory = measured(Path(folder) / "src")
+        timing = None if memory is None else timed(Path(folder) / "src", scenario, memory.flags)
+    if memory is None or timing is None:
+        raise SystemExit("make_export: needs arm-none-eabi-gcc, arm-none-eabi-size and qemu-system-arm")
+    return memory, timing
+
+
+if __name__ == "__main__":
+    PAGE.write_text(
+        re.sub(
+            r"(<!-- made: strategies -->\n\n).*?(\n<!-- end -->)",
+            lambda found: found[1] + table() + found[2],
+            PAGE.read_text(encoding="utf-8"),
+            flags=re.DOTALL,
+        ),
+        encoding="utf-8",
+    )

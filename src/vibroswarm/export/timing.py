@@ -1,0 +1,127 @@
+"""How long a robot's program takes on its processor, and whether that fits into a control period.
+
+A small swarm runs on an emulated processor that counts instructions (``assets/timed_program.c``). A Cortex-M0+ takes
+one clock cycle for most instructions, two for loads, stores and branches that are taken, and waits for its flash; so
+each is counted as ``CYCLES`` cycles of ``CLOCK_HZ``.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from vibroswarm.export.c_library import ASSETS, COMPILER, SECONDS, Memory, compile_with
+from vibroswarm.scenario.scenario import Scenario
+
+EMULATOR: Final = "qemu-system-arm"
+"""The emulator by which instructions are counted."""
+CLOCK_HZ: Final = 48e6
+"""Clock of the study's robots (SAMD21G18)."""
+CYCLES: Final = 2
+"""Clock cycles that an instruction is taken to need: an upper bound of the mean."""
+FLASH_BYTES: Final = 256 * 1024
+"""Flash of the study's robots."""
+RAM_BYTES: Final = 32 * 1024
+"""RAM of the study's robots."""
+STACK_BYTES: Final = 4 * 1024
+"""RAM that is left to the stack, drivers and radio."""
+TIMED_S: Final = 60
+"""Time of an inspection for which the swarm runs, s."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Greatest numbers of instructions of a robot's functions."""
+
+    step: int
+    """Of ``vs_step`` with the commands of the wheels: what must be done in each control period."""
+    stretch: int
+    """Between two calls of ``vs_poll`` while the robot works: how late a step may be."""
+    work: int
+    """Of the work that one control period adds."""
+    waits: int
+    """Until that work is done, with the work that waits before it."""
+    work_per_s: int
+    """Mean per second of the inspection."""
+
+    @property
+    def late_ms(self) -> float:
+        """Time from the moment at which a step is due until the wheels are set, ms."""
+        return ms(self.step + self.stretch)
+
+    @property
+    def load(self) -> float:
+        """Share of the processor's time that work takes."""
+        return ms(self.work_per_s) / 1000.0
+
+
+def ms(instructions: float) -> float:
+    """Return the time that instructions take, ms."""
+    return 1000.0 * CYCLES * instructions / CLOCK_HZ
+
+
+def unfit(scenario: Scenario, memory: Memory, timing: Timing | None) -> list[str]:
+    """Return in words why a program does not fit the study's robots; nothing if it does.
+
+    Args:
+        timing: None if it was not measured.
+    """
+    found = []
+    if memory.flash > FLASH_BYTES:
+        found.append(f"it takes {memory.flash} bytes of flash, and there are {FLASH_BYTES}")
+    if memory.ram > RAM_BYTES - STACK_BYTES:
+        found.append(
+            f"it takes {memory.ram} bytes of static RAM, and there are {RAM_BYTES} with {STACK_BYTES} for the stack"
+        )
+    if timing is not None and timing.late_ms > 1000.0 * scenario.tick_s:
+        found.append(
+            f"wheels may be set {timing.late_ms:.1f} ms late, with a control period of {1000.0 * scenario.tick_s:g} ms"
+        )
+    if timing is not None and (timing.load > 0.5 or ms(timing.waits) > scenario.sample.stop_ms):
+        found.append(
+            f"work takes {timing.load:.0%} of the time and waits up to {ms(timing.waits):.0f} ms: more than half, or "
+            f"longer than the stop for a sample ({scenario.sample.stop_ms:g} ms)"
+        )
+    return found
+
+
+def timed(sources: Path, scenario: Scenario, flags: str) -> Timing | None:
+    """Return how long the functions of the library take.
+
+    Args:
+        sources: folder ``src`` of the library. flags: of the compiler, as ``Memory.flags``.
+    Returns:
+        The timing; None if compiler or emulator are not installed, or the emulator fails.
+    Raises:
+        RunError: the compiler failed.
+    """
+    if shutil.which(COMPILER) is None or shutil.which(EMULATOR) is None:
+        return None
+    robot = scenario.robot
+    given = {
+        "SECONDS": TIMED_S,
+        "PERIOD_INSTRUCTIONS": int(CLOCK_HZ / CYCLES * scenario.tick_s),
+        "FULL_SPEED_M_S": robot.full_speed_m_s,
+        "DRIVE_TRACK_M": robot.drive_track_m,
+        "TURN_TRACK_M": robot.turn_track_m,
+        "RADIUS_M": robot.body_radius_m,
+    }
+    defined = [f"-D{name}={value!r}" for name, value in given.items()]
+    with tempfile.TemporaryDirectory(prefix="vibroswarm-") as folder:
+        program = Path(folder) / "program.elf"
+        script = ["-T", str(ASSETS / "timed_program.ld")]
+        compile_with(sources, "timed_program.c", [*flags.split(), *defined, *script], program)
+        command = [
+            EMULATOR, "-M", "mps2-an385", "-display", "none", "-monitor", "none", "-serial", "none",
+            "-semihosting-config", "enable=on,target=native", "-icount", "shift=0", "-kernel", str(program),
+        ]  # fmt: skip
+        try:
+            done = subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)
+        except (OSError, subprocess.SubprocessError):
+            return None  # the library is complete without a statement of its time
+    # QEMU writes what the program prints to its standard error.
+    return Timing(*map(int, (done.stdout + done.stderr).split()))
