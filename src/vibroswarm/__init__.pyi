@@ -6,6 +6,7 @@ from .errors import RunError as RunError
 from .floors.design import make_floor as make_floor
 from .floors.difficulty import measure as measure
 from .floors.floor import Floor as Floor
+from .inspection.inspection import inspect as inspect
 from .motion.pose import pose as pose
 from .result import Result as Result
 from .run_page.write import write_run_page as write_run_page

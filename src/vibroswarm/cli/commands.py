@@ -47,6 +47,9 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
     "simulate": (
         Command("run", "run one inspection and print its verdict", "run:run"),
         Command(
+            "inspect", "where it vibrates, how sure, and what would have been missed", "inspection:inspect"
+        ),
+        Command(
             "evaluate", "run a scenario or a study many times, or several side by side", "evaluate:evaluate"
         ),
         Command("evaluate merge", "join the shards of a study", "evaluate:merge"),

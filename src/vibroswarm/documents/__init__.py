@@ -19,6 +19,7 @@ DOCUMENTS: Final = {
     "vibroswarm.study.spec.Study": "objects:study_document",
     "vibroswarm.study.study_outputs.ReportFile": "objects:report_document",
     "vibroswarm.study.study_result.StudyResult": "objects:study_result_document",
+    "vibroswarm.inspection.inspection.Inspection": "inspection:inspection_document",
     "vibroswarm.league.standings.League": "league:entries_document",
     "vibroswarm.league.standings.Standings": "league:league_document",
     "vibroswarm.league.tuning.Tuned": "tune:tune_document",

@@ -1,0 +1,135 @@
+"""The document of an inspection by place: where it vibrates, how sure that is, and what it is based on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.inspection.inspection import Inspection
+from vibroswarm.inspection.samples import Samples
+from vibroswarm.inspection.scores import SURE
+from vibroswarm.plots.picture import Picture
+from vibroswarm.plots.run import maps_figure
+from vibroswarm.plots.style import MATPLOTLIB_LOCK
+from vibroswarm.show.document import Column, Document, Figure, Part, Section, Table, Text
+from vibroswarm.show.numbers import count, number, percent
+from vibroswarm.simulation import versions
+
+WIDEST_MAP: Final = 16
+"""Most columns of tiles of a map that is printed as text."""
+ROWS: Final = 12
+"""Rows of the table of scores over time."""
+
+
+def inspection_document(found: Inspection) -> Document:
+    """Return the document of an inspection."""
+    samples = found.samples
+    parts: list[Part] = [Text(_what(samples)), *map(Text, _presumed(samples))]
+    if found.pooled is not None:
+        parts += _map(found)
+    return Document(
+        title=f"Inspection of {samples.source}",
+        answer=_answer(found),
+        knew=(f"Places: {samples.places}. Law of the sensor: {samples.law.origin}.",),
+        warnings=tuple(filter(None, (samples.law.warning,))),
+        parts=tuple(parts),
+        made_by={
+            "law of the sensor": " ".join(filter(None, (samples.law.origin, samples.law.hash))),
+            "samples": samples.hash,
+            **versions(),
+        },
+    )
+
+
+def _answer(found: Inspection) -> tuple[str, ...]:
+    if found.pooled is None:
+        return (f"No grid of tiles is known; {count(found.samples.frame.height, 'sample')} were read.",)
+    p = found.pooled[-1]
+    vibrate, still = int((p > SURE).sum()), int((p < 1.0 - SURE).sum())
+    words = [
+        f"{vibrate} of {p.size} tiles vibrate and {still} are still, each with more than {percent(SURE, 0)}; "
+        f"{p.size - vibrate - still} are open, after {number(found.times_s[-1], 0)} s. Expected to vibrate: "
+        f"{number(float(p.sum()), 1)} tiles.",
+    ]
+    if found.samples.truth_known:
+        last = found.scores.row(-1, named=True)
+        right = round(last["right"] * p.size)
+        since = (
+            "" if found.right_from_s is None else f", all of them from {number(found.right_from_s, 0)} s on"
+        )
+        words.append(
+            f"Against the true floor: {right} of {p.size} tiles right{since}, {int(last['surely_wrong'])} surely "
+            f"wrong; Brier score {number(last['brier'], 4)} (0.25: knows nothing)."
+        )
+    return tuple(words)
+
+
+def _what(samples: Samples) -> str:
+    return (
+        f"{count(samples.frame.height, 'sample')} of {count(len(samples.robots), 'robot')} on "
+        f"{samples.size_m[0]:g} m x {samples.size_m[1]:g} m."
+    )
+
+
+def _presumed(samples: Samples) -> Iterator[str]:
+    """Yield what the figures presume about places and tiles."""
+    errors = samples.place_errors
+    if errors is not None:
+        shares = ", ".join(percent(share) for share in errors.within)
+        yield (
+            f"Places taken as independent: their errors within 1, 2 and 4 stated standard deviations are {shares} "
+            f"(68.3, 95.4 and 100 % expected), correlated by {errors.lag_one:.2f} from sample to sample of a robot."
+        )
+    elif samples.column("spread_x_m").any():
+        yield "Places taken as independent; how wrong they are is not known."
+    if samples.floor is not None:
+        yield "Tiles taken as independent, each vibrating with probability 1/2 before any sample; the grid is known."
+
+
+def _map(found: Inspection) -> list[Part]:
+    """Return the map as text, figure and table, and its scores over time where the truth is known."""
+    maps = found.maps
+    pooled = maps.filter(pl.col("robot").is_null())
+    parts: list[Part] = []
+    if found.samples.floor is not None and found.samples.floor.tiles.shape[1] <= WIDEST_MAP:
+        lines = [
+            " ".join(
+                f"{100 * p:3.0f}{'!' if x is not None and (p > 0.5) != (x == 1) else ' '}"
+                for p, x in row.select("vibrating", "vibrates").iter_rows()
+            )
+            for _, row in pooled.group_by("row", maintain_order=True)
+        ]
+        words = "Probability that each tile vibrates, %, from all samples"
+        parts.append(Text(f"{words}{'; ! marks a wrong tile' if found.samples.truth_known else ''}:"))
+        parts.append(Text("\n".join(lines), "code"))
+
+    def draw(style: str) -> Picture:
+        with MATPLOTLIB_LOCK:
+            return Picture(
+                maps_figure(maps), maps, "Probability that each tile vibrates: all robots, each by itself."
+            )
+
+    parts.append(Figure("map", draw, "Map of all samples, and of each robot's own"))
+    parts.append(
+        Table(maps.drop("run"), {"spread": Column("standard deviation")}, name="map", names=3, folded=True)
+    )
+    scores = found.scores
+    if not scores.is_empty():
+        chosen = np.unique(np.linspace(0, scores.height - 1, ROWS).round().astype(int))
+        columns = {
+            "time_s": Column("time", "s", decimals=0),
+            "brier": Column("Brier score", decimals=4),
+            "log_score": Column("log score", decimals=4),
+            "auc": Column("AUC", decimals=3),
+            "right": Column("tiles right", share=True),
+            "surely_wrong": Column("surely wrong", decimals=0),
+            "location_error_m": Column("location error", "m", decimals=3),
+        }
+        table = Table(
+            scores[chosen], columns, caption="The map over time, against the true floor.", name="scores"
+        )
+        parts.append(Section("Over time", (table,)))
+    return parts

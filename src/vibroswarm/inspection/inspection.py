@@ -1,0 +1,184 @@
+"""``inspect``: what the samples of one inspection say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.untrusted_files import check_plain
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.inspection.laws import FittedLaw, law_for_session, law_named, law_of_scenario
+from vibroswarm.inspection.samples import Floats, Samples, check_law
+from vibroswarm.inspection.scores import map_scores
+from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
+from vibroswarm.inspection.tile_map import tile_map
+from vibroswarm.recordings.column_map import LARGEST_BYTES
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.result import Result
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import simulate
+
+TIMES: Final = 60
+"""Number of times of the maps, evenly spaced up to the last sample."""
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection(NotebookView):
+    """What the samples of one inspection say."""
+
+    samples: Samples
+    times_s: Floats
+    """Times of the maps, (times,)."""
+    pooled: Floats | None
+    """Probability of each tile from the samples of all robots, (times, tiles); None: there is no grid."""
+    own: dict[int, Floats]
+    """Each robot's, from its own samples, (times, tiles)."""
+
+    @property
+    def maps(self) -> pl.DataFrame:
+        """The last maps, as ``analysis.floor_maps`` has them: run, robot (null: pooled), tile, probability, truth."""
+        if self.pooled is None or self.samples.floor is None:
+            return pl.DataFrame()
+        tiles = self.samples.floor.tiles
+        each: list[tuple[int | None, Floats]] = [(None, self.pooled), *self.own.items()]
+        row, column = (index.ravel() for index in np.indices(tiles.shape))
+        frames = [
+            pl.DataFrame(
+                {
+                    "run": np.zeros(tiles.size, np.uint32),
+                    "robot": pl.Series([robot] * tiles.size, dtype=pl.UInt16),
+                    "row": row,
+                    "column": column,
+                    "vibrating": maps[-1],
+                    "spread": np.sqrt(maps[-1] * (1.0 - maps[-1])),
+                    "vibrates": pl.Series(
+                        tiles.ravel() if self.samples.truth_known else [None] * tiles.size, dtype=pl.UInt8
+                    ),
+                }
+            )
+            for robot, maps in each
+        ]
+        return pl.concat(frames)
+
+    @property
+    def scores(self) -> pl.DataFrame:
+        """Scores of the pooled map at each time; empty if there is no grid, or the truth is not known."""
+        if self.pooled is None or self.samples.floor is None or not self.samples.truth_known:
+            return pl.DataFrame()
+        rows = [map_scores(p, self.samples.floor) for p in self.pooled]
+        return pl.DataFrame(rows).insert_column(0, pl.Series("time_s", self.times_s))
+
+    @property
+    def right_from_s(self) -> float | None:
+        """The first time from which on all tiles of the pooled map are right; None: not at the end, or not known."""
+        scores = self.scores
+        if scores.is_empty() or scores["right"][-1] < 1.0:
+            return None
+        wrong = np.flatnonzero(scores["right"].to_numpy() < 1.0)
+        return float(self.times_s[wrong[-1] + 1 if wrong.size else 0])
+
+
+Source = Result | Scenario | Samples | str | Path
+
+
+def inspect(
+    source: Source,
+    *,
+    run: int = 0,
+    seed: int = 1,
+    laws: str | Scenario | Sequence[Recording] | None = None,
+    bits: bool = False,
+    size_m: tuple[float, float] | None = None,
+    spread_m: float = 0.0,
+    floor: Floor | tuple[int, int] | None = None,
+) -> Inspection:
+    """Inspect a surface by the samples of one run, session or file: where does it vibrate, and how sure is that?
+
+    Args:
+        source: a result or recording, or its folder; a scenario, which is simulated; a CSV of places and values
+            (``sources.samples_of_csv``); or samples.
+        run: number of the run or session, from 0. seed: of the simulation of a scenario.
+        laws: where the law of the sensor is known from: the name of a preset, a scenario, its file (.toml), measured
+            values (.csv), a folder of a recording, or recordings. By default that of the result's scenario; for a
+            recording it is fitted to the other sessions, or to the session itself if it is the only one.
+        bits: use readings of 0 and 1 in the place of energies.
+        size_m: width and height of the surface, for a CSV. spread_m: standard deviation of its places. floor: its grid
+            of tiles, as a floor that says which tiles vibrate, or as rows and columns.
+    Raises:
+        InputError: nothing can be said of these samples, with the reason.
+    """
+    samples = _samples_of(source, run, seed, laws, bits, size_m, spread_m, floor)
+    check_law(samples.law)
+    end_s = float(samples.column("time_s").max())
+    times_s = np.linspace(end_s / TIMES, end_s, TIMES)
+    if samples.floor is None:
+        return Inspection(samples, times_s, None, {})
+    own = {
+        robot: tile_map(samples.with_frame(samples.of(robot)), times_s)
+        for robot in samples.robots
+        if len(samples.robots) > 1
+    }
+    return Inspection(samples, times_s, tile_map(samples, times_s), own)
+
+
+def _samples_of(
+    source: Source, run: int, seed: int, laws: str | Scenario | Sequence[Recording] | None, bits: bool,
+    size_m: tuple[float, float] | None, spread_m: float, floor: Floor | tuple[int, int] | None,
+) -> Samples:  # fmt: skip
+    """Return the samples of a source; the arguments are those of ``inspect``."""
+    if isinstance(source, Samples):
+        return source
+    if isinstance(source, str | Path):
+        path = Path(source)
+        if path.suffix == ".csv":
+            return _of_csv(path, laws, size_m, spread_m, floor)
+        is_recording = (path / "recording.json").is_file()
+        source = Recording.read(path) if is_recording else Result.read(path)
+    if isinstance(source, Scenario):
+        source = simulate(source, seed, [run])
+    return samples_of_result(source, run, _law_of(source, run, laws), bits=bits)
+
+
+def _law_of(result: Result, run: int, laws: str | Scenario | Sequence[Recording] | None) -> FittedLaw:
+    if isinstance(laws, str):
+        return law_named(laws)
+    if isinstance(laws, Scenario):
+        return law_of_scenario(laws, "a scenario")
+    if isinstance(result, Recording):
+        return law_for_session(result, run, laws or ())
+    return law_of_scenario(
+        result.scenario, "the scenario, which simulated it: no real robot knows it so well"
+    )
+
+
+def _of_csv(
+    path: Path, laws: str | Scenario | Sequence[Recording] | None, size_m: tuple[float, float] | None, spread_m: float,
+    floor: Floor | tuple[int, int] | None,
+) -> Samples:  # fmt: skip
+    """Return the samples of a CSV of places and values."""
+    check_plain(path, LARGEST_BYTES, "a CSV of places and values")
+    if size_m is None:
+        raise InputError("a CSV needs the size of the surface", field="--size")
+    if laws is None:
+        raise InputError(
+            "a CSV needs a law of the sensor: values measured where it vibrates and where not (kind,energy as CSV), a "
+            "recording on a known floor, or a scenario",
+            field="--laws",
+        )
+    law = law_named(laws) if isinstance(laws, str) else _law_of_given(laws)
+    if isinstance(floor, tuple):
+        return samples_of_csv(path, law, size_m, spread_m, grid_of(*floor, size_m))
+    return samples_of_csv(path, law, size_m, spread_m, floor, truth_known=floor is not None)
+
+
+def _law_of_given(laws: Scenario | Sequence[Recording]) -> FittedLaw:
+    if isinstance(laws, Scenario):
+        return law_of_scenario(laws, "a scenario")
+    return law_for_session(laws[0], 0, laws)

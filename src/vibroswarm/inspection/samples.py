@@ -1,0 +1,170 @@
+"""The samples of one inspection: where each was taken, what it measured, and its log likelihood ratio.
+
+They come from a simulated or stored result, from a recording, or from a CSV (``sources``). All that follows, maps,
+scans and certificates, reads nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.observation.energy_model import log_ratios
+from vibroswarm.scenario.fields import Sensor
+
+Floats = NDArray[np.float64]
+
+SAMPLES: Final[Any] = {
+    "robot": pl.UInt16,
+    "time_s": pl.Float64,
+    "x_m": pl.Float64,
+    "y_m": pl.Float64,
+    "spread_x_m": pl.Float64,
+    "spread_y_m": pl.Float64,
+    "value": pl.Float64,
+    "log_ratio": pl.Float64,
+}
+"""One row per sample, by time. ``time_s``: from when it counts, which is when its place is known. ``spread_x_m``,
+``spread_y_m``: standard deviations of the place. ``value``: energy or bit. ``log_ratio``: ln of its likelihood where it
+vibrates over that where it is still."""
+
+FEWEST: Final = 20
+"""With fewer samples nothing is said."""
+
+
+@dataclass(frozen=True)
+class Law(NotebookView):
+    """What a sample measures on still and on vibrating places, and where that is known from."""
+
+    sensor: Sensor
+    """Distributions of energies, reach and blur of edges, differences between tiles and robots."""
+    origin: str
+    """The reference, in words."""
+    hash: str = ""
+    """Hash of the reference; empty if the scenario states the law."""
+    warning: str = ""
+    """Why not to trust it; empty: no reason."""
+
+
+class PlaceErrors(NamedTuple):
+    """How wrong estimated places are, known in simulations only."""
+
+    lag_one: float
+    """Correlation of the errors of a robot's consecutive samples."""
+    within: tuple[float, float, float]
+    """Shares of errors within 1, 2 and 4 stated standard deviations in x and y; .68, .95 and 1.00 expected."""
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(NotebookView):
+    """The samples of one inspection."""
+
+    frame: pl.DataFrame
+    """Columns of ``SAMPLES``."""
+    size_m: tuple[float, float]
+    """Width and height of the inspected surface, whose lower left corner is the origin."""
+    law: Law
+    places: str
+    """Where places are known from, in words."""
+    source: str
+    """What was inspected, in words."""
+    floor: Floor | None = None
+    """The grid of tiles and, if ``truth_known``, which of them vibrate; None: no grid."""
+    truth_known: bool = False
+    place_errors: PlaceErrors | None = None
+    """None: not known, or places are exact."""
+
+    def __post_init__(self) -> None:
+        """Refuse samples of which nothing can be said.
+
+        Raises:
+            InputError: there are too few, or they are outside the surface.
+        """
+        width_m, height_m = self.size_m
+        x_m, y_m = self.column("x_m"), self.column("y_m")
+        if self.frame.height < FEWEST:
+            raise InputError(
+                f"has {self.frame.height} samples; nothing can be said with fewer than {FEWEST}",
+                field=self.source,
+            )
+        outside = (x_m < -0.05 * width_m) | (x_m > 1.05 * width_m)
+        outside |= (y_m < -0.05 * height_m) | (y_m > 1.05 * height_m)
+        if outside.mean() > 0.05:
+            raise InputError(
+                f"{outside.sum()} of {x_m.size} places are outside the surface of {width_m:g} m x {height_m:g} m; are "
+                "its size, the units and the origin (its lower left corner) right?",
+                field=self.source,
+            )
+
+    @property
+    def hash(self) -> str:
+        """A hash of the samples, by which a certificate names them."""
+        return hashlib.sha256(self.frame.write_csv().encode()).hexdigest()[:16]
+
+    @property
+    def robots(self) -> list[int]:
+        """Numbers of the robots, ascending."""
+        return self.frame["robot"].unique().sort().to_list()
+
+    def column(self, name: str) -> Floats:
+        """Return a column as numbers, (samples,)."""
+        return np.ascontiguousarray(self.frame[name].to_numpy(), dtype=np.float64)
+
+    def of(self, robot: int) -> pl.DataFrame:
+        """Return the samples of one robot."""
+        return self.frame.filter(pl.col("robot") == robot)
+
+    def with_columns(self, **columns: Floats) -> Samples:
+        """Return the same samples with other values in some columns, such as other places for a control."""
+        return replace(self, frame=self.frame.with_columns(**{k: pl.Series(v) for k, v in columns.items()}))
+
+    def with_frame(self, frame: pl.DataFrame) -> Samples:
+        """Return some of the samples; of fewer than ``FEWEST``, such as those of one robot, too."""
+        some = copy(self)
+        object.__setattr__(some, "frame", frame)
+        return some
+
+    def by_time(self, until_s: float) -> Samples:
+        """Return the samples that count by a time."""
+        return self.with_frame(self.frame.filter(pl.col("time_s") <= until_s))
+
+
+def ratios_of_values(law: Law, value: Floats, *, bits: bool = False) -> Floats:
+    """Return the log likelihood ratio of each value under a law, (samples,).
+
+    Args:
+        value: energies, or readings of 0 and 1 with ``bits``.
+    """
+    sensor = law.sensor
+    if not bits:
+        return log_ratios(sensor, (value > sensor.rms_threshold).astype(np.uint8), value.astype(np.float32))
+    # An energy whose bit is the opposite of the reading makes ``log_ratios`` take that of the bit.
+    opposite = np.where(value == 1, 0.0, 2.0 * sensor.rms_threshold + 1.0).astype(np.float32)
+    return log_ratios(sensor, value.astype(np.uint8), opposite)
+
+
+def check_law(law: Law) -> None:
+    """Refuse a law by which no sample tells still from vibrating.
+
+    Raises:
+        InputError: the distributions on still and vibrating places overlap wholly.
+    """
+    from vibroswarm.observation.energy_model import energy_of
+
+    u = (np.arange(400) + 0.5) / 400
+    told = ratios_of_values(law, energy_of(law.sensor, True, u).astype(np.float64))
+    if told.mean() < 0.01:  # nats: 1,000 samples on one place would tell it by a factor of e^10 at most
+        raise InputError(
+            "the laws of still and of vibrating places overlap wholly: no sample tells them apart, and nothing can be "
+            "said",
+            field=law.origin,
+        )

@@ -1,0 +1,203 @@
+"""Read the samples of an inspection: from a result, a recording, or a CSV of places and values."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.calibrate.camera import corrected
+from vibroswarm.errors import InputError, nearest
+from vibroswarm.floors.floor import Floor
+from vibroswarm.inspection.laws import FittedLaw
+from vibroswarm.inspection.samples import SAMPLES, PlaceErrors, Samples, ratios_of_values
+from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.result import Result
+
+KEY: Final = ("run", "robot", "sample")
+
+
+def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = False) -> Samples:
+    """Return the samples of one run of a result.
+
+    Places are those that the robots estimate; where they know their places, the true ones; in a recording, those of
+    the camera, corrected by ``law.camera``. An estimated place is the one smoothed by what the robot met until its
+    next samples (``localisation.lag``), and the sample counts from then on; the last samples of a run, of which there
+    is no such estimate, have the one that the robot had at once.
+
+    Args:
+        bits: use the readings, 0 or 1, in the place of the energies.
+    Raises:
+        InputError: there is no such run, or it has no energies.
+    """
+    result = corrected(result, law.camera)
+    of_run = pl.col("run") == run
+    motion = result.motion.filter(of_run).select(*KEY, "time_s", "x_m", "y_m")
+    if motion.is_empty():
+        raise InputError(f"there is no run {run}, or it has no samples", field="--run")
+    frame, places = _with_places(result, motion, of_run)
+    errors = _place_errors(frame, motion) if result.places is not None else None
+    read = _values(result, of_run, bits)
+    frame = frame.join(read, on=KEY, how="inner", maintain_order="left").drop_nulls("value")
+    frame = frame.filter(pl.col("x_m").is_not_nan() & pl.col("y_m").is_not_nan()).sort("time_s", "robot")
+    recorded = isinstance(result, Recording)
+    name = result.sessions[run]["log"] if isinstance(result, Recording) else f"seed {result.seed}, run {run}"
+    return _samples(
+        frame,
+        (result.scenario.arena.width_m, result.scenario.arena.height_m),
+        law,
+        places,
+        f"{'session' if recorded else 'simulation'} '{name}'",
+        result.floor(run),
+        bits,
+        truth_known=True,
+        errors=errors,
+    )
+
+
+def _place_errors(frame: pl.DataFrame, motion: pl.DataFrame) -> PlaceErrors:
+    """Compare estimated places with the true ones.
+
+    Args:
+        frame: samples with estimated places and spreads. motion: with the true places.
+    """
+    both = frame.sort("robot", "sample").join(motion, on=KEY, suffix="_true", maintain_order="left")
+    errors = np.stack([both[f"{axis}_m"].to_numpy() - both[f"{axis}_m_true"].to_numpy() for axis in "xy"])
+    spreads = np.stack([both[f"spread_{axis}_m"].to_numpy() for axis in "xy"])
+    same = both["robot"].to_numpy()[1:] == both["robot"].to_numpy()[:-1]
+    scaled = errors / np.maximum(spreads, 1e-9)
+    pairs = [part[:, same].ravel() for part in (scaled[:, :-1], scaled[:, 1:])]
+    one, two, four = (float(np.mean(np.abs(scaled) <= k)) for k in (1.0, 2.0, 4.0))
+    return PlaceErrors(float(np.corrcoef(*pairs)[0, 1]), (one, two, four))
+
+
+def _values(result: Result, of_run: pl.Expr, bits: bool) -> pl.DataFrame:
+    """Return the value of each sample, with the columns of ``KEY``: energy, in full precision if recorded, or bit."""
+    if bits:
+        return result.observations.filter(of_run).select(*KEY, value=pl.col("observation").cast(pl.Float64))
+    table = result.rows if isinstance(result, Recording) else result.observations
+    read = table.filter(of_run).select(*KEY, value=pl.col("energy").cast(pl.Float64))
+    if read["value"].null_count() == read.height:
+        raise InputError("holds no energies; use its bits (--bits)", field="the result")
+    return read
+
+
+def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr) -> tuple[pl.DataFrame, str]:
+    """Return samples with places, spreads and the time from which they count; and how places are known, in words."""
+    exact = motion.with_columns(spread_x_m=pl.lit(0.0), spread_y_m=pl.lit(0.0))
+    if isinstance(result, Recording):
+        return exact, "seen by a camera"
+    if result.places is None:
+        return exact, "true places, which no real robot knows: an upper bound"
+    own = result.places.filter(of_run)
+    at_once = own.select(*KEY, "x_m", "y_m", spread_x_m="spread_m", spread_y_m="spread_m")
+    later = own.filter(pl.col("lagged_sample").is_not_null()).join(
+        motion.select(*KEY, "time_s"), on=KEY, maintain_order="left"
+    )
+    later = later.select(
+        "run", "robot", "time_s",
+        sample=pl.col("lagged_sample"),
+        **{name: pl.col(f"lagged_{name}") for name in ("x_m", "y_m", "spread_x_m", "spread_y_m")},
+    )  # fmt: skip
+    last = motion.select(*KEY, "time_s").join(later, on=KEY, how="anti").join(at_once, on=KEY)
+    names = [*KEY, "time_s", "x_m", "y_m", "spread_x_m", "spread_y_m"]
+    return pl.concat([later.select(names), last.select(names)]), "estimated by the robots"
+
+
+def _samples(
+    frame: pl.DataFrame, size_m: tuple[float, float], law: FittedLaw, places: str, source: str, floor: Floor | None,
+    bits: bool, *, truth_known: bool, errors: PlaceErrors | None = None,
+) -> Samples:  # fmt: skip
+    """Return samples with their log ratios."""
+    ratios = ratios_of_values(law.law, frame["value"].to_numpy(), bits=bits)
+    table = frame.with_columns(log_ratio=pl.Series(ratios)).select(list(SAMPLES)).cast(SAMPLES)
+    return Samples(table, size_m, law.law, places, source, floor, truth_known, errors)
+
+
+UNITS: Final = {
+    "m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048, "s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0,
+}  # fmt: skip
+"""Units of lengths, then of times, and how many m or s each is."""
+LENGTHS: Final = ("m", "cm", "mm", "in", "ft")
+TIMES: Final = ("s", "ms", "min", "h")
+VALUES: Final = ("value", "energy", "rms")
+"""Names of the column of values."""
+
+
+def samples_of_csv(
+    path: Path,
+    law: FittedLaw,
+    size_m: tuple[float, float],
+    spread_m: float = 0.0,
+    floor: Floor | None = None,
+    *,
+    truth_known: bool = False,
+) -> Samples:
+    """Return the samples of a CSV of places and values.
+
+    Its header names the columns robot, time_UNIT, x_UNIT, y_UNIT and value, such as ``robot,time_s,x_mm,y_mm,value``;
+    without robot, one robot took all samples.
+
+    Args:
+        size_m: width and height of the surface. spread_m: standard deviation of the places in x and in y.
+        floor: grid of tiles; None: none is known. truth_known: whether it says which tiles vibrate.
+    Raises:
+        InputError: the file cannot be read, a column is missing, or places are in two units.
+    """
+    _, table = table_of(text_of(path, "a CSV of places and values"), str(path))
+    column_map = _column_map(table.columns, path)
+    log = read_mapped(path, column_map)
+    one = pl.lit(spread_m)
+    frame = log.samples.select(
+        pl.col("robot").fill_null(0), "time_s", "x_m", "y_m", spread_x_m=one, spread_y_m=one, value="energy"
+    ).sort("time_s", "robot")
+    places = f"as the file has them, with a standard deviation of {1000 * spread_m:g} mm"
+    return _samples(frame, size_m, law, places, f"'{path.name}'", floor, False, truth_known=truth_known)
+
+
+def _column_map(names: list[str], path: Path) -> ColumnMap:
+    """Return how to read a CSV from the names of its columns, whose ends are units."""
+    found: dict[str, Column] = {}
+    lower = {name: name.strip().lower() for name in names}
+    for use, units in (("time", TIMES), ("x", LENGTHS), ("y", LENGTHS)):
+        fitting = [
+            (name, match[1]) for name, word in lower.items() if (match := re.fullmatch(rf"{use}_(\w+)", word))
+        ]
+        if not fitting:
+            example = f"{use}_{units[0]}"
+            raise InputError(
+                f"has no column for {use} with its unit, such as {example} (units: {', '.join(units)})"
+                f"{nearest(example, lower.values())}; it has {', '.join(names[:12])}",
+                field=str(path),
+            )
+        if len(fitting) > 1:
+            raise InputError(
+                f"has {use} in two units: {' and '.join(name for name, _ in fitting)}; leave one",
+                field=str(path),
+            )
+        name, unit = fitting[0]
+        if unit not in units:
+            raise InputError(
+                f"'{unit}' is not a unit of {use}; use {', '.join(units)}", field=f"{path}, {name}"
+            )
+        found[f"{use}_{units[0]}"] = Column(name, times=UNITS[unit])
+    x, y = (lower[found[name].name].rpartition("_")[2] for name in ("x_m", "y_m"))
+    if x != y:
+        raise InputError(f"has x in {x} and y in {y}; give both in one unit", field=str(path))
+    values = [name for name, word in lower.items() if word in VALUES]
+    if len(values) != 1:
+        raise InputError(f"needs one column of values, named {' or '.join(VALUES)}", field=str(path))
+    found["energy"] = Column(values[0])
+    robots = [name for name, word in lower.items() if word == "robot"]
+    # Without a column of robots, any column of numbers stands for it, times 0: all samples are of robot 0.
+    found["robot"] = Column(robots[0]) if robots else Column(found["time_s"].name, times=0.0)
+    return ColumnMap("places and values", found)
+
+
+def grid_of(rows: int, columns: int, size_m: tuple[float, float]) -> Floor:
+    """Return a grid that fills the surface, of which it is not known what vibrates (all still)."""
+    return Floor(np.zeros((rows, columns), dtype=np.uint8), size_m[0] / columns, size_m[1] / rows)

@@ -1,0 +1,142 @@
+"""The map of tiles against the enumeration of all 2^9 floors of 3 x 3 tiles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from helpers.inspections import drawn_samples, enumerated
+from vibroswarm.errors import InputError
+from vibroswarm.inspection.inspection import inspect
+from vibroswarm.inspection.samples import Samples, check_law, ratios_of_values
+from vibroswarm.inspection.scores import calibration, map_scores
+from vibroswarm.inspection.sources import grid_of
+from vibroswarm.inspection.tile_map import tile_map
+from vibroswarm.scenario.scenario import preset
+
+FLOORS = range(30)
+
+
+def last_map(samples: Samples, **settings: int) -> np.ndarray:
+    return tile_map(samples, [np.inf], **settings)[0]
+
+
+def compared(tile_m: float, spread_m: float, count: int) -> dict[str, float]:
+    """Largest error in a tile, and mean Brier scores, over ``FLOORS``: of the map, and of one sweep."""
+    worst, worst_of_one, scores = 0.0, 0.0, []
+    for seed in FLOORS:
+        samples = drawn_samples(seed, count=count, spread_m=spread_m, tile_m=tile_m)
+        exact, found, one = enumerated(samples), last_map(samples), last_map(samples, sweeps=1)
+        worst, worst_of_one = max(worst, abs(found - exact).max()), max(worst_of_one, abs(one - exact).max())
+        scores.append([map_scores(p, samples.floor)["brier"] for p in (exact, found, one)])
+    exact_brier, brier, brier_of_one = np.mean(scores, axis=0)
+    return {"worst": worst, "worst of one": worst_of_one, "ratio": brier / exact_brier,
+            "ratio of one": brier_of_one / exact_brier}  # fmt: skip
+
+
+def test_exact_places_give_the_exact_map() -> None:
+    for seed in FLOORS:
+        samples = drawn_samples(seed, count=60, spread_m=0.0)
+        assert abs(last_map(samples) - enumerated(samples)).max() < 1e-12
+
+
+def test_the_map_is_close_to_exact_with_spreads_of_3_cm_on_tiles_of_20_cm() -> None:
+    few, many = compared(0.2, 0.03, 60), compared(0.2, 0.03, 200)
+    assert few["worst"] < 0.08
+    assert many["worst"] < 0.001
+    assert max(few["ratio"], many["ratio"]) < 1.05
+    # The control: a map that counts each sample once, in its order, is not as close.
+    assert few["worst of one"] > 0.08
+    assert many["worst of one"] > 0.02
+
+
+def test_a_spread_of_3_cm_on_tiles_of_10_cm_costs_no_brier_score() -> None:
+    found = compared(0.1, 0.03, 200)
+    assert found["ratio"] < 1.05
+    assert found["worst"] < 0.05
+    assert found["ratio of one"] > 1.5
+    assert found["worst of one"] > 0.5
+
+
+def test_a_spread_of_half_a_tile_leaves_single_tiles_far_off() -> None:
+    found = compared(0.1, 0.05, 100)
+    assert found["ratio"] < 1.05
+    assert 0.3 < found["worst"] < 0.7  # docs/inspect.md says so
+
+
+def test_the_order_of_samples_does_not_matter() -> None:
+    samples = drawn_samples(1, count=150, spread_m=0.03)
+    turned = samples.with_frame(samples.frame.reverse().with_columns(time_s=samples.frame["time_s"]))
+    assert abs(last_map(samples) - last_map(turned)).max() < 1e-5
+    assert abs(last_map(samples, sweeps=1) - last_map(turned, sweeps=1)).max() > 0.001
+
+
+def test_a_map_over_time_is_that_of_the_samples_so_far() -> None:
+    samples = drawn_samples(2, count=150, spread_m=0.03)
+    over_time = tile_map(samples, [40.0, 90.0, 149.0])
+    for time_s, found in zip((40.0, 90.0, 149.0), over_time, strict=True):
+        assert abs(found - last_map(samples.by_time(time_s))).max() < 1e-4
+
+
+def test_the_prior_is_the_map_of_tiles_that_were_not_visited() -> None:
+    samples = drawn_samples(3, count=60, spread_m=0.0)
+    away = samples.with_columns(x_m=np.full(60, 0.1), y_m=np.full(60, 0.1))
+    assert np.allclose(tile_map(away, [np.inf], prior=0.2)[0, 0], 0.2)
+
+
+def test_scores_of_known_maps() -> None:
+    samples = drawn_samples(4, count=30, spread_m=0.0)
+    x = samples.floor.tiles.ravel().astype(float)
+    perfect, nothing = map_scores(x, samples.floor), map_scores(np.full(9, 0.5), samples.floor)
+    assert (perfect["brier"], perfect["auc"], perfect["right"], perfect["location_error_m"]) == (0, 1, 1, 0)
+    assert (nothing["brier"], nothing["auc"]) == (0.25, 0.5)
+    assert nothing["log_score"] == pytest.approx(np.log(2))
+    assert map_scores(1 - x, samples.floor)["surely_wrong"] == 9
+
+
+def test_calibration_counts_tiles_by_bin() -> None:
+    table = calibration(np.array([0.01, 0.5, 0.5, 0.99]), np.array([0, 1, 0, 1]))
+    assert table["tiles"].to_list() == [1, 2, 1]
+    assert table["vibrating"].to_list() == [0.0, 0.5, 1.0]
+
+
+@pytest.mark.parametrize("count", [5, 19])
+def test_few_samples_say_nothing(count: int) -> None:
+    with pytest.raises(InputError, match="nothing can be said"):
+        drawn_samples(1, count=count, spread_m=0.0)
+
+
+def test_places_outside_are_refused() -> None:
+    samples = drawn_samples(1, count=60, spread_m=0.0)
+    with pytest.raises(InputError, match="outside the surface"):
+        samples.with_columns(x_m=samples.column("x_m") * 1000.0)
+
+
+def test_laws_that_overlap_wholly_are_refused() -> None:
+    alike = preset("paper").with_values(
+        {
+            f"sensor.vibrating_{name}": getattr(preset("paper").sensor, f"still_{name}")
+            for name in ("shape", "scale", "location")
+        }
+    )
+    with pytest.raises(InputError, match="overlap wholly"):
+        inspect(preset("paper"), laws=alike)
+    check_law(inspect(preset("paper")).samples.law)
+
+
+def test_a_map_needs_a_grid() -> None:
+    samples = drawn_samples(1, count=60, spread_m=0.0)
+    object.__setattr__(samples, "floor", None)
+    with pytest.raises(InputError, match="grid"):
+        tile_map(samples, [1.0])
+    assert grid_of(4, 5, (1.0, 2.0)).geometry == (4, 5, 0.2, 0.5, 0.0, 0.0)
+
+
+def test_bits_count_by_their_error_rates() -> None:
+    from vibroswarm.inspection.samples import Law
+    from vibroswarm.observation.energy_model import error_rates
+
+    sensor = preset("paper").sensor
+    positive, negative = error_rates(sensor)
+    found = ratios_of_values(Law(sensor, "the preset"), np.array([0.0, 1.0]), bits=True)
+    assert found == pytest.approx(np.log([negative / (1 - positive), (1 - negative) / positive]))

@@ -1,0 +1,118 @@
+"""``vibroswarm inspect``: its sources, its words, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from vibroswarm import cli, preset, simulate
+from vibroswarm.inspection.inspection import inspect
+from vibroswarm.observation.energy_model import energy_of
+
+
+@pytest.fixture(scope="module")
+def plate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A CSV of places and values in mm and minutes, and one of measured energies."""
+    import numpy as np
+
+    folder = tmp_path_factory.mktemp("plate")
+    scenario = preset("paper").with_values({"run.t_end_s": 600.0})
+    result = simulate(scenario, seed=5)
+    frame = result.motion.join(result.observations, on=["run", "robot", "sample"])
+    rows = ["robot,time_min,x_mm,y_mm,value"]
+    rows += [
+        f"{robot},{time_s / 60:.4f},{1000 * x:.1f},{1000 * y:.1f},{energy:.4f}"
+        for robot, time_s, x, y, energy in frame.select("robot", "time_s", "x_m", "y_m", "energy").iter_rows()
+    ]
+    (folder / "plate.csv").write_text("\n".join(rows))
+    u = (np.arange(500) + 0.5) / 500
+    lines = ["kind,energy"]
+    for kind, word in ((False, "still"), (True, "vibrating")):
+        lines += [f"{word},{energy:.4f}" for energy in energy_of(scenario.sensor, kind, u)]
+    (folder / "reference.csv").write_text("\n".join(lines))
+    floor = result.floor().tiles
+    (folder / "floor.txt").write_text("\n".join("".join(map(str, row)) for row in floor))
+    return folder
+
+
+def run(*words: str | Path) -> int:
+    return cli.main([str(word) for word in words])
+
+
+def error_of(capsys: pytest.CaptureFixture[str], *words: str | Path) -> str:
+    assert run("inspect", *words) == 2
+    return capsys.readouterr().err
+
+
+def test_a_csv_becomes_a_map(plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    given = [
+        plate / "plate.csv",
+        "--laws",
+        plate / "reference.csv",
+        "--size",
+        "1x1",
+        "--floor",
+        plate / "floor.txt",
+    ]
+    assert run("inspect", *given, "--out", tmp_path / "out", "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert "25 of 25 tiles right" in " ".join(document["answer"])
+    assert "500 measured values on still places" in " ".join(document["robots_were_told"])
+    assert "plate.csv" in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_csv_without_a_truth(plate: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = [plate / "plate.csv", "--laws", plate / "reference.csv", "--size", "1x1"]
+    assert run("inspect", *given, "--tiles", "5x5", "--spread-mm", "10") == 0
+    out = capsys.readouterr().out
+    assert "tiles vibrate" in out
+    assert "true floor" not in out
+    assert "10 mm" in out
+
+
+def test_a_saved_run_is_inspected_as_it_was_simulated(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    scenario = preset("optimised-places").with_values({"run.t_end_s": 100.0})
+    simulate(scenario, seed=3).write(tmp_path / "run")
+    assert run("inspect", tmp_path / "run", "--json") == 0
+    saved = json.loads(capsys.readouterr().out)
+    found = inspect(scenario, seed=3)
+    assert saved["made_by"]["samples"] == found.samples.hash
+    assert "estimated by the robots" in saved["robots_were_told"][0]
+    assert "Places taken as independent" in found._repr_html_()
+
+
+def test_true_places_are_called_an_upper_bound(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("inspect", "--preset", "paper", "--set", "run.t_end_s=100", "--bits") == 0
+    assert "upper bound" in capsys.readouterr().out
+
+
+def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    csv, laws = plate / "plate.csv", ("--laws", plate / "reference.csv")
+    text = csv.read_text()
+    for name, head in (
+        ("two.csv", "robot,time_min,x_mm,x_m,value"),
+        ("none.csv", "robot,time_min,across,up,value"),
+        ("odd.csv", "robot,time_min,x_furlong,y_furlong,value"),
+        ("mixed.csv", "robot,time_min,x_mm,y_m,value"),
+        ("valueless.csv", "robot,time_min,x_mm,y_mm,weight"),
+    ):
+        (tmp_path / name).write_text(text.replace("robot,time_min,x_mm,y_mm,value", head))
+    (tmp_path / "few.csv").write_text("\n".join(text.splitlines()[:6]))
+    sized = (*laws, "--size", "1x1")
+    assert "--size" in error_of(capsys, csv, *laws)
+    assert "--laws" in error_of(capsys, csv, "--size", "1x1")
+    assert "two units" in error_of(capsys, tmp_path / "two.csv", *sized)
+    assert "no column for x" in error_of(capsys, tmp_path / "none.csv", *sized)
+    assert "not a unit" in error_of(capsys, tmp_path / "odd.csv", *sized)
+    assert "one unit" in error_of(capsys, tmp_path / "mixed.csv", *sized)
+    assert "column of values" in error_of(capsys, tmp_path / "valueless.csv", *sized)
+    assert "nothing can be said" in error_of(capsys, tmp_path / "few.csv", *sized)
+    assert "outside the surface" in error_of(capsys, csv, *laws, "--size", "0.1x0.1")
+    assert "no such file" in error_of(capsys, tmp_path / "missing.csv", *sized)
+    assert "WxH" in error_of(capsys, csv, *laws, "--size", "1")
+    assert "leave the options" in error_of(capsys, csv, *sized, "--preset", "paper")
+    assert "--size" in error_of(capsys, "--size", "1x1")

@@ -1,0 +1,60 @@
+"""The three recorded sessions, each judged with the law of the sensor of the other two.
+
+The recordings stay where they are; VIBROSWARM_RUGBOT names their folder. One floor, always the same, proves that the
+law and the places fit this floor, not how often a map would be wrong on another.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from vibroswarm.inspection.inspection import Inspection, inspect
+from vibroswarm.inspection.scores import map_scores
+from vibroswarm.inspection.tile_map import tile_map
+from vibroswarm.paper.real_data import REAL, read_recordings
+
+FOLDER = Path(os.environ.get("VIBROSWARM_RUGBOT", ""))
+pytestmark = [
+    pytest.mark.skipif(
+        not os.environ.get("VIBROSWARM_RUGBOT"),
+        reason="VIBROSWARM_RUGBOT does not name the folder of the recordings",
+    ),
+    pytest.mark.slow,
+]
+
+
+@pytest.fixture(scope="module")
+def sessions() -> list[Inspection]:
+    real = read_recordings(FOLDER, REAL)
+    return [inspect(real, run=run) for run in range(3)]
+
+
+def test_all_tiles_are_right_before_300_s(sessions: list[Inspection]) -> None:
+    for found in sessions:
+        assert "other 2 sessions" in found.samples.law.origin
+        assert found.right_from_s is not None
+        assert found.right_from_s < 300.0
+        assert found.scores["brier"][-1] < 1e-6
+
+
+@pytest.mark.parametrize("control", ["shuffled", "mirrored", "swapped"])
+def test_a_control_must_fail(sessions: list[Inspection], control: str) -> None:
+    random = np.random.default_rng(5)
+    for found in sessions:
+        samples = found.samples
+        order = random.permutation(samples.frame.height)
+        wrong = {
+            "shuffled": {name: samples.column(name)[order] for name in ("x_m", "y_m")},
+            "mirrored": {"x_m": 1.0 - samples.column("x_m")},
+            "swapped": {"log_ratio": -samples.column("log_ratio")},
+        }[control]
+        scores = [
+            map_scores(p, samples.floor)
+            for p in tile_map(samples.with_columns(**wrong), [180.0, 300.0, 600.0])
+        ]
+        assert min(score["brier"] for score in scores) > 0.25
+        assert min(score["surely_wrong"] for score in scores) >= 5
