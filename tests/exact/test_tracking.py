@@ -227,7 +227,7 @@ def test_a_marker_whose_edges_cannot_be_fitted_is_no_error() -> None:
     by_lines = finder._detector(5)
     with pytest.raises(cv2.error):
         by_lines.detectMarkers(picture)
-    assert finder._markers_in(by_lines, picture, (0, 0)).keys() <= set(range(5))
+    assert finder._markers_in(by_lines, picture).keys() <= set(range(5))
     height, width = picture.shape
     for marker in range(5):
         finder.in_window(picture, ((0, 0), (width, height)), marker)

@@ -41,7 +41,7 @@ def _paste(image: np.ndarray[Any, Any], marker: int, x_m: float, y_m: float, edg
     top = round(ORIGIN_PX[1] - PX_PER_M * y_m - edge / 2)
     image[top - 6 : top + edge + 6, left - 6 : left + edge + 6] = 236
     image[top : top + edge, left : left + edge] = cv2.aruco.generateImageMarker(
-        dictionary_of(MARKERS), marker, edge
+        dictionary_of(MARKERS.dictionary), marker, edge
     )
 
 

@@ -95,9 +95,8 @@ class Scene:
     def __post_init__(self) -> None:
         cv2 = opencv()
         self._tangents = self.camera.tangents()
-        dictionary = dictionary_of(self.markers)
-        # "4X4_50": 4 modules (small squares) along an edge, and a border of one module on both sides.
-        modules = int(self.markers.dictionary[0]) + 2
+        dictionary = dictionary_of(self.markers.dictionary)
+        modules = dictionary.markerSize + 2  # small squares along an edge, with a border of one on both sides
         self._textures = {
             marker: cv2.aruco.generateImageMarker(dictionary, marker, modules * MODULE_PX)
             for marker in (*self.markers.robots, *self.markers.floor)

@@ -6,6 +6,7 @@
 | jump | a position too far from those before and after it, which was dropped |
 | carried | a robot seen all the time moved faster than it can drive: by hand, or the marker is another robot's |
 | twice | one marker was seen at two places of a frame |
+| unexpected | a marker was seen that is in no list: it moves, or it never does and is likely no marker |
 | small | a robot's marker is too small to be read well |
 | size | a robot's marker has another size than the file of markers states |
 | floor | a marker of the floor is not at the place that the file of markers gives, or was not seen |
@@ -28,7 +29,8 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.tracking.camera import outwards, square_errors
-from vibroswarm.tracking.track import FASTEST_M_S, GAP_S, SMALL_PX, Tracking
+from vibroswarm.tracking.picture_quality import SMALL_PX
+from vibroswarm.tracking.track import FASTEST_M_S, GAP_S, Tracking
 from vibroswarm.tracking.video_file import UNEVEN, uneven_frames
 
 Floats = NDArray[np.float64]
@@ -42,6 +44,7 @@ TITLES: Final = {
     "carried": "Robots that moved too fast",
     "jump": "Positions that were dropped",
     "twice": "Markers seen twice",
+    "unexpected": "Markers that are not in the file",
     "floor": "Markers of the floor that are not in their places",
     "size": "Robots' markers of another size",
     "small": "Markers that are too small",
@@ -58,7 +61,10 @@ ADVICE: Final = {
     "one was read for another: give each its own, far apart in the dictionary.",
     "jump": "Dropped, nothing to do, if there are few. If there are many, another object carries this marker, or "
     "the pattern is misread: choose another marker.",
-    "twice": "Neither is used. Remove the second one from the picture: a spare print, a mirror, a screen.",
+    "twice": "The one nearer to where the robot was before is used, neither if it was not seen before. Remove the "
+    "second one from the picture: a spare print, a mirror, a screen.",
+    "unexpected": "If it is a marker, add it to the file. If not, something in the picture is misread as one, and "
+    "might be misread as a robot's: cover it, or print markers of a dictionary with more squares (6X6_250).",
     "floor": "Measure its place again (centre, mm, from the lower left corner of the arena, y upwards), and look "
     "whether it was moved, lies flat, and is of the size stated. If that cannot be found out, remove it from the file.",
     "size": "Measure the edge of the black square and the height of the marker above the floor; a wrong height "
@@ -104,8 +110,8 @@ def doubts_of(
         lone_stops: the stops that no sample matches, ``stops.STOPS``; None without a log.
     """
     found = [
-        *_gaps(tracking), *_moved(tracking), *_dropped(tracking), *_twice(tracking), *_floor(tracking),
-        *_sizes(tracking), *_frames(tracking), *_floor_never_seen(tracking),
+        *_gaps(tracking), *_moved(tracking), *_dropped(tracking), *_twice(tracking), *_unexpected(tracking),
+        *_floor(tracking), *_sizes(tracking), *_frames(tracking), *_floor_never_seen(tracking),
     ]  # fmt: skip
     if samples is not None and lone_stops is not None:
         found += _unmatched(tracking, samples, lone_stops)
@@ -181,6 +187,30 @@ def _twice(tracking: Tracking) -> list[Doubt]:
         found.append(
             Doubt("twice", words, robot=robot, time_s=time_s, shots=((time_s, "first"),), weight=len(frames))
         )
+    return found
+
+
+def _unexpected(tracking: Tracking) -> list[Doubt]:
+    """Return a doubt for each marker that is in no list and was seen in two whole frames or more.
+
+    It moves if the middles of its places are farther apart than its edge.
+    """
+    seen = tracking.detections
+    found = []
+    for marker, places in seen.unexpected.items():
+        if len(places) < 2:
+            continue
+        frame, first = places[0]
+        middles = np.array([four.mean(axis=0) for _, four in places])
+        moves = float(np.linalg.norm(np.ptp(middles, axis=0))) > float(np.linalg.norm(first[1] - first[0]))
+        how = "at several places" if moves else "always at the same place"
+        words = (
+            f"Marker {marker}, which is neither a robot's nor the floor's, was seen in {len(places)} of "
+            f"{seen.whole_frames} frames searched whole, {how}."
+        )
+        time_s, at = float(seen.time_s[frame]), first.mean(axis=0)
+        shots, at_px = ((time_s, f"marker {marker}"),), (float(at[0]), float(at[1]))
+        found.append(Doubt("unexpected", words, time_s=time_s, shots=shots, at_px=at_px, weight=len(places)))
     return found
 
 

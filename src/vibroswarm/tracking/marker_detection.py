@@ -1,30 +1,31 @@
-"""Find ArUco markers in the frames of a video: in windows where robots should be, and at intervals in whole frames.
+"""Find ArUco and AprilTag markers in the frames of a video: in windows where robots should be, else in whole frames.
 
-Searching small windows around the places of the last frame is fast. A whole frame is searched every ``WHOLE_EVERY``
-frames, and every ``LOST_EVERY`` frames while a robot is lost. The floor's markers are searched in whole frames only.
+Searching small windows around the places of the last frame is fast. A frame is searched whole if a robot is in none of
+its windows, and every ``WHOLE_EVERY`` frames. So no marker is missed that OpenCV's detector, with its default settings,
+sees in a whole frame. The floor's markers are searched in whole frames only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.errors import InputError
 from vibroswarm.tracking import opencv
-from vibroswarm.tracking.markers import Markers, dictionary_of
+from vibroswarm.tracking.markers import Markers, dictionary_of, first_corner
 from vibroswarm.tracking.video_file import Gray, Picture, grey, pictures_of, video_info
 
 Floats = NDArray[np.float64]
 
 WHOLE_EVERY: Final = 75
 """Interval, in frames, at which a whole frame is searched."""
-LOST_EVERY: Final = 5
-"""The same interval while a robot is lost, that is, was not seen in the last frame."""
+FLOOR_EVERY: Final = 5
+"""The same interval while a marker of the floor has not been seen yet; and the least interval at which corners of floor
+markers are taken, so that they are not all of one moment."""
 MARGIN: Final = 0.9
 """Margin of a window around a marker, as a share of the marker's edge; the marker's movement between the last two
 frames is added."""
@@ -32,8 +33,13 @@ THRESHOLD_SHARE: Final = 0.4
 """Width over which the adaptive threshold of a window averages, as a share of a marker's edge. By default OpenCV tries
 three widths. This one width finds 99.7 % of the markers that the three find, in a quarter of the time. Where it finds
 nothing, the three are tried."""
+ENLARGED_PX: Final = 30.0
+"""A window that does not show a marker with a smaller edge is searched once more, enlarged twice."""
 FLOOR_FRAMES: Final = 40
 """Most whole frames over which the corners of a floor marker are averaged (median)."""
+
+SAMPLES: Final = 8
+"""Number of whole frames of which ``Detections.samples`` keeps the picture."""
 
 Window = tuple[tuple[int, int], tuple[int, int]]
 """Left and top, right and bottom (exclusive), px."""
@@ -53,7 +59,14 @@ class Detections:
     whole_frames: int
     """Number of frames that were searched whole."""
     twice: tuple[tuple[int, int], ...] = ()
-    """Frame and marker each time that a marker was seen at two places of a frame; neither place is used."""
+    """Frame and marker each time that a marker was seen at two places of a frame."""
+    unexpected: Mapping[int, Sequence[tuple[int, Floats]]] = field(default_factory=dict)
+    """Markers of the dictionary that are on no robot and not on the floor: frame and corners, (4, 2), px, each time
+    that one was seen in a whole frame, by its number."""
+    samples: tuple[Gray, ...] = ()
+    """Some frames, to judge the picture."""
+    floor_spread_px: float = 0.0
+    """How far floor markers are from where they are in the median, px: root mean square over frames and markers."""
 
     def edge_px(self) -> Floats:
         """Return the median length of the edges of each robot's marker, (robots,), px; NaN if it was never seen."""
@@ -72,69 +85,113 @@ def detect(
 ) -> Detections:
     """Find the markers of robots and floor in a video.
 
+    If a robot's marker is seen at two places of a frame, the one nearer to where it was seen last is used; neither is
+    if it was not seen before.
+
     Args:
         partial: whether a video that ends early is accepted.
         progress: called after each frame with the number of frames done and the number of all frames.
     Returns: detections with robots in the order of ``markers.robots``.
     Raises:
-        InputError: the file is no video or has no frames; it ends early, or does not state its number of frames, and
-            ``partial`` is false; or no robot's marker is seen in it.
+        InputError: the file is no video or has no frames; or it ends early, or does not state its number of frames, and
+            ``partial`` is false.
     """
-    cv2 = opencv()
     info = video_info(path)
-    finder = _Finder(cv2, markers)
-    robot_markers = list(markers.robots)  # number of each robot's marker
-    # The corners of each robot's marker in the last frame (None: lost), and its movement from the frame before, px.
-    last: list[Floats | None] = [None] * len(robot_markers)
-    moved = np.zeros((len(robot_markers), 2))
-    times, found, whole_frames = [], [], 0
-    # Corners of each floor marker in the whole frames in which it was seen.
-    floor: dict[int, list[Floats]] = {marker: [] for marker in markers.floor}
-    twice: list[tuple[int, int]] = []  # frame and marker
+    search = _Search(markers, info.size_px)
+    times, found = [], []
     for k, (time_s, picture) in enumerate(pictures_of(path, partial=partial)):
-        here = np.full((len(robot_markers), 4, 2), np.nan)  # the corners in this frame
-        lost = any(corners is None for corners in last)
-        if k % WHOLE_EVERY == 0 or (lost and k % LOST_EVERY == 0):
-            whole_frames += 1
-            seen = finder.everywhere(picture)
-            for i, marker in enumerate(robot_markers):
-                if marker in seen:
-                    here[i] = seen[marker]
-            for marker, corners in floor.items():
-                if marker in seen and len(corners) < FLOOR_FRAMES:
-                    corners.append(seen[marker])
-        else:
-            for i, marker in enumerate(robot_markers):
-                window = _window(last[i], moved[i], info.size_px)  # None for a robot that is lost
-                if window is not None and (four := finder.in_window(picture, window, marker)) is not None:
-                    here[i] = four
-        for i in range(len(robot_markers)):
-            now = None if np.isnan(here[i]).any() else here[i]
-            before = last[i]
-            # The movement is unknown unless the marker is seen in both frames: then 0 is taken.
-            moved[i] = (now - before).mean(axis=0) if now is not None and before is not None else 0.0
-            last[i] = now
-        # Several windows of a frame may show the same marker twice; it is listed once per frame.
-        twice += [(k, marker) for marker in dict.fromkeys(finder.twice)]
-        finder.twice.clear()
+        found.append(search.corners_in(k, picture))
         times.append(time_s)
-        found.append(here)
         if progress is not None:
             progress(k + 1, max(info.frames, k + 1))  # the header of the video may state too few frames
-    corners_px = np.array(found)
-    if np.isnan(corners_px).all():
-        raise InputError(
-            f"shows none of the robots' markers {robot_markers} (dictionary {markers.dictionary})",
-            field=str(path),
-        )
+    floor_px = {marker: np.median(corners, axis=0) for marker, corners in search.floor.items() if corners}
+    away_px = [(np.array(search.floor[marker]) - median).mean(axis=1) for marker, median in floor_px.items()]
     return Detections(
         size_px=info.size_px,
         time_s=np.array(times),
-        corners_px=corners_px,
-        floor_px={marker: np.median(corners, axis=0) for marker, corners in floor.items() if corners},
-        whole_frames=whole_frames,
-        twice=tuple(twice),
+        corners_px=np.array(found),
+        floor_px=floor_px,
+        floor_spread_px=float(np.sqrt(2.0 * np.mean(np.concatenate(away_px) ** 2))) if away_px else 0.0,
+        whole_frames=search.whole_frames,
+        twice=tuple(search.twice),
+        unexpected=search.unexpected,
+        samples=tuple(search.samples),
     )
+
+
+class _Search:
+    """Searches frame after frame for the markers, and remembers where they were."""
+
+    def __init__(self, markers: Markers, size_px: tuple[int, int]) -> None:
+        self._finder, self._size_px = _Finder(opencv(), markers), size_px
+        self._robots = list(markers.robots)  # number of each robot's marker
+        # The corners of each robot's marker where it was seen last (None: never), whether that is the last frame, and
+        # its movement between the last two frames, px (0 if it was not seen in both).
+        self._last: list[Floats | None] = [None] * len(self._robots)
+        self._just_seen = np.zeros(len(self._robots), dtype=np.bool_)
+        self._moved = np.zeros((len(self._robots), 2))
+        self.floor: dict[int, list[Floats]] = {marker: [] for marker in markers.floor}
+        """Corners of each floor marker in the whole frames in which it was seen."""
+        self.unexpected: dict[int, list[tuple[int, Floats]]] = {}
+        self.twice: list[tuple[int, int]] = []
+        self.samples: list[Gray] = []
+        self.whole_frames = 0
+
+    def corners_in(self, k: int, picture: Picture) -> Floats:
+        """Return the corners of the robots' markers in frame ``k``, (robots, 4, 2), px; NaN: not seen."""
+        here = np.full((len(self._robots), 4, 2), np.nan)
+        twice: set[int] = set()
+        for i, marker in enumerate(self._robots):
+            last = self._last[i]
+            window = None if last is None else _window(last, self._moved[i], self._size_px)
+            if window is not None:
+                here[i] = self._nearest(i, self._finder.in_window(picture, window, marker), twice)
+        floor_is_due = k % FLOOR_EVERY == 0 and not all(self.floor.values())
+        if k % WHOLE_EVERY == 0 or floor_is_due or np.isnan(here).any():
+            self._search_whole(k, picture, here, twice)
+        self.twice += [(k, marker) for marker in sorted(twice)]
+        self._remember(here)
+        return here
+
+    def _search_whole(self, k: int, picture: Picture, here: Floats, twice: set[int]) -> None:
+        """Search the whole of frame ``k``; write what was not yet found in windows into ``here``."""
+        self.whole_frames += 1
+        image = grey(picture)
+        if k % WHOLE_EVERY == 0 and len(self.samples) < SAMPLES:
+            self.samples.append(image)
+        for marker, places in self._finder.everywhere(image).items():
+            if marker in self._robots:
+                i = self._robots.index(marker)
+                best = self._nearest(i, places, twice)
+                here[i] = best if np.isnan(here[i]).any() else here[i]
+            elif len(places) > 1:
+                twice.add(marker)
+            elif marker not in self.floor:
+                self.unexpected.setdefault(marker, []).append((k, places[0]))
+            elif k % FLOOR_EVERY == 0 and len(self.floor[marker]) < FLOOR_FRAMES:
+                self.floor[marker].append(places[0])
+
+    def _nearest(self, i: int, places: Sequence[Floats], twice: set[int]) -> Floats:
+        """Return the corners of robot ``i``'s marker, (4, 2): of several the nearest to where it was seen last.
+
+        NaN: it is at no place, or at several and was never seen before. A marker at several is added to ``twice``.
+        """
+        last = self._last[i]
+        if len(places) > 1:
+            twice.add(self._robots[i])
+        if not places or (len(places) > 1 and last is None):
+            return np.full((4, 2), np.nan)
+        return min(places, key=lambda four: 0.0 if last is None else np.hypot(*(four - last).mean(axis=0)))
+
+    def _remember(self, here: Floats) -> None:
+        """Remember where the robots' markers are, and how they moved since the last frame."""
+        for i, now in enumerate(here):
+            is_seen, last = not np.isnan(now).any(), self._last[i]
+            both = is_seen and self._just_seen[i] and last is not None
+            self._moved[i] = (now - last).mean(axis=0) if both else 0.0
+            self._just_seen[i] = is_seen
+            if is_seen:
+                self._last[i] = now
 
 
 class _Finder:
@@ -148,11 +205,10 @@ class _Finder:
 
     def __init__(self, cv2: Any, markers: Markers) -> None:
         self._cv2, self._markers = cv2, markers
+        self._first_corner = first_corner(markers.dictionary)
         self._all = self._detector()  # with all three threshold widths
         self._by_corner = self._detector(lines=False)
         self._one: dict[int, Any] = {}  # detectors with a single threshold width, by this width
-        self.twice: list[int] = []
-        """Markers seen at two places of one image; the caller empties it after each frame."""
 
     def _detector(self, threshold_px: int | None = None, *, lines: bool = True) -> Any:
         """Return a detector of OpenCV.
@@ -172,17 +228,17 @@ class _Finder:
         parameters.relativeCornerRefinmentWinSize = 0.25
         if threshold_px is not None:
             parameters.adaptiveThreshWinSizeMin = parameters.adaptiveThreshWinSizeMax = threshold_px
-        return self._cv2.aruco.ArucoDetector(dictionary_of(self._markers), parameters)
+        return self._cv2.aruco.ArucoDetector(dictionary_of(self._markers.dictionary), parameters)
 
-    def everywhere(self, picture: Picture) -> dict[int, Floats]:
-        """Return the corners, (4, 2), px, of each marker that is seen in the picture, unless it is seen twice."""
-        return self._markers_in(self._all, grey(picture), (0, 0))
+    def everywhere(self, image: Gray) -> dict[int, list[Floats]]:
+        """Return the corners, (4, 2), px, of each place at which each marker is seen in the picture."""
+        return self._markers_in(self._all, image)
 
-    def in_window(self, picture: Picture, window: Window, marker: int) -> Floats | None:
+    def in_window(self, picture: Picture, window: Window, marker: int) -> list[Floats]:
         """Look for a marker in a window of a picture.
 
-        Returns: its corners, (4, 2), px of the whole picture; None if it is not seen exactly once there, neither with
-            one threshold width nor with three.
+        Returns: its corners, (4, 2), px of the whole picture, at each place where it is seen there: with one threshold
+            width, else with three, else with the window enlarged.
         """
         (left, top), (right, bottom) = window
         cut = grey(np.ascontiguousarray(picture[top:bottom, left:right]))
@@ -194,44 +250,40 @@ class _Finder:
         if threshold_px not in self._one:
             self._one[threshold_px] = self._detector(threshold_px)
         # One width is tried first, since it is fast; all three are tried if it does not show the marker exactly once.
+        places: list[Floats] = []
         for detector in (self._one[threshold_px], self._all):
-            if (four := self._markers_in(detector, cut, (left, top)).get(marker)) is not None:
-                return four
-        return None
+            places = self._markers_in(detector, cut).get(marker, [])
+            if len(places) == 1:
+                break
+        if not places and edge_px < ENLARGED_PX:
+            large = self._cv2.resize(cut, None, fx=2, fy=2, interpolation=self._cv2.INTER_CUBIC)
+            # The centre of a pixel has whole coordinates, so pixel 0 becomes the pixels 0 and 1, with centre 0.5.
+            places = [(four - 0.5) / 2.0 for four in self._markers_in(self._all, large).get(marker, [])]
+        return [four + np.array([left, top]) for four in places]
 
-    def _markers_in(self, detector: Any, image: Gray, origin: tuple[int, int]) -> dict[int, Floats]:
-        """Return the corners, (4, 2), px of the picture, of each marker that is seen exactly once in an image.
-
-        Markers that are seen more than once are added to ``twice``.
-
-        Args:
-            image: the picture or a part of it. origin: pixel of the picture at the image's upper left corner.
-        """
+    def _markers_in(self, detector: Any, image: Gray) -> dict[int, list[Floats]]:
+        """Return the corners, (4, 2), px, of each place at which each marker is seen in an image."""
         try:
             corners, ids, _ = detector.detectMarkers(image)
         except self._cv2.error:  # an edge has too few pixels for a line
             corners, ids, _ = self._by_corner.detectMarkers(image)
-        if ids is None:
-            return {}
-        numbers = np.asarray(ids).ravel().tolist()
-        self.twice += sorted({number for number in numbers if numbers.count(number) > 1})
-        return {
-            number: np.asarray(four, dtype=np.float64).reshape(4, 2) + origin
-            for number, four in zip(numbers, corners, strict=True)
-            if numbers.count(number) == 1
-        }
+        found: dict[int, list[Floats]] = {}
+        for number, four in zip(
+            [] if ids is None else np.asarray(ids).ravel().tolist(), corners, strict=True
+        ):
+            in_order = np.roll(np.asarray(four, dtype=np.float64).reshape(4, 2), -self._first_corner, axis=0)
+            found.setdefault(number, []).append(in_order)
+        return found
 
 
-def _window(corners: Floats | None, moved: Floats, size_px: tuple[int, int]) -> Window | None:
+def _window(corners: Floats, moved: Floats, size_px: tuple[int, int]) -> Window | None:
     """Return the window in which a marker should be if it moves as it did between the last two frames.
 
     Args:
-        corners: corners of the marker in the last frame, (4, 2), px; None: it was not seen there.
+        corners: corners of the marker where it was seen last, (4, 2), px.
         moved: its movement between the last two frames, (2,), px. size_px: width and height of the picture.
-    Returns: None if the marker was not seen, or if less than 8 px of the window's width or height are in the picture.
+    Returns: None if less than 8 px of the window's width or height are in the picture.
     """
-    if corners is None:
-        return None
     edge = float(np.linalg.norm(corners[1] - corners[0]))
     # The window is moved by ``moved``. It is also enlarged by as much, since the robot may stop or turn.
     margin = MARGIN * edge + float(np.abs(moved).max())

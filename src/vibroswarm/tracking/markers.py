@@ -35,10 +35,18 @@ from vibroswarm.tracking import opencv
 Floats = NDArray[np.float64]
 
 DICTIONARIES: Final = {
-    f"{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)
+    **{f"{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)},
+    "ARUCO_ORIGINAL": 1024,
+    "ARUCO_MIP_36h12": 250,
+    "APRILTAG_16h5": 30,
+    "APRILTAG_25h9": 35,
+    "APRILTAG_36h10": 2320,
+    "APRILTAG_36h11": 587,
 }
-"""Number of markers of each ArUco dictionary, by its name; "4X4": a marker has 4 by 4 small squares inside its black
-border."""
+"""Number of markers of each dictionary of OpenCV, by its name; "4X4": a marker has 4 by 4 small squares inside its
+black border."""
+APRILTAG_0: Final = 0xD5D628584
+"""The 36 small squares of the first marker of 36h11 as AprilTag's own pictures have it, row by row; 1: white."""
 SIZE_MM: Final = 22.0
 """Default edge of a robot's marker."""
 HEIGHT_MM: Final = 30.0
@@ -158,10 +166,22 @@ def usual_markers(
     )
 
 
-def dictionary_of(markers: Markers) -> Any:
-    """Return OpenCV's dictionary of the markers."""
+def dictionary_of(name: str) -> Any:
+    """Return OpenCV's dictionary of a name of ``DICTIONARIES``."""
     cv2 = opencv()
-    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{markers.dictionary}"))
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+
+
+def first_corner(name: str) -> int:
+    """Return which of the four corners that OpenCV gives for a marker of a dictionary is its top left one.
+
+    It is the first, but in AprilTag's families, which OpenCV has had upside down (up to 5.0): there it is the third.
+    """
+    if not name.startswith("APRILTAG"):
+        return 0
+    inner = dictionary_of("APRILTAG_36h11").generateImageMarker(0, 8)[1:-1, 1:-1]  # one pixel for each square
+    as_printed = "".join("1" if square else "0" for square in inner.ravel()) == f"{APRILTAG_0:036b}"
+    return 0 if as_printed else 2
 
 
 def read_markers(path: Path) -> Markers:

@@ -23,6 +23,7 @@ from vibroswarm.recordings.log import SAMPLES, TRACKS, Log, log_frame
 from vibroswarm.tracking.camera import Camera, Lens, fit_camera, square_of
 from vibroswarm.tracking.marker_detection import Detections, detect
 from vibroswarm.tracking.markers import Markers
+from vibroswarm.tracking.picture_quality import SMALL_PX, faults_of, why_none
 from vibroswarm.tracking.stops import STOPS, ClockOffset, clock_offset, stops_of
 from vibroswarm.tracking.video_file import uneven_frames
 
@@ -35,8 +36,10 @@ POSITIONS: Final = {
 of a robot are in the order of time."""
 GAP_S: Final = 1.0
 """Positions are not interpolated over longer gaps."""
-SMALL_PX: Final = 20.0
-"""A marker with a smaller edge is read badly."""
+MOVED_PX: Final = 0.5
+"""If the floor's markers move by more than this (root mean square), the camera moves."""
+FEW: Final = 0.95
+"""If robots are found in a smaller share of the frames, faults of the picture are warned of."""
 FASTEST_M_S: Final = 0.5
 """Fastest speed of a robot. A position that it could reach from the position before, and leave for the one after, only
 at a higher speed is a misread marker."""
@@ -85,6 +88,8 @@ class Tracking:
                 f"A robot's marker is {smallest_px:.0f} px wide; below {SMALL_PX:g} px markers are missed and headings "
                 f"are rough: bring the camera nearer, film at a higher resolution, or print markers of {needed_mm} mm."
             )
+        if self.detections.samples and self.share_found() < FEW:
+            found += [f"{fault[0].upper()}{fault[1:]}." for fault in faults_of(self.detections.samples)]
         never = [
             name
             for name, edge in zip(self.markers.robots.values(), self.detections.edge_px(), strict=True)
@@ -98,6 +103,11 @@ class Tracking:
             found.append(
                 f"Frames are uneven: {100 * share:.1f} % of the steps differ from the usual one "
                 f"({1000 * shortest_s:.0f} to {1000 * longest_s:.0f} ms); the file's own times are used."
+            )
+        if self.detections.floor_spread_px > MOVED_PX:
+            found.append(
+                f"The floor's markers move in the picture (by {self.detections.floor_spread_px:.1f} px): the camera "
+                "moves or vibrates, and positions are off by as much; fix it to something that does not vibrate."
             )
         # Corners of markers are detected to about 0.2 px, so an error of more than 1 px has another cause.
         if self.camera.floor_error_px > 1.0:
@@ -159,12 +169,17 @@ def track(
             "record both at the same size",
             field="--lens",
         )
-    if not seen.floor_px:
-        raise InputError(
-            f"shows none of the floor's markers {list(markers.floor)} (dictionary {markers.dictionary})",
-            field=str(video),
-        )
     is_seen: NDArray[np.bool_] = np.all(np.isfinite(seen.corners_px), axis=(2, 3))  # (frames, robots)
+    for whose, wanted, is_there in (
+        ("robots'", list(markers.robots), is_seen.any()),
+        ("floor's", list(markers.floor), bool(seen.floor_px)),
+    ):
+        if not is_there:
+            raise InputError(
+                f"shows none of the {whose} markers {wanted} (dictionary {markers.dictionary}): "
+                f"{why_none(seen.samples, markers)}",
+                field=str(video),
+            )
     robots_px = seen.corners_px[is_seen]
     camera = fit_camera(
         seen.size_px,

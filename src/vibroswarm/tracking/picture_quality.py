@@ -1,0 +1,113 @@
+"""Judge frames of a video: are they dark or blurred, are their markers too small, or of another dictionary?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from vibroswarm.tracking import opencv
+from vibroswarm.tracking.markers import DICTIONARIES, Markers, dictionary_of
+from vibroswarm.tracking.video_file import Gray
+
+DARK: Final = 60.0
+"""A picture is dark if nine tenths of its pixels are below this grey level of 255."""
+BLURRED_PX: Final = 3.0
+"""A picture is blurred if its edges are wider than this: so wide are the small squares of a marker of 20 px."""
+AROUND_PX: Final = 25
+"""Width of the windows in which contrast and steepest slope are compared."""
+SMALL_PX: Final = 20.0
+"""A marker with a smaller edge is read badly."""
+SQUARE_PX: Final = 6.0
+"""Least edge of the squares that are looked for."""
+JUDGED: Final = 3
+"""Number of frames in which markers of all dictionaries are looked for."""
+LISTED: Final = 12
+"""Most numbers of markers that a message lists."""
+
+
+def light_of(frames: Sequence[Gray]) -> float:
+    """Return the grey level, 0 to 255, that nine tenths of the pixels do not exceed; the median over frames."""
+    return float(np.median([np.percentile(frame, 90) for frame in frames]))
+
+
+def edges_px(frames: Sequence[Gray]) -> float:
+    """Return how wide the most contrasting edges are, px: contrast divided by steepest slope; the median over frames.
+
+    It is 2 for a sharp edge, and 2.5 standard deviations of a Gaussian blur.
+    """
+    return float(np.median([_edges_of(frame) for frame in frames]))
+
+
+def _edges_of(frame: Gray) -> float:
+    cv2 = opencv()
+    around = np.ones((AROUND_PX, AROUND_PX), dtype=np.uint8)
+    smooth = cv2.medianBlur(frame, 3)  # takes off noise, and leaves edges as steep as they are
+    contrast = cv2.dilate(smooth, around).astype(np.float32) - cv2.erode(smooth, around)
+    # Sobel's sums over 3 by 3 pixels are 8 times the slope.
+    slope = np.hypot(*(cv2.Sobel(smooth, cv2.CV_32F, *axis) for axis in ((1, 0), (0, 1)))) / 8
+    steepest = cv2.dilate(slope, around)
+    highest = contrast >= np.percentile(contrast, 95)
+    return float(np.median(contrast[highest] / np.maximum(steepest[highest], 1.0)))
+
+
+def faults_of(frames: Sequence[Gray]) -> list[str]:
+    """Return what is wrong with a picture as a whole: that it is dark, that it is blurred, with what to do."""
+    light, width_px = light_of(frames), edges_px(frames)
+    found = []
+    if light < DARK:
+        found.append(
+            f"the picture is dark (nine tenths of it are below {light:.0f} of 255): use more light or a longer exposure"
+        )
+    if width_px > BLURRED_PX:
+        found.append(
+            f"the picture is blurred (its edges are {width_px:.1f} px wide, sharp ones 2): focus, and clean the lens"
+        )
+    return found
+
+
+def why_none(frames: Sequence[Gray], markers: Markers) -> str:
+    """Return why frames show none of some markers, as far as they tell, and what to do."""
+    faults = faults_of(frames)
+    if faults:
+        return "; ".join(faults)
+    judged = frames[:: max(len(frames) // JUDGED, 1)]
+    seen = {name: _ids_in(judged, name) for name in DICTIONARIES}
+    best = max(
+        seen, key=lambda name: len(seen[name])
+    )  # of equally good ones the first, which is the smallest
+    if len(seen[best]) > 1 and not set(seen[best]) <= set(seen[markers.dictionary]):
+        return f"its markers are of the dictionary {best} ({_listed(seen[best])})"
+    if seen[markers.dictionary]:
+        return f"of this dictionary it shows {_listed(seen[markers.dictionary])} only"
+    edges = [edge for frame in frames for edge in _square_edges(frame)]
+    if edges and np.median(edges) < SMALL_PX:
+        return (
+            f"its squares are {np.median(edges):.0f} px wide, and markers of {SMALL_PX:g} px are read well: bring the "
+            "camera nearer, film at a higher resolution, or print larger markers"
+        )
+    return (
+        f"nothing in it is like a marker: are they in it, at least {SMALL_PX:g} px wide and with a white rim?"
+    )
+
+
+def _ids_in(frames: Sequence[Gray], dictionary: str) -> list[int]:
+    detector = opencv().aruco.ArucoDetector(dictionary_of(dictionary))
+    found = [detector.detectMarkers(frame)[1] for frame in frames]
+    return sorted({number for ids in found if ids is not None for number in np.asarray(ids).ravel().tolist()})
+
+
+def _listed(ids: Sequence[int]) -> str:
+    more = "" if len(ids) <= LISTED else f", and {len(ids) - LISTED} more"
+    return ", ".join(map(str, ids[:LISTED])) + more
+
+
+def _square_edges(frame: Gray) -> list[float]:
+    """Return the mean edge, px, of each nearly square figure that is no marker of the first dictionary."""
+    aruco = opencv().aruco
+    parameters = aruco.DetectorParameters()
+    parameters.minMarkerPerimeterRate = 4 * SQUARE_PX / max(frame.shape)
+    _, _, others = aruco.ArucoDetector(dictionary_of("4X4_50"), parameters).detectMarkers(frame)
+    edges = [np.linalg.norm(np.roll(four[0], -1, axis=0) - four[0], axis=1) for four in others]
+    return [float(of_one.mean()) for of_one in edges if of_one.min() > 0.7 * of_one.max()]

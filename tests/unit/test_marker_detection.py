@@ -1,0 +1,150 @@
+"""Which markers are found in the frames of a video, against OpenCV's detector alone; and what is said if none are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vibroswarm.errors import InputError
+from vibroswarm.tracking import marker_detection
+from vibroswarm.tracking.marker_detection import detect
+from vibroswarm.tracking.markers import APRILTAG_0, DICTIONARIES, Markers, first_corner, read_markers
+from vibroswarm.tracking.track import track
+from vibroswarm.tracking.video_file import frames_of
+
+cv2 = pytest.importorskip("cv2")
+drawn = pytest.importorskip("helpers.drawn_video")
+Pictures = list[np.ndarray[Any, Any]]
+
+
+def by_detector_alone(video: Path, markers: Markers) -> np.ndarray[Any, Any]:
+    """Whether OpenCV's detector, with its default settings, sees each robot's marker in each frame."""
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{markers.dictionary}"))
+    detector = cv2.aruco.ArucoDetector(dictionary)
+    seen = [detector.detectMarkers(frame)[1] for _, frame in frames_of(video)]
+    return np.array([[ids is not None and marker in ids for marker in markers.robots] for ids in seen])
+
+
+def found_in(video: Path, markers: Markers) -> np.ndarray[Any, Any]:
+    """Whether each robot's marker is found in each frame."""
+    return np.isfinite(detect(video, markers).corners_px).all(axis=(2, 3))
+
+
+def bad_frames() -> Pictures:
+    """Frames in which markers are hidden, blurred, noisy and put elsewhere, at random times."""
+    chance = np.random.default_rng(5)
+    frames = drawn.frames(60)
+    for k, frame in enumerate(frames):
+        if 12 < k % 20 < 17:  # a hand
+            frame[:, int(chance.integers(0, 400)) :][:, :240] = 90
+        if k % 7 == 3:
+            frame[:] = cv2.GaussianBlur(frame, (0, 0), 1.6)
+        if k % 11 > 7:  # somebody knocks against the camera
+            frame[:] = np.roll(frame, (-25, -60), axis=(0, 1))
+        noise = chance.normal(0.0, 12.0, frame.shape)
+        frame[:] = np.clip(frame + noise, 0, 255).astype(np.uint8)
+    return frames
+
+
+def test_no_marker_is_missed_that_the_detector_alone_sees(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    video = tmp_path / "bad.avi"
+    drawn.write(video, bad_frames())
+    alone = by_detector_alone(video, drawn.MARKERS)
+    assert 0.3 < alone.mean() < 0.9
+    assert not (alone & ~found_in(video, drawn.MARKERS)).any()
+    in_whole = marker_detection._Search._search_whole
+
+    def in_every_fifth(self: Any, k: int, *given: Any) -> None:
+        if k % 5 == 0:
+            in_whole(self, k, *given)
+
+    monkeypatch.setattr(marker_detection._Search, "_search_whole", in_every_fifth)
+    assert (alone & ~found_in(video, drawn.MARKERS)).any()  # the control
+
+
+def test_of_two_markers_with_one_number_the_nearer_to_the_path_is_used(tmp_path: Path) -> None:
+    frames = drawn.frames(80)
+    for frame in frames[5:]:  # a spare print, far from both robots
+        spare = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50), 0, 30)
+        frame[40:82, 200:242] = 236
+        frame[46:76, 206:236] = spare[..., None]
+    drawn.write(tmp_path / "two.avi", frames)
+    found = track(tmp_path / "two.avi", replace(drawn.MARKERS, floor_size_m=0.05))
+    assert found.share_found() == 1.0
+    assert found.jumps == 0
+    assert found.detections.twice == ((75, 0),)  # that frame is searched whole
+
+
+@pytest.mark.parametrize("dictionary", DICTIONARIES)
+def test_markers_of_every_dictionary_are_found(tmp_path: Path, dictionary: str) -> None:
+    path = tmp_path / "markers.toml"
+    markers = replace(drawn.MARKERS, dictionary=dictionary, floor={9: (0.1, 0.1, 0.0)})
+    path.write_text(markers.to_toml(), encoding="utf-8")
+    assert read_markers(path) == markers
+    of_opencv = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{dictionary}"))
+    assert len(of_opencv.bytesList) == DICTIONARIES[dictionary]
+    picture = np.full((200, 200), 230, dtype=np.uint8)
+    picture[60:140, 70:150] = cv2.aruco.generateImageMarker(of_opencv, 7, 80)
+    (four,) = marker_detection._Finder(cv2, markers).everywhere(picture)[7]
+    at = np.array([[70, 60], [149, 60], [149, 139], [70, 139]], dtype=float)
+    assert np.abs(four - np.roll(at, first_corner(dictionary), axis=0)).max() < 1.0
+
+
+def test_the_top_of_an_apriltag_is_where_its_makers_have_it() -> None:
+    """Marker 0 of 36h11 as it is printed, of which OpenCV up to 5.0 gives the lower right corner first."""
+    squares = np.zeros((8, 8), dtype=np.uint8)
+    squares[1:7, 1:7] = 255 * np.array([int(bit) for bit in f"{APRILTAG_0:036b}"]).reshape(6, 6)
+    picture = np.pad(np.kron(squares, np.ones((10, 10), dtype=np.uint8)), 30, constant_values=235)
+    markers = replace(drawn.MARKERS, dictionary="APRILTAG_36h11")
+    (four,) = marker_detection._Finder(cv2, markers).everywhere(picture)[0]
+    assert np.abs(four - np.array([[30, 30], [109, 30], [109, 109], [30, 109]])).max() < 1.0
+
+
+def darker(frame: np.ndarray[Any, Any]) -> Any:
+    return (frame * 0.1).astype(np.uint8)
+
+
+def blurred(frame: np.ndarray[Any, Any]) -> Any:
+    return cv2.GaussianBlur(frame, (0, 0), 4.0)
+
+
+def smaller(frame: np.ndarray[Any, Any]) -> Any:
+    return cv2.resize(frame, (150, 122), interpolation=cv2.INTER_AREA)
+
+
+def same(frame: np.ndarray[Any, Any]) -> Any:
+    return frame
+
+
+@pytest.mark.parametrize(
+    ("change", "dictionary", "words"),
+    [
+        (darker, "4X4_50", "the picture is dark (nine tenths of it are below 19 of 255)"),
+        (blurred, "4X4_50", "the picture is blurred (its edges are "),
+        (smaller, "4X4_50", "markers of 20 px are read well: bring the camera nearer"),
+        (same, "6X6_50", "its markers are of the dictionary 4X4_50 (0, 1, 46, 47, 48, 49)"),
+        (same, "4X4_50", "of this dictionary it shows 0, 1, 46, 47, 48, 49 only"),
+        (np.zeros_like, "4X4_50", "the picture is dark"),
+        (lambda frame: np.full_like(frame, 200), "4X4_50", "nothing in it is like a marker"),
+    ],
+)
+def test_why_no_marker_is_seen_is_said(tmp_path: Path, change: Any, dictionary: str, words: str) -> None:
+    drawn.write(tmp_path / "v.avi", [change(frame) for frame in drawn.frames(4)])
+    markers = replace(drawn.MARKERS, dictionary=dictionary, robots={7: 0, 8: 1})
+    with pytest.raises(InputError, match=r"shows none of the robots' markers \[7, 8\]") as raised:
+        track(tmp_path / "v.avi", markers)
+    assert words in str(raised.value)
+
+
+def test_a_marker_that_is_in_no_list_is_told(tmp_path: Path) -> None:
+    drawn.write(tmp_path / "v.avi", drawn.frames(80))
+    one = replace(drawn.MARKERS, robots={0: 0})
+    found = detect(tmp_path / "v.avi", one)
+    assert [frame for frame, _ in found.unexpected[1]] == [0, 75]
+    assert detect(tmp_path / "v.avi", drawn.MARKERS).unexpected == {}
