@@ -135,11 +135,12 @@ def test_threshold(kept, capsys):
     assert main(["lab", "threshold", str(kept), "--costs", "1:3", "--at", "1.33"]) == 0
     said = capsys.readouterr().out
     assert all(
-        word in said for word in ("equal error", "least error", "costs 1 to 3", "theta_E = 1.330 (given)")
+        word in said
+        for word in ("equal error", "least error", "costs 1 to 3", "theta_E = 1.330 (given)", "in use")
     )
     assert main(["lab", "threshold", str(kept), "--json"]) == 0
     found = told(capsys)["tables"]
-    assert len(found["thresholds"]) == 2
+    assert [row["rule"] for row in found["thresholds"]] == ["equal error", "least error", "in use"]
     assert found["edge_profile"][-1]["to_m"] is None
 
 

@@ -212,9 +212,9 @@ def threshold(
     force: Force = False,
     json: Json = False,
 ) -> None:
-    """Estimate the threshold theta_E from recordings on a known floor, and whether the floor is decidable with it.
+    """Recommend a threshold theta_E from recordings on a known floor, and say whether the floor is decidable with it.
 
-    By equal error, least error and given costs, with its uncertainty, and the error rates with and without tile edges.
+    By equal error, or the given costs, beside the one in use; with its uncertainty, and errors with and without edges.
     The scenario of --out has the threshold of --at, else that of --costs, else that of equal error.
     """
     from vibroswarm.cli.scenario_options import scenario_named
@@ -230,6 +230,9 @@ def threshold(
     recording = Recording.read(folder)
     scenario = recording.scenario if base is None else scenario_named(base)
     thresholds = find_thresholds(recording, false_positive, false_negative, margin_m)
+    in_use = at_threshold(
+        recording, recording.scenario.sensor.rms_threshold, name="in use", margin_m=margin_m
+    )
     if at is not None:
         thresholds.append(at_threshold(recording, at, margin_m=margin_m))
     profile = edge_profile(labelled(recording), thresholds[0].value)  # at the threshold of equal error
@@ -241,6 +244,6 @@ def threshold(
             part.write_text(
                 scenario.with_values({"sensor.rms_threshold": written}).to_toml(), encoding="utf-8"
             )
-    print_document(threshold_document(thresholds, profile, chosen, margin_m), as_json=json)
+    print_document(threshold_document(thresholds, profile, chosen, in_use, margin_m), as_json=json)
     if out is not None and not json:
         print(f"\nSaved in {out}: sensor.rms_threshold = {written:g} ({chosen.rule}).")

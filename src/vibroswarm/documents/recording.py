@@ -22,7 +22,7 @@ from vibroswarm.recordings.replay import (
     session_outcomes,
     with_beliefs,
 )
-from vibroswarm.recordings.threshold import Rates, Threshold
+from vibroswarm.recordings.threshold import Threshold
 from vibroswarm.run_page.write import record_of, write_page
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
@@ -268,23 +268,36 @@ def _outcome_rows(found: Sequence[SessionOutcome]) -> pl.DataFrame:
 
 
 def threshold_document(
-    thresholds: Sequence[Threshold], profile: pl.DataFrame, chosen: Threshold, margin_m: float
+    thresholds: Sequence[Threshold],
+    profile: pl.DataFrame,
+    chosen: Threshold,
+    in_use: Threshold,
+    margin_m: float,
 ) -> Document:
-    """Return thresholds of the sensor by several rules, and whether the floor can be decided with them.
+    """Return which threshold to use, others by several rules, and whether the floor can be decided with them.
 
     Args:
-        profile: of ``edge_profile``. chosen: the threshold that is written into a scenario.
+        profile: of ``edge_profile``. chosen: the threshold that is recommended, and written into a scenario.
+        in_use: at the threshold of the recording.
         margin_m: samples farther than this from the nearest tile of the other kind are the inner samples.
     """
+    (still, vibrating), (still_in_use, vibrating_in_use) = (
+        (percent(one.all_samples.false_positive), percent(one.all_samples.false_negative))
+        for one in (chosen, in_use)
+    )
     return Document(
         title="Threshold of the sensor",
         answer=(
-            f"theta_E = {_value(chosen)} ({chosen.rule}): {_errors(chosen.all_samples)}.",
+            f"Use theta_E = {_value(chosen)} ({chosen.rule}): {still} of the samples on still tiles read as vibrating, "
+            f"{vibrating} of those on vibrating tiles as still; at the {number(in_use.value, 3)} in use {still_in_use} "
+            f"and {vibrating_in_use}.",
             chosen.decidable.says,
         ),
-        parts=(_thresholds(thresholds, margin_m), _profile(profile, thresholds[0])),
+        parts=(_thresholds([*thresholds, in_use], margin_m), _profile(profile, thresholds[0])),
         data={
-            "thresholds": pl.DataFrame([_flat(one) for one in thresholds], infer_schema_length=None),
+            "thresholds": pl.DataFrame(
+                [_flat(one) for one in (*thresholds, in_use)], infer_schema_length=None
+            ),
             "edge_profile": profile,
         },
     )
@@ -292,13 +305,6 @@ def threshold_document(
 
 def _value(found: Threshold) -> str:
     return with_limits(Estimate(found.value, found.low, found.high), decimals=3)
-
-
-def _errors(rates: Rates) -> str:
-    return (
-        f"{percent(rates.false_positive)} of the still samples read as vibrating, {percent(rates.false_negative)} of "
-        "the vibrating ones as still"
-    )
 
 
 def _thresholds(thresholds: Sequence[Threshold], margin_m: float) -> Table:
