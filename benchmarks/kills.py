@@ -100,7 +100,7 @@ def commands(folder: Path, runs: int) -> list[Attacked]:
     sweep = ["sweep", str(study), *numbers, "--workers", "2"]
     drawn = ["sweep", str(study), "--runs", "40", "--no-confirm", "--pictures"]
     searched = ["--fresh", "50", "--no-pictures", "--workers", "2"]
-    search = ("best.toml", "candidates.csv", "history.csv", "journal.jsonl")
+    search = ("best.toml", "candidates.csv", "history.csv")
     imported = ["lab", "import", *sessions, "--floor", str(lab / "floor.txt"), "--tiles", "5x5"]
     return [
         Attacked("run", ["run", "--seed", "4"], "run", ["--force"]),

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.loop import method_of, run_search
-from vibroswarm.optimize.methods import Method
+from vibroswarm.optimize.loop import run_search, stage_of
+from vibroswarm.optimize.methods import Stage
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.pso import PsoSettings
 from vibroswarm.optimize.race import Race
@@ -60,10 +60,9 @@ def made_up(method: str, budget: int, seed: int, landscape: str, **settings: Any
     level, best = LANDSCAPES[landscape]
     search = replace(search_of(method, budget, seed, **settings), objectives=(Objective("intended"),))
     archive = Archive(search.space, search.objectives)
-    archive.columns = [slice(0, 1)]
     random = np.random.Generator(np.random.Philox(seed))
 
-    def drive(stage: Method) -> None:
+    def drive(stage: Stage) -> None:
         while asks := stage.ask():
             for ask in asks:
                 candidate = archive[ask.key]
@@ -71,7 +70,7 @@ def made_up(method: str, budget: int, seed: int, landscape: str, **settings: Any
                 candidate.count += ask.runs
             stage.tell()
 
-    first = method_of(search, archive)
+    first = stage_of(search, archive)
     drive(first)
     if not search.final_runs:
         key = first.best()

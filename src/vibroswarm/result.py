@@ -111,26 +111,26 @@ SCHEMAS: Final = {name: Schema(columns, NULLABLE[name], KEYS[name]) for name, co
 """Columns, nullable columns and keys of each table."""
 
 
-def code_files(scenarios: Iterable[Scenario], motion: str) -> dict[str, str]:
-    """Return the texts of the users' code files that the scenarios or the motion source use, by name of the file.
+def code_files(scenarios: Iterable[Scenario], *others: str) -> dict[str, str]:
+    """Return the texts of the users' code files that are used by scenarios, or by ``others``, by name of the file.
+
+    Others are names of what no scenario has, such as the motion source; those that are no references to code are left
+    out.
 
     Files that are not loaded in this process are left out.
     """
-    # ``texts_of`` also leaves out names that are no references to code, such as that of a built-in motion source.
-    codes = [motion, *(code for scenario in scenarios for code in scenario.codes)]
+    codes = [*others, *(code for scenario in scenarios for code in scenario.codes)]
     # A reference to code is "file.py:Name sha256:...".
     return {code.partition(":")[0]: text for code, text in plugins.texts_of(codes)}
 
 
-def write_code(folder: Path, scenarios: Iterable[Scenario], motion: str) -> None:
-    """Write copies of the users' code files that the scenarios or the motion source use; the copies are never run.
+def write_code(folder: Path, scenarios: Iterable[Scenario], *others: str) -> None:
+    """Write copies of the users' code files of ``code_files`` into an existing folder; the copies are never run.
 
-    Args:
-        folder: an existing folder. motion: name of the motion source, which may be a user's file too.
     Raises:
         RunError: the disk is full or failed.
     """
-    for file_name, text in code_files(scenarios, motion).items():
+    for file_name, text in code_files(scenarios, *others).items():
         with whole_file(folder / file_name) as part:
             part.write_text(text, encoding="utf-8")
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.methods import Method
+from vibroswarm.optimize.methods import Stage
 from vibroswarm.optimize.objective import Objective
 from vibroswarm.optimize.space import Space
 
@@ -38,13 +39,16 @@ def rastrigin(u: NDArray[np.float64]) -> float:
 
 
 def archive_for(statistic: str = "mean", objectives: int = 1) -> Archive:
-    archive = Archive(Space.of(BOWL), [Objective("decision_time", statistic)] * objectives)
-    archive.columns = [slice(k, k + 1) for k in range(objectives)]
-    return archive
+    return Archive(Space.of(BOWL), [Objective("decision_time", statistic)] * objectives)
+
+
+def steps_of(folder: Path) -> dict[str, bytes]:
+    """The recorded steps of a search, by name of the file, in order."""
+    return {path.name: path.read_bytes() for path in sorted((folder / "steps").glob("*.parquet"))}
 
 
 def drive(
-    method: Method,
+    method: Stage,
     function: Callable[[NDArray[np.float64]], float | NDArray[np.float64]],
     noise: float = 0.0,
     seed: int = 0,

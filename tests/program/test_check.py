@@ -257,7 +257,10 @@ def test_motion_that_is_the_same_in_all_runs_passes_with_a_note(
 
 def test_a_name_that_nobody_knows(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, words in (
-        (["evnt"], "unknown strategy, network, task or motion source 'evnt', did you mean 'event'?"),
+        (
+            ["evnt"],
+            "unknown strategy, network, task, motion source or method of search 'evnt', did you mean 'event'?",
+        ),
         (["softt", "--kind", "strategy"], "unknown strategy 'softt', did you mean 'soft'?"),
         (
             ["soft", "--kind", "network"],
@@ -275,7 +278,7 @@ def test_a_name_that_nobody_knows(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "'mine' is not a motion" in shown
     code, shown = checked(TASK.replace("mine = ", "mine = 3\nother = "), tmp_path, capsys)
     assert code == 2
-    assert "'mine' is not a strategy, network, task, motion; the file has other" in shown
+    assert "'mine' is not a strategy, network, task, motion, method; the file has other" in shown
 
 
 def test_a_name_of_several_kinds_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from vibroswarm.cli import main
 from vibroswarm.cli.commands import COMMANDS, top_parser
-from vibroswarm.cli.optimize import METHODS
+from vibroswarm.cli.optimize import method_names
 from vibroswarm.cli.options import MOTIONS
 from vibroswarm.core.registry import written_names
 
@@ -105,12 +105,12 @@ def test_several_strategies_for_one_run_suggest_evaluate(capsys):
 REGISTERED = """
 import json
 import vibroswarm.simulation
-from vibroswarm.optimize.spec import METHODS
+import vibroswarm.optimize.spec
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
 
 kinds = {kind: list(plugins.KINDS[kind].known()) for kind in plugins.KINDS}
-print(json.dumps({**kinds, "preset": preset_names(), "method": [*METHODS, "grid"]}))
+print(json.dumps({**kinds, "preset": preset_names(), "method": [*kinds["method"], "grid"]}))
 """
 
 
@@ -122,7 +122,7 @@ def test_names_in_help_are_those_of_the_registries():
         "task": written_names("tasks"),
         "motion": MOTIONS,
         "preset": written_names("scenario/presets", ".toml"),
-        "method": METHODS,
+        "method": method_names(),
     }
     registered = json.loads(done.stdout)
     assert {kind: sorted(names) for kind, names in in_help.items()} == {

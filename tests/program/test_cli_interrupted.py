@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from vibroswarm.cli import main
-from vibroswarm.optimize.journal import Journal
+from vibroswarm.optimize.steps import SearchFolder
 from vibroswarm.study.store import Store
 
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5", "--robots", "2"]
@@ -43,7 +43,7 @@ def here(tmp_path, monkeypatch):
 def stop_after(times: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Make the so manieth piece of finished work end with Ctrl-C, once it is saved."""
     left = [times]
-    for kind in (Store, Journal):
+    for kind in (Store, SearchFolder):
         real = kind.add
 
         def add(self, *given, real=real):

@@ -14,10 +14,12 @@ import polars as pl
 import pytest
 
 import vibroswarm
+from helpers.search_functions import steps_of
 from vibroswarm.cli import main
 from vibroswarm.cli.command_line import bound
 from vibroswarm.cli.commands import parsed
 from vibroswarm.cli.optimize import search_of
+from vibroswarm.optimize.steps import SearchFolder
 
 SMALL = (
     Path(__file__).parents[1] / "helpers" / "small_search.toml"
@@ -67,16 +69,16 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert "none failed" in said
     assert said.endswith(f"Page: open {out / 'report.html'} in a browser\n")
     page = (out / "report.html").read_bytes()
-    for name in ("best.toml", "printed.json", "history.csv", "journal.jsonl"):
+    for name in ("best.toml", "printed.json", "history.csv", "steps/00001.parquet"):
         assert (out / name).is_file()
     assert page.count(b"<figure") == 2
     assert not (out / "pictures").exists()
     assert main(["show", str(out)]) == 0
     assert "Done: 150 of 150 runs (100 %)" in capsys.readouterr().out
-    journal = (out / "journal.jsonl").read_bytes()
+    steps = steps_of(out)
     assert main(["optimize", search, "--out", str(out), "--json"]) == 0
     about = json.loads(capsys.readouterr().out)
-    assert (out / "journal.jsonl").read_bytes() == journal
+    assert steps_of(out) == steps
     assert not (out / "pictures").exists()
     assert (out / "report.html").read_bytes() == page  # written anew, with nothing of its time in it
     assert main(["optimize", search, "--out", str(out), "--pictures"]) == 0
@@ -101,15 +103,13 @@ def test_a_search_is_made_kept_and_gone_on_with(
     assert main(["optimize", search, "--out", str(out), "--fresh", "130", "--json"]) == 0
     about = json.loads(capsys.readouterr().out)
     assert about["tables"]["truth"][1]["runs"] == 130
-    assert (out / "journal.jsonl").read_bytes() == journal
+    assert steps_of(out) == steps
 
 
 def test_ctrl_c_leaves_a_search_to_go_on_with(
     search: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from vibroswarm.optimize import journal
-
-    right, count = journal.Journal.add, 0
+    right, count = SearchFolder.add, 0
 
     def interrupted(self: object, *arguments: object) -> None:
         nonlocal count
@@ -118,7 +118,7 @@ def test_ctrl_c_leaves_a_search_to_go_on_with(
         if count == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(journal.Journal, "add", interrupted)
+    monkeypatch.setattr(SearchFolder, "add", interrupted)
     out = str(tmp_path / "out")
     assert main(["optimize", search, "--out", out]) == 130
     capsys.readouterr()
@@ -126,7 +126,7 @@ def test_ctrl_c_leaves_a_search_to_go_on_with(
     said = capsys.readouterr().out
     assert "in 3 steps; 0 failed" in said
     assert "to resume" in said
-    monkeypatch.setattr(journal.Journal, "add", right)
+    monkeypatch.setattr(SearchFolder, "add", right)
     assert main(["optimize", search, "--out", out, "--json", "--no-pictures"]) == 0
     stopped = json.loads(capsys.readouterr().out)
     assert main(["optimize", search, "--json"]) == 0
@@ -143,7 +143,7 @@ def test_killed_and_gone_on_with_it_gives_the_same_bit_by_bit(
     command = [*options, str(out)]
     for executor in ("threads", "processes"):
         assert killed([*command, "--executor", executor, "--workers", "2"], out) == -signal.SIGKILL
-    assert 0 < lines(out) < lines(whole)
+    assert 0 < len(steps_of(out)) < len(steps_of(whole))
     assert main(command) == 0
     capsys.readouterr()
     for name in (
@@ -151,10 +151,10 @@ def test_killed_and_gone_on_with_it_gives_the_same_bit_by_bit(
         "best.toml",
         "history.csv",
         "candidates.csv",
-        "journal.jsonl",
         "report.html",
     ):
         assert (out / name).read_bytes() == (whole / name).read_bytes()
+    assert steps_of(out) == steps_of(whole)
 
 
 def killed(command: list[str], out: Path) -> int:
@@ -163,16 +163,11 @@ def killed(command: list[str], out: Path) -> int:
     process = subprocess.Popen(
         [sys.executable, "-m", "vibroswarm", *command], env=env, stderr=subprocess.DEVNULL
     )
-    before = lines(out)
-    while process.poll() is None and lines(out) == before:
+    before = len(steps_of(out))
+    while process.poll() is None and len(steps_of(out)) == before:
         time.sleep(0.001)
     process.kill()
     return process.wait()
-
-
-def lines(out: Path) -> int:
-    journal = out / "journal.jsonl"
-    return journal.read_bytes().count(b"\n") if journal.is_file() else 0
 
 
 def test_parameters_are_checked_against_others(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

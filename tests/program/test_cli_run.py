@@ -372,10 +372,10 @@ def test_a_run_is_shown_without_compiling(tmp_path):
 def test_names_of_what_is_no_run_are_those_of_their_modules():
     from vibroswarm.cli import show
     from vibroswarm.documents import saved
-    from vibroswarm.optimize import journal
+    from vibroswarm.optimize import steps
     from vibroswarm.study import store
 
-    assert {*show.OTHERS} == {saved.PRINTED, store.HEAD, journal.HEAD, journal.SEARCH}
+    assert {*show.OTHERS} == {saved.PRINTED, store.HEAD, steps.HEAD, steps.SEARCH}
 
 
 def test_a_second_run_loads_no_more_than_it_needs(tmp_path):

@@ -16,9 +16,9 @@ import vibroswarm
 from vibroswarm import preset, replay, simulate
 from vibroswarm.cli import main
 from vibroswarm.errors import CodeError, InputError
-from vibroswarm.optimize.journal import HEAD, JOURNAL, SEARCH, Journal
 from vibroswarm.optimize.sensitivity import sobol_indices
 from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.steps import HEAD, SEARCH, SearchFolder
 from vibroswarm.result import Result, write_code
 from vibroswarm.scenario.plugins import load_code, trust_code
 from vibroswarm.strategies.base import forget
@@ -156,13 +156,13 @@ def test_a_search_that_was_killed_after_it_copied_the_code_begins_again(tmp_path
     copy = tmp_path / "voter.py"
     assert [path.name for path in tmp_path.iterdir()] == [copy.name]
     (tmp_path / ".voter.py.3f.tmp").write_text("half a co", encoding="utf-8")
-    with Journal(tmp_path, search).alone():
-        assert {path.name for path in tmp_path.iterdir()} >= {copy.name, HEAD, SEARCH, JOURNAL}
-    for name in (HEAD, SEARCH, JOURNAL):
+    with SearchFolder(tmp_path, search).alone():
+        assert {path.name for path in tmp_path.iterdir()} >= {copy.name, HEAD, SEARCH}
+    for name in (HEAD, SEARCH):
         (tmp_path / name).unlink()
     copy.write_text(copy.read_text(encoding="utf-8") + "\n", encoding="utf-8")
     with pytest.raises(InputError, match="is not a search"):
-        Journal(tmp_path, search)
+        SearchFolder(tmp_path, search)
     forget("voter")
 
 

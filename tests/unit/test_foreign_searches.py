@@ -1,11 +1,10 @@
-"""The folder of a search that somebody else made or damaged: refused in words that name file and line."""
+"""The folder of a search that somebody else made or damaged: refused in words that name the file."""
 
 from __future__ import annotations
 
 import json
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -42,53 +41,34 @@ def test_what_was_not_touched_is_shown_and_gone_on_with(out: Path) -> None:
     assert again(out) == 0
 
 
-def line_changed(out: Path, change: Callable[[dict[str, Any]], None]) -> None:
-    path = out / "journal.jsonl"
-    first, *rest = path.read_text().splitlines()
-    step = json.loads(first)
-    change(step)
-    path.write_text("\n".join([json.dumps(step), *rest]) + "\n")
-
-
-LINES: dict[str, Callable[[dict[str, Any]], None]] = {
-    "no asks": lambda s: s.pop("asks"),
-    "asks of text": lambda s: s.update(asks="x"),
-    "an ask of no runs": lambda s: s["asks"][0].__setitem__(1, 0),
-    "an ask of a fraction": lambda s: s["asks"][0].__setitem__(1, 1.5),
-    "a huge ask": lambda s: s["asks"][0].__setitem__(1, 10**30),
-    "fewer pieces": lambda s: s["found"].pop(),
-    "fewer runs": lambda s: s["found"][0][0].pop(),
-    "a piece of nothing": lambda s: s["found"][0].__setitem__(0, []),
-    "a number alone": lambda s: s["found"][0].__setitem__(0, 5),
-    "no number": lambda s: s["found"][0][0][0][0].__setitem__(0, None),
-    "not finite": lambda s: s["found"][0][0][0][0].__setitem__(0, float("nan")),
-    "another width": lambda s: [run[0].append(1.0) for run in s["found"][0][0]],
-    "a failure without runs": lambda s: s["found"][0].__setitem__(0, ["why"]),
-}
-
-
-@pytest.mark.parametrize("harm", LINES)
-def test_a_damaged_line_of_the_journal_is_named(
-    harm: str, out: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    line_changed(out, LINES[harm])
-    for read in (lambda: main(["show", str(out)]), lambda: again(out)):
-        assert read() == 2
-        assert "journal.jsonl: line 1 is damaged" in capsys.readouterr().err.splitlines()[-1]
-
-
-@pytest.mark.parametrize("name", ["journal.jsonl", "search.json", "search.toml", "printed.json"])
-@pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])
-def test_only_plain_files_are_opened(name: str, kind: str, out: Path) -> None:
-    path = out / name
+def put(kind: str, path: Path) -> None:
+    """Put something else in the place of a file."""
     path.unlink()
     if kind == "folder":
         path.mkdir()
     elif kind == "pipe":
         os.mkfifo(path)
     else:
-        path.symlink_to({"loop": name, "device": "/dev/zero"}[kind])
+        path.symlink_to({"loop": path.name, "device": "/dev/zero"}[kind])
+
+
+@pytest.mark.parametrize("name", ["search.json", "search.toml", "printed.json"])
+@pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])
+def test_only_plain_files_are_opened(name: str, kind: str, out: Path) -> None:
+    put(kind, out / name)
     assert main(["show", str(out)]) in (1, 2)
+
+
+@pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])
+def test_what_is_no_plain_file_is_no_step(kind: str, out: Path, caplog: pytest.LogCaptureFixture) -> None:
+    path = next((out / "steps").iterdir())
+    put(kind, path)
+    assert main(["show", str(out)]) == 0
+    assert str(path) in caplog.text
+    assert again(out) == (0 if kind == "loop" else 2)
+    if kind == "loop":
+        assert path.is_file()
+        assert not path.is_symlink()
 
 
 @pytest.mark.parametrize("key", ["answer", "parts", "data"])

@@ -6,17 +6,20 @@ import logging
 import multiprocessing
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
+import polars as pl
 import pytest
 
+from helpers.search_functions import steps_of
 from vibroswarm.cli import main
 from vibroswarm.core.atomic_io import LOCK_FILE, folder_lock
-from vibroswarm.errors import InputError
-from vibroswarm.optimize.journal import JOURNAL, held
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.search_files import candidate_table
 from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.steps import held
 
 SMALL = (
     Path(__file__).parents[1] / "helpers" / "small_search.toml"
@@ -36,7 +39,7 @@ def test_a_second_search_is_refused_in_words_and_may_begin_when_the_first_was_ki
     file.write_text(SMALL)
     command = ["optimize", str(file), "--fresh", "10", "--no-pictures", "--out", str(folder)]
     assert main(command) == 0
-    before = (folder / JOURNAL).read_bytes()
+    before = steps_of(folder)
     spawn = multiprocessing.get_context("spawn")
     ready = spawn.Event()
     other = spawn.Process(target=hold, args=(folder, ready))
@@ -52,7 +55,7 @@ def test_a_second_search_is_refused_in_words_and_may_begin_when_the_first_was_ki
     assert (folder / LOCK_FILE).exists(), "left behind, and no obstacle"
     assert main(command) == 0
     assert not (folder / LOCK_FILE).exists()
-    assert (folder / JOURNAL).read_bytes() == before
+    assert steps_of(folder) == before
 
 
 def test_two_in_one_process_are_two(tmp_path: Path) -> None:
@@ -71,13 +74,13 @@ def test_a_folder_that_was_begun_is_gone_on_with(tmp_path: Path) -> None:
     """The kill that was no longer gone on with: after the search, before the head."""
     search = Search.from_toml(SMALL)
     whole = candidate_table(run_search(search, tmp_path / "whole"))
-    for names in ([], ["search.toml"], ["search.toml", JOURNAL], [".search.toml.abc", ".lock"]):
+    for names in ([], ["search.toml"], [".search.toml.abc", ".lock"]):
         folder = tmp_path / f"begun {len(names)}{names[:1]}"
         folder.mkdir()
         for name in names:
             (folder / name).write_text(search.to_toml() if name == "search.toml" else "")
         assert candidate_table(run_search(search, folder)).equals(whole)
-    for name, text in (("search.toml", "seed = 4\n"), (JOURNAL, "{}\n"), ("notes.txt", "")):
+    for name, text in (("search.toml", "seed = 4\n"), ("notes.txt", "")):
         folder = tmp_path / f"foreign {name}"
         folder.mkdir()
         (folder / name).write_text(text)
@@ -86,43 +89,72 @@ def test_a_folder_that_was_begun_is_gone_on_with(tmp_path: Path) -> None:
         assert [path.name for path in folder.iterdir()] == [name]
 
 
-@pytest.mark.parametrize(
-    "damaged",
-    [b"{", b"\x00\x00", b"[]", b"3", b'{"asks": [[0, 1]], "origins": ["x"], "values": [], "found": [[]]}',
-     b'{"asks": [[0, 1]], "origins": ["x"], "values": [], "found": [["", ""]]}', b"[" * 5000],
-)  # fmt: skip
-def test_a_damaged_line_is_named_by_all_who_read_it(
-    damaged: bytes, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+STEP = "00002.parquet"
+
+
+def changed(**columns: pl.Expr) -> Callable[[Path], None]:
+    return lambda path: pl.read_parquet(path).with_columns(**columns).write_parquet(path)
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-9])
+
+
+DAMAGES: dict[str, Callable[[Path], None]] = {
+    "torn": cut,
+    "empty": lambda path: path.write_bytes(b""),
+    "other bytes": lambda path: path.write_bytes(b"PAR1" + b"\0" * 50 + b"PAR1"),
+    "no rows": lambda path: pl.read_parquet(path).clear().write_parquet(path),
+    "a figure less": lambda path: pl.read_parquet(path).drop("figure_0").write_parquet(path),
+    "a figure more": changed(figure_1=pl.lit(1.0)),
+    "a figure of words": changed(figure_0=pl.lit("1")),
+    "no number": changed(figure_0=pl.lit(float("nan"))),
+    "no figure": changed(figure_0=pl.lit(None, dtype=pl.Float64)),
+    "figures of a failed run": changed(failed=pl.lit("why")),
+    "no candidate": changed(candidate=pl.lit(None, dtype=pl.UInt32)),
+    "a row twice": changed(run=pl.lit(0, dtype=pl.UInt32)),
+    "a folder": lambda path: (path.unlink(), path.mkdir())[1],
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_damaged_step_is_said_and_its_runs_repeated(
+    damage: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
 ) -> None:
     search = Search.from_toml(SMALL)
-    run_search(search, tmp_path)
-    journal = tmp_path / JOURNAL
-    lines = journal.read_bytes().split(b"\n")
-    journal.write_bytes(b"\n".join([lines[0], damaged, *lines[2:]]))
-    for read in (lambda: held(tmp_path), lambda: run_search(search, tmp_path)):
-        with pytest.raises(InputError, match="line 2 is damaged"):
-            read()
-    assert main(["show", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert str(journal) in said
-    assert "line 2 is damaged" in said
+    whole = candidate_table(run_search(search, tmp_path))
+    before, path = steps_of(tmp_path), tmp_path / "steps" / STEP
+    DAMAGES[damage](path)
+    with caplog.at_level(logging.WARNING):
+        assert held(tmp_path)["steps"] == len(before) - 1
+    assert str(path) in caplog.text
+    assert main(["show", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    assert "to resume" in said
+    if path.is_dir():
+        path.rmdir()
+    assert candidate_table(run_search(search, tmp_path)).equals(whole)
+    assert steps_of(tmp_path) == before
 
 
-def test_a_torn_last_line_is_dropped_and_said(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_step_of_other_requests_is_refused(tmp_path: Path) -> None:
     search = Search.from_toml(SMALL)
     run_search(search, tmp_path)
-    journal = tmp_path / JOURNAL
-    data = journal.read_bytes()
-    run_search(search, tmp_path)
-    assert not caplog.records, "nothing was torn"
-    journal.write_bytes(data[:-9])
-    with caplog.at_level(logging.WARNING):
-        run_search(search, tmp_path)
-    assert [f"{journal}: the last line is incomplete" in r.getMessage() for r in caplog.records] == [True]
-    assert journal.read_bytes() == data
+    path = tmp_path / "steps" / STEP
+    for change in (
+        changed(candidate=pl.col("candidate") + 1),
+        changed(origin=pl.lit("other")),
+        changed(run=pl.col("run") + 1),
+    ):
+        kept = path.read_bytes()
+        change(path)
+        with pytest.raises(RunError, match="requests other runs than this folder holds"):
+            run_search(search, tmp_path)
+        path.write_bytes(kept)
+    run_search(search, tmp_path)  # control
 
 
-@pytest.mark.parametrize("name", ["search.toml", JOURNAL])
+@pytest.mark.parametrize("name", ["search.toml", "search.json"])
 def test_a_folder_in_place_of_a_file_of_a_search_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / name).mkdir()
     with pytest.raises(InputError, match="exists but is not a search"):

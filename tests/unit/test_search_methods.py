@@ -1,8 +1,9 @@
-"""Methods other than the swarm: known optima, the account of runs, resuming, Optuna's storage."""
+"""Methods other than the swarm: known optima, the account of runs, resuming."""
 
 from __future__ import annotations
 
 import importlib.util
+import shutil
 import sys
 from dataclasses import replace
 from itertools import pairwise
@@ -14,13 +15,15 @@ import polars as pl
 import pytest
 
 from helpers import search_functions as functions
+from helpers.search_functions import steps_of
 from vibroswarm.analysis.tradeoff import pareto_front
 from vibroswarm.documents.search import search_document
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.loop import Found, run_search
-from vibroswarm.optimize.methods import Method, Random, Sobol
+from vibroswarm.optimize.methods import Random, Sobol, Stage
 from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize.optuna_samplers import Cmaes, Gp, Nsga2, Tpe
 from vibroswarm.optimize.search_files import candidate_table, write_search
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.validation import front_of
@@ -58,15 +61,10 @@ def need(name: str) -> None:
         )
 
 
-def made(name: str, archive: Archive, budget: int, starts: Any = ()) -> Method:
-    if name in ("random", "sobol"):
-        return {"random": Random, "sobol": Sobol}[name](archive, 1, budget, 1, starts)
+def made(name: str, archive: Archive, budget: int, starts: Any = ()) -> Stage:
     need(name)
-    from vibroswarm.optimize.optuna_samplers import Cmaes, OptunaSampler
-
-    if name == "cmaes":
-        return Cmaes(archive, 1, budget, 1, starts)
-    return OptunaSampler(archive, 1, budget, 1, starts, name)
+    kinds = (Random, Sobol, Tpe, Gp, Cmaes, Nsga2)
+    return {kind.name: kind for kind in kinds}[name](archive, 1, budget, 1, starts)
 
 
 @pytest.mark.parametrize(
@@ -118,13 +116,11 @@ def test_every_method_keeps_its_account_and_resumes(tmp_path: Path, name: str) -
         search = replace(search.with_settings(final=None, budget=100), objectives=two)
     whole = run_search(search, tmp_path / "whole")
     assert whole.runs == 100 if name == "nsga2" else 150 <= whole.runs <= 160
-    journal = (tmp_path / "whole" / "journal.jsonl").read_bytes().splitlines(keepends=True)
-    for steps in sorted({1, len(journal) // 2, len(journal)}):
-        run_again = tmp_path / f"after {steps}"
-        run_again.mkdir()
-        for file in ("search.toml", "search.json"):
-            (run_again / file).write_bytes((tmp_path / "whole" / file).read_bytes())
-        (run_again / "journal.jsonl").write_bytes(b"".join(journal[:steps]))
+    count = len(steps_of(tmp_path / "whole"))
+    for done in sorted({1, count // 2, count}):
+        run_again = Path(shutil.copytree(tmp_path / "whole", tmp_path / f"after {done}"))
+        for name_of_step in list(steps_of(run_again))[done:]:
+            (run_again / "steps" / name_of_step).unlink()
         again = run_search(search, run_again)
         assert candidate_table(again).equals(candidate_table(whole))
         assert (again.best, again.front) == (whole.best, whole.front)

@@ -12,6 +12,7 @@ KINDS: Final = {
     "network": "network",
     "task": "task",
     "motion": "motion source",
+    "method": "method of search",
 }
 """Values of ``--kind``, and their names in messages."""
 
@@ -21,12 +22,12 @@ def check(
     /,
     *,
     kind: Annotated[
-        Literal["strategy", "network", "task", "motion"] | None,
-        Option("strategy, network, task or motion, if several have that name", "KIND"),
+        Literal["strategy", "network", "task", "motion", "method"] | None,
+        Option("strategy, network, task, motion or method, if several have that name", "KIND"),
     ] = None,
     json: Json = False,
 ) -> int:
-    """Check a strategy, network, task or motion source.
+    """Check a strategy, network, task, motion source or method of search.
 
     Does it compile, repeat, give the same results in pieces and in plain Python, and return what it should? Its kind is
     detected. The exit code is 1 if a check fails; one that only warns does not count as failed.
@@ -38,7 +39,7 @@ def check(
     """
     from vibroswarm.cli.deliver import print_document
     from vibroswarm.documents.check import check_document
-    from vibroswarm.testing import check_motion, check_network, check_strategy, check_task
+    from vibroswarm.testing import check_method, check_motion, check_network, check_strategy, check_task
 
     kind_found, known_name = _kind_and_name(kind, name)
     checks = {
@@ -46,6 +47,7 @@ def check(
         "network": check_network,
         "task": check_task,
         "motion": check_motion,
+        "method": check_method,
     }
     results = checks[kind_found](known_name)
     failed = any(not result.holds and not result.is_warning for result in results)
@@ -64,6 +66,7 @@ def _kind_and_name(kind: str | None, text: str) -> tuple[str, str]:
     Raises:
         InputError: nothing has that name, or several kinds have it, or the file cannot be loaded.
     """
+    import vibroswarm.optimize.spec  # registers the methods
     import vibroswarm.simulation  # noqa: F401  (registers the engines)
     from vibroswarm.errors import InputError, nearest
     from vibroswarm.scenario import plugins

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.options import Drawn, Execution, Json
 from vibroswarm.cli.terminal import report
+from vibroswarm.core.registry import written_names
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,8 +19,12 @@ if TYPE_CHECKING:
     from vibroswarm.optimize.spec import Search
     from vibroswarm.optimize.validation import Front, Truth
 
-METHODS: Final = ("pso", "tpe", "gp", "cmaes", "nsga2", "random", "sobol", "grid")
-"""Methods of a search, as ``optimize.spec`` has them, and a grid; a test compares them."""
+
+def method_names() -> list[str]:
+    """Return the names of the methods of this package, and that of a grid, which is no method of a search."""
+    return [*written_names("optimize"), "grid"]
+
+
 File = Annotated[Path | None, Option("the search file (default: the paper's search)", "SEARCH.toml")]
 Cost = Annotated[str | None, Option("cost to minimise (default: that of the file)")]
 Seed = Annotated[int | None, Option("same search and seed: same result", "S")]
@@ -30,7 +34,7 @@ Seed = Annotated[int | None, Option("same search and seed: same result", "S")]
 class SearchOptions:
     """What a search file says, and its options in its place."""
 
-    method: Annotated[str | None, Option("{names} (default pso)", names=partial(list, METHODS))] = None
+    method: Annotated[str | None, Option("{names}, or FILE.py:NAME (default pso)", names=method_names)] = None
     noise: Annotated[
         str | None, Option("for pso: rescore (default), ocba, fixed (the paper), or as-ran (its program)")
     ] = None
@@ -82,9 +86,12 @@ def search_of(file: Path | None, options: SearchOptions) -> Search:
     ``--cost`` replaces all objectives by a single one. The new objective keeps two settings of the search's first
     objective: its statistic, and whether the score is that of the worst case or the mean over cases (``over``).
     """
+    from vibroswarm.cli.scenario_options import chosen
     from vibroswarm.optimize.objective import Objective
     from vibroswarm.optimize.spec import Search
 
+    if options.method is not None:
+        options = replace(options, method=chosen("method", options.method))
     # `Search.read` gets these options, since it checks how they fit the other entries of the file.
     replaced: dict[str, Any] = {"method": options.method, "cost": options.cost, "budget": options.budget}
     search = Search() if file is None else Search.read(file, **replaced)
@@ -131,13 +138,13 @@ def _search(search: Search, execution: Execution, output: Drawn) -> None:
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.progress import search_progress
     from vibroswarm.documents.search import plan_sentences, search_document
-    from vibroswarm.optimize.journal import Journal
     from vibroswarm.optimize.loop import check_libraries, run_search
     from vibroswarm.optimize.search_files import made_by, write_search
+    from vibroswarm.optimize.steps import SearchFolder
 
     check_libraries(search)  # now, since `--force` removes the folder
-    # Making a `Journal` writes nothing, but refuses a folder that holds anything but this search.
-    claim(output, lambda folder: Journal(folder, search, mixed=execution.mixed))
+    # Making a `SearchFolder` writes nothing, but refuses a folder that holds anything but this search.
+    claim(output, lambda folder: SearchFolder(folder, search, mixed=execution.mixed))
     _start(search)
     for sentence in plan_sentences(search):
         report(sentence)

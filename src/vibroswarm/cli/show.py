@@ -94,8 +94,8 @@ def _show_folder(folder: Path, json: bool) -> None:
     from vibroswarm.documents.saved import read_printed
     from vibroswarm.documents.search import search_sentences
     from vibroswarm.documents.study_results import results_or_need
-    from vibroswarm.optimize.journal import HEAD as SEARCH_HEAD
-    from vibroswarm.optimize.journal import SEARCH, held, is_search
+    from vibroswarm.optimize.steps import HEAD as SEARCH_HEAD
+    from vibroswarm.optimize.steps import SEARCH, held, is_search
     from vibroswarm.show.data import document_data
     from vibroswarm.study.store import HEAD, Store
 

@@ -28,7 +28,7 @@ def search_file_document(search: Search, grid_cells: int) -> Document:
         grid_cells: number of cells if the file can be read as a grid too; 0: it cannot.
     """
     names = list(search.space.names)
-    method = "grid" if grid_cells else search.settings.method
+    method = "grid" if grid_cells else search.settings.method_name
     words = (
         f"Grid of {count(grid_cells, 'cell')} over {listed(names)}, or fields of a search."
         if grid_cells

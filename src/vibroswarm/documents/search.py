@@ -98,8 +98,9 @@ def plan_sentences(search: Search) -> Iterator[str]:
     # the runs of the method, those of the race between the best candidates, and those that validate the winner
     runs = search.search_runs + search.final_runs
     yield (
-        f"{search.settings.method}: {count(search.space.size, 'field')}, for the lowest {aims(search)}; {runs:,} runs, "
-        f"and {search.settings.fresh * (1 + len(search.starts)):,} fresh runs to validate the best; seed {search.seed}"
+        f"{search.settings.method_name}: {count(search.space.size, 'field')}, for the lowest {aims(search)}; "
+        f"{runs:,} runs, and {search.settings.fresh * (1 + len(search.starts)):,} fresh runs to validate the best; "
+        f"seed {search.seed}"
     )
     yield from map(score_sentence, search.objectives)
 
@@ -161,7 +162,7 @@ def _how(found: Found) -> str:
     search = found.search
     cases = f", each in {len(search.cases)} cases" if len(search.cases) > 1 else ""
     return (
-        f"`{search.settings.method}` over {count(search.space.size, 'field')}, for the lowest {aims(search)}: "
+        f"`{search.settings.method_name}` over {count(search.space.size, 'field')}, for the lowest {aims(search)}: "
         f"{count(len(found.archive), 'candidate')} in {count(found.runs, 'run')}{cases}; {failures_in(found.archive)}."
     )
 
@@ -314,7 +315,7 @@ def _made_by(search: Search, made_by: Sequence[Mapping[str, str]]) -> dict[str, 
     texts = {
         "search": search.hash,
         "seed": str(search.seed),
-        "method": search.settings.method,
+        "method": search.settings.method_name,
         "objective": aims(search),
         "engine": search.study.motion,
         **versions_in_words(made_by),
@@ -346,8 +347,8 @@ def search_sentences(about: dict[str, Any], *, is_validated: bool) -> list[str]:
     done, requested = about["runs_there"], about["runs_wanted"]
     lines = [
         f"Search in {about['folder']}: {about['method']}, {' and '.join(about['objectives'])}, seed {about['seed']}.",
-        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in {about['steps']} steps; "
-        f"{about['runs_failed']:,} failed.",
+        f"Done: {done:,} of {requested:,} runs ({100 * done / max(requested, 1):.4g} %), in "
+        f"{count(about['steps'], 'step')}; {about['runs_failed']:,} failed.",
         f"Fields: {', '.join(about['fields'])}.",
     ]
     if not is_validated:

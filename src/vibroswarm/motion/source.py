@@ -243,18 +243,7 @@ def source(name: str) -> Source:
     Raises:
         InputError: there is no such source, or its file is not loaded; the message suggests a similar name.
     """
-    if not plugins.is_code(name):
-        # If the name is not known yet, register the sources of installed packages.
-        plugins.known_for("motion", name)
-        return _ready(_registry.get(name))
-    known = _registry.known().get(plugins.name_in(name))
-    if known is None or known.code != name:
-        raise InputError(
-            f"'{name.partition(plugins.HASH)[0]}' is not loaded; name its file by --motion, or add --trust to run "
-            "the one that is named",
-            field="motion",
-        )
-    return _ready(known)
+    return _ready(plugins.found("motion", name, _registry))
 
 
 def _ready(found: Source) -> Source:

@@ -5,6 +5,8 @@ from .grid import scores_of as scores_of
 from .grid import truth_of_grid as truth_of_grid
 from .loop import Found as Found
 from .loop import run_search as run_search
+from .methods import Method as Method
+from .methods import Sampler as Sampler
 from .objective import Objective as Objective
 from .outcomes import Outcomes as Outcomes
 from .outcomes import outcomes_of as outcomes_of

@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate, compress, pairwise
 
 import numpy as np
 
+from vibroswarm.analysis.tradeoff import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.space import Point, Space, Values
@@ -64,9 +66,9 @@ class Archive(NotebookView):
         """Whether failed runs are left out of a candidate's score, as in the paper's program."""
         self.candidates: list[Candidate] = []
         """All candidates; the key of a candidate is its index."""
-        self.columns: list[slice] = []
-        """The columns of each objective in the figures; empty until the search sets them after its first runs, before
-        any score is computed."""
+        bounds = [0, *accumulate(objective.width for objective in self.objectives)]
+        self.columns = [slice(first, end) for first, end in pairwise(bounds)]
+        """The columns of each objective in the figures, which stand side by side."""
         self.runs = 0
         """Runs requested so far."""
         self.failed = 0
@@ -177,3 +179,15 @@ class Archive(NotebookView):
         """
         among = range(len(self)) if keys is None else keys
         return min(among, key=lambda k: (self.estimate(k)[0], k))
+
+    def front(self, keys: Sequence[int]) -> list[int]:
+        """Return which of the candidates ``keys`` are on the Pareto front, sorted by the score of the first objective.
+
+        Candidates with an infinite score are left out. If no candidate remains, the front is empty.
+        """
+        scores = {key: self.scores(key) for key in keys}
+        finite = [key for key in keys if np.isfinite(scores[key]).all()]
+        if not finite:
+            return []
+        on_front = pareto_front(*zip(*(scores[key] for key in finite), strict=True))
+        return sorted(compress(finite, on_front), key=lambda key: (scores[key], key))

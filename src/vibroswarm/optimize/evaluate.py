@@ -73,11 +73,6 @@ CRASHED: Final = "taken to crash (pso.crash_share)"
 """Reason of failure of runs that count as crashed."""
 
 
-def code_of(cases: Sequence[Scenario], motion: str) -> tuple[tuple[str, str], ...]:
-    """Return (name, text) of each user code that the cases or the motion source need, for ``plugins.install_all``."""
-    return plugins.texts_of([motion, *(code for case in cases for code in case.codes)])
-
-
 def derived_seed(seed: int, purpose: str) -> int:
     """Derive a seed for one purpose of a search: evaluations, fresh runs, ..."""
     # 7 bytes, so that every derived seed is below ``rng.SEED_LIMIT``, 2^63.
@@ -122,6 +117,36 @@ def _scenario(text: str, values: tuple[tuple[str, Any], ...]) -> Scenario:
     return _base(text).with_values(dict(values))
 
 
+class Simulations:
+    """Simulations of the same cases with different values of fields, from one seed.
+
+    Args:
+        cases: scenarios in which each run is simulated. seed: of all runs. motion: name of the motion source.
+    """
+
+    def __init__(self, cases: Sequence[Scenario], seed: int, motion: str = "event") -> None:
+        self.cases, self.seed, self.motion = tuple(case.to_toml() for case in cases), seed, motion
+        self.code = plugins.texts_of([motion, *(code for case in cases for code in case.codes)])
+
+    def pieces(
+        self, values: Mapping[str, Any], first: int, end: int, size: int = PIECE, crashed: bool = False
+    ) -> list[Piece]:
+        """Divide the runs ``first`` to ``end`` - 1 of a candidate with these values into pieces of at most ``size``."""
+        return [
+            Piece(
+                cases=self.cases,
+                values=tuple(values.items()),
+                seed=self.seed,
+                motion=self.motion,
+                first=low,
+                last=min(low + size, end),
+                code=self.code,
+                crashed=crashed,
+            )
+            for low in range(first, end, size)
+        ]
+
+
 class Evaluator:
     """Assigns numbers to the runs of candidates, and divides the runs into pieces."""
 
@@ -134,6 +159,7 @@ class Evaluator:
         motion: str = "event",
         numbers: str = "independent",
         crash_share: float = 0.0,
+        purpose: str = "evaluations",
     ) -> None:
         """Prepare to divide the runs of the candidates in ``archive``.
 
@@ -141,12 +167,12 @@ class Evaluator:
             cases: scenarios in which each run is simulated. seed: of the search. motion: the motion source.
             numbers: how runs are numbered, one of ``NUMBERS`` or ``AS_RAN``.
             crash_share: with ``AS_RAN``, the share of runs that count as crashed.
+            purpose: the seed of the runs is derived from it and the search's. It differs from that of the fresh runs,
+                on which the winner is validated.
         """
-        self.archive, self.motion, self.numbers = archive, motion, numbers
+        self.archive, self.numbers = archive, numbers
         self.crash_share, self.search_seed = crash_share, seed
-        self.cases, self.code = tuple(scenario.to_toml() for scenario in cases), code_of(cases, motion)
-        self.seed = derived_seed(seed, "evaluations")
-        """Seed of all runs; it differs from that of the fresh runs, on which the winner is validated."""
+        self.simulations = Simulations(cases, derived_seed(seed, purpose), motion)
         self.next_run = 0
         """Next unused number with ``independent`` numbers; otherwise not read."""
 
@@ -167,20 +193,7 @@ class Evaluator:
         self.next_run += ask.runs  # not read with ``common`` numbers
         if first + ask.runs > RUN_LIMIT:
             raise InputError("needs more than 2^32 runs", field="budget")
-        values = tuple(candidate.values.items())
-        end = first + ask.runs
-        return [
-            Piece(
-                cases=self.cases,
-                values=values,
-                seed=self.seed,
-                motion=self.motion,
-                first=low,
-                last=min(low + PIECE, end),
-                code=self.code,
-            )
-            for low in range(first, end, PIECE)
-        ]
+        return self.simulations.pieces(candidate.values, first, first + ask.runs)
 
     def _pieces_as_ran(self, ask: Ask) -> list[Piece]:
         """Return one piece per run, numbered as in the paper's program (``shared_run``).
@@ -188,25 +201,33 @@ class Evaluator:
         Each run counts as crashed with the probability ``crash_share``.
         """
         candidate = self.archive[ask.key]
-        values = tuple(candidate.values.items())
         # The purpose names the candidate and its runs so far. So each request draws other crashes, and a resumed search
         # draws the same crashes again.
         chances = generator(self.search_seed, f"optimizer: crashes {ask.key} {candidate.count}")
-        crashed = (chances.random(ask.runs) < self.crash_share).tolist()
-        runs = [shared_run(candidate.count + e, candidate.iteration) for e in range(ask.runs)]
-        return [
-            Piece(
-                cases=self.cases,
-                values=values,
-                seed=self.seed,
-                motion=self.motion,
-                first=run,
-                last=run + 1,
-                code=self.code,
-                crashed=is_crashed,
-            )
-            for run, is_crashed in zip(runs, crashed, strict=True)
-        ]
+        pieces: list[Piece] = []
+        for e, is_crashed in enumerate((chances.random(ask.runs) < self.crash_share).tolist()):
+            run = shared_run(candidate.count + e, candidate.iteration)
+            pieces += self.simulations.pieces(candidate.values, run, run + 1, crashed=is_crashed)
+        return pieces
+
+
+Result = Rows | tuple[str, int]
+"""Results of some runs of a candidate: their figures, (runs, cases, columns), or why they failed and how many."""
+
+
+def do_asks(
+    asks: Sequence[tuple[Ask, Sequence[Piece]]],
+    objectives: tuple[Objective, ...],
+    pool: Workers,
+    progress: Callable[[int], None] = lambda done: None,
+) -> list[list[Result]]:
+    """Run the pieces of requests, and return the results of the pieces of each; see ``do_pieces``."""
+    pieces = [piece for _, of_ask in asks for piece in of_ask]
+    done = zip(pieces, do_pieces(pieces, objectives, pool, progress), strict=True)
+    results = iter(
+        (rows, piece.last - piece.first) if isinstance(rows, str) else rows for piece, rows in done
+    )
+    return [[next(results) for _ in of_ask] for _, of_ask in asks]
 
 
 def do_pieces(
@@ -331,21 +352,8 @@ def figures_of(
         InputError: a cost gives no finite number, or is not defined on the outcomes. RunError: all runs failed, or the
             workers are gone.
     """
-    texts, items = tuple(scenario.to_toml() for scenario in cases), tuple(values.items())
-    step = 5 * PIECE  # larger pieces than in a search, since there are many runs: fewer pieces to submit
-    code = code_of(cases, motion)
-    pieces = [
-        Piece(
-            cases=texts,
-            values=items,
-            seed=seed,
-            motion=motion,
-            first=first,
-            last=min(first + step, runs),
-            code=code,
-        )
-        for first in range(0, runs, step)
-    ]
+    # Larger pieces than in a search, since there are many runs: fewer pieces to submit.
+    pieces = Simulations(cases, seed, motion).pieces(values, 0, runs, 5 * PIECE)
     results = do_pieces(pieces, objectives, workers, progress)
     good = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if not isinstance(rows, str)]
     bad = [(piece, rows) for piece, rows in zip(pieces, results, strict=True) if isinstance(rows, str)]

@@ -1,4 +1,4 @@
-"""Run a search: its method requests runs, workers simulate them, and archive and journal record the results.
+"""Run a search: its stages request runs, workers simulate them, and the results go to the archive and the folder.
 
 A step is one set of requests with its results. After the method, the best candidates (finalists) compete in a race on
 further runs (see ``race``); with several objectives there is no race, and the result is a Pareto front.
@@ -7,66 +7,51 @@ further runs (see ``race``); with several objectives there is no race, and the r
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import nullcontext
 from dataclasses import dataclass
-from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any, Final
 
 import numpy as np
+import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.errors import InputError, RunError
+from vibroswarm.errors import RunError
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.evaluate import AS_RAN, Evaluator, do_pieces
-from vibroswarm.optimize.journal import JOURNAL, Journal, Step
-from vibroswarm.optimize.methods import Ask, Iteration, Method, Random, SearchProgress, Sobol
-from vibroswarm.optimize.pso import Pso
+from vibroswarm.optimize.evaluate import AS_RAN, Evaluator, Piece, do_asks
+from vibroswarm.optimize.methods import Ask, Iteration, SearchProgress, Stage, method
 from vibroswarm.optimize.race import Race
 from vibroswarm.optimize.response_surface import optima
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.steps import REQUEST, SearchFolder, results_in, step_table
+from vibroswarm.scenario import plugins
 from vibroswarm.study.executors import Workers, workers_for
 
 
-def method_of(search: Search, archive: Archive) -> Method:
-    """Create the method that a search names; the method will add its candidates to ``archive``.
+def stage_of(search: Search, archive: Archive) -> Stage:
+    """Begin the method that a search names; it will add its candidates to ``archive``.
 
     Raises:
-        InputError: the method needs a library that is not installed, or cannot search over these fields.
+        InputError: the method's file is not loaded, needs a library that is not installed, or the method cannot search
+            over these fields.
     """
-    name, starts = search.settings.method, list(search.starts)
-    if name == "pso":
-        return Pso(archive, search.seed, search.pso_settings, starts)
-    # ``budget``: runs of the method in all; ``evaluations``: runs of each candidate
-    seed, budget, evaluations = search.seed, search.search_budget, search.settings.evaluations
-    if name == "random":
-        return Random(archive, seed, budget, evaluations, starts)
-    if name == "sobol":
-        return Sobol(archive, seed, budget, evaluations, starts)
-    # imported only here, since these methods need libraries that may not be installed
-    from vibroswarm.optimize.optuna_samplers import Cmaes, OptunaSampler
-
-    if name == "cmaes":
-        return Cmaes(archive, seed, budget, evaluations, starts)
-    return OptunaSampler(archive, seed, budget, evaluations, starts, name)
+    chosen = method(search.settings.method)
+    with plugins.errors_in(chosen.code):
+        return chosen.begin(archive, search)
 
 
 def check_libraries(search: Search) -> None:
     """Check that a search can begin with the installed libraries; called before anything is written.
 
     Raises:
-        InputError: the method needs a library that is not installed, or cannot search over these fields.
+        InputError: as of ``stage_of``.
     """
-    method_of(search, Archive(search.space, search.objectives))  # made only for its checks
+    stage_of(search, Archive(search.space, search.objectives))  # made only for its checks
 
 
 Progress = Callable[[SearchProgress], None]
-
-WIDTHS: Final = {"time_at_error": 5, "expected_time_to_right": 2}
-"""Numbers of columns of the figures of these objectives, see ``Objective.figures``; every other cost has one."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +76,7 @@ class Found(NotebookView):
     def __repr__(self) -> str:
         objective = self.search.objectives[0]
         return (
-            f"Found({self.search.settings.method}, {len(self.archive):,} candidates in {self.runs:,} runs; "
+            f"Found({self.search.settings.method_name}, {len(self.archive):,} candidates in {self.runs:,} runs; "
             f"believed score {f'{self.believed:.4g} {objective.unit}'.rstrip()}, {objective.words})"
         )
 
@@ -132,34 +117,33 @@ def run_search(
 
     Args:
         search: its definition.
-        folder: where its journal is saved. By default it is not saved, and the search cannot be continued. A search
+        folder: where its steps are saved. By default they are not saved, and the search cannot be continued. A search
             whose cost is a function cannot be saved.
         executor, workers: see ``study.executors``.
         mixed: whether to continue a search that other versions of vibroswarm or its libraries began. By default this is
             refused, since no single version could repeat such a search.
         progress: called as runs finish, with the state of the search.
     Raises:
-        InputError: the folder is refused (see ``Journal``) or in use, its journal is damaged, a library is missing, or
-            a cost returns no number.
-        RunError: every run of the first step failed, the workers are gone, the folder cannot be written, or its journal
-            holds other requests than the method makes; finished steps are saved.
+        InputError: the folder is refused (see ``SearchFolder``) or in use, a library is missing, or a cost returns no
+            number.
+        CodeError: a user's method failed.
+        RunError: every run of the first step failed, the workers are gone, the folder cannot be written, or it holds
+            other requests than the method makes; finished steps are saved.
     """
     check_libraries(search)
-    journal = None if folder is None else Journal(folder, search, mixed=mixed)
-    with workers_for(executor, workers) as pool, nullcontext() if journal is None else journal.alone():
-        return _Loop(search, journal, pool, progress).run()
+    place = None if folder is None else SearchFolder(folder, search, mixed=mixed)
+    with workers_for(executor, workers) as pool, nullcontext() if place is None else place.alone():
+        return _Loop(search, place, pool, progress).run()
 
 
 class _Loop:
-    """A running search. It first replays the steps in the journal, then runs new steps and appends them to the journal.
+    """A running search. A step that the folder has is replayed: the stage gets the recorded results."""
 
-    To replay a step is to give the method its recorded results, so that the method reaches the state in which the
-    search was interrupted.
-    """
-
-    def __init__(self, search: Search, journal: Journal | None, pool: Workers, progress: Progress) -> None:
-        """Prepare the search: an archive without candidates, and the recorded steps, which ``run`` replays."""
-        self.search, self.journal, self.pool, self.progress = search, journal, pool, progress
+    def __init__(
+        self, search: Search, folder: SearchFolder | None, pool: Workers, progress: Progress
+    ) -> None:
+        """Prepare the search: an archive without candidates."""
+        self.search, self.folder, self.pool, self.progress = search, folder, pool, progress
         # Like the paper's program, an as-ran search drops failed runs from scores, and numbers runs in its own way.
         as_ran = search.is_as_ran
         self.archive = Archive(search.space, search.objectives, drops_failed=as_ran)
@@ -171,39 +155,34 @@ class _Loop:
             numbers=AS_RAN if as_ran else search.settings.numbers,
             crash_share=search.pso.crash_share if as_ran else 0.0,
         )
-        self.recorded: Iterator[Step] = iter(()) if journal is None else journal.steps()
-        self.replaying = journal is not None
-        """Whether steps of the journal may still have to be replayed; false from the first step that is run."""
+        self.steps = 0
+        """Number of steps so far."""
         self.best = math.inf
         """The best score so far, for progress."""
 
     def run(self) -> Found:
         """Run the method, then the race of the finalists if there is one, and return the result."""
         search = self.search
-        method: Method = method_of(search, self.archive)
-        self._run_method(method, "search", search.search_runs)
-        race: Method | None = None
+        first = stage_of(search, self.archive)
+        self._run_stage(first, "search", search.search_runs)
+        race: Stage | None = None
         if search.final_runs and len(search.objectives) == 1:
-            race = Race(self.archive, self._finalists(method), search.final_runs)
-            self._run_method(race, "race", search.search_runs + search.final_runs)
-        if self.replaying and self.journal is not None:
-            # Every step was in the journal. So ``_run_step`` has run no new step, before which it would have cut off
-            # an incomplete last line.
-            self.journal.cut()
-        last = race or method
+            race = Race(self.archive, self._finalists(first), search.final_runs)
+            self._run_stage(race, "race", search.search_runs + search.final_runs)
+        last = race or first
         # With several objectives, the finalists are the candidates on the Pareto front. All are requested: the number
         # is larger than that of the candidates.
-        front = tuple(method.finalists(10**9)) if len(search.objectives) > 1 else ()
+        front = tuple(first.finalists(10**9)) if len(search.objectives) > 1 else ()
         return Found(
             search=search,
             archive=self.archive,
             best=last.best(),
-            history=method.history,
+            history=first.history,
             race=race.history if race else [],
             front=front,
         )
 
-    def _finalists(self, method: Method) -> list[int]:
+    def _finalists(self, first: Stage) -> list[int]:
         """Choose the candidates of the race, and return their keys.
 
         They are, in this order of preference, the best candidate of the method, the minima of the response surfaces
@@ -217,130 +196,100 @@ class _Loop:
         points = optima(self.archive, keys, self.search.seed) if self.search.settings.surface else []
         added = [*((p, "surface") for p in points), *((p, "start") for p in self.search.starts)]
         added = added[: count - 1]  # one place is left for the method's best candidate
-        best = method.finalists(count - len(added))
+        best = first.finalists(count - len(added))
         return [*best, *(self.archive.new(point, origin) for point, origin in added)]
 
-    def _run_method(self, method: Method, stage: str, wanted: int) -> None:
-        """Run a method, step by step, until it makes no further requests.
+    def _run_stage(self, stage: Stage, name: str, wanted: int) -> None:
+        """Run a stage, step by step, until it makes no further requests.
 
         Args:
-            method: the search's method, or the race. stage: "search" or "race", for the progress report.
+            stage: the search's method, or the race. name: "search" or "race", for the progress report.
             wanted: number of runs from the beginning of the search to the end of this stage, for the progress report.
         """
-        while asks := method.ask():
-            self._run_step(asks, method, stage, wanted)
-            method.tell()
-            if method.history:
-                self.best = method.history[-1].best
-            self._report_progress(method, stage, wanted, done=0)  # the archive has all runs of the step now
+        code = method(self.search.settings.method).code
+        while True:
+            with plugins.errors_in(code):
+                asks = stage.ask()
+            if not asks:
+                return
+            self._run_step(asks, lambda done: self._report_progress(stage, name, wanted, done))
+            with plugins.errors_in(code):
+                stage.tell()
+            if stage.history:
+                self.best = stage.history[-1].best
+            self._report_progress(stage, name, wanted, done=0)  # the archive has all runs of the step now
 
-    def _run_step(self, asks: Sequence[Ask], method: Method, stage: str, wanted: int) -> None:
-        """Do one step: add the results of the requests ``asks`` to the archive.
-
-        If the journal has this step, its results are taken from there. Otherwise the requested runs are simulated, and
-        the step is appended to the journal. ``stage`` and ``wanted`` are for the progress report, see ``_run_method``.
-        """
-        step = next(self.recorded, None) if self.replaying else None
-        if step is not None:
-            self._replay_step(step, asks)
-            return
-        if self.replaying and self.journal is not None:
-            self.journal.cut()  # a new line must not be appended to an incomplete one
-        self.replaying = False
-        pieces = [(ask, piece) for ask in asks for piece in self.evaluator.pieces(ask)]
-        results = do_pieces(
-            [piece for _, piece in pieces],
-            self.archive.objectives,
-            self.pool,
-            lambda done: self._report_progress(method, stage, wanted, done),
-        )
-        # The results of the pieces of each request, by the key of its candidate: figures, or (reason, number of runs)
-        # of a failed piece.
-        by_ask: dict[int, list[Any]] = {ask.key: [] for ask in asks}
-        for (ask, piece), rows in zip(pieces, results, strict=True):
-            by_ask[ask.key].append(rows if not isinstance(rows, str) else (rows, piece.last - piece.first))
-        # This raises if all runs of the first step failed. Such a step is not recorded, so that it can be tried again.
-        self._add_runs(asks, [by_ask[ask.key] for ask in asks])
-        if self.journal is not None:
-            self.journal.add(self.archive, asks, [by_ask[ask.key] for ask in asks])
-
-    def _replay_step(self, step: Step, asks: Sequence[Ask]) -> None:
-        """Add the runs of a recorded step to the archive, as if they had just been simulated for the requests ``asks``.
+    def _run_step(self, asks: Sequence[Ask], progress: Callable[[int], None]) -> None:
+        """Do one step: add the results of the requests ``asks`` to the archive, from the folder if it has the step.
 
         Raises:
-            RunError: the recorded requests, or the origins of their candidates, differ from those of the method.
-            InputError: the recorded figures do not have the cases and columns of this search.
+            RunError: every run of the first step failed, or the recorded step has other requests.
         """
-        if list(asks) != step.asks or [self.archive[a.key].origin for a in asks] != step.origins:
+        self.steps += 1
+        # Also of a recorded step: the numbers of its runs count as used from now on.
+        pieces = [(ask, self.evaluator.pieces(ask)) for ask in asks]
+        table = None if self.folder is None else self.folder.read(self.steps)
+        if table is None:
+            table = self._new_step(pieces, progress)
+        elif not self._is_of(asks, table):
             raise RunError(
-                "the method requests other runs than the journal holds, which another version made; "
-                "take a new folder"
+                "the method requests other runs than this folder holds, which another version made; take a new folder"
             )
-        cases = len(self.search.cases)
-        # The archive has no columns before its first figures, so that the first step may have any number of columns.
-        columns = sum(slice_.stop - slice_.start for slice_ in self.archive.columns)
-        for pieces in step.found:
-            for rows in pieces:
-                if isinstance(rows, np.ndarray) and (
-                    rows.shape[1] != cases or (self.archive.columns and rows.shape[2] != columns)
-                ):
-                    raise InputError(
-                        f"holds figures of {rows.shape[1]} cases in {rows.shape[2]} columns, which do not fit this "
-                        f"search ({cases} cases); take a new folder",
-                        field=JOURNAL,
-                    )
-        # The pieces are not needed, but the call marks their run numbers as used, so that later runs get other numbers.
-        for ask in asks:
-            self.evaluator.pieces(ask)
-        self._add_runs(asks, step.found)
+        for key, results in results_in(table, len(self.search.cases)).items():
+            for result in results:
+                is_good = isinstance(result, np.ndarray)
+                self.archive.add_runs(key, *((result, len(result)) if is_good else result))
 
-    def _add_runs(self, asks: Sequence[Ask], found: Sequence[Sequence[Any]]) -> None:
-        """Add results to the archive: ``found`` has, for each request, the results of its pieces (see ``Step.found``).
+    def _new_step(
+        self, asks: Sequence[tuple[Ask, Sequence[Piece]]], progress: Callable[[int], None]
+    ) -> pl.DataFrame:
+        """Simulate a step, and save and return its table.
 
-        The first call also sets the columns of the archive.
-        """
-        is_first = not self.archive.columns
-        for ask, pieces in zip(asks, found, strict=True):
-            for piece in pieces:  # an array of figures, or (reason, number of runs) of a failed piece
-                rows_or_reason, count = (piece, piece.shape[0]) if isinstance(piece, np.ndarray) else piece
-                self.archive.add_runs(ask.key, rows_or_reason, count)
-        if is_first:
-            self._set_columns(asks)
-
-    def _set_columns(self, asks: Sequence[Ask]) -> None:
-        """Set which columns of the figures belong to each objective; called once, after the first step.
-
-        ``asks`` are the requests of that step; their figures are in the archive.
-
+        Args:
+            asks: the requests with their pieces. progress: called with the number of finished runs.
         Raises:
-            RunError: all runs of the first step failed.
+            RunError: every run of the first step failed. It is not saved, so that it can be tried again.
         """
-        # Figures of the first piece of each request that has any, (runs, cases, columns).
-        rows = [self.archive[ask.key].rows[0] for ask in asks if self.archive[ask.key].rows]
-        if not rows:
-            cause = next((self.archive[a.key].why for a in asks if self.archive[a.key].why), "")
-            raise RunError(f"all of the first {sum(a.runs for a in asks)} runs failed: {cause}")
-        widths = [WIDTHS.get(objective.name, 1) for objective in self.archive.objectives]
-        # The columns of the objectives stand side by side (``evaluate.rows_of``). A single objective has all columns.
-        bounds = [0, *accumulate(widths if len(widths) > 1 else [rows[0].shape[2]])]
-        self.archive.columns = [slice(first, end) for first, end in pairwise(bounds)]
+        results = do_asks(asks, self.archive.objectives, self.pool, progress)
+        table = step_table(
+            self.search,
+            [
+                (ask.key, self.archive[ask.key].origin, result)
+                for (ask, _), result in zip(asks, results, strict=True)
+            ],
+        )
+        if self.steps == 1 and not table["failed"].null_count():
+            raise RunError(
+                f"all of the first {sum(ask.runs for ask, _ in asks)} runs failed: {table['failed'][0]}"
+            )
+        if self.folder is not None:
+            self.folder.add(self.steps, table)
+        return table
 
-    def _report_progress(self, method: Method, stage: str, wanted: int, done: int) -> None:
+    def _is_of(self, asks: Sequence[Ask], table: pl.DataFrame) -> bool:
+        """Return whether a recorded step has exactly the runs of these requests, and their candidates these origins."""
+        cases = len(self.search.cases)
+        expected = [(ask.key, run, case) for ask in asks for run in range(ask.runs) for case in range(cases)]
+        origins = {(ask.key, self.archive[ask.key].origin) for ask in asks}
+        found = set(table.select("candidate", "origin").unique().rows())
+        return table.select(REQUEST).rows() == expected and found == origins
+
+    def _report_progress(self, stage: Stage, name: str, wanted: int, done: int) -> None:
         """Report the state of the search to the caller.
 
         Args:
-            method: the search's method, or the race. stage, wanted: see ``_run_method``.
+            stage, name, wanted: see ``_run_stage``.
             done: number of finished runs of the current step, which are not in the archive yet.
         """
         self.progress(
             SearchProgress(
-                method=method.name,
-                iteration=len(method.history),
-                iterations=method.iterations,
+                method=stage.name,
+                iteration=len(stage.history),
+                iterations=stage.iterations,
                 runs=self.archive.runs + done,
                 wanted=wanted,
                 best=self.best,
                 failed=self.archive.failed,
-                stage=stage,
+                stage=name,
             )
         )

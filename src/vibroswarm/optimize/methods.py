@@ -1,15 +1,31 @@
-"""Define the protocol of a search's method, and the methods that propose points in batches.
+"""Define the protocol of a search: methods that request runs, and the two methods that learn nothing.
 
-A method requests runs of candidates (``ask``). Once the runs are finished and in the archive, ``tell`` is called, so
-that the method can use their scores for its next requests. A method reads all figures from the archive. Its random
-numbers depend only on the seed, their purpose and the iteration, so that it requests the same runs after the same
-history; this is how a search is resumed.
+A search runs in stages: its method, then possibly a race of the best candidates (``race``). A stage requests runs of
+candidates (``ask``). Once the runs are finished and in the archive, ``tell`` is called, so that the stage can use their
+scores for its next requests. A stage reads all figures from the archive. Its random numbers depend only on the seed,
+their purpose and the iteration, so that it requests the same runs after the same history; this is how a search is
+resumed.
 
-All methods but the particle swarm propose points in batches. The methods of Optuna and cmaes use the scores of the
-batches before; these two do not:
+## Your own method
+
+A method is a name and a function that begins its stage. Most methods propose points in batches: derive a class from
+``Sampler``, which leaves one function to write.
+
+    class Near(Sampler):
+        name = "near"
+
+        def propose(self, count):
+            best = self.archive[self.best()].point if self.keys else 0.5
+            return list(best + 0.2 * self.random().normal(size=(count, self.archive.space.size)))
+
+    near = Method("near", Near.begin)
+
+The method of a file is named ``FILE.py:near``; ``register`` makes one known to a program by its name. Of this package:
 
 | method | how points are proposed |
 |---|---|
+| pso | the paper's particle swarm (``pso``) |
+| tpe, gp, cmaes, nsga2 | from the scores so far, by Optuna (``optuna_samplers``) |
 | random | uniform |
 | sobol | evenly spread (scrambled Sobol sequence) |
 """
@@ -18,16 +34,23 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.registry import Registry
+from vibroswarm.errors import InputError, shown
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.space import Point
+from vibroswarm.scenario import plugins
+
+if TYPE_CHECKING:
+    from vibroswarm.optimize.spec import Search
 
 
 class Ask(NamedTuple):
@@ -94,10 +117,13 @@ def iteration_of(
     )
 
 
-class Method(Protocol):
-    """The protocol of a method, see the head of this module."""
+class Stage(Protocol):
+    """A stage of a search, see the head of this module."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """What progress calls it."""
+
     archive: Archive
     history: list[Iteration]
     """The finished iterations."""
@@ -118,6 +144,36 @@ class Method(Protocol):
 
         With several objectives, these are the candidates on the Pareto front, by the score of the first objective.
         """
+
+
+@dataclass(frozen=True)
+class Method(NotebookView):
+    """A method of search, as it is registered."""
+
+    name: str
+    """Name by which searches select it."""
+    begin: Callable[[Archive, Search], Stage]
+    """Begins it: gets the archive of a search, without candidates, and the search."""
+    several: bool = False
+    """Whether it can minimise several objectives at once."""
+    source: str = field(default="", compare=False)
+    """Text of the file that defines the method, if the file is not part of this package."""
+    code: str = field(default="", compare=False)
+    """Name of that file, name of the method in it, and the file's hash."""
+
+
+_registry = Registry[Method]("method", "search.method")
+register, forget, known = _registry.register, _registry.forget, _registry.known
+plugins.KINDS["method"] = plugins.Kind(Method, register, known, "vibroswarm.methods")
+
+
+def method(name: str) -> Method:
+    """Return the method of that name, or of a file that is already loaded (``FILE.py:NAME`` with the file's hash).
+
+    Raises:
+        InputError: there is no such method, or its file is not loaded.
+    """
+    return plugins.found("method", name, _registry)
 
 
 def chance(seed: int, purpose: str) -> np.random.Generator:
@@ -151,10 +207,15 @@ BATCH: Final = 10
 """Default batch size: enough points to keep workers busy, few enough to learn from each batch."""
 
 
-class BatchSampler(ABC):
-    """A method that proposes batches of points, with ``evaluations`` runs each, until the budget is spent."""
+class Sampler(NotebookView, ABC):
+    """A stage that proposes batches of points, with ``evaluations`` runs each, until the budget is spent.
 
-    name = "batches"
+    Args:
+        archive: gets the candidates. seed: of the search. budget: runs in all. evaluations: runs of each candidate.
+        starts: points to propose first. batch: largest number of points in a batch.
+    """
+
+    name = "sampler"
 
     def __init__(
         self,
@@ -165,12 +226,6 @@ class BatchSampler(ABC):
         starts: Sequence[Point] = (),
         batch: int = BATCH,
     ) -> None:
-        """Prepare a search without candidates.
-
-        Args:
-            archive: gets the candidates. seed: of the search. budget: runs in all. evaluations: runs of each candidate.
-            starts: points to propose first. batch: largest number of points in a batch.
-        """
         self.archive, self.seed, self.evaluations, self.starts = archive, seed, evaluations, list(starts)
         self.points = max(budget // evaluations, 1)
         """Number of points that are proposed in all: as many as the budget allows, but at least one."""
@@ -183,22 +238,42 @@ class BatchSampler(ABC):
         self.keys: list[int] = []
         """Keys of all candidates so far."""
 
-    @abstractmethod
-    def propose(self, count: int) -> list[Point]:
-        """Propose the next ``count`` points in the unit cube."""
+    @classmethod
+    def begin(cls, archive: Archive, search: Search) -> Self:
+        """Begin the method of ``search``, whose ``archive`` has no candidates yet (``Method.begin``)."""
+        return cls(archive, search.seed, search.search_budget, search.settings.evaluations, search.starts)
 
-    def learn(self, keys: Sequence[int]) -> None:  # noqa: B027  (some methods do not learn)
-        """Update the method with the scores of a batch, which are in the archive."""
+    @abstractmethod
+    def propose(self, count: int) -> Sequence[Point]:
+        """Propose the next ``count`` points, at least one; they are clipped to the unit cube."""
+
+    def learn(self, keys: Sequence[int]) -> None:  # nothing, for methods that do not learn
+        """Update the method with the scores of the candidates ``keys`` of a batch, in the order of the proposals."""
+
+    def random(self) -> np.random.Generator:
+        """Return the random generator of this batch; the same at each call."""
+        return chance(self.seed, f"{self.name} {self.iteration}")
 
     def ask(self) -> list[Ask]:
         """Propose the next batch, add its points to the archive, and request runs of each.
 
-        The list is empty once all ``points`` have been proposed.
+        The starts come first. The list is empty once all ``points`` have been proposed.
+
+        Raises:
+            InputError: ``propose`` gives something else than so many points.
         """
-        left = self.points - len(self.keys)
-        if left <= 0:
+        count = min(self.batch, self.points - len(self.keys))
+        if count <= 0:
             return []
-        points = self.propose(min(self.batch, left))
+        points, self.starts = self.starts[:count], self.starts[count:]
+        if missing := count - len(points):
+            proposed = np.asarray(self.propose(missing), dtype=np.float64)
+            if proposed.shape != (missing, self.archive.space.size) or not np.isfinite(proposed).all():
+                raise InputError(
+                    f"gives {shown(proposed.tolist())}; return {missing} points of {self.archive.space.size} numbers",
+                    field=f"{self.name}.propose",
+                )
+            points = [*points, *proposed]
         origin = f"{self.name} {self.iteration + 1}"
         self.current = [self.archive.new(point, origin) for point in points]
         self.keys += self.current
@@ -220,40 +295,33 @@ class BatchSampler(ABC):
         return self.archive.in_order(self.keys)[0]
 
     def finalists(self, count: int) -> list[int]:
-        """Return the keys of up to ``count`` candidates, sorted by the upper bound of the score, the lowest first."""
-        return self.archive.in_order(self.keys)[:count]
+        """Return the keys of up to ``count`` candidates, sorted by the upper bound of the score, the lowest first.
 
-    def next_starts(self, count: int) -> list[Point]:
-        """Take up to ``count`` starts out of those that have not been proposed yet."""
-        taken, self.starts = self.starts[:count], self.starts[count:]
-        return taken
+        With several objectives, these are the candidates on the Pareto front, by the score of the first objective.
+        """
+        one = len(self.archive.objectives) == 1
+        return (self.archive.in_order(self.keys) if one else self.archive.front(self.keys))[:count]
 
 
-class Random(BatchSampler):
+class Random(Sampler):
     """Random search with uniform points."""
 
     name = "random"
 
-    def propose(self, count: int) -> list[Point]:
-        """Return ``count`` points: first the starts that have not been proposed yet, then uniformly random points."""
-        starts = self.next_starts(count)
-        random = chance(self.seed, f"random {self.iteration}")
-        return [*starts, *random.random((count - len(starts), self.archive.space.size))]
+    def propose(self, count: int) -> Sequence[Point]:
+        """Return ``count`` uniformly random points."""
+        return list(self.random().random((count, self.archive.space.size)))
 
 
-class Sobol(BatchSampler):
+class Sobol(Sampler):
     """Search along a scrambled Sobol sequence."""
 
     name = "sobol"
 
-    def propose(self, count: int) -> list[Point]:
-        """Return ``count`` points: first the starts that have not been proposed yet, then points of the sequence.
-
-        The sequence is drawn in the first call, and ``self.sequence`` keeps the points that are left.
-        """
+    def propose(self, count: int) -> Sequence[Point]:
+        """Return the next ``count`` points of the sequence; the first call draws it."""
         from scipy.stats import qmc
 
-        starts = self.next_starts(count)
         if not hasattr(self, "sequence"):
             # A Sobol sequence is evenly spread only if its length is a power of two, and SciPy warns of other lengths.
             # The smallest power of two that is at least ``points`` is drawn; surplus points stay unused.
@@ -262,7 +330,9 @@ class Sobol(BatchSampler):
             # it only draws the seed of one that can.
             sobol_seed = int(chance(self.seed, "sobol").integers(2**63))
             sampler = qmc.Sobol(self.archive.space.size, scramble=True, rng=np.random.default_rng(sobol_seed))
-            self.sequence = list(sampler.random(size))
-        missing = count - len(starts)
-        taken, self.sequence = self.sequence[:missing], self.sequence[missing:]
-        return [*starts, *taken]
+            self.sequence = iter(sampler.random(size))
+        return [next(self.sequence) for _ in range(count)]
+
+
+RANDOM = register(Method("random", Random.begin))
+SOBOL = register(Method("sobol", Sobol.begin))

@@ -138,6 +138,11 @@ class Objective(NotebookView):
         }
 
     @property
+    def width(self) -> int:
+        """Number of figures of a run from which the score is computed, see ``figures``."""
+        return {"expected_time_to_right": 2, "time_at_error": 5}.get(self.name, 1)
+
+    @property
     def unit(self) -> str:
         """The unit of the score; empty if it has none."""
         is_time = self.name in (*AIMS, "decision_time") or (

@@ -31,16 +31,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, number_of, whole_number_of
 from vibroswarm.optimize.archive import Archive
-from vibroswarm.optimize.methods import Ask, Iteration, chance, iteration_of
+from vibroswarm.optimize.methods import Ask, Iteration, Method, chance, iteration_of, register
 from vibroswarm.optimize.race import allocate_runs
 from vibroswarm.optimize.space import Point
+
+if TYPE_CHECKING:
+    from vibroswarm.optimize.spec import Search
 
 NOISE: Final = ("rescore", "ocba", "fixed", "as-ran")
 """Choices of the setting ``noise``; see the head of this module."""
@@ -299,3 +302,10 @@ class Pso:
             + settings.weight_global * r_2 * to_global
         )
         self.position = np.clip(self.position + self.velocity, 0.0, 1.0)  # Eq. 21b
+
+
+def _begin(archive: Archive, search: Search) -> Pso:
+    return Pso(archive, search.seed, search.pso_settings, search.starts)
+
+
+PSO = register(Method("pso", _begin))

@@ -22,9 +22,9 @@ from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.grid import Grid, Nodes
-from vibroswarm.optimize.journal import HEAD
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.steps import HEAD
 from vibroswarm.optimize.validation import Front
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions

@@ -26,7 +26,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -37,9 +37,12 @@ from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError, whole_number_of
-from vibroswarm.optimize.evaluate import PIECE, RUN_LIMIT, Piece, code_of, derived_seed, do_pieces
+from vibroswarm.optimize.archive import Archive
+from vibroswarm.optimize.evaluate import PIECE, RUN_LIMIT, Evaluator, derived_seed, do_asks
 from vibroswarm.optimize.loop import Found
-from vibroswarm.optimize.optuna_samplers import distribution_of, ignore_warnings, optuna
+from vibroswarm.optimize.methods import Ask
+from vibroswarm.optimize.optuna_samplers import needed, quiet
+from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.study.executors import workers_for
 
@@ -110,32 +113,25 @@ def sobol_indices(
             a cost gives no number for a run. RunError: a run failed, or the workers are gone.
     """
     replicates = whole_number_of(replicates, "replicates", 1, RUN_LIMIT - 1)
-    design = design_of(search, budget, replicates)
+    archive = Archive(search.space, search.objectives[:1])
     scenarios = [cell.scenario for cell in search.cases]
-    cases = tuple(scenario.to_toml() for scenario in scenarios)
-    code = code_of(scenarios, search.study.motion)
-    seed = derived_seed(search.seed, "sensitivity")
-    # One piece per point. No two runs have the same number, so that the noise of all runs is independent.
-    pieces = [
-        Piece(
-            cases=cases,
-            values=tuple(search.space.values(point).items()),
-            seed=seed,
-            motion=search.study.motion,
-            first=k * replicates,
-            last=(k + 1) * replicates,
-            code=code,
-        )
-        for k, point in enumerate(design)
-    ]
+    # No two runs have the same number, so that the noise of all runs is independent.
+    evaluator = Evaluator(archive, scenarios, search.seed, motion=search.study.motion, purpose="sensitivity")
+    design = design_of(search, budget, replicates)
+    asks = [Ask(archive.new(point, "design"), replicates) for point in design]
     with workers_for(executor, workers) as pool:
-        results = do_pieces(pieces, search.objectives[:1], pool, progress)
-    bad = [rows for rows in results if isinstance(rows, str)]
+        of_asks = [(ask, evaluator.pieces(ask)) for ask in asks]
+        results = do_asks(of_asks, archive.objectives, pool, progress)
+    bad = [piece for of_point in results for piece in of_point if isinstance(piece, tuple)]
     if bad:
-        raise RunError(f"{len(bad) * replicates} runs failed, and every point is needed: {bad[0]}")
-    # The figures of a point are (replicates, cases, columns). Their first column, averaged over the cases, gives the
-    # costs: (points, replicates).
-    costs = np.array([np.mean(rows, axis=1)[:, 0] for rows in results if not isinstance(rows, str)])
+        (why, _), runs = bad[0], sum(count for _, count in bad)
+        raise RunError(f"{runs} runs failed, and every point is needed: {why}")
+    # The first column of a point's figures, (replicates, cases, columns), averaged over the cases, gives the costs,
+    # (points, replicates).
+    rows = [
+        np.concatenate([piece for piece in of_point if not isinstance(piece, tuple)]) for of_point in results
+    ]
+    costs = np.array([np.mean(of_point, axis=1)[:, 0] for of_point in rows])
     return indices(search.space.names, costs, search.seed)
 
 
@@ -153,12 +149,7 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
     Raises:
         InputError: SALib is not installed, or N would be below 8, which is too few for the indices.
     """
-    try:
-        from SALib.sample import sobol
-    except ImportError:
-        raise InputError(
-            "needs SALib: pip install 'vibroswarm[optimize]'", field="optimize sensitivity"
-        ) from None
+    sobol = needed("SALib.sample.sobol", what="optimize sensitivity")
     # N: the bit length of a number, less 1, is the exponent of the largest power of two up to that number. If there are
     # no points, N is 1, and refused below.
     base = 1 << max((points // (dimensions + 2)).bit_length() - 1, 0)
@@ -274,13 +265,13 @@ def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
     """
     if not 0 < best_share < 1:
         raise InputError(f"{best_share!r} is not a share; give one between 0 and 1", field="best_share")
-    library, archive = optuna(), found.archive
+    library, archive = needed("optuna"), found.archive
     distributions = {d.name: distribution_of(library, d) for d in archive.space}
     scored = [(c, archive.score(c.key)) for c in archive.candidates]
     finite = [(c, score) for c, score in scored if math.isfinite(score)]
     if len(finite) < MIN_CANDIDATES:
         raise InputError(f"{len(finite)} candidates are too few; at least {MIN_CANDIDATES}", field="found")
-    with ignore_warnings():
+    with quiet(library):
         study = library.create_study()  # in memory: Optuna computes importances from a study only
         for candidate, score in finite:
             study.add_trial(
@@ -291,3 +282,14 @@ def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
         evaluator = library.importance.PedAnovaImportanceEvaluator(target_quantile=best_share)
         importances = library.importance.get_param_importances(study, evaluator=evaluator)
     return {str(name): float(share) for name, share in importances.items()}
+
+
+def distribution_of(library: Any, dimension: Dimension) -> Any:
+    """Return the Optuna distribution that describes a field: its choices, or its range and scale."""
+    distributions = library.distributions
+    if dimension.choices:
+        return distributions.CategoricalDistribution(dimension.choices)
+    log = dimension.scale == "log"
+    if dimension.whole:
+        return distributions.IntDistribution(int(dimension.low), int(dimension.high), log=log)
+    return distributions.FloatDistribution(dimension.low, dimension.high, log=log)

@@ -96,13 +96,16 @@ class Dimension:
         The value at ``share(v)`` is ``v`` again, up to rounding errors, for whole numbers and choices exactly.
         """
         if self.choices:
-            # u = 1 is the last choice
-            return self.choices[min(int(u * len(self.choices)), len(self.choices) - 1)]
+            return self.choices[self.choice_at(u)]
         if u in (0.0, 1.0):  # exactly the bounds: the formulas below may miss them by a rounding error
             return rounded(self.low if u == 0.0 else self.high, self.whole)
         if self.scale == "log":
             return rounded(self.low * (self.high / self.low) ** u, self.whole)
         return rounded(self.low + u * (self.high - self.low), self.whole)
+
+    def choice_at(self, u: float) -> int:
+        """Return the index of the choice at the coordinate ``u`` in [0, 1]; 1 belongs to the last."""
+        return min(int(u * len(self.choices)), len(self.choices) - 1)
 
     def share(self, value: Any) -> float:
         """Return the coordinate of a value in [0, 1].

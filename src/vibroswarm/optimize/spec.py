@@ -37,17 +37,18 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml, read_text
 from vibroswarm.errors import InputError, check_choice, nearest, shown, whole_number_of
 from vibroswarm.inference.outcomes import truth_on
+from vibroswarm.optimize import methods, optuna_samplers  # noqa: F401  (the second registers methods)
 from vibroswarm.optimize.evaluate import NUMBERS
 from vibroswarm.optimize.objective import Objective, objectives_from
 from vibroswarm.optimize.pso import PsoSettings
 from vibroswarm.optimize.space import PAPER, Point, Space
+from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.study.spec import Cell, Study
 
-FORMAT: Final = 2
+FORMAT: Final = 3
 """Version of the files in a search's folder."""
-METHODS: Final = ("pso", "random", "sobol", "tpe", "gp", "cmaes", "nsga2")
 KEYS: Final = ("space", "objective", "search", "pso", "start")
 """Keys that a search adds to those of a study."""
 START: Final = "paper-empirical"
@@ -64,7 +65,7 @@ class SearchSettings(NotebookView):
     """Settings of a search that all methods share."""
 
     method: str = "pso"
-    """One of ``METHODS``."""
+    """Name of a method, or ``FILE.py:NAME`` (see ``methods``)."""
     evaluations: int = 20
     """Runs per candidate, for methods other than pso, which has its own setting."""
     budget: int | None = None
@@ -88,7 +89,10 @@ class SearchSettings(NotebookView):
         Raises:
             InputError: naming the setting that is wrong.
         """
-        check_choice(self.method, "search.method", METHODS)
+        if plugins.is_code(self.method):  # the dataclass is frozen
+            object.__setattr__(self, "method", plugins.resolve_code("method", self.method))
+        else:
+            methods.method(self.method)  # raises if there is no such method
         check_choice(self.numbers, "search.numbers", NUMBERS)
         if not isinstance(self.surface, bool):
             raise InputError(f"{self.surface!r} is wrong; give true or false", field="search.surface")
@@ -97,6 +101,17 @@ class SearchSettings(NotebookView):
             # ``budget`` and ``final`` may be None: ``Search`` computes their defaults from its other parts.
             if value is not None or name not in ("budget", "final"):
                 whole_number_of(value, f"search.{name}", low, 10**9)
+
+    @property
+    def method_name(self) -> str:
+        """The method's name without its file."""
+        return plugins.name_in(self.method) if plugins.is_code(self.method) else self.method
+
+    @property
+    def takes_several(self) -> bool:
+        """Whether the method can minimise several objectives; code that is not loaded is taken to."""
+        found = methods.known().get(self.method_name)
+        return found is None or found.several
 
 
 @dataclass(frozen=True)
@@ -129,7 +144,7 @@ class Search(NotebookView):
         """
         if not self.objectives:
             raise InputError("is empty; name a cost", field="objective")
-        if len(self.objectives) > 1 and self.settings.method != "nsga2":
+        if len(self.objectives) > 1 and not self.settings.takes_several:
             raise InputError("several objectives need the method nsga2", field="search.method")
         if len(self.objectives) > 1 and self.final_runs:
             raise InputError(
@@ -233,11 +248,13 @@ class Search(NotebookView):
             settings = defaults | dict(settings) | {k: v for k, v in replaced.items() if v is not None}
         if cost is not None:
             objectives = (Objective(cost, statistic=objectives[0].statistic, over=objectives[0].over),)
+        with plugins.search_beside(folder):
+            made = _settings(SearchSettings, settings, "search")
         return cls(
             study=study,
             space=Space.of(PAPER if block is None else block),
             objectives=objectives,
-            settings=_settings(SearchSettings, settings, "search"),
+            settings=made,
             pso=_settings(PsoSettings, search_values.get("pso", {}), "pso"),
             start=None if start is None else tuple(start),
         )
@@ -312,6 +329,11 @@ class Search(NotebookView):
     def cases(self) -> tuple[Cell, ...]:
         """The scenarios in which every candidate is evaluated."""
         return self.study.cells
+
+    @property
+    def code_used(self) -> tuple[list[Scenario], str, str]:
+        """Scenarios, source of motion and method, whose code ``result.write_code`` writes."""
+        return [cell.scenario for cell in self.cases], self.study.motion, self.settings.method
 
     @cached_property
     def starts(self) -> list[Point]:

@@ -19,14 +19,17 @@ from dataclasses import replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 from vibroswarm import networks, strategies, tasks
+from vibroswarm.core.registry import Named, Registry
 from vibroswarm.core.untrusted_files import read_text
-from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown
+from vibroswarm.errors import CodeError, InputError, RunError, check_kind, nearest, path_of, shown
 from vibroswarm.networks import Network
 from vibroswarm.strategies import Strategy
 from vibroswarm.tasks import Task
+
+T = TypeVar("T", bound=Named)
 
 MODULE: Final = "vibroswarm_file"
 """Beginning of the names of modules that are made of users' files."""
@@ -179,7 +182,7 @@ def resolve_codes(values: Any, path: str = "") -> Any:
 
 
 def load_code(code: str, folder: str | Path | None = None) -> str:
-    """Run a file of your own, and register the strategy, network, task or source of motion in it that ``code`` names.
+    """Run a file of your own, and register the object in it that ``code`` names, such as a strategy.
 
     Args:
         code: ``counter.py:counter``, the file and the object in it. folder: folder that a relative path starts from;
@@ -305,6 +308,51 @@ def known_for(kind: str, name: object) -> Mapping[str, Any]:
     if isinstance(name, str) and name not in known():
         load_installed()
     return known()
+
+
+def found(kind: str, name: str, registry: Registry[T]) -> T:
+    """Return the object of that name, or of a file that is already loaded (``FILE.py:NAME`` with the file's hash).
+
+    Args:
+        kind: one of ``KINDS``. registry: of this kind.
+    Raises:
+        InputError: there is no such object, or its file is not loaded; the message suggests a similar name.
+    """
+    if not is_code(name):
+        known_for(kind, name)  # if the name is not known yet, registers the objects of installed packages
+        return registry.get(name)
+    known: Any = registry.known().get(name_in(name))
+    if known is None or known.code != name:
+        raise InputError(
+            f"'{name.partition(HASH)[0]}' is not loaded; name its file by --{kind}, or add --trust to run "
+            "the one that is named",
+            field=registry.field,
+        )
+    return known  # type: ignore[no-any-return]
+
+
+@contextmanager
+def errors_in(code: str) -> Iterator[None]:
+    """Report an error that a user's file raises within the ``with`` block in one sentence, with file and line.
+
+    Args:
+        code: a reference to code, or empty for code of this package, whose errors pass unchanged.
+    Raises:
+        CodeError: the file raised an error.
+    """
+    try:
+        yield
+    except (InputError, RunError):  # these have a message for users already
+        raise
+    except Exception as error:
+        if not code:
+            raise
+        file = code.partition(":")[0]
+        lines = [
+            line for line in traceback.extract_tb(error.__traceback__) if Path(line.filename).name == file
+        ]
+        place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else file
+        raise CodeError(f"{place}: {type(error).__name__}: {error}") from None
 
 
 def load_installed() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from vibroswarm.testing.method import check_method
 from vibroswarm.testing.motion import check_motion
 from vibroswarm.testing.network import check_network
 from vibroswarm.testing.plain_reference import PlainRun, plain_run
@@ -12,6 +13,7 @@ from vibroswarm.testing.task import check_task
 __all__ = [
     "Finding",
     "PlainRun",
+    "check_method",
     "check_motion",
     "check_network",
     "check_strategy",

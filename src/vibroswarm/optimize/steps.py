@@ -1,0 +1,287 @@
+"""The folder of a search: a table for each step, so that no finished step runs again.
+
+    search.toml          the search, self-contained
+    search.json          format, hash, versions
+    steps/00001.parquet  the first step: a row for each run and case
+    .lock                the process that uses the folder, while it does
+
+A step is one set of requests of the search's method, with the results of its runs:
+
+| column | what it is |
+|---|---|
+| candidate, origin | key of the candidate, and the step that proposed it |
+| run | number of the run among those requested, from 0 |
+| case | number of the case |
+| failed | why the run failed, else null |
+| figure_0, ... | figures of the run, from which the scores of the objectives are computed; null if it failed |
+
+A search is resumed by running its method from the beginning with the results in the tables: nothing is unpickled, and
+the same history leads to exactly the same next request. A table that is damaged or missing is computed again. Only one
+process at a time may write: see ``SearchFolder.alone``.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.core.atomic_io import LOCK_FILE as LOCK
+from vibroswarm.core.atomic_io import folder_lock, remove_leftovers, temporary_stem, write_files
+from vibroswarm.core.tables import Schema, read_table
+from vibroswarm.core.untrusted_files import entry, read_json, texts
+from vibroswarm.errors import InputError, RunError, check_format, warn_once
+from vibroswarm.optimize.evaluate import Result
+from vibroswarm.optimize.spec import FORMAT, Search, differences
+from vibroswarm.result import code_files, write_code
+from vibroswarm.simulation import versions
+from vibroswarm.study.executors import check_begun_by
+
+SEARCH: Final = "search.toml"
+"""File with the definition of the search."""
+HEAD: Final = "search.json"
+"""File with format, hash and versions; it is written last, so that a folder with it holds a search."""
+STEPS: Final = "steps"
+"""Folder of the steps."""
+REQUEST: Final = ("candidate", "run", "case")
+"""Columns that say what was requested."""
+
+
+def schema_of(search: Search) -> Schema:
+    """Return the columns of a step of a search."""
+    width = sum(objective.width for objective in search.objectives)
+    figures = {f"figure_{k}": pl.Float64 for k in range(width)}
+    numbers = {"candidate": pl.UInt32, "origin": pl.String, "run": pl.UInt32, "case": pl.UInt16}
+    return Schema({**numbers, "failed": pl.String, **figures}, frozenset({"failed", *figures}), REQUEST)
+
+
+def step_table(search: Search, results: Sequence[tuple[int, str, Sequence[Result]]]) -> pl.DataFrame:
+    """Return the table of a step.
+
+    Args:
+        results: for each request, in order, key and origin of the candidate, and the results of its runs in order.
+    """
+    schema, cases = schema_of(search), len(search.cases)
+    blocks = []
+    for key, origin, pieces in results:
+        counts = [len(piece) if isinstance(piece, np.ndarray) else piece[1] for piece in pieces]
+        why = [None if isinstance(piece, np.ndarray) else piece[0] for piece in pieces]
+        width = len(schema.columns) - 5
+        rows = [
+            piece if isinstance(piece, np.ndarray) else np.full((count, cases, width), np.nan)
+            for piece, count in zip(pieces, counts, strict=True)
+        ]
+        figures = np.concatenate(rows).reshape(-1, width)
+        runs = sum(counts)
+        columns: dict[str, Any] = {
+            "candidate": np.full(runs * cases, key),
+            "origin": [origin] * (runs * cases),
+            "run": np.repeat(np.arange(runs), cases),
+            "case": np.tile(np.arange(cases), runs),
+            "failed": [words for words, count in zip(why, counts, strict=True) for _ in range(count * cases)],
+            **{f"figure_{k}": figures[:, k] for k in range(width)},
+        }
+        blocks.append(pl.DataFrame(columns, schema=dict(schema.columns), nan_to_null=True))
+    return pl.concat(blocks)
+
+
+def results_in(table: pl.DataFrame, cases: int) -> dict[int, list[Result]]:
+    """Return the results in the table of a step, by candidate: figures first, then a reason for each failed run."""
+    found: dict[int, list[Result]] = {}
+    for (key,), rows in table.group_by("candidate", maintain_order=True):
+        good = rows.filter(pl.col("failed").is_null()).select(r"^figure_\d+$").to_numpy()
+        why = rows.filter(pl.col("failed").is_not_null(), pl.col("case") == 0)["failed"]
+        figures = [good.reshape(-1, cases, good.shape[1])] if good.size else []
+        found[key] = [*figures, *((words, 1) for words in why)]
+    return found
+
+
+class SearchFolder:
+    """The folder of a search: its files are written here, and its recorded steps are read."""
+
+    def __init__(self, folder: str | Path, search: Search, *, mixed: bool = False) -> None:
+        """Check that the folder can be used for this search: it does not exist, is empty, or holds this search.
+
+        A folder that has only files that ``_is_begun`` recognises can be used, too.
+
+        Nothing is written here; ``alone`` makes the folder.
+
+        Args:
+            folder: of the search. search: its definition.
+            mixed: whether the search may be continued if other versions of the programs began it.
+        Raises:
+            InputError: the folder holds something else, or a search that ``_check`` refuses; or the cost of ``search``
+                is a function, which a file cannot hold.
+        """
+        self.folder, self.search, self.mixed = Path(folder), search, mixed
+        self._text = search.to_toml()
+        # name -> text of the users' code files that the search needs; ``_make`` writes copies of them into the folder
+        self._code = code_files(*search.code_used)
+        if not self._is_there() and self._is_foreign():
+            raise InputError(
+                "exists but is not a search; give the name of a new folder", field=str(self.folder)
+            )
+
+    def _is_there(self) -> bool:
+        """Return whether the folder holds this search; false if it holds no search.
+
+        Raises:
+            InputError: it holds another search, or one that cannot be continued.
+        """
+        if not (self.folder / HEAD).is_file():
+            return False
+        self._check(self.search, self.mixed)
+        return True
+
+    def _is_foreign(self) -> bool:
+        """Return whether the path is a file, or a folder with an entry that this search does not write at its start."""
+        return self.folder.exists() and not (
+            self.folder.is_dir() and all(self._is_begun(path) for path in self.folder.iterdir())
+        )
+
+    def _is_begun(self, path: Path) -> bool:
+        """Return whether ``path`` is a file that this search writes before its first step.
+
+        If a process is killed before the first step, its folder has only such files, and the search can begin there
+        again.
+        """
+        if path.name == SEARCH:
+            return path.is_file() and path.read_bytes() == self._text.encode()
+        if path.name in self._code:
+            return path.is_file() and path.read_bytes() == self._code[path.name].encode()
+        # Files that were being written have temporary names that begin in this way.
+        temporary = tuple(temporary_stem(name) for name in (SEARCH, HEAD, *self._code))
+        return path.name == LOCK or path.name.startswith(temporary)
+
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """Make the folder if it does not exist, and lock it for this process until the end of the block.
+
+        Raises:
+            InputError: another process uses the folder, or it holds another search. RunError: it cannot be written.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
+        with folder_lock(self.folder):
+            remove_leftovers(self.folder)
+            # ``__init__`` checked this before the folder was locked: another process may have made a search since.
+            if not self._is_there():
+                self._make()
+            yield
+
+    def _make(self) -> None:
+        """Write the files of a new search. The head is written last, since a folder with a head counts as a search."""
+        head = {"format": FORMAT, "hash": self.search.hash, "versions": versions()}
+        write_code(self.folder, *self.search.code_used)
+        write_files(self.folder, {SEARCH: self._text, HEAD: json.dumps(head, indent=1) + "\n"})
+
+    def read(self, number: int) -> pl.DataFrame | None:
+        """Read a step, from 1; None if it is not there, or damaged, of which a warning is logged."""
+        path = self.folder / STEPS / name_of(number)
+        return intact_step(path, self.search) if os.path.lexists(path) else None
+
+    def add(self, number: int, table: pl.DataFrame) -> None:
+        """Write the table of a finished step.
+
+        Raises:
+            RunError: it cannot be written.
+        """
+        stream = io.BytesIO()
+        table.write_parquet(stream, compression="zstd")
+        write_files(self.folder / STEPS, {name_of(number): stream.getvalue()})
+
+    def _check(self, search: Search, mixed: bool) -> None:
+        """Check that the folder holds the given search, and that this version of the programs may continue it.
+
+        Raises:
+            InputError: the folder holds another search, has another format or a damaged head, or was begun by other
+                versions of the programs and ``mixed`` is false.
+        """
+        path = self.folder / HEAD
+        head = read_json(path, "the head of a search")
+        version, saved_hash = entry(head, "format", int, path), entry(head, "hash", str, path)
+        made_by = texts(entry(head, "versions", dict, path), "versions", path)
+        check_format(version, FORMAT, str(self.folder))
+        if saved_hash != search.hash:
+            saved = Search.read(self.folder / SEARCH)
+            # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
+            other = search.with_settings(fresh=saved.settings.fresh)
+            if saved_hash != other.hash:
+                different = differences(saved, other)
+                raise InputError(
+                    f"holds another search: {'; '.join(different[:3]) or 'its scenario differs'}; take another folder",
+                    field=str(self.folder),
+                )
+        if not mixed:
+            check_begun_by(made_by, self.folder)
+
+
+def name_of(number: int) -> str:
+    """Return the name of the file of a step, from 1."""
+    return f"{number:05}.parquet"
+
+
+def read_step(path: Path, search: Search) -> pl.DataFrame:
+    """Read the table of a step.
+
+    Raises:
+        InputError: it is damaged, or of another search.
+    """
+    table = read_table(path, schema_of(search), "step")
+    figures = [name for name in table.columns if name.startswith("figure_")]
+    given = pl.all_horizontal(pl.col(figures).is_finite().fill_null(False))
+    missing = pl.all_horizontal(pl.col(figures).is_null())
+    is_good = pl.when(pl.col("failed").is_null()).then(given).otherwise(missing)
+    if table.is_empty() or not table.select(is_good.all()).item():
+        raise InputError("lacks figures of a run, or has some of a failed one", field=str(path))
+    return table
+
+
+def intact_step(path: Path, search: Search) -> pl.DataFrame | None:
+    """Read the table of a step; None if it is damaged, of which a warning is logged."""
+    try:
+        return read_step(path, search)
+    except InputError as error:
+        warn_once(f"{error}; a search that goes on repeats these runs")
+        return None
+
+
+def is_search(folder: Path) -> bool:
+    """Return whether a folder holds a search."""
+    return (folder / HEAD).is_file() and (folder / SEARCH).is_file()
+
+
+def held(folder: Path) -> dict[str, Any]:
+    """Describe what a search's folder holds in plain values, without running anything.
+
+    ``runs_there`` is the number of runs in the recorded steps, ``runs_wanted`` the number planned for the whole search.
+    A finished search may have slightly fewer: methods other than pso request a fixed number of runs of each candidate,
+    which may not divide their budget.
+
+    Raises:
+        InputError: the search is damaged.
+    """
+    search = Search.read(folder / SEARCH)
+    paths = sorted((folder / STEPS).glob("*.parquet"))
+    steps = [table for table in (intact_step(path, search) for path in paths) if table is not None]
+    runs = [table.filter(pl.col("case") == 0) for table in steps]
+    return {
+        "folder": str(folder),
+        "method": search.settings.method_name,
+        "objectives": [objective.words for objective in search.objectives],
+        "fields": search.space.names,
+        "seed": search.seed,
+        "runs_wanted": search.search_runs + search.final_runs,
+        "runs_there": sum(table.height for table in runs),
+        "runs_failed": sum(table.height - table["failed"].null_count() for table in runs),
+        "steps": len(steps),
+    }
