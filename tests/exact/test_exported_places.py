@@ -19,12 +19,13 @@ from helpers.exported_robots import (
     built,
     built_for_arm,
     measured_at_each_tick,
-    plain_program,
     run_on_arm,
     run_program,
     steered_and_measured,
 )
 from vibroswarm import preset, simulate
+from vibroswarm.export.assembly import parts_of
+from vibroswarm.export.plain_program import plain_program
 from vibroswarm.scenario.scenario import Scenario
 
 SEED = 4
@@ -202,7 +203,7 @@ def test_the_plain_program_steers_as_the_simulation_does(
 
 def test_a_robot_that_is_steered_stands_until_it_knows_where_to_go() -> None:
     """Periods missed meanwhile are counted, and change nothing but the clock."""
-    module = plain_program(EXPLORE)
+    module = plain_program(parts_of(EXPLORE))
     robots = [module.Robot() for _ in range(2)]
     for robot in robots:
         module.start(robot, SEED, 0, 0)

@@ -6,32 +6,28 @@ the simulation, all do together.
 
 from __future__ import annotations
 
-import builtins
 import ctypes
 import ctypes.util
 import math
 import shutil
 import struct
 import subprocess
-import types
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vibroswarm.core.rng import uniform
-from vibroswarm.export import robot_program
 from vibroswarm.export.assembly import parts_of
-from vibroswarm.export.c_library import ASSETS, HEADERS
-from vibroswarm.export.c_program import c_sources, structs_of
-from vibroswarm.export.c_types import BOOL, CArray, Struct
+from vibroswarm.export.c_library import ASSETS, COMMON
+from vibroswarm.export.c_program import c_sources
 from vibroswarm.export.parameters import HEADER_FILE, header_text
-from vibroswarm.export.source import is_function, plain
+from vibroswarm.export.plain_program import plain_program
 from vibroswarm.robot.walk import STOP
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy as strategy_of
 
 HERE = Path(__file__).parent
+SOURCES = ("vibroswarm.c", "vibroswarm_radio.c", "robot_harness.c")
 START, STEP, SAMPLE, RECEIVE, HEAR, TIMER, TICK, TOLD, MOVED, STOPPED, ACCELERATE, OBSERVED = range(12)
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off")
 ARM = (
@@ -73,57 +69,6 @@ class SameMath:
         return getattr(math, name)
 
 
-def zero(kind: Any) -> Any:
-    """Return the zero of a type of C: arrays of NumPy, and rows whose fields are attributes."""
-    if isinstance(kind, CArray):
-        if isinstance(kind.element, Struct):
-            return [zero(kind.element) for _ in range(kind.shape[0])]
-        return np.zeros(kind.shape, dtype=type(zero(kind.element)))
-    if isinstance(kind, Struct):
-        return types.SimpleNamespace(**{name: zero(field) for name, field in kind.fields})
-    return False if kind == BOOL else 0 if kind.startswith(("vs_int", "int", "uint")) else 0.0
-
-
-def plain_program(scenario: Scenario) -> types.ModuleType:
-    """Return ``robot_program`` as plain Python with a scenario's parts in its open names, and the C library's ``math``.
-
-    Nothing is translated: functions keep their code, and only the global names that they read are bound anew.
-    """
-    parts, same_math, bound = parts_of(scenario), SameMath(), {}
-    structs = structs_of(parts)
-    module = types.ModuleType("plain_program")
-    space = vars(module)
-
-    def bind(value: Any) -> Any:
-        if value is math:
-            return same_math
-        if not is_function(value) or value is uniform:
-            return value
-        function = plain(parts.replaced.get(plain(value), value))
-        if function not in bound:
-            read, code = function.__globals__, function.__code__
-            is_template = read is vars(robot_program)
-            names = space if is_template else {"__builtins__": builtins}
-            bound[function] = types.FunctionType(code, names, function.__name__, None, function.__closure__)
-            if not is_template:
-                names.update({name: bind(read[name]) for name in code.co_names if name in read})
-        return bound[function]
-
-    names = {name: value for name, value in vars(robot_program).items() if not name.startswith("__")} | {
-        **parts.hooks,
-        "PARAMS": types.SimpleNamespace(**parts.params),
-        "WORLD": parts.world,
-        "WALKER": parts.walker,
-        "SENSING": parts.sensing,
-        "LOCALISER": parts.localiser,
-        "RMS_THRESHOLD": parts.rms_threshold,
-        "SENSING_BLIND_MS": parts.blind_ms,
-    }
-    space.update({name: bind(value) for name, value in names.items()})
-    space.update(Message=lambda: zero(structs["Message"]), Robot=lambda: zero(structs["Robot"]))
-    return module
-
-
 def write_sources(scenario: Scenario, folder: Path) -> list[str]:
     """Write the C sources and the harness; return the definitions that it needs."""
     parts = parts_of(scenario)
@@ -132,7 +77,7 @@ def write_sources(scenario: Scenario, folder: Path) -> list[str]:
     (folder / "vibroswarm.h").write_text(sources.header)
     (folder / "vibroswarm.c").write_text(sources.program)
     (folder / HEADER_FILE).write_text(header_text(scenario, parts))
-    for name in HEADERS:
+    for name in COMMON:
         shutil.copy(ASSETS / name, folder)
     for name in ("robot_harness.c", "microbit.ld"):
         shutil.copy(HERE / name, folder)
@@ -147,7 +92,7 @@ def built(
     defined = [*write_sources(scenario, folder), f"-DPOLLS={polls}", f"-DROWS={rows}"]
     program = folder / f"precision-{precision}-{polls}-{rows}"
     flags = [*STRICT, optimise, f"-DVS_PRECISION={precision}", *(["-fno-builtin"] if precision == 3 else [])]
-    command = ["gcc", *flags, *defined, "vibroswarm.c", "robot_harness.c", "-o", str(program), "-lm"]
+    command = ["gcc", *flags, *defined, *SOURCES, "-o", str(program), "-lm"]
     subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     return program
 
@@ -165,16 +110,21 @@ def run_program(program: Path, events: list[float]) -> list[float]:
     return np.frombuffer(done.stdout, dtype="<f8").tolist()
 
 
-def built_for_arm(scenario: Scenario, folder: Path) -> Path:
+def built_for_arm(scenario: Scenario, folder: Path, rows: int = 3) -> Path:
     """Compile the robot for a Cortex-M0; return the program."""
-    defined = write_sources(scenario, folder)
-    command = [*ARM, *defined, "vibroswarm.c", "robot_harness.c", "-T", "microbit.ld", "-o", "m0.elf", "-lm"]
+    defined = [*write_sources(scenario, folder), f"-DROWS={rows}"]
+    command = [*ARM, *defined, *SOURCES, "-T", "microbit.ld", "-o", "m0.elf", "-lm"]
     subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     return folder / "m0.elf"
 
 
 def run_on_arm(program: Path, events: list[float]) -> list[float]:
     """Return what the robot does on QEMU's Cortex-M0."""
+    return np.frombuffer(written_on_arm(program, events), dtype="<f8").tolist()
+
+
+def written_on_arm(program: Path, events: list[float]) -> bytes:
+    """Return what the harness writes on QEMU's Cortex-M0."""
     folder = program.parent
     (folder / "in.bin").write_bytes(as_bytes(events))
     command = [
@@ -182,7 +132,7 @@ def run_on_arm(program: Path, events: list[float]) -> list[float]:
         "-semihosting-config", "enable=on,target=native", "-kernel", program.name,
     ]  # fmt: skip
     subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=300)
-    return np.frombuffer((folder / "out.bin").read_bytes(), dtype="<f8").tolist()
+    return (folder / "out.bin").read_bytes()
 
 
 class Swarm:
@@ -202,7 +152,7 @@ class Swarm:
         """
         self.standing = np.zeros(measured.shape[:2], dtype=bool)  # at each tick from 1 on, of each robot
         self.sampling = np.zeros(measured.shape[:2], dtype=bool)
-        self.module, self.fields = plain_program(scenario), message_fields(scenario)
+        self.module, self.fields = plain_program(parts_of(scenario), SameMath()), message_fields(scenario)
         self.has_timer = strategy_of(scenario.strategy.name).on_timer is not None
         self.measured, self.readings = measured, readings
         self.robots = [self.module.Robot() for _ in readings]

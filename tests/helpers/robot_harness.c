@@ -4,7 +4,7 @@
    On a computer they are stdin and stdout; on a Cortex-M0 files of its debugger (semihosting).
 
    POLLS: after so many polls the next event comes while a job is under way; 0: never. ROWS, a sum: 1 writes what the walk
-   did, 2 what the jobs did, 4 how many periods each was late. */
+   did, 2 what the jobs did, 4 how many periods each was late, 8 the lines of the log. */
 #include "vibroswarm.h"
 
 #ifndef POLLS
@@ -141,6 +141,11 @@ static void do_jobs(void)
             write_event(5);
         if (samples != robot.samples)
             write_event(2);
+        if ((ROWS & 8) && samples != robot.samples) {
+            char line[VS_LOG_BYTES];
+            const int length = vs_log_line(&robot, line);
+            write_bytes(line, length);
+        }
     }
     is_working = false;
 }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shutil
+import struct
 import subprocess
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,8 @@ def test_a_library_is_written_once(library: Path, capsys: pytest.CaptureFixture[
     names_of = sorted(path.relative_to(library).as_posix() for path in library.rglob("*") if path.is_file())
     assert names_of == [
         "examples/inspection/inspection.ino", "library.properties", "platformio.ini", "src/vibroswarm.c",
-        "src/vibroswarm.h", "src/vibroswarm_mathematics.h", "src/vibroswarm_parameters.h", "src/vibroswarm_runtime.h",
+        "src/vibroswarm.h", "src/vibroswarm_mathematics.h", "src/vibroswarm_parameters.h", "src/vibroswarm_radio.c",
+        "src/vibroswarm_runtime.h", "src/vibroswarm_self_test.c",
     ]  # fmt: skip
     before = (library / "src" / "vibroswarm.c").read_text()
     assert main(["export", "c", str(library), "--strategy", "none"]) == 2
@@ -283,6 +285,15 @@ def test_a_compiler_that_takes_too_long_is_quoted(tmp_path: Path, monkeypatch: p
         c_library.measured(tmp_path)
 
 
+def build_sketch(library: Path, folder: Path, around: str) -> None:
+    """Compile the library, and with it the C++ file ``around``, which includes the sketch."""
+    include = ["-I", str(library / "src"), "-I", str(library / "examples" / "inspection")]
+    sources = [str(path) for path in (library / "src").glob("*.c")]
+    subprocess.run(["gcc", *STRICT, *include, "-c", *sources], cwd=folder, check=True)
+    objects = [path.name for path in folder.glob("*.o")]
+    subprocess.run(["g++", "-Wall", "-Werror", *include, around, *objects], cwd=folder, check=True)
+
+
 @needs_gcc
 def test_the_sketch_compiles_as_cpp(library: Path, tmp_path: Path) -> None:
     if shutil.which("g++") is None:
@@ -291,13 +302,7 @@ def test_the_sketch_compiles_as_cpp(library: Path, tmp_path: Path) -> None:
         "#include <stdint.h>\nstatic uint32_t micros() { return 0; }\n"
         '#include "inspection.ino"\nint main() { setup(); loop(); }\n'
     )
-    include = ["-I", str(library / "src"), "-I", str(library / "examples" / "inspection")]
-    subprocess.run(
-        ["gcc", *STRICT, *include, "-c", str(library / "src" / "vibroswarm.c"), "-o", "v.o"],
-        cwd=tmp_path,
-        check=True,
-    )
-    subprocess.run(["g++", "-Wall", "-Werror", *include, "sketch.cpp", "v.o"], cwd=tmp_path, check=True)
+    build_sketch(library, tmp_path, "sketch.cpp")
 
 
 LATE_SKETCH = """
@@ -325,17 +330,108 @@ def test_periods_that_a_sketch_misses_are_not_made_up_for(library: Path, tmp_pat
     if shutil.which("g++") is None:
         pytest.skip("g++ is not installed")
     (tmp_path / "late.cpp").write_text(LATE_SKETCH)
-    include = ["-I", str(library / "src"), "-I", str(library / "examples" / "inspection")]
-    source = str(library / "src" / "vibroswarm.c")
-    subprocess.run(["gcc", *STRICT, *include, "-c", source, "-o", "v.o"], cwd=tmp_path, check=True)
-    subprocess.run(
-        ["g++", "-Wall", "-Werror", *include, "late.cpp", "v.o", "-o", "late"], cwd=tmp_path, check=True
-    )
-    done = subprocess.run([tmp_path / "late"], capture_output=True, text=True, check=True)
+    build_sketch(library, tmp_path, "late.cpp")
+    done = subprocess.run([tmp_path / "a.out"], capture_output=True, text=True, check=True)
     tick, missed, steps_after, periods = map(int, done.stdout.split())
     assert tick == periods + 1  # the clock is that of the board: the first step is at time 0
     assert missed in (49, 50)  # by when in a period the driver began
     assert steps_after == 1
+
+
+PACKETS = """
+#include <stdio.h>
+#include <string.h>
+#include "vibroswarm.h"
+#include "vibroswarm_parameters.h"
+void vs_poll(void) {}
+int main(void)
+{
+    vs_Message sent, heard;
+    uint8_t packet[VS_PACKET_BYTES];
+    vs_int sender = 0, number = 0;
+    memset(&sent, 0, sizeof sent);
+    sent.bit = 1;
+    sent.number = -7;
+    sent.at_x_m = 0.125;
+    const vs_int length = vs_pack(&sent, 3, 70000, packet);
+    for (int k = 0; k < length; k++)
+        printf("%02x", packet[k]);
+    const bool reads = vs_unpack(packet, length, &heard, &sender, &number);
+    printf(" %d %d %d", reads, (int)sender, (int)number);
+    printf(" %d %d %g", (int)heard.bit, (int)heard.number, (double)heard.at_x_m);
+    printf(" %d", vs_unpack(packet, length - 1, &heard, &sender, &number));
+    packet[0]++; /* another layout */
+    printf(" %d", vs_unpack(packet, length, &heard, &sender, &number));
+    packet[0]--;
+    packet[4]++; /* another program */
+    printf(" %d\\n", vs_unpack(packet, length, &heard, &sender, &number));
+    return 0;
+}
+"""
+
+
+@needs_gcc
+@pytest.mark.parametrize("precision", [1, 2])
+def test_packets_hold_messages_and_say_what_runs(precision: int, tmp_path: Path) -> None:
+    sources = written(scenario_for("places"), tmp_path)
+    (tmp_path / "packets.c").write_text(PACKETS)
+    run_with(sources, tmp_path / "packets.c", f"-DVS_PRECISION={precision}")
+    done = subprocess.run([tmp_path / "a.out"], capture_output=True, text=True, check=True)
+    packet, reads, *found, short, layout, program = done.stdout.split()
+    identity = re.search(
+        r"VS_PROGRAM_ID UINT32_C\((\w+)\)", (sources / "vibroswarm_parameters.h").read_text()
+    )
+    assert identity is not None
+    number = "f" if precision == 1 else "d"
+    fields = (1, int(identity[1], 16), 3, 70000, 1, -7, 0.125, 0.0, 0.0, 0.0)
+    assert bytes.fromhex(packet) == struct.pack(f"<BIBIii4{number}", *fields)
+    assert (reads, found) == ("1", ["3", "70000", "1", "-7", "0.125"])
+    assert (short, layout, program) == ("0", "0", "0")
+
+
+def run_with(sources: Path, around: Path, *flags: str) -> None:
+    """Compile a program around the library to ``a.out`` beside it."""
+    command = ["gcc", *STRICT, *flags, "-I", str(sources), *map(str, sources.glob("*.c")), str(around)]
+    subprocess.run([*command, "-o", str(around.parent / "a.out"), "-lm"], check=True)
+
+
+SELF_TEST = """
+#include "vibroswarm.h"
+void vs_poll(void) {}
+static vs_Robot robot;
+int main(void) { return vs_self_test(&robot) ? 0 : 3; }
+"""
+
+
+@needs_gcc
+@pytest.mark.parametrize("strategy", sorted(names()))
+def test_robots_test_themselves(strategy: str, tmp_path: Path) -> None:
+    sources = written(scenario_for(strategy), tmp_path)
+    (tmp_path / "test.c").write_text(SELF_TEST)
+    run_with(sources, tmp_path / "test.c")
+    assert subprocess.run([tmp_path / "a.out"], check=False).returncode == 0
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    ("strategy", "flags", "before", "after"),
+    [
+        ("places", ["-DVS_PRECISION=1"], "", ""),  # float: components take other walls
+        ("soft", [], "VS_WALKER_SAMPLE_INTERVAL_MS VS_R(", "VS_WALKER_SAMPLE_INTERVAL_MS VS_R(100 + "),
+        ("soft", [], "VS_WORLD_PRIOR_BETA 1", "VS_WORLD_PRIOR_BETA 2"),
+    ],
+)
+def test_what_is_not_the_simulated_program_fails_its_test(
+    strategy: str, flags: list[str], before: str, after: str, tmp_path: Path
+) -> None:
+    sources = written(scenario_for(strategy), tmp_path)
+    header = sources / "vibroswarm_parameters.h"
+    text = header.read_text()
+    assert before in text
+    header.write_text(text.replace(before, after) if before else text)
+    (tmp_path / "test.c").write_text(SELF_TEST)
+    run_with(sources, tmp_path / "test.c", *flags)
+    assert subprocess.run([tmp_path / "a.out"], check=False).returncode == 3
 
 
 def documented() -> dict[str, tuple[int, int, int]]:
@@ -449,19 +545,20 @@ WARNED = [
 
 
 def compiled(folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
-    command = ["gcc", *flags, "-c", "vibroswarm.c", "-o", "/dev/null"]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    command = ["gcc", *flags, "-x", "c", "-c", "-", "-o", "/dev/null"]
+    all_sources = "".join(f'#include "{path.name}"\n' for path in sorted(folder.glob("*.c")))
+    return subprocess.run(command, cwd=folder, input=all_sources, capture_output=True, text=True, check=False)
 
 
 @needs_gcc
 @pytest.mark.slow
 @pytest.mark.parametrize("strategy", sorted(names()))
 def test_compilers_warn_of_nothing(tmp_path: Path, strategy: str) -> None:
-    assert main(["export", "c", str(tmp_path / "c"), "--strategy", strategy]) == 0
+    sources = written(scenario_for(strategy), tmp_path)
     for precision in (1, 2, 3):
-        done = compiled(tmp_path / "c" / "src", *WARNED, f"-DVS_PRECISION={precision}")
+        done = compiled(sources, *WARNED, f"-DVS_PRECISION={precision}")
         assert done.returncode == 0, done.stderr
-    program = (tmp_path / "c" / "src" / "vibroswarm.c").read_text(encoding="utf-8")
+    program = (sources / "vibroswarm.c").read_text(encoding="utf-8")
     assert not re.search(r"(if|while) \(\([^()]*\)\) {", program), "doubled parentheses"
 
 

@@ -349,6 +349,8 @@ class Expressions:
                 texts.append(value.text)
         if not texts:
             return literal(not stops_at)
+        if len(texts) == 1:
+            return Value(texts[0], BOOL)
         return Value(f"({(' || ' if stops_at else ' && ').join(texts)})", BOOL)
 
     def on_compare(self, node: ast.Compare) -> Value:

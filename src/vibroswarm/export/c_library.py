@@ -16,15 +16,16 @@ from pathlib import Path
 from typing import Final
 
 from vibroswarm.errors import RunError
-from vibroswarm.export.assembly import parts_of
+from vibroswarm.export.assembly import RobotParts, parts_of
 from vibroswarm.export.c_program import c_sources
 from vibroswarm.export.parameters import HEADER_FILE, header_text
+from vibroswarm.export.self_test import self_test_macros
 from vibroswarm.scenario.scenario import Scenario
 
 ASSETS: Final = Path(__file__).parent / "assets"
 """The folder of the files of a library that are not generated."""
-HEADERS: Final = ("vibroswarm_runtime.h", "vibroswarm_mathematics.h")
-"""Headers that are the same for every scenario."""
+COMMON: Final = ("vibroswarm_runtime.h", "vibroswarm_mathematics.h", "vibroswarm_radio.c")
+"""Sources that are the same for every scenario."""
 MARKER: Final = "library.properties"
 """The file that marks a folder as an exported library."""
 PROPERTIES: Final = """name=vibroswarm
@@ -66,12 +67,22 @@ def library_files(scenario: Scenario) -> dict[str, str]:
     return {
         "src/vibroswarm.h": sources.header,
         "src/vibroswarm.c": sources.program,
-        **{f"src/{name}": (ASSETS / name).read_text(encoding="utf-8") for name in HEADERS},
+        "src/vibroswarm_self_test.c": self_test_text(parts),
+        **{f"src/{name}": (ASSETS / name).read_text(encoding="utf-8") for name in COMMON},
         f"src/{HEADER_FILE}": header_text(scenario, parts),
         "examples/inspection/inspection.ino": (ASSETS / "inspection.ino").read_text(encoding="utf-8"),
         MARKER: PROPERTIES.format(version=version("vibroswarm"), strategy=parts.strategy.name),
         "platformio.ini": PLATFORMIO,
     }
+
+
+def self_test_text(parts: RobotParts) -> str:
+    """Return the test of a robot by itself, with what it must have at the end."""
+    lines = [
+        "/* What a robot does in a short inspection. */",
+        *(f"#define {name} {value}" for name, value in self_test_macros(parts).items()),
+    ]
+    return "\n".join(lines) + "\n" + (ASSETS / "vibroswarm_self_test.c").read_text(encoding="utf-8")
 
 
 COMPILER: Final = "arm-none-eabi-gcc"
@@ -147,7 +158,7 @@ def compile_with(sources: Path, around: str, flags: Sequence[str], program: Path
     Raises:
         RunError: the compiler failed.
     """
-    files = [str(sources / "vibroswarm.c"), str(ASSETS / around)]
+    files = [*map(str, sorted(sources.glob("*.c"))), str(ASSETS / around)]
     command = [COMPILER, *FLAGS, *flags, "-I", str(sources), *files, "-o", str(program), "-lm"]
     try:
         subprocess.run(command, check=True, capture_output=True, text=True, timeout=SECONDS)

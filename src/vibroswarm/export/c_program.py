@@ -57,6 +57,13 @@ ENUMS: Final = {
     "Kinds of jobs.": {name: getattr(robot_program, name) for name in ("MOVE", "STAND", "LISTEN", "SAMPLE")},
 }
 """Constants of the program that have names in C, by what they are."""
+PACKET_VERSION: Final = 1
+"""Version of the layout of packets."""
+LOG_COLUMNS: Final = (
+    "robot", "time_s", "x_m", "y_m", "energy", "heading_rad", "observation", "message", "alpha", "beta",
+    "belief_below", "decision", "sent", "messages_received", "avoid_total_s", "stop_total_s",
+)  # fmt: skip
+"""Columns of the log of an exported robot: those of the format ``camera`` of ``recordings``."""
 OMITTED_OF_WORLD: Final = ("beliefs",)
 """Fields of ``World`` that a robot does not have: the table of beliefs is too large."""
 
@@ -121,6 +128,7 @@ def c_sources(parts: RobotParts) -> CSources:
             types="\n\n".join(types),
             heads=documented(heads),
             inbox=robot_memory.INBOX,
+            radio=radio_macros(structs),
             enums="\n".join(enum_of(about, names) for about, names in ENUMS.items()),
             precision=precision,
             why=why,
@@ -264,6 +272,26 @@ def initial(name: str, kind: Struct) -> list[str]:
     return [f".{identifier(field)} = {macro_of(name, field)}" for field, _ in kind.fields]
 
 
+def radio_macros(structs: Mapping[str, Struct]) -> str:
+    """Return the macros by which ``vibroswarm_radio.c`` packs messages and writes lines of a log."""
+    message, state = structs["Message"], structs["State"]
+    kinds = {INT: ("VS_WHOLE", "4"), BOOL: ("VS_TRUTH", "1"), REAL: ("VS_NUMBER", "(int)sizeof(vs_real)")}
+    fields = [] if message.fields is EMPTY else list(message.fields)
+    has_posterior = state.type_of("alpha") == state.type_of("beta") == INT
+    macros = {
+        "VS_PACKET_VERSION": str(PACKET_VERSION),
+        "VS_PACKET_BYTES": " + ".join(["(10", *(kinds[kind][1] for _, kind in fields)]) + ")",
+        "VS_MESSAGE_FIELDS": " ".join(f"{kinds[kind][0]}({identifier(name)})" for name, kind in fields),
+        "VS_LOG_HEADER": f'"{",".join(LOG_COLUMNS)}\\n"',
+        "VS_LOG_BYTES": "200",
+        "VS_LOG_PLACE(k)": "r->estimate[k]" if "Mixture" in structs else "VS_NAN",
+        "VS_LOG_BIT": "(vs_real)r->out.bit" if message.type_of("bit") == INT else "VS_NAN",
+        "VS_LOG_ALPHA": "(vs_real)r->state.alpha" if has_posterior else "VS_NAN",
+        "VS_LOG_BETA": "(vs_real)r->state.beta" if has_posterior else "VS_NAN",
+    }
+    return "\n".join(f"#define {name} {value}".rstrip() for name, value in macros.items())
+
+
 def enum_of(about: str, names: Mapping[str, int]) -> str:
     """Return the definition in C of constants, below a comment that says what they are."""
     return f"/* {about} */\nenum {{ {', '.join(f'VS_{name} = {value}' for name, value in names.items())} }};"
@@ -329,6 +357,28 @@ void vs_poll(void);
 /* Set all bytes of a robot to zero before vs_start. */
 
 {heads}
+
+/* Radio and log: vibroswarm_radio.c. */
+
+/* A packet has VS_PACKET_BYTES bytes, low bytes of a number first: VS_PACKET_VERSION (1 byte), VS_PROGRAM_ID (4), which
+   says what the sender runs, sender (1), number of the message (4), and the message's fields in their order: whole
+   numbers (4, two's complement), truth values (1), others as vs_real (IEEE 754; 4 with VS_PRECISION 1, else 8). */
+{radio}
+
+/* Write the packet of a message; return its length, VS_PACKET_BYTES. */
+vs_int vs_pack(const vs_Message *message, vs_int sender, vs_int number, uint8_t *packet);
+
+/* Read a packet; return false, and leave all as it is, if it is not one of a robot that runs the same program. */
+bool vs_unpack(const uint8_t *packet, vs_int length, vs_Message *message, vs_int *sender, vs_int *number);
+
+/* Write the line of the log (CSV below VS_LOG_HEADER, with its end, then a null character) of the sample whose work was
+   done last; return its length, below VS_LOG_BYTES. 'vibroswarm lab import' reads it. Robots that do not know their
+   places leave x_m and y_m empty: 'vibroswarm lab track --log' adds them from a video. */
+vs_int vs_log_line(const vs_Robot *r, char *line);
+
+/* Test the program on this board, before vs_start, in a robot's memory, which is all zero afterwards: a short
+   inspection with known outcome (vibroswarm_self_test.c). False: do not trust this robot. */
+bool vs_self_test(vs_Robot *r);
 
 #ifdef __cplusplus
 }}

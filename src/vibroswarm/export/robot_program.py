@@ -71,6 +71,7 @@ from vibroswarm.inference.default_hooks import (
 from vibroswarm.localisation.odometry import normal
 from vibroswarm.robot import localisation, pose_mixture
 from vibroswarm.robot.sensing import begin_sense, observation, readings, sense_step
+from vibroswarm.robot.sensing import energy as energy_of
 from vibroswarm.robot.walk import (
     AVOID,
     DRIVE,
@@ -109,7 +110,7 @@ begin_places, add_drive, add_turn, add_obstacle, add_sample = (
 
 PROMPT: Final = (
     "looks_now", "step", "left_percent", "right_percent", "accelerate", "observed", "sample", "receive", "missed",
-    "time_s",
+    "time_s", "energy",
 )  # fmt: skip
 """Functions that the surrounding program calls in each control period, also while ``work`` is under way."""
 PATIENT: Final = (
@@ -340,6 +341,11 @@ def observed(r: Robot) -> int:
     Before the first reading of the stop the RMS is 0.
     """
     return observation(r.sense, RMS_THRESHOLD)
+
+
+def energy(r: Robot) -> float:
+    """Return the energy of this stop, or until the next of the last: the RMS that ``observed`` compares."""
+    return energy_of(r.sense)
 
 
 def sample(r: Robot, reading: int) -> None:

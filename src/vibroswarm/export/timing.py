@@ -35,8 +35,10 @@ TIMED_S: Final = 60
 
 @dataclass(frozen=True)
 class Timing:
-    """Greatest numbers of instructions of a robot's functions."""
+    """What an emulated robot does: greatest numbers of instructions of its functions."""
 
+    passes: bool
+    """Whether it passes its test of itself."""
     step: int
     """Of ``vs_step`` with the commands of the wheels: what must be done in each control period."""
     stretch: int
@@ -76,6 +78,10 @@ def unfit(scenario: Scenario, memory: Memory, timing: Timing | None) -> list[str
     if memory.ram > RAM_BYTES - STACK_BYTES:
         found.append(
             f"it takes {memory.ram} bytes of static RAM, and there are {RAM_BYTES} with {STACK_BYTES} for the stack"
+        )
+    if timing is not None and not timing.passes:
+        found.append(
+            "it fails its test of itself: with such short numbers it does other than the simulated robot"
         )
     if timing is not None and timing.late_ms > 1000.0 * scenario.tick_s:
         found.append(
@@ -124,4 +130,5 @@ def timed(sources: Path, scenario: Scenario, flags: str) -> Timing | None:
         except (OSError, subprocess.SubprocessError):
             return None  # the library is complete without a statement of its time
     # QEMU writes what the program prints to its standard error.
-    return Timing(*map(int, (done.stdout + done.stderr).split()))
+    passes, *instructions = map(int, (done.stdout + done.stderr).split())
+    return Timing(bool(passes), *instructions)

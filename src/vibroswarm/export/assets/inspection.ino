@@ -4,8 +4,6 @@
 
    Wheels are set within each period, whatever localisation and strategy do: these work in between (vs_work), and call
    vs_poll often. A period that your own functions miss is never made up for: the robot's clock goes on without it. */
-#include <string.h>
-
 #include <vibroswarm.h>
 #include <vibroswarm_parameters.h>
 
@@ -35,26 +33,30 @@ static void set_wheels(float left_percent, float right_percent)
     (void)right_percent;
 }
 
-/* STUB: send a message to all robots, with this robot's number and the message's number. */
-static void radio_send(const vs_Message *message, uint8_t sender, uint32_t number)
+/* STUB: send a packet to all robots. */
+static void radio_send(const uint8_t *packet, int length)
 {
-    (void)message;
-    (void)sender;
-    (void)number;
+    (void)packet;
+    (void)length;
 }
 
-/* STUB: take the next message that has come in; false if there is none. */
-static bool radio_receive(vs_Message *message, uint8_t *sender, uint32_t *number)
+/* STUB: take the next packet that has come in, at most VS_PACKET_BYTES of it; return its length, 0 if there is none. */
+static int radio_receive(uint8_t *packet)
 {
-    (void)message;
-    (void)sender;
-    (void)number;
-    return false;
+    (void)packet;
+    return 0;
 }
+
+/* STUB: write a line of the log, to a file or to the station; once before, VS_LOG_HEADER. */
+static void log_line(const char *line) { (void)line; }
+
+/* STUB: say that this robot's program does not compute what it should, such as by a lamp. */
+static void refuse() { set_wheels(0.0f, 0.0f); }
 
 void setup()
 {
-    memset(&robot, 0, sizeof robot);
+    if (!vs_self_test(&robot)) /* all bytes of robot are zero after it */
+        refuse();
     vs_start(&robot, SEED, 0, ROBOT_NUMBER);
     vs_told_pose(&robot, 0.0f, 0.0f, 0.0f); /* where it is placed: m, m, rad; without effect if it does not localise */
     next_period_us = last_reading_us = micros();
@@ -92,19 +94,28 @@ static void do_period()
 void vs_poll()
 {
     vs_Message message;
-    uint8_t sender;
-    uint32_t number;
+    vs_int sender, number;
+    uint8_t packet[VS_PACKET_BYTES];
     if (!runs)
         return;
-    while (radio_receive(&message, &sender, &number))
-        vs_receive(&robot, sender, number, &message);
+    while (const int length = radio_receive(packet))
+        if (vs_unpack(packet, length, &message, &sender, &number))
+            vs_receive(&robot, sender, number, &message);
     read_sensors();
     do_period();
 }
 
 void loop()
 {
+    const vs_int samples = robot.samples;
     vs_poll();
-    if (vs_work(&robot) && robot.sends)
-        radio_send(&robot.out, ROBOT_NUMBER, (uint32_t)(robot.sent - 1));
+    if (vs_work(&robot) && robot.sends) {
+        uint8_t packet[VS_PACKET_BYTES];
+        radio_send(packet, vs_pack(&robot.out, ROBOT_NUMBER, robot.sent - 1, packet));
+    }
+    if (robot.samples > samples) {
+        char line[VS_LOG_BYTES];
+        vs_log_line(&robot, line);
+        log_line(line);
+    }
 }

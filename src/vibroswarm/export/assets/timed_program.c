@@ -143,6 +143,7 @@ static void call_debugger(int operation, const void *argument)
 int main(void)
 {
     static char text[120];
+    const bool passes = vs_self_test(&robots[0]);
     reset_clock();
     for (int i = 0; i < ROBOTS; i++) {
         bodies[i].x_m = VS_WORLD_WIDTH_M * (0.2 + 0.6 * (i % 3) / 3.0);
@@ -164,7 +165,7 @@ int main(void)
             sends[i] = false;
         }
     }
-    sprintf(text, "%lu %lu %lu %lu %lu\n", (unsigned long)longest_step, (unsigned long)longest_stretch,
+    sprintf(text, "%d %lu %lu %lu %lu %lu\n", passes, (unsigned long)longest_step, (unsigned long)longest_stretch,
             (unsigned long)most_work, (unsigned long)longest_wait, (unsigned long)(all_work / ROBOTS / SECONDS));
     call_debugger(0x04, text);
     call_debugger(0x18, (const void *)0x20026);
