@@ -22,7 +22,7 @@ from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
 from vibroswarm.inference.motion_feedback import Wanted, steered_motion, until_all_decided
 from vibroswarm.inference.outcomes import outcome_tables
-from vibroswarm.inference.replay import infer, outcomes
+from vibroswarm.inference.replay import infer
 from vibroswarm.localisation.locate import is_estimated, place_frame
 from vibroswarm.motion.source import Motion, join, source
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -274,23 +274,6 @@ def _to_the_end(
             # A state ends at a whole tick, which may be later than t_end_s: hence at most 1.
             progress((done + min(state.time_s / scenario.run.t_end_s, 1.0)) / len(runs))
     return join(pieces)
-
-
-def summarise(
-    scenario: Scenario,
-    seed: int,
-    floors: Mapping[int, Floor],
-    motion: Motion | Timeline,
-    observations: pl.DataFrame,
-) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the tables ``robots`` and ``runs`` of a result, without computing its tables of samples.
-
-    Args:
-        floors: the floor of each run, by run number. motion: the motion of the runs, or its timeline
-            (``inference.deliveries.timeline_of``), which is built once if many strategies are compared.
-        observations: the observations at the samples of this motion.
-    """
-    return outcome_tables(scenario, floors, outcomes(scenario, seed, motion, observations), motion.ends)
 
 
 def result_of(

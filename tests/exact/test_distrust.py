@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.fault_tolerance import fault_curve
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 from vibroswarm.strategies.distrust import two_sided_tail, weigh
+from vibroswarm.study.fault_tolerance import fault_curve
 from vibroswarm.testing import plain_run
 from vibroswarm.testing.runs import differences
 

@@ -11,18 +11,19 @@ from hypothesis import strategies as st
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.detection import detection_curve, needed
 from vibroswarm.analysis.intervals import generator, wilson
-from vibroswarm.analysis.tradeoff import pareto_front, time_error_curve
+from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+from vibroswarm.study.tradeoff import time_error_curve
 
 SHORT = preset("paper").with_values({"run.t_end_s": 300.0, "floor.source": "random:0.40"})
 
 
 @pytest.fixture(scope="module")
 def curve() -> pl.DataFrame:
-    return time_error_curve(SHORT, 5, 60, [0.8, 0.95], [20, 150, 10_000], batch=25)
+    return time_error_curve(SHORT, 5, 60, [0.8, 0.95], [20, 150, 10_000])
 
 
 def test_each_point_is_what_simulating_it_gives(curve: pl.DataFrame) -> None:

@@ -14,7 +14,7 @@ from scipy.special import logit
 from vibroswarm.analysis.floor_maps import floor_maps, maps_over_time
 from vibroswarm.errors import InputError
 from vibroswarm.inference.deliveries import Timeline, timeline_of
-from vibroswarm.inference.replay import infer, outcomes
+from vibroswarm.inference.replay import infer
 from vibroswarm.localisation.locate import PLACES, locate
 from vibroswarm.motion.source import Motion, source
 from vibroswarm.observation.energy_model import error_rates
@@ -115,7 +115,7 @@ def decided(scenario: Scenario, timeline: Timeline) -> tuple[float, float]:
         floor = scenario.with_values({"floor.source": source_name})
         floors = floors_of(floor, SEED, list(range(RUNS)))
         observations = observe(floor, SEED, moved().samples, floors, energies=False)
-        finals = outcomes(floor, SEED, timeline, observations)
+        finals = infer(floor, SEED, timeline, observations)[1]
         times.append(finals["decision_time_s"].fill_null(1200.0).mean())
         wrong.append((finals["decision"] == 1 - truth).mean())
     return float(np.mean(times)), float(np.mean(wrong))
@@ -147,7 +147,7 @@ def test_a_robot_stuck_at_one_is_weighed_down() -> None:
     wrong = []
     for prior in (0.1, 0.0):
         scenario = GOOD.with_values({"strategy.places.broken_prior": prior})
-        wrong.append((outcomes(scenario, SEED, timeline, observations)["decision"] == 1).mean())
+        wrong.append((infer(scenario, SEED, timeline, observations)[1]["decision"] == 1).mean())
     assert wrong[0] < 0.35 < 0.5 < wrong[1]  # type: ignore[operator]
 
 
@@ -226,7 +226,7 @@ def test_rates_told_wrong_are_found_by_evidence() -> None:
         scenario = GOOD.with_values({**told_wrong, "strategy.places.rate_pairs": pairs})
         floors = floors_of(scenario, SEED, list(range(RUNS)))
         observations = observe(scenario, SEED, moved().samples, floors, energies=False)
-        wrong.append((outcomes(scenario, SEED, timeline, observations)["decision"] == 0).mean())
+        wrong.append((infer(scenario, SEED, timeline, observations)[1]["decision"] == 0).mean())
     assert wrong[1] < 0.38 < wrong[0]  # type: ignore[operator]
 
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vibroswarm.analysis.forced_error import MatchedError, Reached, front_settings, matched_error, reached
+from vibroswarm.analysis.forced_error import MatchedError, Reached, front_settings, matched_error
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Confirmation, Paired
 from vibroswarm.documents.study_words import at_equal_error, question, sentence
@@ -17,6 +17,7 @@ from vibroswarm.show.numbers import listed
 from vibroswarm.strategies import known
 from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.cell_comparison import Compared
+from vibroswarm.study.equal_error import reached
 from vibroswarm.study.spec import Study
 from vibroswarm.study.summary import outcome_of
 
@@ -141,7 +142,7 @@ def test_a_front_that_is_better_everywhere_is_faster_at_equal_error() -> None:
 def test_replays_are_those_of_the_scenario_and_its_settings() -> None:
     """The first point is the scenario as it is: the means of its own runs."""
     scenario = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 60})
-    found = reached(scenario, 3, range(25))
+    (found,) = reached([scenario], 3, 25)
     one = replace(STUDY, base=scenario, vary={}, runs=25, seed=3).run()
     time_s = one.robots(0)["decision_time_s"].fill_null(200.0).mean()
     assert found.time_s[0].mean() == pytest.approx(time_s)

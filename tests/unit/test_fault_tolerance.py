@@ -7,12 +7,12 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from vibroswarm.analysis.fault_tolerance import fault_curve, judged_tables
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import CONSENSUS
 from vibroswarm.scenario.fault_draws import working
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
+from vibroswarm.study.fault_tolerance import fault_curve, judged_tables
 
 QUICK = {"run.t_end_s": 300.0, "decision.min_observations": 40, "decision.credible_threshold": 0.9}
 
@@ -69,9 +69,9 @@ def test_one_sensor_stuck_at_1_decides_for_all(strategy: str) -> None:
 @pytest.mark.parametrize("kind", ["opposite", "stopped"])
 def test_a_curve_is_that_of_runs_one_by_one(kind: str) -> None:
     scenario = Scenario().with_values(QUICK)
-    table = fault_curve(scenario, kind, [0.2, 0.4], 2, [3, 5], judged="all")
+    table = fault_curve(scenario, kind, [0.2, 0.4], 2, 2, judged="all")
     for row in table.to_dicts():
-        runs = simulate(scenario.with_values({f"faults.{kind}": row["share"]}), 2, [3, 5]).runs
+        runs = simulate(scenario.with_values({f"faults.{kind}": row["share"]}), 2, 2).runs
         assert row["wrong"] * 10 == pytest.approx(runs["wrong"].sum())
         assert row["undecided"] * 10 == pytest.approx(runs["undecided"].sum())
         assert row["wrong_low"] <= row["wrong"] <= row["wrong_high"]

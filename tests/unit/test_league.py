@@ -13,9 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vibroswarm.analysis.forced_error import forced_error_by_robot, forced_errors, front_of, on_line
+from vibroswarm.analysis.figures import run_figures
+from vibroswarm.analysis.forced_error import front_of, on_line
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import forced_errors
 from vibroswarm.league.entries import (
     FILLS,
     GUESSING,
@@ -162,7 +164,7 @@ def test_standings_are_as_computed_robot_by_robot(standings: Standings) -> None:
                     units[size, row["run"]] += (
                         abs(answer - right), row["decision_time_s"] or 400.0, row["sent"],
                     ) / np.array([league.robots[size] * len(league.floors)])  # fmt: skip
-                assert forced_error_by_robot(robots, runs).mean() == pytest.approx(
+                assert run_figures(robots, runs, 400.0)["forced_error"].mean() == pytest.approx(
                     standings.values["forced_error"][k, number // 2 % 4, 12 * size : 12 * size + 12].mean()
                 )
                 number += 1

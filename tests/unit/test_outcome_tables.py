@@ -15,12 +15,12 @@ from polars.testing import assert_frame_equal
 from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.deliveries import Timeline, timeline_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, run_table
-from vibroswarm.inference.replay import infer, outcomes
+from vibroswarm.inference.replay import infer
 from vibroswarm.motion.source import Motion, source
 from vibroswarm.observation.observe import observe
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import floors_of, replay, simulate, summarise
+from vibroswarm.simulation import floors_of, replay, simulate
 
 # The definitions
 
@@ -179,13 +179,6 @@ def test_robots_and_runs_are_what_the_queries_say(scenario: Scenario, seed: int,
     robots, of_runs = by_query(result)
     same(result.robots, robots)
     same(result.runs, of_runs)
-    # And so without the tables of samples, from the motion or from its timeline.
-    moved = Motion(result.motion, result.ends)
-    floors = {run: result.floor(run) for run in result.runs["run"]}
-    for motion in (moved, timeline_of(scenario, moved)):
-        found = summarise(scenario, seed, floors, motion, result.observations)
-        same(found[0], robots)
-        same(found[1], of_runs)
 
 
 def test_the_examples_hold_what_they_are_meant_to() -> None:

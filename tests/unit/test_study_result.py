@@ -17,11 +17,12 @@ from polars.testing import assert_frame_equal
 
 import vibroswarm
 from vibroswarm import InputError, Scenario, Study, StudyResult, preset
-from vibroswarm.analysis.forced_error import Reached, reached, reached_together
+from vibroswarm.analysis.forced_error import Reached
 from vibroswarm.documents import study as study_documents
 from vibroswarm.plots import draw_outcomes
 from vibroswarm.show.document import Figure
-from vibroswarm.study.cell_comparison import at_equal_error, comparisons
+from vibroswarm.study.cell_comparison import comparisons
+from vibroswarm.study.equal_error import at_equal_error, reached
 from vibroswarm.study.summary import outcome_of
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
@@ -225,11 +226,11 @@ def test_strategies_are_compared_at_equal_error_only_on_request(monkeypatch: pyt
     result = Study(scenario, {"grid": {"strategy.name": ["none", "positive", "soft"]}}, 30, seed=3).run()
     together = []
 
-    def noted(scenarios: Sequence[Scenario], *arguments: Any) -> list[Reached]:
+    def noted(scenarios: Sequence[Scenario], *arguments: Any, **named: Any) -> list[Reached]:
         together.append([one.strategy.name for one in scenarios])
-        return reached_together(scenarios, *arguments)
+        return reached(scenarios, *arguments, **named)
 
-    monkeypatch.setattr("vibroswarm.study.cell_comparison.reached_together", noted)
+    monkeypatch.setattr("vibroswarm.study.equal_error.reached", noted)
     assert {answer.matched for answer in outcome_of(result).answers} == {None}
     assert together == []
     requested = outcome_of(result, equal_error=True)
@@ -240,8 +241,8 @@ def test_strategies_are_compared_at_equal_error_only_on_request(monkeypatch: pyt
 
 def test_scenarios_replayed_together_reach_what_each_reaches_alone() -> None:
     scenarios = [SHORT.with_values({"strategy.name": name}) for name in ("none", "soft")]
-    for one, scenario in zip(reached_together(scenarios, 3, range(4)), scenarios, strict=True):
-        alone = reached(scenario, 3, range(4))
+    for one, scenario in zip(reached(scenarios, 3, 4), scenarios, strict=True):
+        (alone,) = reached([scenario], 3, 4)
         assert np.array_equal(one.time_s, alone.time_s)
         assert np.array_equal(one.error, alone.error)
 

@@ -260,6 +260,10 @@ def _estimate(swarms: Swarms) -> Array:
     return swarms.mean(estimate_of(swarms.robots["alpha"], swarms.robots["beta"]))
 
 
+def _sent(swarms: Swarms) -> Array:
+    return swarms.mean(swarms.robots["sent"])
+
+
 def _forced_error(swarms: Swarms) -> Array:
     in_truth, truth = swarms.robots["belief_in_truth"], swarms.by_robot(swarms.truth)
     return swarms.mean(forced_errors(swarms.robots["decision"], in_truth, truth))
@@ -341,6 +345,7 @@ FIGURES: Final = (
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
     RunFigure("estimate", "estimate of the fill ratio", _estimate),
+    RunFigure("sent", "messages sent by a robot", _sent),
     _robots("robot_error", "wrong among robots that decided", "wrong", "decided"),
     RunFigure("swarm_right", "swarms right", lambda s: s.ended("right", True), "runs", better=1),
     RunFigure(

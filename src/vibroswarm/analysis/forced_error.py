@@ -32,43 +32,22 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from itertools import chain, product
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
-import polars as pl
 
-from vibroswarm.analysis.figures import ByRun
 from vibroswarm.analysis.intervals import Interval, generator
-from vibroswarm.analysis.tradeoff import replayed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import parsed_toml
 from vibroswarm.errors import InputError
-from vibroswarm.inference.outcomes import Array, forced_errors, numbers
+from vibroswarm.inference.outcomes import Array
 from vibroswarm.scenario.scenario import Scenario
-
-
-def forced_error_by_robot(robots: pl.DataFrame, runs: pl.DataFrame) -> Array:
-    """Compute ``forced_errors`` of the rows of a table of robots.
-
-    Args:
-        robots, runs: tables of one cell (the runs of one scenario), as a ``Result`` has them.
-    Returns: errors in the order of the rows of ``robots``; nan where neither decision is right.
-    """
-    truth = robots.select("run").join(
-        runs.select("run", "truth"), on="run", how="left", maintain_order="left"
-    )
-    return forced_errors(
-        robots["decision"].to_numpy(), numbers(robots["belief_in_truth"]), numbers(truth["truth"])
-    )
-
 
 DRAWS: Final = 1000
 """Bootstrap draws of runs."""
 LEAST_KNOWN: Final = 0.95
 """Smallest share of defined draws for which limits are given."""
-BATCH: Final = 250
-"""Runs that are replayed together."""
 DEFAULT: Final[dict[str, tuple[Any, ...]]] = {
     "decision.credible_threshold": (0.7, 0.8, 0.9, 0.95, 0.98, 0.995),
     "decision.min_observations": (0, 100, 250, 417),
@@ -107,51 +86,6 @@ def front_settings() -> dict[str, dict[str, Any]]:
     """Read ``fronts.toml``: for each strategy the fields that trade time against error, and the values to try."""
     text = files("vibroswarm.analysis").joinpath("fronts.toml").read_text(encoding="utf-8")
     return parsed_toml(text, "fronts.toml")
-
-
-def reached(scenario: Scenario, seed: int, runs: Sequence[int]) -> Reached:
-    """Replay a scenario as given and with each combination of its strategy's settings (``front_settings``).
-
-    All points have the same motion and readings, so every run goes to t_end, whenever its robots decide. A combination
-    that the scenario refuses is left out.
-
-    Args:
-        scenario: its strategy must not steer. seed: of the runs. runs: their numbers.
-    Returns: times and errors of each point in each run; point 0 is the scenario as given.
-    Raises:
-        InputError: the scenario cannot be run, or in some run neither decision is right.
-    """
-    return reached_together([scenario], seed, runs)[0]
-
-
-def reached_together(scenarios: Sequence[Scenario], seed: int, runs: Sequence[int]) -> list[Reached]:
-    """Replay several scenarios as ``reached`` does, on motion and readings that are computed once for all of them.
-
-    Args:
-        scenarios: at least one; they differ in strategy and decision only. seed, runs: see ``reached``.
-    Returns: what each scenario reaches, in the order of ``scenarios``.
-    Raises:
-        InputError: one of them cannot be run, or in some run neither decision is right.
-    """
-    points = [settings_of(scenario) for scenario in scenarios]
-    found = [Reached(*(np.empty((len(of_one), len(runs))) for _ in range(2))) for of_one in points]
-    # The place of each point: its scenario's tables, and its row in them.
-    places = [(one, k) for one, of_one in zip(found, points, strict=True) for k in range(len(of_one))]
-    base, runs_done = points[0][0], 0
-    # One thread: batches are computed one after the other, which takes the least memory.
-    for batch in replayed(base, [*chain.from_iterable(points)], seed, runs, batch=BATCH, workers=1):
-        for (one, k), (robots, of_runs) in zip(places, batch, strict=True):  # the tables of each point
-            by_run = ByRun(robots)
-            # Columns of the results for the runs of this batch.
-            columns = slice(runs_done, runs_done + by_run.runs.size)
-            one.time_s[k, columns] = by_run.mean(by_run.capped_time_s(base.run.t_end_s))
-            one.error[k, columns] = by_run.mean(forced_error_by_robot(by_run.robots, of_runs))
-        runs_done += by_run.runs.size
-    if any(np.isnan(one.error).any() for one in found):
-        raise InputError(
-            "in some runs neither decision is right; give fill ratios off the boundary", field="floor"
-        )
-    return found
 
 
 def settings_of(scenario: Scenario) -> list[Scenario]:

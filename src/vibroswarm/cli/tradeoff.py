@@ -42,7 +42,6 @@ def tradeoff(
     output: Drawn,
 ) -> None:
     """Decision time against error for each credible threshold and minimum of observations, by replay."""
-    from vibroswarm.analysis.tradeoff import time_error_curve
     from vibroswarm.cli.deliver import print_result, save_with_pictures
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.output import print_saved
@@ -52,6 +51,7 @@ def tradeoff(
     from vibroswarm.documents.saved import REPORT, hash_of, refuse_other
     from vibroswarm.documents.tradeoff import tradeoff_document
     from vibroswarm.study.summary import write_table
+    from vibroswarm.study.tradeoff import time_error_curve
 
     made = scenario_from(scenario)
     work = hash_of(made.hash, scenario.seed, runs, list(thresholds), list(observations))

@@ -18,7 +18,7 @@ from vibroswarm.analysis.verdict import answers_of as answers_in_words
 from vibroswarm.show.numbers import Estimate, count, counts, listed, percent, with_limits
 from vibroswarm.study.answers import Answer, Effect, lacks_truth
 from vibroswarm.study.batch_table import failed_words
-from vibroswarm.study.cell_comparison import pairs_at_equal_error
+from vibroswarm.study.equal_error import pairs_at_equal_error
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import CellOutcome, Outcome
 

@@ -2,7 +2,7 @@
 
 The settings are combinations of the credible threshold p_c and the minimum of observations O_c. A setting is on the
 front if no other setting is at least as good in decision time and in the share of robots wrong, and better in one of
-them (``analysis.tradeoff``).
+them (``study.tradeoff``).
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ def tradeoff_document(curve: pl.DataFrame, scenario: Scenario, seed: int) -> Doc
     """Return what a trade-off says: the ends of the front, the front, and all settings.
 
     Args:
-        curve: table of ``analysis.tradeoff.time_error_curve`` with ``undecided_counts=0``, so that its column ``error``
+        curve: table of ``study.tradeoff.time_error_curve`` with ``undecided_counts=0``, so that its column ``error``
             is the share of robots wrong. scenario, seed: of the replayed runs.
     """
     front = curve.filter("pareto").sort("decision_time_s").drop("pareto")

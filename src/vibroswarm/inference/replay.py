@@ -61,23 +61,6 @@ def infer(
     return pl.DataFrame([*key, *columns]), final_frame(timeline.ends, swarm)
 
 
-def outcomes(
-    scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
-) -> pl.DataFrame:
-    """Return the table of the final state of each robot (``agents.FINALS``), without computing the inference table.
-
-    Args:
-        motion: the motion, or its timeline. observations: the observation table, with the rows of the motion table.
-    Raises:
-        ValueError: the rows of motion and observations are not the same, or the strategy reads energies and some are
-            missing.
-        CodeError: the strategy did something that strategies may not do.
-    """
-    timeline = timeline_of(scenario, motion)
-    swarm = _replayed(scenario, seed, timeline, observations, messages=None, log=None)
-    return final_frame(timeline.ends, swarm)
-
-
 def replay_to_end(
     scenario: Scenario,
     seed: int,

@@ -33,13 +33,12 @@ from numpy.typing import NDArray
 from scipy.stats import betabinom, binom
 from scipy.stats import t as student
 
-from vibroswarm.errors import InputError
-from vibroswarm.inference.outcomes import numbers
 from vibroswarm.league.entries import Entry, LeagueFloor
 from vibroswarm.league.standings import League
 from vibroswarm.strategies import strategy
 from vibroswarm.strategies.static_analysis import fields_read
 from vibroswarm.study.run import run
+from vibroswarm.study.study_result import StudyResult
 
 BELIEFS: Final = "beliefs"
 """Name of the folder of these runs inside the folder of a league."""
@@ -106,22 +105,11 @@ def belief_calibration(
     )
     spec = calibration_league.study
     study = run(spec, folder, **how)
+    sums = _sums(study, (len(variants), len(COUNTS), runs))
     rows: list[dict[str, Any]] = []
     for place, (label, settings, entry) in enumerate(variants):
-        # The cells of a study are ordered by entry and floor.
-        cells = spec.cells[place * len(COUNTS) : (place + 1) * len(COUNTS)]
-        table = study.rows(*(cell.number for cell in cells)).select(
-            "cell", "run", "decision", "belief_below", "truth"
-        )
-        found = table.collect()
-        for cell in cells:
-            of_cell = found.filter(pl.col("cell") == cell.number)
-            if of_cell.height != runs * min(league.robots):
-                raise InputError(
-                    f"has {of_cell['run'].n_unique()} of {runs} runs; run it again", field=cell.name
-                )
         # Sums over the robots of each run on each floor, (floors, runs) each.
-        decided, confidence, right, robots = _sums(found, first=cells[0].number, shape=(len(COUNTS), runs))
+        decided, confidence, right, robots = sums[:, place]
         # Each figure is a ratio of two of these sums.
         ratios = {
             "confidence": (confidence, decided),
@@ -179,36 +167,29 @@ def prior_weights(prior: str, entry: Entry, league: League) -> Array:
     return normalised
 
 
-def _sums(table: pl.DataFrame, first: int, shape: tuple[int, int]) -> tuple[Array, Array, Array, Array]:
-    """Sum over the robots of each run on each floor.
-
-    The caller has checked that each run has its rows.
+def _sums(study: StudyResult, shape: tuple[int, int, int]) -> Array:
+    """Sum over the robots of each run.
 
     Args:
-        table: rows of robots with cell, run, decision, belief_below (``agents.FINALS``) and truth. first: number of the
-            cell of the first floor; the cells of the other floors follow. shape: (number of floors, number of runs).
-    Returns: four arrays (floors, runs): number of robots that decided, sum of their confidences at decision time,
-        number of them that are right, and number of all robots.
+        study: its cells are ordered by variant of an entry, then floor. shape: numbers of variants, floors and runs.
+    Returns: four sums, (4, variants, floors, runs): number of robots that decided, sum of their confidences at decision
+        time, number of them that are right, and number of all robots.
+    Raises:
+        InputError: runs are missing.
     """
-    floor = table["cell"].to_numpy().astype(np.int64) - first
-    floor_and_run = floor * shape[1] + table["run"].to_numpy()  # index into the results, flattened
-    decision, below = numbers(table["decision"]), numbers(table["belief_below"])
-    decided = decision >= 0
-    # Decision 0 is "below the boundary".
-    confidence = np.where(decision == 0, below, 1.0 - below)
-    right = decision == numbers(table["truth"])
-
-    def by_run(values: Array) -> Array:
-        """Sum a value over the robots of each floor and run."""
-        sums = np.bincount(floor_and_run, values, minlength=shape[0] * shape[1])
-        return sums.astype(np.float64).reshape(shape)
-
-    return (
-        by_run(decided.astype(float)),
-        by_run(np.where(decided, confidence, 0.0)),
-        by_run((decided & right).astype(float)),
-        by_run(np.ones(floor_and_run.size)),
-    )
+    variants, floors, runs = shape
+    sums = np.zeros((4, variants * floors, runs))
+    for cells, robots, of_runs in study.arrays(("decision", "belief_below", "truth")):
+        decision, below = robots["decision"], robots["belief_below"]
+        decided = decision >= 0
+        # Decision 0 is "below the boundary".
+        confidence = np.where(decision == 0, below, 1.0 - below)
+        right = decided & (decision == of_runs["truth"][..., None])
+        of_robots = (decided, np.where(decided, confidence, 0.0), right, np.ones(decision.shape))
+        for k, values in enumerate(of_robots):
+            # ``cumsum`` adds the robots one after the other, whatever their number.
+            sums[k, [cell.number for cell in cells]] = values.astype(np.float64).cumsum(axis=2)[:, :, -1]
+    return sums.reshape(4, *shape)
 
 
 def ratio_interval(top: Array, bottom: Array) -> tuple[float, float, float]:

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval, plain
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.inference.outcomes import forced_errors, numbers
+from vibroswarm.inference.outcomes import forced_errors
 from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.fault_draws import working
@@ -113,10 +113,8 @@ def fault_curves(
         seed=league.seed + 2,  # fresh motion; the seed + 1 is that of belief_calibration
     )
     study = run(faulty_league.study, folder, **how)
-    errors = {
-        (entry.label, kind, count): _errors(faulty_league, study, place)
-        for place, (entry, kind, count) in enumerate(cases)
-    }
+    found = _errors(faulty_league, study)
+    errors = {(entry.label, kind, count): one for (entry, kind, count), one in zip(cases, found, strict=True)}
     return pl.DataFrame([_row(case, errors) for case in _rows_of(errors, kinds)], schema=CURVES)
 
 
@@ -180,29 +178,24 @@ def _row(case: Case, errors: dict[Case, Errors]) -> dict[str, Any]:
     return row
 
 
-def _errors(league: League, study: StudyResult, place: int) -> Errors:
-    """Return the forced errors of the robots of one entry, averaged over floors, and which robots have no fault.
+def _errors(league: League, study: StudyResult) -> list[Errors]:
+    """Return the forced errors of the robots of each entry, averaged over floors, and which robots have no fault.
 
     Args:
-        league: its entries have faults. study: the runs of this league. place: index of the entry in the league.
+        league: its entries have faults. study: the runs of this league.
     Raises:
         InputError: runs are missing.
     """
-    floors, robots = len(league.floors), league.robots[0]
-    mean_error, works = np.zeros((league.runs, robots)), np.ones((league.runs, robots), dtype=bool)
-    # The cells of a study are ordered by entry and floor, and the rows of a cell by run and robot.
-    for cell in study.study.cells[place * floors : (place + 1) * floors]:
-        rows = study.rows(cell.number).select("run", "decision", "belief_in_truth", "truth").collect()
-        if rows.height != league.runs * robots:
-            raise InputError(
-                f"has {rows['run'].n_unique()} of {league.runs} runs; run it again", field=cell.name
-            )
-        found = forced_errors(
-            rows["decision"].to_numpy(), numbers(rows["belief_in_truth"]), numbers(rows["truth"])
-        )
-        mean_error += found.reshape(league.runs, robots) / floors
-        works = working(cell.scenario, league.seed, range(league.runs))  # the same on all floors
-    return mean_error, works
+    floors, shape = len(league.floors), (league.runs, league.robots[0])
+    errors = np.zeros((len(league.entries), *shape))
+    for cells, robots, of_runs in study.arrays(("decision", "belief_in_truth", "truth")):
+        found = forced_errors(robots["decision"], robots["belief_in_truth"], of_runs["truth"][..., None])
+        for cell, of_cell in zip(cells, found, strict=True):
+            errors[cell.number // floors] += of_cell / floors  # cells are ordered by entry and floor
+    # Faults are the same on all floors, so the cells of the first floor stand for all.
+    firsts = [cell.scenario for cell in study.study.cells[::floors]]
+    working_robots = [working(scenario, league.seed, range(league.runs)) for scenario in firsts]
+    return list(zip(errors, working_robots, strict=True))
 
 
 def borne(curves: pl.DataFrame) -> pl.DataFrame:

@@ -35,12 +35,12 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.stats import ttest_1samp
 
+from vibroswarm.analysis.figures import BY_NAME, Swarms
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain, sign_flip
 from vibroswarm.analysis.paired import holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
-from vibroswarm.inference.outcomes import capped_time_s, forced_errors, numbers
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
@@ -52,7 +52,19 @@ from vibroswarm.study.study_result import StudyResult
 
 FIGURES: Final = ("forced_error", "right", "wrong", "undecided", "decision_time_s", "sent", "bytes_sent")
 """Figures of the standings; the table of the module's docstring explains them."""
-NEEDED: Final = ("cell", "run", "decision", "decision_time_s", "belief_in_truth", "sent", "truth")
+SHOWN: Final = {
+    "forced_error": "forced_error",
+    "right": "robots_right",
+    "wrong": "robots_wrong",
+    "undecided": "robots_undecided",
+    "decision_time_s": "decision_time_s",
+    "sent": "sent",
+}
+"""Names in ``analysis.figures`` of the figures that are declared there: all but ``bytes_sent``."""
+READ: Final = (
+    *("decision", "decision_time_s", "belief_in_truth", "sent"),
+    *("truth", "consensus", "right", "wrong", "undecided"),
+)
 """Columns of a study's rows that are read."""
 COMPARED: Final = ("forced_error", "decision_time_s")
 """Figures that are compared with the reference."""
@@ -387,24 +399,21 @@ def standings_of(league: League, study: StudyResult) -> Standings:
     Raises:
         InputError: runs are missing, for example because some failed.
     """
-    sizes, runs = len(league.robots), league.runs
-    shape = (len(league.entries), len(league.floors), sizes * runs)
-    values = {name: np.full(shape, np.nan) for name in FIGURES}
-    for k in range(len(league.entries)):
-        entry_cells = _cells_of(league, k)
-        rows = study.rows(*(cell.number for cell in entry_cells)).select(NEEDED).collect()
-        by_cell = rows.partition_by("cell", maintain_order=True, as_dict=True)
-        for place, cell in enumerate(entry_cells):
-            floor, size = divmod(place, sizes)  # indices of the cell's floor and swarm size
-            robots = by_cell.get((cell.number,), rows.clear())  # no rows if the cell has no runs
-            if robots.height != runs * league.robots[size]:
-                finished = robots["run"].n_unique()
-                raise InputError(f"has {finished} of {runs} runs; run it again", field=cell.name)
+    sizes, runs, floors = len(league.robots), league.runs, len(league.floors)
+    values = {name: np.full((len(league.entries), floors, sizes * runs), np.nan) for name in FIGURES}
+    for cells, robots, of_runs in study.arrays(READ):
+        swarms = Swarms.of_arrays(robots, of_runs, [cell.scenario.run.t_end_s for cell in cells])
+        figures = {name: BY_NAME[figure].of_run(swarms).reshape(-1, runs) for name, figure in SHOWN.items()}
+        for place, cell in enumerate(cells):
+            # The cells of a league are ordered by entry, then floor, then swarm size.
+            entry, on = divmod(cell.number, floors * sizes)
+            floor, size = divmod(on, sizes)
+            units = slice(size * runs, (size + 1) * runs)
+            for name, by_run in figures.items():
+                values[name][entry, floor, units] = by_run[place]
             # Options of a strategy may change the size of its messages.
-            size_of_message = strategy_used(cell.scenario).bytes_on_air
-            figures = figures_by_run(robots, runs, cell.scenario.run.t_end_s, size_of_message)
-            for name, column in figures.items():
-                values[name][k, floor, size * runs : (size + 1) * runs] = column
+            bytes_on_air = strategy_used(cell.scenario).bytes_on_air
+            values["bytes_sent"][entry, floor, units] = figures["sent"][place] * bytes_on_air
     return Standings(league, values, study)
 
 
@@ -412,30 +421,3 @@ def _cells_of(league: League, entry: int) -> tuple[Cell, ...]:
     """Return the cells of an entry of a league, by its place: by floor, then swarm size."""
     count = len(league.floors) * len(league.robots)
     return tuple(league.study.cells[entry * count : (entry + 1) * count])
-
-
-def figures_by_run(robots: pl.DataFrame, runs: int, t_end_s: float, bytes_on_air: int) -> dict[str, Array]:
-    """Compute the figures of each run as means over its robots.
-
-    Args:
-        robots: rows of one cell, sorted by run and robot, with the columns ``NEEDED``; every run has the same number
-            of robots. runs: number of runs. t_end_s: end of a run, s. bytes_on_air: bytes of one message.
-    Returns: ``FIGURES``, (runs,) each; forced_error, right and wrong are nan if neither decision is right.
-    """
-    shape = (runs, -1)
-    decision = robots["decision"].to_numpy().reshape(shape)
-    truth, time_s, in_truth, sent = (
-        numbers(robots[name]).reshape(shape)
-        for name in ("truth", "decision_time_s", "belief_in_truth", "sent")
-    )
-    unknown = np.isnan(truth)
-    by_robot = {
-        "forced_error": forced_errors(decision, in_truth, truth),
-        "right": np.where(unknown, np.nan, decision == truth),
-        "wrong": np.where(unknown, np.nan, decision == 1.0 - truth),
-        "undecided": (decision == -1).astype(np.float64),
-        "decision_time_s": capped_time_s(time_s, t_end_s),
-        "sent": sent,
-        "bytes_sent": sent * bytes_on_air,
-    }
-    return {name: by_robot[name].mean(axis=1) for name in FIGURES}

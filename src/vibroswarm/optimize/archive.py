@@ -13,7 +13,7 @@ from itertools import accumulate, compress, pairwise
 
 import numpy as np
 
-from vibroswarm.analysis.tradeoff import pareto_front
+from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.optimize.objective import Objective, Rows
 from vibroswarm.optimize.space import Point, Space, Values

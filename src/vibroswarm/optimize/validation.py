@@ -22,7 +22,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval, plain
-from vibroswarm.analysis.tradeoff import pareto_front
+from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.evaluate import derived_seed, figures_of

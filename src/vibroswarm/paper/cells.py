@@ -36,8 +36,6 @@ from vibroswarm.study.study_result import StudyResult
 
 FIRST_RUNS: Final = 10
 """Runs of each cell whose robots an archive lists one by one."""
-ROWS_AT_A_TIME: Final = 400_000
-"""Rows of a study (one per robot of a run) that are read and summarised at once, to limit memory."""
 Progress = Callable[[float], None]
 Figures = Mapping[str, NDArray[np.float64]]
 """Figures of each run of a cell, by name, (runs,) each."""
@@ -191,23 +189,17 @@ def _summaries(
 ) -> dict[str, CellResult]:
     """Summarise all cells of a study; return the results by the cells' keys.
 
-    Cells are read in blocks, because each read scans the whole study.
-
     Args:
         cells: the cells; the index is the cell's number in the study. runs: number of runs of each cell.
         workers: number of threads; None: one for each processor.
     """
     by_key: dict[str, CellResult] = {}
     with ThreadPoolExecutor(workers or processors()) as pool:
-        for group in result.plan.groups:  # cells that share motion, and so the size of the swarm
-            numbers, robots = [cell.number for cell in group.cells], group.first.swarm.robots
-            step = max(ROWS_AT_A_TIME // (runs * robots), 1)  # cells of a block
-            for first in range(0, len(numbers), step):
-                block_numbers = numbers[first : first + step]
-                rows = result.unsorted_rows(*block_numbers).select(READ).collect()
-                block = [cells[number] for number in block_numbers]
-                results = summarise(block, rows, block_numbers, runs, robots, pool.map)
-                by_key |= {cell.key: cell_result for cell, cell_result in zip(block, results, strict=True)}
+        for block, rows in result.blocks(READ):
+            numbers, robots = [cell.number for cell in block], block[0].scenario.swarm.robots
+            own = [cells[number] for number in numbers]
+            results = summarise(own, rows, numbers, runs, robots, pool.map)
+            by_key |= {cell.key: cell_result for cell, cell_result in zip(own, results, strict=True)}
     return by_key
 
 

@@ -116,7 +116,7 @@ def answers_of(
 
     Args:
         compared: all figures of all pairs (``cell_comparison.comparisons``); empty: there are no answers.
-        matched: comparisons at equal error, by the numbers of cell and reference (``cell_comparison.at_equal_error``).
+        matched: comparisons at equal error, by the numbers of cell and reference (``equal_error.at_equal_error``).
     """
     # For each pair, its comparisons by figure. A pair is given by cell, reference and compared field.
     by_pair: dict[tuple[int, int, str], dict[str, Compared]] = {}

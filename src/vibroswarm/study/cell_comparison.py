@@ -16,7 +16,7 @@ Strategies can also be compared at equal error, on request: their cells are repl
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,17 +25,8 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.forced_error import (
-    MatchedError,
-    Reached,
-    matched_error,
-    reached_together,
-)
 from vibroswarm.analysis.paired import Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.inference.deliveries import needs_moves
-from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import steers
 from vibroswarm.study.factors import LABEL, flat
 from vibroswarm.study.run import run
 from vibroswarm.study.runner import Progress
@@ -348,107 +339,3 @@ class _Figures:
 def _key(point: dict[str, Any]) -> str:
     """Return a text that is equal for equal points, whatever the order of their fields."""
     return repr(sorted((k, repr(v)) for k, v in point.items()))
-
-
-MATCHED_CELLS: Final = 12
-"""With more cells nothing is compared at equal error."""
-MATCHED_RUNS: Final = 1000
-"""Most runs of a cell that are replayed with each setting."""
-MATCHED_ROBOTS: Final = 5000
-"""Most robots, summed over these runs; but ``MATCHED_ANYWAY`` runs are replayed even if they have more robots."""
-MATCHED_ANYWAY: Final = 100
-"""Number of runs that are replayed whatever the number of their robots."""
-LEAST_RUNS: Final = 20
-"""With fewer runs in common nothing is compared at equal error."""
-ENGINES: Final = ("event", "fixed-step")
-"""Sources of motion whose studies are compared at equal error: both give the motion of ``event``, which is replayed."""
-
-
-def pairs_at_equal_error(
-    result: StudyResult, compared: Sequence[Compared]
-) -> dict[tuple[int, int], tuple[Cell, Cell]]:
-    """Return the pairs of cells that can be compared at equal error, by the numbers of cell and reference.
-
-    These are cells with different strategies. Strategies that steer are left out, since their motion changes with the
-    settings. There are no pairs if more than ``MATCHED_CELLS`` cells would have to be compared, or if the study's
-    source of motion is not one of ``ENGINES``, since a replay simulates the motion again with the source ``event``,
-    whatever the study's source is.
-
-    Args:
-        compared: result of ``comparisons``.
-    """
-    if result.study.motion not in ENGINES:
-        return {}
-    pairs = {
-        (one.cell.number, one.reference.number): (one.cell, one.reference)
-        for one in compared
-        if one.cell.scenario.strategy.name != one.reference.scenario.strategy.name
-        and not steers(one.cell.scenario)
-        and not steers(one.reference.scenario)
-    }
-    cells = {cell.number for pair in pairs.values() for cell in pair}
-    return pairs if len(cells) <= MATCHED_CELLS else {}
-
-
-def at_equal_error(
-    result: StudyResult, compared: Sequence[Compared], progress: Callable[[float], None] | None = None
-) -> dict[tuple[int, int], MatchedError]:
-    """Compare pairs of cells with different strategies at equal error, by replay with other settings.
-
-    A cell is left out if neither decision is right in one of its runs, or if its scenario cannot be run. The result is
-    empty if the cells have fewer than ``LEAST_RUNS`` runs in common.
-
-    Args:
-        compared: result of ``comparisons``. progress: called after cells were replayed, with the share of cells done.
-    Returns: the comparison of each pair of ``pairs_at_equal_error``, by the numbers of cell and reference.
-    """
-    pairs = pairs_at_equal_error(result, compared)
-    cells = {cell.number: cell for pair in pairs.values() for cell in pair}
-    runs = {number: _runs(result, cell) for number, cell in cells.items()}
-    # The runs that all these cells have.
-    common = sorted(set.intersection(*map(set, runs.values()))) if runs else []
-    if len(common) < LEAST_RUNS:
-        return {}
-    sharing: dict[str, list[Cell]] = {}  # cells with the same motion and readings are replayed together
-    for cell in cells.values():
-        sharing.setdefault(_readings_key(cell.scenario), []).append(cell)
-    found: dict[int, Reached] = {}
-    done = 0
-    for together in sharing.values():
-        found |= _reached(together, result.study.seed, common)
-        done += len(together)
-        if progress is not None:
-            progress(done / len(cells))
-    return {
-        (cell, reference): matched_error(found[cell], found[reference])
-        for cell, reference in pairs
-        if cell in found and reference in found
-    }
-
-
-def _readings_key(scenario: Scenario) -> str:
-    """Return a text that is equal for scenarios with the same motion, readings and network."""
-    values = scenario.model_dump(mode="json", exclude={"strategy", "decision"})
-    # The boundary is part of the task, and with it of the floors; moves are recorded if localisation reads them.
-    return repr((values, scenario.decision.decision_boundary, needs_moves(scenario)))
-
-
-def _reached(cells: Sequence[Cell], seed: int, runs: Sequence[int]) -> dict[int, Reached]:
-    """Return what cells with the same motion and readings reach, by number; cells that cannot be replayed are left out.
-
-    Args:
-        seed: of the runs. runs: their numbers.
-    """
-    try:
-        reached = reached_together([cell.scenario for cell in cells], seed, runs)
-    except InputError:
-        if len(cells) == 1:  # the scenario cannot be run, or neither decision is right in a run
-            return {}
-        return {k: one for cell in cells for k, one in _reached([cell], seed, runs).items()}
-    return {cell.number: one for cell, one in zip(cells, reached, strict=True)}
-
-
-def _runs(result: StudyResult, cell: Cell) -> list[int]:
-    """List the numbers of a cell's runs that are replayed: the first stored ones, within the limits above."""
-    most_by_robots = max(MATCHED_ROBOTS // cell.scenario.swarm.robots, MATCHED_ANYWAY)
-    return result.runs_there(cell.number, min(MATCHED_RUNS, most_by_robots))

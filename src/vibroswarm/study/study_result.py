@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -22,12 +22,12 @@ from vibroswarm.analysis.agreement import may_change
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown, whole_number_of
-from vibroswarm.inference.outcomes import ROBOTS, RUNS
+from vibroswarm.inference.outcomes import ROBOTS, RUNS, Columns
 from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
-from vibroswarm.study.batch_table import AGREED_TABLE, FAILED_RUNS, FAILED_TABLE, tables_of
+from vibroswarm.study.batch_table import AGREED_TABLE, FAILED_RUNS, FAILED_TABLE, arrays_of, tables_of
 from vibroswarm.study.frames import dataset_of, pandas_of
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.settled import Settled, runs_that_count, settled
@@ -59,6 +59,8 @@ class _TemporaryFolder:
         weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
 
 
+ROWS_AT_A_TIME: Final = 400_000
+"""Rows of a study (one per robot of a run) that are read at once by ``StudyResult.blocks``, to limit memory."""
 AGAIN_S: Final = 30.0
 """Longest time for which runs of a cell of a slow source are simulated again, for pictures and references, s."""
 
@@ -245,6 +247,49 @@ class StudyResult(NotebookView):
             if frame is not None:
                 frames.append(frame.filter(pl.col("cell").is_in(numbers)))
         return frames
+
+    def blocks(self, columns: Sequence[str]) -> Iterator[tuple[list[Cell], pl.DataFrame]]:
+        """Yield the selected cells with their rows, in blocks of cells that share motion, of limited size.
+
+        Reading cell by cell would take long, since each read scans the whole study.
+
+        Args:
+            columns: those that are read, besides cell, run and robot.
+        Raises:
+            InputError: runs of a cell are missing, for example because some failed.
+        """
+        read = list(dict.fromkeys(["cell", "run", "robot", *columns]))
+        for group in self.plan.groups:
+            cells = [cell for cell in group.cells if cell.number in self.selected]
+            per_cell = (self.runs_of(cells[0].number) if cells else 0) * group.first.swarm.robots
+            step = max(ROWS_AT_A_TIME // max(per_cell, 1), 1)
+            for first in range(0, len(cells), step):
+                block = cells[first : first + step]
+                rows = self.unsorted_rows(*(cell.number for cell in block)).select(read).collect()
+                if rows.height != per_cell * len(block):
+                    self._refuse_missing(rows, block)
+                yield block, rows
+
+    def arrays(self, columns: Sequence[str]) -> Iterator[tuple[list[Cell], Columns, Columns]]:
+        """Yield the selected cells in the blocks of ``blocks``, with their columns as arrays (``arrays_of``).
+
+        Args:
+            columns: those that are read, besides run and robot.
+        Raises:
+            InputError: runs of a cell are missing.
+        """
+        for cells, rows in self.blocks(columns):
+            numbers, robots = [cell.number for cell in cells], cells[0].scenario.swarm.robots
+            yield cells, *arrays_of(rows, numbers, self.runs_of(numbers[0]), robots)
+
+    def _refuse_missing(self, rows: pl.DataFrame, cells: Sequence[Cell]) -> None:
+        """Raise an error about the first of these cells that has not all its runs."""
+        there = dict(rows.group_by("cell").agg(pl.col("run").n_unique()).rows())
+        for cell in cells:
+            if there.get(cell.number, 0) < (wanted := self.runs_of(cell.number)):
+                raise InputError(
+                    f"has {there.get(cell.number, 0)} of {wanted} runs; run it again", field=cell.name
+                )
 
     def robots(self, *cells: int) -> pl.DataFrame:
         """Return the table of robots of ``cells`` (by default all selected), with ``cell`` and the varied fields."""

@@ -25,7 +25,8 @@ from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import RunError
 from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.baselines import References, reference_table
-from vibroswarm.study.cell_comparison import Compared, at_equal_error, comparison_table, comparisons
+from vibroswarm.study.cell_comparison import Compared, comparison_table, comparisons
+from vibroswarm.study.equal_error import at_equal_error
 from vibroswarm.study.settled import Settled, figure_of
 from vibroswarm.study.spec import Cell
 from vibroswarm.study.study_result import StudyResult

@@ -27,14 +27,12 @@ import polars as pl
 from vibroswarm.analysis.cell_summary import summary
 from vibroswarm.analysis.intervals import plain
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import as_series, numbers, run_columns
-from vibroswarm.motion.source import source
-from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.fault_draws import working
-from vibroswarm.scenario.fault_fields import FAULTS, MOTION_FAULTS, robots_of_share
+from vibroswarm.scenario.fault_fields import FAULTS, robots_of_share
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.simulation import check_runs, floors_of, simulate, steers, summarise
+from vibroswarm.study.run import run
+from vibroswarm.study.spec import Study
 
 Judged = Literal["working", "all"]
 JUDGED: Final = ("working", "all")
@@ -114,10 +112,11 @@ def fault_curve(
     kind: str,
     shares: Sequence[float],
     seed: int = 1,
-    runs: int | Sequence[int] = 200,
+    runs: int = 200,
     *,
     judged: Judged = "working",
     level: float = 0.95,
+    **how: Any,
 ) -> pl.DataFrame:
     """Compute a strategy's outcomes against the share of faulty robots, by simulating a scenario with each share.
 
@@ -126,9 +125,9 @@ def fault_curve(
 
     Args:
         scenario: its other kinds of fault stay as they are. kind: of the fault that is varied, such as "stuck_at_1".
-        shares: shares of the swarm that have this fault, from 0 to 1. seed: of the runs. runs: their number, or the
-            numbers of the runs.
+        shares: shares of the swarm that have this fault, from 0 to 1. seed: of the runs. runs: their number.
         judged: robots whose decisions count: "working" or "all". level: confidence level of each interval.
+        how: further arguments of ``study.run.run``, such as workers.
     Returns: one row per share, in the order given: share, robots (number of robots with the fault), runs (number of
         runs with a judged robot), and each of ``FIGURES`` with its limits (``wrong``, ``wrong_low``, ``wrong_high``);
         these are null if no run has a judged robot.
@@ -141,10 +140,10 @@ def fault_curve(
     points = [scenario.with_values({f"faults.{kind}": float(share), "run.stop": "t_end"}) for share in shares]
     if not points:
         raise InputError("give at least one share", field="shares")
-    run_numbers = check_runs(seed, runs)
-    tables = _tables(points, kind, seed, run_numbers)
+    result = run(Study.of_scenarios({str(k): point for k, point in enumerate(points)}, runs, seed), **how)
     rows = []
-    for share, point, (robots, of_runs) in zip(shares, points, tables, strict=True):
+    for k, (share, point) in enumerate(zip(shares, points, strict=True)):
+        robots, of_runs = result.tables(k)
         head = {"share": float(share), "robots": robots_of_share(float(share), point.swarm.robots)}
         judged_robots, judged_runs = judged_tables(point, seed, robots, of_runs, judged)
         rows.append(head | {"runs": judged_runs.height} | _figures(point, judged_robots, judged_runs, level))
@@ -160,28 +159,3 @@ def _figures(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, level
         estimate, low, high = (None, None, None) if cell is None else getattr(cell, field)[:3]
         row |= {name: plain(estimate), f"{name}_low": plain(low), f"{name}_high": plain(high)}
     return row
-
-
-def _tables(
-    points: Sequence[Scenario], kind: str, seed: int, runs: Sequence[int]
-) -> list[tuple[pl.DataFrame, pl.DataFrame]]:
-    """Simulate the scenarios ``points``, and return the table of robots and the table of runs of each.
-
-    The motion is simulated once for all points, unless the fault changes it or the strategy steers.
-
-    Args:
-        points: scenarios that differ only in the share of robots with the fault ``kind``. runs: numbers of the runs.
-    """
-    first = points[0]
-    if kind in MOTION_FAULTS or steers(first):
-        results = (simulate(point, seed, runs, energies=False) for point in points)
-        return [(result.robots, result.runs) for result in results]
-    # Event-driven motion is the default of ``simulate``. Decisions need no segments (the paths between samples), and
-    # the tables of robots and runs no energies. All points share motion and floors, so those of the first point are
-    # used.
-    motion = source("event").batch(first, seed, runs, segments=False, moves=needs_moves(first))
-    timeline, floors = timeline_of(first, motion), floors_of(first, seed, runs)
-    return [
-        summarise(point, seed, floors, timeline, observe(point, seed, motion.samples, floors, energies=False))
-        for point in points
-    ]

@@ -1,0 +1,155 @@
+"""Compare strategies at equal error: what each reaches with other settings, in the same runs.
+
+See ``analysis.forced_error`` for the method. A strategy's points are the cells of one study, which share motion and
+readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from vibroswarm.analysis.figures import BY_NAME, Swarms
+from vibroswarm.analysis.forced_error import MatchedError, Reached, matched_error, settings_of
+from vibroswarm.errors import InputError, RunError
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import steers
+from vibroswarm.study.cell_comparison import Compared
+from vibroswarm.study.run import run
+from vibroswarm.study.runner import StudyProgress
+from vibroswarm.study.spec import Cell, Study
+from vibroswarm.study.study_result import StudyResult
+
+MATCHED_CELLS: Final = 12
+"""With more cells nothing is compared at equal error."""
+MATCHED_RUNS: Final = 1000
+"""Most runs of a cell that are replayed with each setting."""
+MATCHED_ROBOTS: Final = 5000
+"""Most robots, summed over these runs; but ``MATCHED_ANYWAY`` runs are replayed even if they have more robots."""
+MATCHED_ANYWAY: Final = 100
+"""Number of runs that are replayed whatever the number of their robots."""
+LEAST_RUNS: Final = 20
+"""With fewer runs in common nothing is compared at equal error."""
+ENGINES: Final = ("event", "fixed-step")
+"""Sources of motion whose studies are compared at equal error: both give the motion of ``event``, which is replayed."""
+
+
+def pairs_at_equal_error(
+    result: StudyResult, compared: Sequence[Compared]
+) -> dict[tuple[int, int], tuple[Cell, Cell]]:
+    """Return the pairs of cells that can be compared at equal error, by the numbers of cell and reference.
+
+    These are cells with different strategies. Strategies that steer are left out, since their motion changes with the
+    settings. There are no pairs if more than ``MATCHED_CELLS`` cells would have to be compared, or if the study's
+    source of motion is not one of ``ENGINES``, since a replay simulates the motion again with the source ``event``,
+    whatever the study's source is.
+
+    Args:
+        compared: result of ``comparisons``.
+    """
+    if result.study.motion not in ENGINES:
+        return {}
+    pairs = {
+        (one.cell.number, one.reference.number): (one.cell, one.reference)
+        for one in compared
+        if one.cell.scenario.strategy.name != one.reference.scenario.strategy.name
+        and not steers(one.cell.scenario)
+        and not steers(one.reference.scenario)
+    }
+    cells = {cell.number for pair in pairs.values() for cell in pair}
+    return pairs if len(cells) <= MATCHED_CELLS else {}
+
+
+def at_equal_error(
+    result: StudyResult, compared: Sequence[Compared], progress: Callable[[float], None] | None = None
+) -> dict[tuple[int, int], MatchedError]:
+    """Compare pairs of cells with different strategies at equal error, by runs with other settings.
+
+    A cell is left out if neither decision is right in one of its runs, or if its scenario cannot be run. The result is
+    empty if the cells have fewer than ``LEAST_RUNS`` runs in common.
+
+    Args:
+        compared: result of ``comparisons``. progress: called after cells were replayed, with the share of cells done.
+    Returns: the comparison of each pair of ``pairs_at_equal_error``, by the numbers of cell and reference.
+    """
+    pairs = pairs_at_equal_error(result, compared)
+    cells = {cell.number: cell for pair in pairs.values() for cell in pair}
+    runs = min((_runs(result, cell) for cell in cells.values()), default=0)
+    if runs < LEAST_RUNS:
+        return {}
+    found = _reached(list(cells.values()), result.study.seed, runs, progress)
+    return {
+        (cell, reference): matched_error(found[cell], found[reference])
+        for cell, reference in pairs
+        if cell in found and reference in found
+    }
+
+
+def _reached(
+    cells: Sequence[Cell], seed: int, runs: int, progress: Callable[[float], None] | None = None
+) -> dict[int, Reached]:
+    """Return what cells reach, by number; cells that cannot be run with other settings are left out.
+
+    Args:
+        seed, runs: of the study of the points. progress: called with the share of the runs done.
+    """
+
+    def report(now: StudyProgress) -> None:
+        if progress is not None:
+            progress(now.done / max(now.wanted, 1))
+
+    try:
+        found = reached([cell.scenario for cell in cells], seed, runs, progress=report)
+    except (InputError, RunError):
+        if len(cells) == 1:  # the scenario cannot be run, or neither decision is right in a run
+            return {}
+        return {k: one for cell in cells for k, one in _reached([cell], seed, runs).items()}
+    return {cell.number: one for cell, one in zip(cells, found, strict=True)}
+
+
+READ: Final = (
+    *("decision", "decision_time_s", "belief_in_truth"),
+    *("truth", "consensus", "right", "wrong", "undecided"),
+)
+"""Columns of a study's rows that are read."""
+
+
+def reached(scenarios: Sequence[Scenario], seed: int, runs: int, **how: Any) -> list[Reached]:
+    """Run scenarios as given and with each combination of their strategy's settings (``settings_of``).
+
+    All points go to t_end, whenever their robots decide, and share motion and readings where they can.
+
+    Args:
+        scenarios: at least one. seed: of the runs. runs: their number.
+        how: further arguments of ``study.run.run``, such as workers.
+    Returns: times and errors of each scenario's points in each run; point 0 is the scenario as given.
+    Raises:
+        InputError: one of them cannot be run, or in some run neither decision is right. RunError: runs failed.
+    """
+    points = [settings_of(scenario) for scenario in scenarios]
+    labelled = {f"{k} {j}": point for k, of_one in enumerate(points) for j, point in enumerate(of_one)}
+    result = run(Study.of_scenarios(labelled, runs, seed), **how)
+    time_s, error = (np.empty((len(labelled), runs)) for _ in range(2))
+    for cells, robots, of_runs in result.arrays(READ):
+        swarms = Swarms.of_arrays(robots, of_runs, [cell.scenario.run.t_end_s for cell in cells])
+        numbers = [cell.number for cell in cells]
+        time_s[numbers] = BY_NAME["decision_time_s"].of_run(swarms).reshape(-1, runs)
+        error[numbers] = BY_NAME["forced_error"].of_run(swarms).reshape(-1, runs)
+    if np.isnan(error).any():
+        raise InputError(
+            "in some runs neither decision is right; give fill ratios off the boundary", field="floor"
+        )
+    ends = np.cumsum([len(of_one) for of_one in points])
+    return [
+        Reached(time_s[end - len(of_one) : end], error[end - len(of_one) : end])
+        for of_one, end in zip(points, ends, strict=True)
+    ]
+
+
+def _runs(result: StudyResult, cell: Cell) -> int:
+    """Return how many runs of a cell, from run 0, are run with other settings: those stored, up to the limits."""
+    most = min(MATCHED_RUNS, max(MATCHED_ROBOTS // cell.scenario.swarm.robots, MATCHED_ANYWAY))
+    there = result.runs_there(cell.number, most)
+    return next((k for k, number in enumerate(there) if k != number), len(there))

@@ -1,0 +1,110 @@
+"""Compute time against error over the credible threshold p_c and the minimum number of observations O_c.
+
+A swarm that waits longer makes fewer errors. So a single pair of time and error says little; the curve over both
+settings of the decision shows what a strategy can achieve. All points of the curve share motion and observations:
+compare them run by run with ``paired.compare``, not by whether their intervals overlap.
+
+| name | equation |
+|---|---|
+| time | restricted mean decision time, s |
+| error | share of robots wrong + u (share undecided), u from 0 to 1 (``undecided_counts``) |
+| Pareto front | points for which no other point is at least as good in time and error and better in one of them |
+
+The front is computed from estimates. The best of many points are partly lucky, and will be worse on fresh seeds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import polars as pl
+
+from vibroswarm.analysis.cell_summary import summary
+from vibroswarm.analysis.figures import run_figures
+from vibroswarm.analysis.intervals import bootstrap_mean, cluster_share, plain
+from vibroswarm.analysis.pareto import pareto_front
+from vibroswarm.errors import InputError
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import refuse_steering
+from vibroswarm.study.run import run
+from vibroswarm.study.spec import Study
+
+
+def time_error_curve(
+    scenario: Scenario,
+    seed: int,
+    runs: int,
+    credible_thresholds: Sequence[float],
+    min_observations: Sequence[int],
+    *,
+    undecided_counts: float = 0.0,
+    level: float = 0.95,
+    **how: Any,
+) -> pl.DataFrame:
+    """Compute time and error for each pair of p_c and O_c.
+
+    Args:
+        scenario: gives all settings but p_c and O_c; it is run to t_end, whatever its ``run.stop``. Its strategy must
+            not steer, because the points share their motion. seed: of the runs. runs: their number.
+        credible_thresholds: values of p_c. min_observations: values of O_c.
+        undecided_counts: u, how much an undecided robot counts as an error, 0 to 1. level: confidence level.
+        how: further arguments of ``study.run.run``, such as workers.
+    Returns: one row for each pair; pairs are in the given order, with all values of O_c for the first p_c first.
+        Columns: credible_threshold, min_observations, error, error_low, error_high, all columns of
+        ``CellSummary.as_row``, and pareto (whether the point is on the Pareto front). The error is over the runs with
+        a truth; if there are none, it is null and no point is on the front.
+    Raises:
+        InputError: no settings, u outside [0, 1], a seed or a number of runs that ``Study`` refuses, a level outside
+            (0, 1), a setting that the scenario refuses, or a strategy that steers.
+    """
+    settings = list(product(credible_thresholds, min_observations))
+    if not settings:
+        raise InputError("give at least one p_c and one O_c", field="credible_thresholds")
+    if not 0.0 <= undecided_counts <= 1.0:
+        raise InputError(
+            f"{undecided_counts!r} is not a share; give a number from 0 to 1", field="undecided_counts"
+        )
+    refuse_steering(scenario)
+    base = scenario.with_values({"run.stop": "t_end"})
+    points = {
+        f"p_c {p_c:g}, O_c {o_c}": base.with_values(
+            {"decision.credible_threshold": p_c, "decision.min_observations": o_c}
+        )
+        for p_c, o_c in settings
+    }
+    result = run(Study.of_scenarios(points, runs, seed), **how)
+    tables = [result.tables(cell.number) for cell in result.study.cells]
+    rows = [_point(*of_point, base.run.t_end_s, undecided_counts, level) for of_point in tables]
+    table = pl.DataFrame(
+        [
+            {"credible_threshold": float(p_c), "min_observations": int(o_c), **row}
+            for (p_c, o_c), row in zip(settings, rows, strict=True)
+        ],
+        infer_schema_length=None,
+    )
+    times, errors = (
+        table[name].cast(pl.Float64).fill_null(math.nan) for name in ("decision_time_s", "error")
+    )
+    return table.with_columns(pareto=pl.Series(pareto_front(times.to_numpy(), errors.to_numpy())))
+
+
+def _point(
+    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, undecided_counts: float, level: float
+) -> dict[str, float | int | None]:
+    """Compute the error of one point of the curve with its limits, and its figures, as columns of a row.
+
+    The error is that of the runs with a truth.
+    """
+    table = run_figures(robots, runs, t_end_s).filter(pl.col("truth").is_not_null())
+    # With u = 0 or 1 each robot counts as an error or not, so the error is a share of robots. With another u it is only
+    # a mean over runs of weighted shares.
+    if undecided_counts in (0.0, 1.0):
+        count = table["wrong"] + table["undecided"] * int(undecided_counts)
+        error = cluster_share(count.to_numpy(), table["robots"].to_numpy(), level)
+    else:
+        error = bootstrap_mean(table["wrong_share"] + undecided_counts * table["undecided_share"], level)
+    limits = dict(zip(("error", "error_low", "error_high"), map(plain, error[:3]), strict=True))
+    return limits | summary(robots, runs, t_end_s, level).as_row()
