@@ -275,13 +275,12 @@ def test_a_timeline_serves_every_strategy_and_seed(
         strict=True,
     ):
         same(mine, theirs)
-    same(outcomes(scenario, seed, timeline, observations), infer(scenario, seed, motion, observations)[1])
 
 
 def test_the_strategies_differ(seen: tuple[Scenario, Motion, pl.DataFrame]) -> None:
     """Negative control."""
     base, motion, observations = seen
-    found = [outcomes(base.with_values(values), 5, motion, observations) for values in VARIANTS]
+    found = [infer(base.with_values(values), 5, motion, observations)[1] for values in VARIANTS]
     assert not any(one.equals(other) for k, one in enumerate(found) for other in found[:k])
 
 
@@ -294,12 +293,10 @@ def test_other_rows_are_refused(seen: tuple[Scenario, Motion, pl.DataFrame]) -> 
         observations.with_columns(pl.col("sample").gather((pl.int_range(pl.len()) + 1) % pl.len())),
     ]
     for table in wrong:
-        for run in (infer, outcomes):
-            with pytest.raises(ValueError, match="rows of the motion"):
-                run(base, 5, motion, table)
-    assert outcomes(base, 5, motion, observations.clone().rechunk()).equals(
-        outcomes(base, 5, motion, observations)
-    )
+        with pytest.raises(ValueError, match="rows of the motion"):
+            infer(base, 5, motion, table)
+    again = infer(base, 5, motion, observations.clone().rechunk())
+    assert again[1].equals(infer(base, 5, motion, observations)[1])
     with pytest.raises(ValueError, match="14 rows, not 5"):
         timeline_of(base, Motion(motion.samples, motion.ends[:-1]))
     fewer = base.with_values({"swarm.robots": 3})

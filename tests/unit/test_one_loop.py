@@ -1,0 +1,98 @@
+"""One loop over runs: who simulates runs, and who shares work among workers, by the names that modules import.
+
+Everything else lists cells and gives them to ``study.run``; a module that needs more is named here, with why.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import vibroswarm
+
+ROOT = Path(vibroswarm.__file__).parent
+SIMULATE = {
+    "vibroswarm.simulation": {"simulate", "replay"},
+    "vibroswarm.motion.source": {"source"},
+    "vibroswarm.inference.closed_loop": {"ClosedLoop", "advance_loops"},
+    "vibroswarm.inference.motion_feedback": {"steered_motion", "until_all_decided"},
+    "vibroswarm.optimize.outcomes": {"outcomes_of"},
+    "vibroswarm.study.batch": {"do_batch", "simulate_batch"},
+}
+"""What simulates runs, by module."""
+SHARE = {
+    "concurrent.futures": {"ThreadPoolExecutor", "ProcessPoolExecutor"},
+    "vibroswarm.study.executors": {"do_all"},
+}
+"""What shares work among workers, by module."""
+
+LOOP = {
+    "simulation.py": "simulate and replay",
+    "inference/motion_feedback.py": "motion that depends on decisions, for simulate",
+    "study/batch.py": "a batch of runs, as tables",
+    "optimize/outcomes.py": "a batch of runs, as what a cost needs: it ends with the last decision",
+    "optimize/evaluate.py": "calls outcomes_of in a worker",
+    "study/runner.py": "submits batches, and saves what they return",
+    "study/executors.py": "calls do_batch in a worker",
+}
+WHOLE_RESULTS = {
+    "cli/run.py": "one run",
+    "inspection/inspection.py": "one run",
+    "paper/items/example_run.py": "one run, drawn",
+    "calibrate/fit_avoidance.py": "motion of one run",
+    "calibrate/cross_validation.py": "sessions as recordings have them",
+    "paper/items/calibration.py": "sessions as recordings have them",
+    "paper/items/unseen_session.py": "sessions as recordings have them",
+    "paper/items/side_claims.py": "places of samples",
+    "analysis/oracle_posterior.py": "the same result on mirrored floors",
+    "study/baselines.py": "the same result with another strategy",
+    "study/study_result.py": "runs of a study again, with their samples",
+    "study/verify.py": "runs of a study again, to compare them",
+}
+"""Those who need samples or paths of a few runs, which a study does not keep."""
+OTHERS = {
+    "study/spec.py": "refuses unknown sources of motion",
+    **dict.fromkeys(f"testing/{kind}.py" for kind in ("motion", "network", "runs", "strategy")),
+}
+SHARING = {
+    "study/executors.py": "the workers",
+    "study/runner.py": "batches of a study",
+    "optimize/evaluate.py": "pieces of candidates",
+    "paper/cells.py": "summarises cells while the next study runs",
+    "paper/items/side_claims.py": "places of samples",
+}
+
+
+def imported(path: Path, wanted: dict[str, set[str]]) -> set[str]:
+    """Names of ``wanted`` that a module imports, wherever in it."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module in wanted
+        for alias in node.names
+        if alias.name in wanted[str(node.module)]
+    }
+
+
+def modules() -> Iterator[tuple[str, Path]]:
+    for path in sorted(ROOT.rglob("*.py")):
+        yield path.relative_to(ROOT).as_posix(), path
+
+
+def test_only_these_simulate_runs() -> None:
+    assert {name for name, path in modules() if imported(path, SIMULATE)} == {*LOOP, *WHOLE_RESULTS, *OTHERS}
+
+
+def test_only_these_share_work() -> None:
+    assert {name for name, path in modules() if imported(path, SHARE)} == set(SHARING)
+
+
+def test_a_loop_of_its_own_is_seen(tmp_path: Path) -> None:
+    """Negative control: an import within a function, under another name."""
+    file = tmp_path / "own.py"
+    file.write_text("def curve():\n    from vibroswarm.simulation import simulate as s, versions\n")
+    assert imported(file, SIMULATE) == {"simulate"}
+    file.write_text("from vibroswarm.study.run import run\n")
+    assert imported(file, SIMULATE) == set()
