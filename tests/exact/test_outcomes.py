@@ -129,6 +129,7 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
         "decision_time_s": mean_of(times),
         "belief_in_truth": mean_of(beliefs),
         "estimate": mean_of(estimates),
+        "sent": sum(robot["samples"] for robot in own) / SWARM,
         "right": right if known else math.nan,
         "wrong": wrong if known else math.nan,
         "undecided": undecided,
