@@ -19,6 +19,8 @@ from vibroswarm.tracking.video_file import frames_of
 cv2 = pytest.importorskip("cv2")
 drawn = pytest.importorskip("helpers.drawn_video")
 Pictures = list[np.ndarray[Any, Any]]
+SEARCHED_WHOLE = (*range(0, 40, 5), 75)
+"""Frames that are searched whole although all robots are seen: for the floor's markers, and at intervals."""
 
 
 def by_detector_alone(video: Path, markers: Markers) -> np.ndarray[Any, Any]:
@@ -78,7 +80,7 @@ def test_of_two_markers_with_one_number_the_nearer_to_the_path_is_used(tmp_path:
     found = track(tmp_path / "two.avi", replace(drawn.MARKERS, floor_size_m=0.05))
     assert found.share_found() == 1.0
     assert found.jumps == 0
-    assert found.detections.twice == ((75, 0),)  # that frame is searched whole
+    assert found.detections.twice == tuple((frame, 0) for frame in SEARCHED_WHOLE if frame >= 5)
 
 
 @pytest.mark.parametrize("dictionary", DICTIONARIES)
@@ -146,5 +148,5 @@ def test_a_marker_that_is_in_no_list_is_told(tmp_path: Path) -> None:
     drawn.write(tmp_path / "v.avi", drawn.frames(80))
     one = replace(drawn.MARKERS, robots={0: 0})
     found = detect(tmp_path / "v.avi", one)
-    assert [frame for frame, _ in found.unexpected[1]] == [0, 75]
+    assert tuple(frame for frame, _ in found.unexpected[1]) == SEARCHED_WHOLE
     assert detect(tmp_path / "v.avi", drawn.MARKERS).unexpected == {}

@@ -24,8 +24,10 @@ Floats = NDArray[np.float64]
 WHOLE_EVERY: Final = 75
 """Interval, in frames, at which a whole frame is searched."""
 FLOOR_EVERY: Final = 5
-"""The same interval while a marker of the floor has not been seen yet; and the least interval at which corners of floor
-markers are taken, so that they are not all of one moment."""
+"""The same interval until each marker of the floor was seen ``FLOOR_LEAST`` times; and the least interval at which
+corners of floor markers are taken, so that they are not all of one moment."""
+FLOOR_LEAST: Final = 8
+"""See ``FLOOR_EVERY``."""
 MARGIN: Final = 0.9
 """Margin of a window around a marker, as a share of the marker's edge; the marker's movement between the last two
 frames is added."""
@@ -146,7 +148,8 @@ class _Search:
             window = None if last is None else _window(last, self._moved[i], self._size_px)
             if window is not None:
                 here[i] = self._nearest(i, self._finder.in_window(picture, window, marker), twice)
-        floor_is_due = k % FLOOR_EVERY == 0 and not all(self.floor.values())
+        is_known = all(len(corners) >= FLOOR_LEAST for corners in self.floor.values())
+        floor_is_due = k % FLOOR_EVERY == 0 and not is_known
         if k % WHOLE_EVERY == 0 or floor_is_due or np.isnan(here).any():
             self._search_whole(k, picture, here, twice)
         self.twice += [(k, marker) for marker in sorted(twice)]
