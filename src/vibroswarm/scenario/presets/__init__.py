@@ -1,4 +1,4 @@
-"""Presets: scenarios of this package, by name: ``paper``, ``paper-empirical`` (P^0) and ``text``."""
+"""Presets: scenarios of this package, by name, such as ``paper``, ``paper-empirical`` (P^0) and ``e-puck``."""
 
 from __future__ import annotations
 
