@@ -382,6 +382,12 @@ FIGURES: Final = (
 )
 """All figures, in the order in which tables have them."""
 
+READ: Final = (
+    *("decision", "decision_time_s", "belief_in_truth", "sent"),
+    *("truth", "consensus", "right", "wrong", "undecided"),
+)
+"""Columns of a study's rows that are enough for time, forced error, messages and shares of robots."""
+
 BY_NAME: Final = {figure.name: figure for figure in FIGURES}
 """Each figure by its name as a figure of a cell."""
 BY_COLUMN: Final = {figure.by_run: figure for figure in FIGURES}

@@ -35,7 +35,7 @@ import polars as pl
 from numpy.typing import NDArray
 from scipy.stats import ttest_1samp
 
-from vibroswarm.analysis.figures import BY_NAME, Swarms
+from vibroswarm.analysis.figures import BY_NAME, READ, Swarms
 from vibroswarm.analysis.intervals import Interval, mean_interval, plain, sign_flip
 from vibroswarm.analysis.paired import holm
 from vibroswarm.core.notebook_view import NotebookView
@@ -61,11 +61,6 @@ SHOWN: Final = {
     "sent": "sent",
 }
 """Names in ``analysis.figures`` of the figures that are declared there: all but ``bytes_sent``."""
-READ: Final = (
-    *("decision", "decision_time_s", "belief_in_truth", "sent"),
-    *("truth", "consensus", "right", "wrong", "undecided"),
-)
-"""Columns of a study's rows that are read."""
 COMPARED: Final = ("forced_error", "decision_time_s")
 """Figures that are compared with the reference."""
 DIFFERENCES: Final[dict[str, Any]] = {

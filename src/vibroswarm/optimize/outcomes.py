@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import threading
+from bisect import bisect_right, insort
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -283,9 +284,9 @@ class _ScenarioRuns:
         self.decision = np.empty(shape, dtype=np.int64)
         self.decision_time_s, self.estimate = np.empty(shape), np.empty(shape)
         self.end_s = np.empty(len(runs))
-        self.ends_s = self.loop.ends_s[-MANY:]
-        """Ends of up to ``MANY`` runs of earlier calls and of the runs so far, s; ``next_check_s`` estimates from them
-        when a run ends."""
+        self.ends_s = sorted(self.loop.ends_s[-MANY:])
+        """Ends of up to ``MANY`` runs of earlier calls and of the runs so far, s, rising; ``next_check_s`` estimates
+        from them when a run ends."""
 
     def until_s(self, now_s: float) -> float:
         """Return the time up to which the motion must be simulated before the next check, s.
@@ -314,13 +315,13 @@ class _ScenarioRuns:
         """
         tick_s = self.scenario.tick_s
         after_s = now_s + tick_s
-        longer = [t_s for t_s in self.ends_s if t_s > after_s]
+        longer = self.ends_s[bisect_right(self.ends_s, after_s) :]
         if not longer:
             return now_s + PIECE_S
         remaining_s = sum(longer) / len(longer) - now_s
         step_s = math.sqrt(2.0 * MARGIN_S * remaining_s)
-        # ``np.inf``: the caller limits the time to T_end
-        return max(end_s(min(longer), t_end_s=np.inf) + tick_s, now_s + step_s)
+        # ``math.inf``: the caller limits the time to T_end
+        return max(end_s(longer[0], t_end_s=math.inf) + tick_s, now_s + step_s)
 
     def finish(self, r: int) -> None:
         """Store the outcome of the run that the closed loop has just simulated, at index ``r`` of the arrays."""
@@ -331,7 +332,7 @@ class _ScenarioRuns:
         self.decision[r], self.decision_time_s[r] = loop.decision, loop.decision_time_s
         loop.rewind_to(float(self.end_s[r]))  # the motion may have been simulated beyond the end of the run
         self.estimate[r] = loop.estimate
-        self.ends_s.append(float(self.end_s[r]))
+        insort(self.ends_s, float(self.end_s[r]))
         self.loop.ends_s.append(float(self.end_s[r]))  # for later calls that take this loop out of the cache
 
     def outcomes(self) -> Outcomes:

@@ -14,9 +14,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import Paired, compare, side
 from vibroswarm.core.notebook_view import NotebookView
@@ -157,15 +157,12 @@ def compare_scenarios(
     )
 
 
-def mean_over_robots(field: str, outcomes: Outcomes) -> Array:
-    """Average a field of ``Outcomes`` that has a value for each run and robot over the robots, (runs,)."""
-    return np.asarray(getattr(outcomes, field).mean(axis=1))
+def figure_by_run(column: str, outcomes: Outcomes) -> Array:
+    """Return a figure of each run, (runs,), by its name in ``figures.run_figures``."""
+    return BY_COLUMN[column].of_run(outcomes.swarms)
 
 
-OF_FIGURES: Final = tuple(
-    Objective(figure, function=partial(mean_over_robots, field))
-    for figure, field in zip(FIGURES, ("time_s", "right", "wrong", "undecided"), strict=True)
-)
+OF_FIGURES: Final = tuple(Objective(column, function=partial(figure_by_run, column)) for column in FIGURES)
 """The ``FIGURES`` as objectives, so that they are computed in the same simulation as the score."""
 
 

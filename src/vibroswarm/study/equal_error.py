@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from vibroswarm.analysis.figures import BY_NAME, Swarms
+from vibroswarm.analysis.figures import BY_NAME, READ, Swarms
 from vibroswarm.analysis.forced_error import MatchedError, Reached, matched_error, settings_of
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.scenario.scenario import Scenario
@@ -107,13 +107,6 @@ def _reached(
             return {}
         return {k: one for cell in cells for k, one in _reached([cell], seed, runs).items()}
     return {cell.number: one for cell, one in zip(cells, found, strict=True)}
-
-
-READ: Final = (
-    *("decision", "decision_time_s", "belief_in_truth"),
-    *("truth", "consensus", "right", "wrong", "undecided"),
-)
-"""Columns of a study's rows that are read."""
 
 
 def reached(scenarios: Sequence[Scenario], seed: int, runs: int, **how: Any) -> list[Reached]:
