@@ -26,6 +26,7 @@ from helpers.exported_robots import (
 from vibroswarm import preset, simulate
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.plain_program import plain_program
+from vibroswarm.robot.walk import AVOID, TURN
 from vibroswarm.scenario.scenario import Scenario
 
 SEED = 4
@@ -227,6 +228,30 @@ def test_a_robot_that_is_steered_stands_until_it_knows_where_to_go() -> None:
     assert (at_once.missed, later.missed) == (0, 7)
     assert later.tick == at_once.tick + 7
     assert (later.walk, later.belief, later.decision) == (at_once.walk, at_once.belief, at_once.decision)
+
+
+def test_a_robot_with_too_much_work_stands_and_does_all_of_it() -> None:
+    """A robot that turns away from walls again and again, and is given no time for work."""
+    module = plain_program(parts_of(SCENARIO))
+    robot = module.Robot()
+    module.start(robot, SEED, 0, 0)
+    module.told_pose(robot, 0.5, 0.5, 0.0)
+    while not module.is_busy(robot):
+        turns = robot.walk.mode in (TURN, AVOID)
+        assert not module.step(robot, robot.walk.error_deg if turns else 0.0, 20.0)
+    walk, start_s, ends = robot.walk, robot.move_start_s, robot.jobs
+    for _ in range(5):
+        assert not module.step(robot, 0.25, 20.0)
+        assert (module.left_percent(robot), module.right_percent(robot)) == (0.0, 0.0)
+    assert (robot.walk, robot.jobs, robot.missed) == (walk, ends, 5)
+    assert robot.move_start_s == pytest.approx(start_s + 5 * SCENARIO.tick_s)  # it did not move meanwhile
+    while robot.jobs:
+        module.work(robot)
+    turned_deg = robot.move_turned_deg
+    assert not module.step(robot, 0.0, 1000.0)
+    assert not robot.stands
+    # What the gyro saw while it stood counts in the move that goes on, or in that which has just ended.
+    assert robot.move_turned_deg == turned_deg + 5 * 0.25 or robot.queue[robot.first_job].turned_rad != 0.0
 
 
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")

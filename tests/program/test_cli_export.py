@@ -479,8 +479,19 @@ def test_flash_and_static_ram_are_within_limits_and_as_documented(name: str, tmp
     assert found.ram == pytest.approx(ram, abs=64)
 
 
+MAPPING = ("places", "explore", "field")
+"""Strategies whose work would take many control periods at once."""
+
+
 @needs_emulator
-@pytest.mark.parametrize("name", ["soft", "places", "explore", "field"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "soft",
+        *MAPPING,
+        *(pytest.param(n, marks=pytest.mark.slow) for n in names() if n not in ("soft", *MAPPING)),
+    ],
+)
 def test_wheels_are_set_within_the_period_and_work_takes_the_documented_time(
     name: str, tmp_path: Path
 ) -> None:
@@ -495,11 +506,10 @@ def test_wheels_are_set_within_the_period_and_work_takes_the_documented_time(
     assert row is not None
     late_ms, load, waits_ms, is_fit = [cell.strip() for cell in row[0].split("|")[5:9]]
     assert is_fit == "yes"
-    assert found.late_ms == pytest.approx(float(late_ms), rel=0.05)  # compilers differ a little
+    assert found.late_ms == pytest.approx(float(late_ms), rel=0.05, abs=0.06)  # compilers differ a little
     assert 100 * found.load == pytest.approx(float(load), rel=0.05, abs=0.1)
     assert timing.ms(found.waits) == pytest.approx(float(waits_ms), rel=0.05, abs=1)
-    # At once, in one step, the work of strategies with a map took many periods.
-    assert (timing.ms(found.work) > 100) == (name != "soft")
+    assert (timing.ms(found.work) > 100) == (name in MAPPING)
 
 
 @needs_emulator
