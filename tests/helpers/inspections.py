@@ -30,6 +30,8 @@ def drawn_samples(seed: int, *, count: int, spread_m: float, tile_m: float = 0.2
             "y_m": seen_m[1],
             "spread_x_m": np.full(count, spread_m),
             "spread_y_m": np.full(count, spread_m),
+            "true_x_m": at_m[0],
+            "true_y_m": at_m[1],
             "value": np.ones(count),
             # normal with means +-1 and variance 2: the log ratio of its own density
             "log_ratio": np.where(vibrates, 1.0, -1.0) + np.sqrt(2.0) * random.normal(size=count),

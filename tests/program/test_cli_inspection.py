@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from helpers.documents import ROOT
 from vibroswarm import cli, preset, simulate
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.observation.energy_model import energy_of
@@ -116,3 +119,70 @@ def test_what_is_wrong_is_one_line(plate: Path, capsys: pytest.CaptureFixture[st
     assert "WxH" in error_of(capsys, csv, *laws, "--size", "1")
     assert "leave the options" in error_of(capsys, csv, *sized, "--preset", "paper")
     assert "--size" in error_of(capsys, "--size", "1x1")
+
+
+def test_without_a_grid_damage_is_called_and_certified(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, browser: Any
+) -> None:
+    example = ROOT / "examples" / "inspection"
+    given = [
+        example / "plate.csv",
+        "--laws",
+        example / "reference.csv",
+        "--size",
+        "1x1",
+        "--replicates",
+        "99",
+    ]
+    assert run("inspect", *given, "--out", tmp_path / "out") == 0
+    out = capsys.readouterr().out
+    assert "DAMAGE: 2 patches, 20 cm x 20 cm at x = 0.70 m, y = 0.70 m" in out
+    assert "20 cm x 20 cm at x = 0.30 m, y = 0.30 m" in out
+    assert "Model-assisted" in out
+    certificate = tmp_path / "out" / "certificate.html"
+    page = browser.new_page()
+    page.goto(certificate.as_uri())
+    assert "DAMAGE" in page.inner_text(".verdict")
+    assert len(re.findall(rb"/Type\s*/Page[^s]", page.pdf(prefer_css_page_size=True))) == 1
+    assert "Not covered" in page.inner_text("body")
+    page.close()
+
+
+def test_a_robot_with_another_gain_is_not_certified(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The control: one robot reads 1.5 times as much."""
+    example = ROOT / "examples" / "inspection"
+    head, *rows = (example / "plate.csv").read_text().splitlines()
+    rows = [
+        f"{start},{1.5 * float(value)}" if start.startswith("2,") else f"{start},{value}"
+        for start, _, value in (row.rpartition(",") for row in rows)
+    ]
+    (tmp_path / "plate.csv").write_text("\n".join([head, *rows]))
+    given = [
+        "--laws",
+        example / "reference.csv",
+        "--size",
+        "1x1",
+        "--replicates",
+        "99",
+        "--out",
+        tmp_path / "out",
+    ]
+    assert run("inspect", tmp_path / "plate.csv", *given) == 0
+    assert "Not certified: the samples contradict the law of the sensor" in " ".join(
+        capsys.readouterr().out.split()
+    )
+    assert (
+        '<p class="verdict refused">Not certified</p>' in (tmp_path / "out" / "certificate.html").read_text()
+    )
+
+
+def test_questions_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    example = ROOT / "examples" / "inspection"
+    given = [example / "plate.csv", "--laws", example / "reference.csv", "--size", "1x1"]
+    assert "--sizes" in error_of(capsys, *given, "--sizes", "200")
+    assert "at least 19" in error_of(capsys, *given, "--replicates", "5")
+    assert "as large as the smallest" in error_of(capsys, *given, "--least-cm", "50", "--replicates", "19")
+    assert "--contrasts" in error_of(capsys, *given, "--contrasts", "2")
+    assert "--risk" in error_of(capsys, *given, "--risk", "0%")

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.documents.damage import damage_answer, damage_sections, not_certified
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Samples
 from vibroswarm.inspection.scores import SURE
@@ -30,11 +31,13 @@ def inspection_document(found: Inspection) -> Document:
     parts: list[Part] = [Text(_what(samples)), *map(Text, _presumed(samples))]
     if found.pooled is not None:
         parts += _map(found)
+    if found.assessment is not None:
+        parts += damage_sections(found)
     return Document(
         title=f"Inspection of {samples.source}",
         answer=_answer(found),
         knew=(f"Places: {samples.places}. Law of the sensor: {samples.law.origin}.",),
-        warnings=tuple(filter(None, (samples.law.warning,))),
+        warnings=_warnings(found),
         parts=tuple(parts),
         made_by={
             "law of the sensor": " ".join(filter(None, (samples.law.origin, samples.law.hash))),
@@ -44,9 +47,16 @@ def inspection_document(found: Inspection) -> Document:
     )
 
 
+def _warnings(found: Inspection) -> tuple[str, ...]:
+    if found.assessment is not None and found.assessment.refusals:
+        return (not_certified(found.assessment),)
+    return tuple(filter(None, (found.samples.law.warning,)))
+
+
 def _answer(found: Inspection) -> tuple[str, ...]:
+    damage = () if found.assessment is None else damage_answer(found.assessment)
     if found.pooled is None:
-        return (f"No grid of tiles is known; {count(found.samples.frame.height, 'sample')} were read.",)
+        return damage
     p = found.pooled[-1]
     vibrate, still = int((p > SURE).sum()), int((p < 1.0 - SURE).sum())
     words = [
@@ -64,7 +74,7 @@ def _answer(found: Inspection) -> tuple[str, ...]:
             f"Against the true floor: {right} of {p.size} tiles right{since}, {int(last['surely_wrong'])} surely "
             f"wrong; Brier score {number(last['brier'], 4)} (0.25: knows nothing)."
         )
-    return tuple(words)
+    return (*damage, *words)
 
 
 def _what(samples: Samples) -> str:

@@ -14,8 +14,11 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.inspection.assessment import Assessment, assess, still_by_map
 from vibroswarm.inspection.laws import FittedLaw, law_for_session, law_named, law_of_scenario
+from vibroswarm.inspection.patches import SIZES_M
 from vibroswarm.inspection.samples import Floats, Samples, check_law
+from vibroswarm.inspection.scan import REPLICATES, Question
 from vibroswarm.inspection.scores import map_scores
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
@@ -40,6 +43,8 @@ class Inspection(NotebookView):
     """Probability of each tile from the samples of all robots, (times, tiles); None: there is no grid."""
     own: dict[int, Floats]
     """Each robot's, from its own samples, (times, tiles)."""
+    assessment: Assessment | None = None
+    """Answers about damage that is not bound to the grid; None: not asked, and there is a grid."""
 
     @property
     def maps(self) -> pl.DataFrame:
@@ -98,6 +103,9 @@ def inspect(
     size_m: tuple[float, float] | None = None,
     spread_m: float = 0.0,
     floor: Floor | tuple[int, int] | None = None,
+    question: Question | None = None,
+    sides_m: Sequence[float] = SIZES_M,
+    replicates: int = REPLICATES,
 ) -> Inspection:
     """Inspect a surface by the samples of one run, session or file: where does it vibrate, and how sure is that?
 
@@ -111,6 +119,8 @@ def inspect(
         bits: use readings of 0 and 1 in the place of energies.
         size_m: width and height of the surface, for a CSV. spread_m: standard deviation of its places. floor: its grid
             of tiles, as a floor that says which tiles vibrate, or as rows and columns.
+        question: what damage must be found, and how surely; without a grid it is always asked.
+        sides_m: declared sizes of damage: sides of squares. replicates: intact surfaces drawn for the scan.
     Raises:
         InputError: nothing can be said of these samples, with the reason.
     """
@@ -118,14 +128,19 @@ def inspect(
     check_law(samples.law)
     end_s = float(samples.column("time_s").max())
     times_s = np.linspace(end_s / TIMES, end_s, TIMES)
+    damage = {"sides_m": sides_m, "replicates": replicates, "seed": seed, "bits": bits}
     if samples.floor is None:
-        return Inspection(samples, times_s, None, {})
+        return Inspection(samples, times_s, None, {}, assess(samples, question, **damage))  # type: ignore[arg-type]
     own = {
         robot: tile_map(samples.with_frame(samples.of(robot)), times_s)
         for robot in samples.robots
         if len(samples.robots) > 1
     }
-    return Inspection(samples, times_s, tile_map(samples, times_s), own)
+    pooled = tile_map(samples, times_s)
+    if question is None:
+        return Inspection(samples, times_s, pooled, own)
+    still = still_by_map(samples, pooled[-1])
+    return Inspection(samples, times_s, pooled, own, assess(samples, question, still=still, **damage))  # type: ignore[arg-type]
 
 
 def _samples_of(

@@ -30,12 +30,15 @@ SAMPLES: Final[Any] = {
     "y_m": pl.Float64,
     "spread_x_m": pl.Float64,
     "spread_y_m": pl.Float64,
+    "true_x_m": pl.Float64,
+    "true_y_m": pl.Float64,
     "value": pl.Float64,
     "log_ratio": pl.Float64,
 }
 """One row per sample, by time. ``time_s``: from when it counts, which is when its place is known. ``spread_x_m``,
-``spread_y_m``: standard deviations of the place. ``value``: energy or bit. ``log_ratio``: ln of its likelihood where it
-vibrates over that where it is still."""
+``spread_y_m``: standard deviations of the place. ``true_x_m``, ``true_y_m``: the true place, null
+where it is not known; only drawn damage is felt there. ``value``: energy or bit. ``log_ratio``: ln of its likelihood
+where it vibrates over that where it is still."""
 
 FEWEST: Final = 20
 """With fewer samples nothing is said."""

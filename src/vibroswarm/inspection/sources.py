@@ -41,6 +41,10 @@ def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = 
         raise InputError(f"there is no run {run}, or it has no samples", field="--run")
     frame, places = _with_places(result, motion, of_run)
     errors = _place_errors(frame, motion) if result.places is not None else None
+    truth = motion.select(*KEY, true_x_m="x_m", true_y_m="y_m")
+    if isinstance(result, Recording):
+        truth = truth.with_columns(true_x_m=None, true_y_m=None)
+    frame = frame.join(truth, on=KEY, maintain_order="left")
     read = _values(result, of_run, bits)
     frame = frame.join(read, on=KEY, how="inner", maintain_order="left").drop_nulls("value")
     frame = frame.filter(pl.col("x_m").is_not_nan() & pl.col("y_m").is_not_nan()).sort("time_s", "robot")
@@ -153,7 +157,15 @@ def samples_of_csv(
     log = read_mapped(path, column_map)
     one = pl.lit(spread_m)
     frame = log.samples.select(
-        pl.col("robot").fill_null(0), "time_s", "x_m", "y_m", spread_x_m=one, spread_y_m=one, value="energy"
+        pl.col("robot").fill_null(0),
+        "time_s",
+        "x_m",
+        "y_m",
+        true_x_m=None,
+        true_y_m=None,
+        spread_x_m=one,
+        spread_y_m=one,
+        value="energy",
     ).sort("time_s", "robot")
     places = f"as the file has them, with a standard deviation of {1000 * spread_m:g} mm"
     return _samples(frame, size_m, law, places, f"'{path.name}'", floor, False, truth_known=truth_known)

@@ -93,6 +93,11 @@ def page_html(document: Document) -> str:
     )
 
 
+def certificate_html(document: Document) -> str:
+    """Return a document as one page without scripts that prints on one sheet of A4; with warnings: not certified."""
+    return _environment().get_template("certificate.html").render(document=document)
+
+
 def fragment_html(document: Document) -> str:
     """Return a document as one HTML element without scripts, for a notebook."""
     return _environment().get_template("fragment.html").render(document=document, rows_up_to=ROWS_IN_FRAGMENT)

@@ -1,0 +1,232 @@
+"""What an inspection says about damage, as sentences, tables and figures; and its certificate, one sheet of paper."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.inspection.assessment import Assessment
+from vibroswarm.inspection.inspection import Inspection
+from vibroswarm.inspection.pod import INTACT
+from vibroswarm.plots.certainty import draw_certainty
+from vibroswarm.plots.picture import Picture
+from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
+from vibroswarm.show.numbers import count, listed, number, p_value, percent
+from vibroswarm.simulation import versions
+
+CERTIFICATE: Final = "certificate.html"
+
+
+def damage_answer(found: Assessment) -> tuple[str, ...]:
+    """Return sentences: is there damage, where, how large; may one stop; what would have been missed."""
+    question, told = found.question, float(found.stopping.told[-1])
+    size = f"{_cm(question.least_m)} cm or larger"
+    if found.verdict == "damage":
+        each = (
+            f"{_cm(box.width_m)} cm x {_cm(box.height_m)} cm at x = {box.left_m + box.width_m / 2:.2f} m, "
+            f"y = {box.bottom_m + box.height_m / 2:.2f} m"
+            for box in found.scan.called_m
+        )
+        where = count(len(found.scan.called_m), "patch", "patches")
+        first = f"DAMAGE: {where}, {'; '.join(each)} (centres; p = {p_value(found.scan.p_value)})."
+    elif found.verdict == "clear":
+        first = f"CLEAR of damage of {size}: risk {percent(told)} (tolerated: {percent(question.risk)})."
+    else:
+        first = (
+            f"OPEN: no damage is called (p = {p_value(found.scan.p_value)}), but the risk of damage of {size} is "
+            f"{percent(told)} (tolerated: {percent(question.risk)}); more samples are needed."
+        )
+    return first, _pod_words(found)
+
+
+def _pod_words(found: Assessment) -> str:
+    pod = found.pods[max(found.pods)]
+    if not math.isfinite(pod.a90_m):
+        return "No size of damage would have been found in 90 % of inspections."
+    limit = (
+        f"at most {_cm(pod.a90_95_m)} cm with 95 % confidence"
+        if math.isfinite(pod.a90_95_m)
+        else "its upper limit does not exist"
+    )
+    return (
+        f"Damage of {_cm(pod.a90_m)} cm would have been found in 90 % of inspections (a90; {limit}), at "
+        f"{percent(pod.false_calls)} false calls. Model-assisted: drawn from the law of the sensor."
+    )
+
+
+def not_certified(found: Assessment) -> str:
+    """Return the sentence that says why nothing is certified."""
+    return f"Not certified: {listed(found.refusals)}."
+
+
+def damage_sections(found: Inspection) -> list[Section]:
+    """Return what an inspection says about damage, as sections of a report."""
+    assessment = found.assessment
+    assert assessment is not None
+    return [
+        Section("Is there damage, and where?", (*_scan_parts(assessment), _figure(found))),
+        Section("What would have been missed?", (_pod_table(assessment), Text(_POD))),
+        Section(
+            "When may one stop?", (*_stopping_parts(assessment), Table(_risk(assessment), _RISK, name="risk"))
+        ),
+        Section("Does the law of the sensor hold?", (_checks_table(assessment), Text(_UNTESTED))),
+    ]
+
+
+_POD: Final = (
+    f"Squares at random places of this inspection, {INTACT:,} intact surfaces; PoD(a) = p_f + (1 - p_f) logit^-1(b0 + "
+    "b1 g(a)), a90/95 by profile likelihood (one-sided 95 %). Discs, cracks and other places are not covered."
+)
+_UNTESTED: Final = (
+    "Holm's correction; at most 5 % of right laws are refused. The law of damage cannot be tested where there is none: "
+    "it is that of the reference."
+)
+_RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column("told risk", share=True)}
+
+
+def _scan_parts(found: Assessment) -> tuple[Text | Table, ...]:
+    scan = found.scan
+    words = (
+        f"Scan of squares of {listed(f'{_cm(side[0])}' for side in scan.sizes)} cm: T = {number(scan.statistic, 2)} "
+        f"(5 % of intact surfaces reach {number(scan.critical, 2)}), p = {p_value(scan.p_value)} from "
+        f"{count(scan.replicates, 'intact surface')} drawn at the same places; values exchanged within robots and "
+        f"blocks of time: p = {p_value(scan.permuted_p_value)}. One look, at the end. If there is one patch of damage, "
+        f"its centre is within {number(1e4 * scan.region_m2, 0)} cm2 with 90 %."
+    )
+    sizes = pl.DataFrame({"side": [100 * side[0] for side in scan.sizes], "probability": scan.size_posterior})
+    columns = {
+        "side": Column(unit="cm"),
+        "probability": Column("probability, if there is damage", share=True),
+    }
+    return Text(words), Table(sizes, columns, name="sizes")
+
+
+def _stopping_parts(found: Assessment) -> tuple[Text, ...]:
+    told, question = found.stopping, found.question
+    when = "not by the end" if told.cleared_s is None else f"from {number(told.cleared_s, 0)} s on"
+    contrasts = listed(f"{c:g}" for c in question.contrasts)
+    share, low, high = told.missed
+    worst, _, worst_high = told.worst
+    rule = "at the worst place" if question.strict else "on average over places"
+    return (
+        Text(
+            f"Risk of damage of at least {_cm(question.least_m)} cm, {rule}, of the worst size and contrast "
+            f"({contrasts}), prior {percent(question.prior)}: tolerated {when}. A centre that has all samples decides."
+        ),
+        Text(
+            f"Of {told.drawn:,} drawn squares of {_cm(question.least_m)} cm with contrast {min(question.contrasts):g}, "
+            f"{percent(share)} [{100 * low:.1f}, {100 * high:.1f}] would be cleared all the same at the end; at the "
+            f"worst of 25 blocks of places {percent(worst)} (upper limit {percent(worst_high)})."
+        ),
+    )
+
+
+def _risk(found: Assessment) -> pl.DataFrame:
+    """Return the told risk at every fourth look, the last one included."""
+    return pl.DataFrame({"time_s": found.stopping.times_s, "risk": found.stopping.told})[3::4]
+
+
+def _pod_table(found: Assessment) -> Table:
+    rows = [
+        (contrast, 100 * pod.a50_m, 100 * pod.a90_m, 100 * pod.a90_95_m, pod.false_calls, pod.trials)
+        for contrast, pod in found.pods.items()
+    ]
+    names = ("contrast", "a50", "a90", "a90_95", "false_calls", "surfaces")
+    frame = pl.DataFrame(rows, schema=list(names), orient="row").with_columns(
+        pl.col(pl.Float64).fill_nan(None)
+    )
+    columns = {
+        **{
+            name: Column(title, "cm", decimals=1)
+            for name, title in (("a50", "a50"), ("a90", "a90"), ("a90_95", "a90/95"))
+        },
+        "false_calls": Column("false calls", share=True),
+        "surfaces": Column("drawn"),
+    }
+    return Table(
+        frame,
+        columns,
+        caption="Size of damage that would have been found; a dash: does not exist.",
+        name="pod",
+    )
+
+
+def _checks_table(found: Assessment) -> Table:
+    columns = {
+        "p_value": Column("p", p_value=True),
+        "corrected": Column("corrected p", p_value=True),
+        "refused": Column("refused"),
+    }
+    return Table(found.checks, columns, name="checks")
+
+
+def _figure(found: Inspection) -> Figure:
+    assert found.assessment is not None
+    samples, scan = found.samples, found.assessment.scan
+    places = np.stack([samples.column("x_m"), samples.column("y_m")], axis=1)
+    marked = scan.called_m
+
+    def draw(style: str) -> Picture:
+        return draw_certainty(scan.raster, samples.size_m, places, marked_m=marked, style=style)
+
+    return Figure("damage", partial(draw), "Damage")
+
+
+def certificate_document(found: Inspection) -> Document:
+    """Return the certificate of an inspection as a document: question, answer, map, what is not covered, origin."""
+    samples, assessment = found.samples, found.assessment
+    assert assessment is not None
+    question = assessment.question
+    asked = (
+        f"Is there damage of {_cm(question.least_m)} cm or larger, with a contrast of at least "
+        f"{min(question.contrasts):g}? Tolerated risk {percent(question.risk)}, prior {percent(question.prior)}"
+        f"{', at every place' if question.strict else ', on average over places'}."
+    )
+    covered = (
+        f"Visited: {percent(assessment.visited, 0)} of the cells of 10 cm. Not covered: damage smaller than "
+        f"{_cm(question.least_m)} cm or weaker than contrast {min(question.contrasts):g}; places not visited; discs "
+        f"and cracks; damage that does not follow the reference. Places: {samples.places}; errors of places taken as "
+        "independent."
+    )
+    return Document(
+        title=f"Inspection of {samples.source}",
+        answer=damage_answer(assessment),
+        warnings=(not_certified(assessment),) if assessment.refusals else (),
+        parts=(
+            Section("Question", (Text(asked), Text(_what(found)))),
+            Section("Where", (_scan_parts(assessment)[0], _figure(found))),
+            Section("What would have been missed", (_pod_table(assessment), *_stopping_parts(assessment))),
+            Section(
+                "Law of the sensor", (Text(f"{samples.law.origin}. {_UNTESTED}"), _checks_table(assessment))
+            ),
+            Section("Not covered", (Text(covered),)),
+        ),
+        made_by={"samples": samples.hash, "law": samples.law.hash, **versions()},
+    )
+
+
+def _what(found: Inspection) -> str:
+    samples = found.samples
+    return (
+        f"{count(samples.frame.height, 'sample')} of {count(len(samples.robots), 'robot')} in "
+        f"{number(found.times_s[-1], 0)} s on {samples.size_m[0]:g} m x {samples.size_m[1]:g} m."
+    )
+
+
+def write_certificate(path: Path, found: Inspection) -> None:
+    """Write the certificate of an inspection as one HTML page, which prints on one sheet of A4."""
+    from vibroswarm.show.page import certificate_html
+
+    text = certificate_html(certificate_document(found))
+    with whole_file(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _cm(size_m: float) -> str:
+    return number(100 * size_m, digits=3)

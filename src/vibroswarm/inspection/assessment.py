@@ -1,0 +1,147 @@
+"""Is there damage, what would have been missed, may one stop, and does the law hold? All answers of one inspection."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.errors import InputError
+from vibroswarm.inspection.checks import law_checks
+from vibroswarm.inspection.missed import own_trials
+from vibroswarm.inspection.patches import SIZES_M, declared, shares_of
+from vibroswarm.inspection.pod import Pod
+from vibroswarm.inspection.samples import Floats, Samples
+from vibroswarm.inspection.scan import (
+    CALLED,
+    CLEAR_M,
+    REPLICATES,
+    Question,
+    Scan,
+    Stopping,
+    near,
+    scan,
+    stopping,
+)
+
+SURELY_STILL: Final = 0.01
+"""Tiles with a smaller probability count as still when the law is checked."""
+VISITED_M: Final = 0.1
+"""Cells of this side are visited if a sample was taken in them."""
+
+Verdict = Literal["damage", "clear", "open"]
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment(NotebookView):
+    """All answers of one inspection about damage that is not bound to a grid."""
+
+    question: Question
+    scan: Scan
+    stopping: Stopping
+    pods: dict[float, Pod]
+    """Fitted probability of detection, by contrast."""
+    checks: pl.DataFrame
+    """Checks of the law (``checks.law_checks``)."""
+    refusals: tuple[str, ...]
+    """Reasons not to certify anything; empty: none."""
+    visited: float
+    """Share of the surface's cells of 10 cm in which a sample was taken."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Return "damage" if the scan calls it, "clear" if the told risk at the end is tolerated, otherwise "open"."""
+        if self.scan.p_value <= CALLED:
+            return "damage"
+        return "clear" if self.stopping.told[-1] <= self.question.risk else "open"
+
+
+def assess(
+    samples: Samples,
+    question: Question | None = None,
+    *,
+    sides_m: Sequence[float] = SIZES_M,
+    replicates: int = REPLICATES,
+    seed: int = 1,
+    bits: bool = False,
+    still: NDArray[np.bool_] | None = None,
+) -> Assessment:
+    """Answer a question about damage by the samples of one inspection.
+
+    Args:
+        question: by default ``Question()``. sides_m: declared sizes, sides of squares. replicates: intact surfaces
+            drawn for the scan. seed: of all that is drawn. bits: the values are readings of 0 and 1.
+        still: samples on places that are known to be still; by default all, away from called damage.
+    Raises:
+        InputError: no declared size is as large as the smallest that must be found, or none fits the surface.
+    """
+    question = question or Question()
+    if bits and question.contrasts != (1.0,):
+        raise InputError("readings of 0 and 1 have one contrast; give 1", field="--contrasts")
+    patches = declared(samples.size_m, sides_m)
+    shares = shares_of(samples, patches)
+    found = scan(samples, patches, shares, prior=question.prior, replicates=replicates, seed=seed, bits=bits)
+    told = stopping(samples, patches, shares, question, seed=seed)
+    pods = {
+        contrast: own_trials(
+            samples, patches, shares, found.critical, contrast=contrast, seed=seed + 1, bits=bits
+        ).fit()
+        for contrast in question.contrasts
+    }
+    quiet = still if still is not None else _away(samples, found)
+    checks = law_checks(samples, quiet, seed=seed) if not bits else pl.DataFrame()
+    return Assessment(question, found, told, pods, checks, _refusals(samples, checks), _visited(samples))
+
+
+def still_by_map(samples: Samples, p: Floats) -> NDArray[np.bool_]:
+    """Return which samples are on tiles that a map takes as surely still, away from their edges.
+
+    Args:
+        p: probability of each tile, (tiles,).
+    """
+    assert samples.floor is not None
+    near = np.ones(samples.frame.height, dtype=bool)
+    margin_m = CLEAR_M / 2.0 + samples.column("spread_x_m")
+    for dx, dy in ((0, 0), (-1, -1), (-1, 1), (1, -1), (1, 1)):
+        x_m, y_m = samples.column("x_m") + dx * margin_m, samples.column("y_m") + dy * margin_m
+        tile = samples.floor.tile_at(x_m, y_m)
+        near &= np.append(p, 0.0)[tile] < SURELY_STILL  # off the grid: -1, the entry that is appended
+    return near
+
+
+def _away(samples: Samples, found: Scan) -> NDArray[np.bool_]:
+    """Return which samples are away from called damage."""
+    away = np.ones(samples.frame.height, dtype=bool)
+    for box in found.called_m:
+        away &= ~near(samples, box)
+    return away
+
+
+def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:
+    """Return the reasons not to certify anything."""
+    words = []
+    if not checks.is_empty():
+        for check, p in checks.filter(pl.col("refused")).select("check", "corrected").iter_rows():
+            words.append(f"the samples contradict the law of the sensor ({check}, corrected p = {p:.3f})")
+    if samples.law.warning:
+        words.append(samples.law.warning[:1].lower() + samples.law.warning[1:].rstrip("."))
+    if len(samples.robots) == 1:
+        words.append("one robot took all samples, so that its sensor cannot be compared with another")
+    return tuple(words)
+
+
+def _visited(samples: Samples) -> float:
+    """Return the share of the surface's cells in which a sample was taken."""
+    across, up = (max(1, round(whole / VISITED_M)) for whole in samples.size_m)
+    count, _, _ = np.histogram2d(
+        samples.column("x_m"),
+        samples.column("y_m"),
+        bins=(across, up),
+        range=[[0.0, samples.size_m[0]], [0.0, samples.size_m[1]]],
+    )
+    return float((count > 0).mean())

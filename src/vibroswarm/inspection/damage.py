@@ -1,0 +1,209 @@
+"""Damage that is not bound to a grid: what samples would have measured on a patch, or on an intact surface.
+
+| name | symbol | equation |
+|---|---|---|
+| value where still, vibrating | F_still, F_vibrating | of the law |
+| value at contrast c | - | F_c^-1(u) = (1 - c) F_still^-1(u) + c F_vibrating^-1(u) |
+| probability to sense the patch | P | Phi((reach - d) / blur), d the distance from its edge, negative inside |
+| factors | - | of each robot and of each tile, log-normal of mean 1, by the spreads of the law |
+
+Tiles without a grid are squares of ``TILE_M``. The laws have no effect of time: drift is tested, not simulated
+(``checks``).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values
+from vibroswarm.observation.energy_model import energy_of
+from vibroswarm.scenario.fields import Sensor
+
+TILE_M: Final = 0.2
+"""Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
+POINTS: Final = 4000
+"""Points of the tables of quantiles and of ratios."""
+
+
+class Table(NamedTuple):
+    """Quantiles and log ratios of a law as tables, which are much faster than the laws themselves."""
+
+    u: Floats
+    still: Floats
+    vibrating: Floats
+    """Quantiles at ``u``."""
+    value: Floats
+    ratio: Floats
+    """Log ratios at ``value``."""
+
+
+@lru_cache(maxsize=16)
+def tables_of(law: Law, bits: bool) -> Table:
+    """Return the tables of a law; with ``bits`` the log ratios are those of the readings that values give."""
+    # Denser at the ends of (0, 1), where quantiles change most.
+    u = ndtr(np.linspace(-4.5, 4.5, POINTS))
+    still, vibrating = (energy_of(law.sensor, kind, u).astype(np.float64) for kind in (False, True))
+    low, high = min(still[0], vibrating[0]), max(still[-1], vibrating[-1])
+    value = np.linspace(low - 0.5 * (high - low), high + (high - low), POINTS)
+    read = (value > law.sensor.rms_threshold).astype(np.float64) if bits else value
+    return Table(u, still, vibrating, value, ratios_of_values(law, read, bits=bits))
+
+
+def values_at(
+    law: Law, u: Floats, inside: NDArray[np.bool_] | bool, contrast: Floats | float = 1.0
+) -> Floats:
+    """Return what a typical sensor measures at quantile ``u``, on damage of a contrast or off it, in the shape of u."""
+    table = tables_of(law, False)
+    still = np.interp(u, table.u, table.still)
+    if inside is False:
+        return still
+    vibrating = np.interp(u, table.u, table.vibrating)
+    return np.where(inside, (1.0 - contrast) * still + contrast * vibrating, still)
+
+
+def ratios_at(law: Law, value: Floats, *, bits: bool = False) -> Floats:
+    """Return the log ratios of values as ``samples.ratios_of_values`` does, by its table."""
+    table = tables_of(law, bits)
+    return np.asarray(np.interp(value, table.value, table.ratio))
+
+
+def contrast_ratios(law: Law, contrast: float, value: Floats) -> Floats:
+    """Return the log likelihood ratio of values for damage of a contrast, against no damage, in the shape of value.
+
+    At contrast 1 it is that of the law. Below, it is computed from tables: the density of a quantile function Q is
+    1 / Q'(u), averaged over the factors of tiles and robots.
+    """
+    if contrast >= 1.0:
+        return ratios_at(law, value)
+    grid = tables_of(law, False).value
+    return np.interp(value, grid, _contrast_table(law, contrast))
+
+
+@lru_cache(maxsize=64)
+def _contrast_table(law: Law, contrast: float) -> Floats:
+    table = tables_of(law, False)
+    factors, weights = np.ones(1), np.ones(1)
+    if law.sensor.tile_spread is not None or law.sensor.robot_spread is not None:
+        from vibroswarm.observation.energy_model import typical_factors
+
+        factors, weights = typical_factors(law.sensor)
+    # Coarse steps, so that measured values, whose quantiles are steps, have a density.
+    at = np.linspace(0, POINTS - 1, 200).round().astype(np.int64)
+    logs = []
+    for share in (0.0, contrast):
+        quantile = ((1.0 - share) * table.still + share * table.vibrating)[at]
+        middle = 0.5 * (quantile[1:] + quantile[:-1])
+        density = np.diff(table.u[at]) / np.maximum(np.diff(quantile), 1e-9)
+        total = sum(
+            w * np.interp(table.value / c, middle, density, left=0.0, right=0.0) / c
+            for c, w in zip(factors.tolist(), weights.tolist(), strict=True)
+        )
+        logs.append(np.log(np.maximum(total, 1e-12)))
+    return np.asarray(np.clip(logs[1] - logs[0], -8.0, 8.0))
+
+
+class Patch(NamedTuple):
+    """Damage: rectangles or discs, several replicates at once; (replicates,) each."""
+
+    x_m: Floats
+    y_m: Floats
+    """Its centre."""
+    width_m: Floats
+    height_m: Floats
+    """Of a disc both are the diameter."""
+    contrast: Floats
+    is_disc: bool = False
+
+
+def patch_of(
+    x_m: Floats, y_m: Floats, side_m: Floats | float, contrast: float = 1.0, *, disc: bool = False
+) -> Patch:
+    """Return squares, or discs of that diameter, with one contrast."""
+    side = np.broadcast_to(np.asarray(side_m, dtype=np.float64), x_m.shape)
+    return Patch(x_m, y_m, side, side, np.full(x_m.shape, contrast), disc)
+
+
+def random_places(
+    random: np.random.Generator, side_m: Floats, size_m: tuple[float, float]
+) -> tuple[Floats, Floats]:
+    """Return centres at which squares of these sides lie within the surface, uniformly."""
+    x, y = (0.5 * side_m + random.random(side_m.size) * (whole - side_m) for whole in size_m)
+    return x, y
+
+
+def sensed(
+    random: np.random.Generator, sensor: Sensor, patch: Patch, x_m: Floats, y_m: Floats
+) -> NDArray[np.bool_]:
+    """Return whether a sample at each place senses the patch of each replicate, (samples, replicates).
+
+    Args:
+        x_m, y_m: true places, (samples, 1) or (samples, replicates).
+    """
+    dx, dy = np.abs(x_m - patch.x_m), np.abs(y_m - patch.y_m)
+    if patch.is_disc:
+        beyond = np.hypot(dx, dy) - 0.5 * patch.width_m
+    else:
+        dx, dy = dx - 0.5 * patch.width_m, dy - 0.5 * patch.height_m
+        beyond = np.hypot(np.maximum(dx, 0.0), np.maximum(dy, 0.0)) + np.minimum(np.maximum(dx, dy), 0.0)
+    reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
+    if blur_m == 0.0:
+        return np.asarray(beyond < reach_m)
+    return np.asarray(random.random(beyond.shape) < ndtr((reach_m - beyond) / blur_m))
+
+
+def drawn_values(
+    random: np.random.Generator,
+    samples: Samples,
+    replicates: int,
+    patch: Patch | None = None,
+) -> Floats:
+    """Draw what the samples would have measured, (samples, replicates).
+
+    Args:
+        patch: damage, felt at the samples' true places; where these are not known they are drawn about the samples'
+            places, by their spreads. None: the surface is intact.
+    """
+    law, count = samples.law, samples.frame.height
+    inside: NDArray[np.bool_] | bool = False
+    if patch is not None:
+        known = not samples.frame["true_x_m"].has_nulls()
+        x_m, y_m = (samples.column(f"{'true_' if known else ''}{axis}_m")[:, None] for axis in "xy")
+        if not known and samples.column("spread_x_m").any():
+            x_m = x_m + samples.column("spread_x_m")[:, None] * random.standard_normal((count, replicates))
+            y_m = y_m + samples.column("spread_y_m")[:, None] * random.standard_normal((count, replicates))
+        inside = sensed(random, law.sensor, patch, x_m, y_m)
+    contrast = 1.0 if patch is None else patch.contrast
+    values = values_at(law, random.random((count, replicates)), inside, contrast)
+    return values * _factors(random, samples, replicates)
+
+
+def _factors(random: np.random.Generator, samples: Samples, replicates: int) -> Floats:
+    """Draw the factors of robots and tiles for each replicate, (samples, replicates) or (1, 1)."""
+    sensor = samples.law.sensor
+    if sensor.robot_spread is None and sensor.tile_spread is None:
+        return np.ones((1, 1))
+    robot = np.unique(samples.frame["robot"].to_numpy(), return_inverse=True)[1]
+    total = np.zeros((samples.frame.height, replicates))
+    for group, spread in ((robot, sensor.robot_spread), (tiles_below(samples), sensor.tile_spread)):
+        if spread is not None:
+            total += (
+                spread * random.standard_normal((int(group.max()) + 1, replicates))[group] - 0.5 * spread**2
+            )
+    return np.asarray(np.exp(total))
+
+
+def tiles_below(samples: Samples) -> NDArray[np.int64]:
+    """Return the number of the tile of each sample, from 0; without a grid, of squares of ``TILE_M``."""
+    x_m, y_m = samples.column("x_m"), samples.column("y_m")
+    if samples.floor is not None:
+        number = samples.floor.tile_at(x_m, y_m)
+    else:
+        across = math.ceil(samples.size_m[0] / TILE_M) + 2
+        number = np.floor(y_m / TILE_M) * across + np.floor(x_m / TILE_M)
+    return np.asarray(np.unique(number, return_inverse=True)[1], dtype=np.int64)

@@ -1,0 +1,136 @@
+"""What an inspection would have missed: the probability of detection of damage drawn at its own places.
+
+Model-assisted PoD: the damage is drawn from the law of the sensor, so that it is as right as this law. It holds for the
+places and times of this inspection; another one has other places (``pooled_trials``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from vibroswarm.analysis.intervals import generator
+from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at
+from vibroswarm.inspection.patches import (
+    Patches,
+    Shares,
+    declared,
+    log_likelihoods,
+    scan_statistic,
+    shares_of,
+)
+from vibroswarm.inspection.pod import INTACT, Pod, fit_pod
+from vibroswarm.inspection.samples import Floats, Samples
+from vibroswarm.inspection.scan import intact_statistics
+
+SIDES_M: Final = (0.03, 0.05, 0.07, 0.09, 0.12, 0.15, 0.2, 0.25, 0.3)
+"""Sides of the drawn damage."""
+EACH: Final = 60
+"""Damaged surfaces drawn of each side."""
+
+
+class Trials(NamedTuple):
+    """Inspections of drawn damage, (inspections,) each, and of intact surfaces."""
+
+    size_m: Floats
+    found: Floats
+    false: int
+    intact: int
+
+    def fit(self, *, floor: bool = True) -> Pod:
+        """Return the fitted PoD."""
+        return fit_pod(self.size_m, self.found, self.false, self.intact, floor=floor)
+
+
+def own_trials(
+    samples: Samples,
+    patches: Patches,
+    shares: Shares,
+    critical: float,
+    *,
+    contrast: float = 1.0,
+    sides_m: Sequence[float] = SIDES_M,
+    each: int = EACH,
+    intact: int = INTACT,
+    seed: int = 2,
+    bits: bool = False,
+) -> Trials:
+    """Draw damage and intact surfaces at the places of one inspection, and scan them.
+
+    Args:
+        critical: T from which a surface is called. sides_m: of square damage. each: surfaces of each side.
+        intact: intact surfaces, other than those that gave ``critical``. seed: of what is drawn.
+    """
+    statistics = damaged_statistics(
+        samples, patches, shares, sides_m, each, contrast=contrast, seed=seed, bits=bits
+    )
+    false = intact_statistics(samples, patches, shares, intact, seed, bits=bits) >= critical
+    return Trials(
+        np.repeat(sides_m, each), (statistics >= critical).astype(np.float64), int(false.sum()), intact
+    )
+
+
+def damaged_statistics(
+    samples: Samples,
+    patches: Patches,
+    shares: Shares,
+    sides_m: Sequence[float],
+    each: int,
+    *,
+    contrast: float = 1.0,
+    seed: int = 2,
+    bits: bool = False,
+    disc: bool = False,
+) -> Floats:
+    """Return T of surfaces with square damage (or discs) at random places, (sides x each,), side by side."""
+    random = generator(seed, f"damage of contrast {contrast:g}")
+    found = []
+    for side_m in sides_m:
+        x_m, y_m = random_places(random, np.full(each, side_m), samples.size_m)
+        values = drawn_values(random, samples, each, patch_of(x_m, y_m, side_m, contrast, disc=disc))
+        ratios = ratios_at(samples.law, values, bits=bits)
+        found.append(scan_statistic(patches, log_likelihoods(shares, ratios)))
+    return np.concatenate(found)
+
+
+def pooled_trials(
+    inspections: Sequence[Samples],
+    fresh: Sequence[Samples],
+    *,
+    until_s: float,
+    sides_m: Sequence[float] = SIDES_M,
+    each: int = 3,
+    level: float = 0.05,
+    seed: int = 3,
+    contrast: float = 1.0,
+    bits: bool = False,
+) -> Trials:
+    """Draw damage in many inspections, and call it by a threshold from intact inspections of other motion.
+
+    Args:
+        inspections: whose places damage is drawn at, ``each`` of each side. fresh: intact inspections that give the
+            threshold. until_s: end of each inspection. level: wanted share of false calls.
+    """
+    patches = declared(inspections[0].size_m)
+    ratios = max(1, 2000 // len(fresh))
+    intact = []
+    for number, one in enumerate(fresh):
+        some = one.by_time(until_s)
+        intact.append(
+            intact_statistics(some, patches, shares_of(some, patches), ratios, seed + number, bits=bits)
+        )
+    critical = float(np.quantile(np.concatenate(intact), 1.0 - level))
+    sizes, found, false, number_intact = [], [], 0, 0
+    for number, one in enumerate(inspections):
+        some = one.by_time(until_s)
+        shares = shares_of(some, patches)
+        own = own_trials(
+            some, patches, shares, critical, contrast=contrast, sides_m=sides_m, each=each,
+            intact=max(1, INTACT // len(inspections)), seed=seed + 100_000 + number, bits=bits,
+        )  # fmt: skip
+        sizes.append(own.size_m)
+        found.append(own.found)
+        false, number_intact = false + own.false, number_intact + own.intact
+    return Trials(np.concatenate(sizes), np.concatenate(found), false, number_intact)

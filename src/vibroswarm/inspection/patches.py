@@ -1,0 +1,245 @@
+"""Evidence for patches: rectangles of declared sizes, at all places, not bound to any grid.
+
+| name | symbol | equation |
+|---|---|---|
+| declared set | j | squares (or cracks, length x width), a quarter of a side apart, at least ``FINEST_M`` |
+| share of a sample's place in patch j | q_j | normal in x and y; edges add blur to spread, reach to the patch |
+| likelihood of patch j over that of an intact surface | L_j | product over samples of 1 + (r - 1) q_j |
+| prior weight of patch j | w_j | sizes alike, places of a size alike |
+| damage against none | Lambda | sum of w_j L_j; pi is the prior probability of damage |
+| probability of a cell | - | pi sum of w_j L_j over patches that contain it / (1 - pi + pi Lambda): one patch at most |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from vibroswarm.core.jit import kernel
+from vibroswarm.errors import InputError
+from vibroswarm.inspection.samples import Floats, Samples
+
+SIZES_M: Final = (0.07, 0.10, 0.14, 0.20, 0.28)
+"""Sides of the squares of the declared set by default."""
+FINEST_M: Final = 0.025
+"""Least distance between places of the declared set."""
+LEAST_SHARE: Final = 1e-3
+"""Smaller shares count as none."""
+AT_ONCE: Final = 32
+"""Replicates that a kernel takes side by side."""
+FACTORS: Final = 32
+"""Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
+
+
+@dataclass(frozen=True)
+class Patches:
+    """The declared set; (patches,) each."""
+
+    left_m: Floats
+    bottom_m: Floats
+    width_m: Floats
+    height_m: Floats
+    size: NDArray[np.int64]
+    """Index of the size in ``sides_m``."""
+    sides_m: tuple[tuple[float, float], ...]
+    """Width and height of each size."""
+
+    @property
+    def weights(self) -> Floats:
+        """Prior weights w_j, whose sum is 1."""
+        number = np.bincount(self.size, minlength=len(self.sides_m))
+        return np.asarray(1.0 / number[self.size] / len(self.sides_m))
+
+    def at_least(self, side_m: float) -> NDArray[np.bool_]:
+        """Return which patches have a side of at least ``side_m``: the longer one."""
+        return np.array([max(sides) >= side_m - 1e-9 for sides in self.sides_m])[self.size]
+
+
+def declared(
+    size_m: tuple[float, float], sides_m: Sequence[float | tuple[float, float]] = SIZES_M
+) -> Patches:
+    """Return the declared set on a surface.
+
+    Args:
+        size_m: width and height of the surface. sides_m: sides of squares, or width and height of rectangles.
+    Raises:
+        InputError: a patch is larger than the surface, or has no size.
+    """
+    pairs = tuple((float(side), float(side)) if isinstance(side, int | float) else side for side in sides_m)
+    parts = []
+    for index, sides in enumerate(pairs):
+        if not all(0.0 < side <= whole for side, whole in zip(sides, size_m, strict=True)):
+            raise InputError(
+                f"a patch of {sides[0]:g} m x {sides[1]:g} m is not within the surface", field="--sizes"
+            )
+        step_m = max(min(sides) / 4.0, FINEST_M)
+        along = [
+            np.linspace(0.0, whole - side, max(int(np.ceil((whole - side) / step_m)), 0) + 1)
+            for side, whole in zip(sides, size_m, strict=True)
+        ]
+        x, y = (places.ravel() for places in np.meshgrid(*along))
+        parts.append((x, y, np.full(x.size, sides[0]), np.full(x.size, sides[1]), np.full(x.size, index)))
+    left, bottom, width, height, size = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return Patches(left, bottom, width, height, size.astype(np.int64), pairs)
+
+
+class Shares(NamedTuple):
+    """Shares of samples' places in patches, patch by patch."""
+
+    first: NDArray[np.int64]
+    """(patches + 1,): where the entries of each patch begin."""
+    sample: NDArray[np.int32]
+    """Index of the sample of each entry, ascending within a patch."""
+    share: NDArray[np.float32]
+    """q_j of each entry."""
+
+
+def interval_share(x_m: Floats, spread_m: Floats, low_m: Floats, high_m: Floats) -> Floats:
+    """Return the share of each place in each interval, (places, intervals); exact places are inside or outside."""
+    spread = np.maximum(spread_m, 1e-9)[:, None]
+    return np.asarray(ndtr((high_m - x_m[:, None]) / spread) - ndtr((low_m - x_m[:, None]) / spread))
+
+
+def shares_of(samples: Samples, patches: Patches) -> Shares:
+    """Return the shares of the samples' places in the patches."""
+    sensor = samples.law.sensor
+    blur_m, reach_m = sensor.edge_blur_m or 0.0, sensor.edge_reach_m or 0.0
+    parts: list[NDArray[Any]] = []
+    for axis, low_m, side_m in (
+        ("x", patches.left_m, patches.width_m),
+        ("y", patches.bottom_m, patches.height_m),
+    ):
+        # Patches share few different intervals along an axis.
+        intervals, which = np.unique(np.stack([low_m, low_m + side_m]), axis=1, return_inverse=True)
+        spread_m = np.hypot(samples.column(f"spread_{axis}_m"), blur_m)
+        shares = interval_share(
+            samples.column(f"{axis}_m"), spread_m, intervals[0] - reach_m, intervals[1] + reach_m
+        )
+        parts += [np.ascontiguousarray(shares.T), which.astype(np.int64).ravel()]
+    count = np.empty(patches.left_m.size + 1, dtype=np.int64)
+    _count(parts[0], parts[1], parts[2], parts[3], count)
+    first = np.cumsum(count)
+    sample, share = np.empty(first[-1], dtype=np.int32), np.empty(first[-1], dtype=np.float32)
+    _fill(parts[0], parts[1], parts[2], parts[3], first, sample, share)
+    return Shares(first, sample, share)
+
+
+@kernel
+def _count(
+    qx: Floats, of_x: NDArray[np.int64], qy: Floats, of_y: NDArray[np.int64], count: NDArray[np.int64]
+) -> None:
+    """Write how many samples have a share in each patch to ``count[1:]``, and 0 to its first entry."""
+    count[0] = 0
+    for j in range(of_x.size):
+        x, y, number = qx[of_x[j]], qy[of_y[j]], 0
+        for s in range(x.size):
+            number += x[s] * y[s] > LEAST_SHARE
+        count[j + 1] = number
+
+
+@kernel
+def _fill(qx: Floats, of_x: NDArray[np.int64], qy: Floats, of_y: NDArray[np.int64], first: NDArray[np.int64],
+          sample: NDArray[np.int32], share: NDArray[np.float32]) -> None:  # fmt: skip
+    """Write the entries of each patch."""
+    for j in range(of_x.size):
+        x, y, k = qx[of_x[j]], qy[of_y[j]], first[j]
+        for s in range(x.size):
+            if x[s] * y[s] > LEAST_SHARE:
+                sample[k], share[k] = s, x[s] * y[s]
+                k += 1
+
+
+@kernel
+def _log_likelihoods(first: NDArray[np.int64], sample: NDArray[np.int32], share: NDArray[np.float32],
+                     more: NDArray[np.float32], work: Floats, out: NDArray[np.float32]) -> None:  # fmt: skip
+    """Write ln L_j of each replicate to ``out``, (patches, replicates).
+
+    Args:
+        more: r - 1 of each sample and replicate, (samples, replicates), of ``AT_ONCE`` replicates or fewer.
+        work: (2, ``AT_ONCE``), room.
+    """
+    product, total = work[0], work[1]
+    replicates = more.shape[1]
+    for j in range(first.size - 1):
+        product[:] = 1.0
+        total[:] = 0.0
+        since = 0
+        for k in range(first[j], first[j + 1]):
+            row, q = more[sample[k]], share[k]
+            for b in range(replicates):
+                product[b] *= 1.0 + q * row[b]
+            since += 1
+            if since == FACTORS:
+                for b in range(replicates):
+                    total[b] += np.log(product[b])
+                    product[b] = 1.0
+                since = 0
+        for b in range(replicates):
+            out[j, b] = total[b] + np.log(product[b])
+
+
+def log_likelihoods(shares: Shares, log_ratio: Floats) -> NDArray[np.float32]:
+    """Return ln L_j of each patch and replicate, (patches, replicates).
+
+    Args:
+        log_ratio: of each sample and replicate, (samples, replicates).
+    """
+    out = np.empty((shares.first.size - 1, log_ratio.shape[1]), dtype=np.float32)
+    for begin in range(0, log_ratio.shape[1], AT_ONCE):
+        part = slice(begin, begin + AT_ONCE)
+        more = np.ascontiguousarray(np.expm1(log_ratio[:, part]), dtype=np.float32)
+        some = np.empty((out.shape[0], more.shape[1]), dtype=np.float32)
+        _log_likelihoods(*shares, more, np.empty((2, AT_ONCE)), some)
+        out[:, part] = some
+    return out
+
+
+def damage_ratio(patches: Patches, logs: NDArray[np.floating], weights: Floats | None = None) -> Floats:
+    """Return Lambda of each replicate, (replicates,).
+
+    Args:
+        logs: ln L_j, (patches, replicates). weights: w_j, whose sum is 1; by default those of ``patches``.
+    """
+    w = patches.weights if weights is None else weights
+    return np.asarray(w @ np.exp(np.minimum(logs, 600.0).astype(np.float64)))
+
+
+def told_risk(ratio: Floats, prior: float) -> Floats:
+    """Return the probability of damage given the samples, from Lambda and the prior pi."""
+    return np.asarray(prior * ratio / (1.0 - prior + prior * ratio))
+
+
+def scan_statistic(patches: Patches, logs: NDArray[np.floating]) -> Floats:
+    """Return T of each replicate: the largest ln L_j - ln(number of places of that size), (replicates,)."""
+    number = np.bincount(patches.size)[patches.size]
+    return np.asarray((logs - np.log(number)[:, None]).max(axis=0), dtype=np.float64)
+
+
+def raster(
+    patches: Patches, logs: NDArray[np.floating], prior: float, cells: int, size_m: tuple[float, float]
+) -> Floats:
+    """Return the probability that each cell of a raster is damaged, (cells, cells), top row first.
+
+    Args:
+        logs: ln L_j, (patches,). prior: pi. cells: cells along each side of the surface. size_m: its width and height.
+    """
+    logs = np.minimum(logs, 600.0).astype(np.float64)
+    posterior = patches.weights * np.exp(logs)
+    posterior *= prior / (1.0 - prior + prior * posterior.sum())
+    # Each patch adds to the cells whose centres it covers: a difference at its corners, summed up over both axes.
+    steps = np.zeros((cells + 1, cells + 1))
+    centres = [(np.arange(cells) + 0.5) * whole / cells for whole in size_m]
+    x0, x1 = (
+        np.searchsorted(centres[0], edge) for edge in (patches.left_m, patches.left_m + patches.width_m)
+    )
+    y0, y1 = (
+        np.searchsorted(centres[1], edge) for edge in (patches.bottom_m, patches.bottom_m + patches.height_m)
+    )
+    for y, x, sign in ((y0, x0, 1.0), (y0, x1, -1.0), (y1, x0, -1.0), (y1, x1, 1.0)):
+        np.add.at(steps, (y, x), sign * posterior)
+    return np.asarray(np.clip(steps.cumsum(axis=0).cumsum(axis=1)[:cells, :cells][::-1], 0.0, 1.0))

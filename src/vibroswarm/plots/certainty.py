@@ -1,0 +1,76 @@
+"""A map of probabilities and how uncertain it is, side by side, legible in grey and for the colour-blind."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.plots.layout import new_figure
+from vibroswarm.plots.picture import Picture, drawn
+from vibroswarm.plots.style import COLOUR_MAP, INK, PAPER, style_named
+
+
+@drawn
+def draw_certainty(
+    probability: NDArray[np.float64],
+    size_m: tuple[float, float],
+    places_m: NDArray[np.float64],
+    *,
+    marked_m: Sequence[tuple[float, float, float, float]] = (),
+    title: str = "",
+    style: str = "column",
+) -> Picture:
+    """Draw the probability of damage, and its standard deviation with the places of the samples.
+
+    Args:
+        probability: of each cell, (rows, columns), top row first. size_m: width and height of the surface.
+        places_m: of the samples, (samples, 2). marked_m: left, bottom, width and height of patches to outline.
+        title: above the picture.
+        style: "column", "page" or "slide".
+
+    Returns:
+        Picture; its numbers are ``row, column, probability, standard_deviation``.
+    """
+    from matplotlib.patches import Rectangle
+
+    sizes = style_named(style)
+    figure = new_figure(sizes, height_in=0.5 * sizes.width_in * size_m[1] / size_m[0] + 0.55, title=title)
+    doubt = np.sqrt(probability * (1.0 - probability))
+    extent = (0.0, size_m[0], 0.0, size_m[1])
+    panels: Any = figure.subplots(1, 2)
+    for axes, values, most, words in zip(
+        panels, (probability, doubt), (1.0, 0.5), ("probability", "standard deviation, samples"), strict=True
+    ):
+        image = axes.imshow(
+            values, cmap=COLOUR_MAP, vmin=0.0, vmax=most, extent=extent, interpolation="nearest"
+        )
+        axes.set_title(words, fontsize=sizes.small_pt)
+        axes.tick_params(labelsize=sizes.small_pt)
+        axes.set_xlabel("x (m)", fontsize=sizes.small_pt)
+        bar = figure.colorbar(image, ax=axes, shrink=0.7)
+        bar.ax.tick_params(labelsize=sizes.small_pt)
+    panels[0].set_ylabel("y (m)", fontsize=sizes.small_pt)
+    panels[1].plot(
+        *places_m.T, ls="", marker=".", ms=1.2, color=PAPER, markeredgecolor=INK, mew=0.15, rasterized=True
+    )
+    for axes, (left, bottom, width, height) in product(panels, marked_m):
+        axes.add_patch(Rectangle((left, bottom), width, height, fill=False, edgecolor=PAPER, lw=1.6))
+        axes.add_patch(Rectangle((left, bottom), width, height, fill=False, edgecolor=INK, lw=0.8, ls="--"))
+    row, column = (index.ravel() for index in np.indices(probability.shape))
+    numbers = pl.DataFrame(
+        {
+            "row": row,
+            "column": column,
+            "probability": probability.ravel(),
+            "standard_deviation": doubt.ravel(),
+        }
+    )
+    caption = "Left: probability of damage. Right: its standard deviation, and the places of the samples."
+    if marked_m:
+        caption += " Outlined: called patches."
+    return Picture(figure, numbers, caption)

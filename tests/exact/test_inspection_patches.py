@@ -1,0 +1,156 @@
+"""Evidence for patches against direct sums, areas against Monte Carlo, and an exactly solved stopping rule."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from helpers.inspections import drawn_samples
+from vibroswarm.errors import InputError
+from vibroswarm.inspection.damage import (
+    contrast_ratios,
+    patch_of,
+    random_places,
+    ratios_at,
+    sensed,
+    values_at,
+)
+from vibroswarm.inspection.patches import (
+    LEAST_SHARE,
+    damage_ratio,
+    declared,
+    log_likelihoods,
+    raster,
+    scan_statistic,
+    shares_of,
+    told_risk,
+)
+from vibroswarm.inspection.samples import Law, ratios_of_values
+from vibroswarm.inspection.scan import Question, risk_of, stopping
+from vibroswarm.observation.energy_model import energy_of
+from vibroswarm.scenario.scenario import preset
+
+SIDES_M = (0.1, 0.2)
+LAW = Law(preset("paper").sensor, "preset paper")
+CALIBRATED = Law(preset("calibrated").sensor, "preset calibrated")
+
+
+def test_the_declared_set_covers_the_surface_and_stays_within_it() -> None:
+    patches = declared((0.6, 0.9), SIDES_M)
+    assert patches.left_m.min() == patches.bottom_m.min() == 0.0
+    assert (patches.left_m + patches.width_m).max() == pytest.approx(0.6)
+    assert (patches.bottom_m + patches.height_m).max() == pytest.approx(0.9)
+    assert patches.weights.sum() == pytest.approx(1.0)
+    with pytest.raises(InputError, match="not within the surface"):
+        declared((0.6, 0.15), SIDES_M)
+
+
+@pytest.mark.parametrize("spread_m", [0.0, 0.03])
+def test_log_likelihoods_are_direct_sums(spread_m: float) -> None:
+    samples = drawn_samples(1, count=80, spread_m=spread_m)
+    patches = declared(samples.size_m, SIDES_M)
+    ratios = np.stack([samples.column("log_ratio"), -samples.column("log_ratio")], axis=1)
+    found = log_likelihoods(shares_of(samples, patches), ratios)
+    spread = max(spread_m, 1e-9)
+    for j in (0, 17, patches.left_m.size - 1):
+        q = np.ones(80)
+        for axis, low, side in (
+            ("x", patches.left_m[j], patches.width_m[j]),
+            ("y", patches.bottom_m[j], patches.height_m[j]),
+        ):
+            at = samples.column(f"{axis}_m")
+            q *= ndtr((low + side - at) / spread) - ndtr((low - at) / spread)
+        q[q <= LEAST_SHARE] = 0.0
+        assert found[j] == pytest.approx(np.log1p(q[:, None] * np.expm1(ratios)).sum(axis=0), abs=2e-4)
+
+
+def test_the_raster_is_the_sum_over_patches_that_contain_a_cell() -> None:
+    samples = drawn_samples(2, count=60, spread_m=0.02)
+    patches = declared(samples.size_m, SIDES_M)
+    logs = log_likelihoods(shares_of(samples, patches), samples.column("log_ratio")[:, None])[:, 0]
+    cells = raster(patches, logs, 0.3, 12, samples.size_m)
+    posterior = patches.weights * np.exp(logs.astype(float))
+    posterior *= 0.3 / (0.7 + 0.3 * posterior.sum())
+    row, column = 2, 7
+    x, y = (column + 0.5) * 0.05, 0.6 - (row + 0.5) * 0.05
+    inside = (patches.left_m <= x) & (x < patches.left_m + patches.width_m)
+    inside &= (patches.bottom_m <= y) & (y < patches.bottom_m + patches.height_m)
+    assert cells[row, column] == pytest.approx(posterior[inside].sum(), abs=1e-9)
+    assert told_risk(damage_ratio(patches, logs[:, None]), 0.3)[0] == pytest.approx(posterior.sum())
+
+
+def test_shares_of_patches_are_their_areas() -> None:
+    random = np.random.default_rng(3)
+    x, y = random.random((2, 40_000, 1))
+    square = sensed(random, LAW.sensor, patch_of(np.array([0.4]), np.array([0.6]), 0.3), x, y)
+    disc = sensed(random, LAW.sensor, patch_of(np.array([0.4]), np.array([0.6]), 0.3, disc=True), x, y)
+    assert square.mean() == pytest.approx(0.09, abs=0.005)
+    assert disc.mean() == pytest.approx(np.pi * 0.15**2, abs=0.005)
+    reach = CALIBRATED.sensor.edge_reach_m or 0.0
+    blurred = sensed(random, CALIBRATED.sensor, patch_of(np.array([0.4]), np.array([0.6]), 0.3), x, y)
+    assert blurred.mean() == pytest.approx((0.3 + 2 * reach) ** 2, abs=0.006)
+
+
+def test_random_places_keep_patches_within_the_surface() -> None:
+    x, y = random_places(np.random.default_rng(4), np.full(1000, 0.3), (1.0, 0.5))
+    assert x.min() >= 0.15
+    assert x.max() <= 0.85
+    assert y.min() >= 0.15
+    assert y.max() <= 0.35
+
+
+def test_tables_are_the_laws() -> None:
+    u = np.array([0.01, 0.3, 0.7, 0.99])
+    for law in (LAW, CALIBRATED):
+        for inside in (False, True):
+            wanted = energy_of(law.sensor, inside, u)
+            assert values_at(law, u, np.full(4, inside)) == pytest.approx(wanted, rel=2e-3)
+        value = values_at(law, u, np.full(4, True))
+        assert ratios_at(law, value) == pytest.approx(ratios_of_values(law, value), abs=0.03)
+
+
+def test_ratios_of_contrasts_go_from_none_to_that_of_the_law() -> None:
+    value = values_at(LAW, np.linspace(0.05, 0.95, 19), np.full(19, True))
+    nearly = contrast_ratios(LAW, 0.9999, value)
+    assert nearly == pytest.approx(ratios_of_values(LAW, value), abs=0.15)
+    assert abs(contrast_ratios(LAW, 1e-6, value)).max() < 1e-3
+    # A likelihood ratio has mean 1 where there is no damage.
+    still = values_at(LAW, (np.arange(4000) + 0.5) / 4000, False)
+    for contrast in (0.25, 0.5, 0.75):
+        assert np.exp(contrast_ratios(LAW, contrast, still)).mean() == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_told_risk_of_a_tiny_case_is_exact() -> None:
+    """Where the whole surface is the only patch, Lambda is the product of the likelihood ratios."""
+    samples = drawn_samples(5, count=25, spread_m=0.0)
+    inside = samples.with_columns(x_m=np.full(25, 0.3), y_m=np.full(25, 0.3))
+    patches = declared(samples.size_m, [0.6])
+    shares = shares_of(inside, patches)
+    value = values_at(inside.law, np.linspace(0.1, 0.9, 25), False)[:, None]
+    question = Question(least_m=0.6, contrasts=(1.0,), prior=0.2)
+    ratio = np.exp(ratios_at(inside.law, value).sum())
+    told = risk_of(inside, patches, shares, question, value)
+    assert told[0] == pytest.approx(0.2 * ratio / (0.8 + 0.2 * ratio), rel=1e-3)
+
+
+def test_a_strict_risk_is_the_larger_one() -> None:
+    samples = drawn_samples(6, count=200, spread_m=0.0)
+    patches = declared(samples.size_m, SIDES_M)
+    shares = shares_of(samples, patches)
+    value = values_at(samples.law, np.random.default_rng(1).random((200, 1)), False)
+    mean, strict = (
+        risk_of(samples, patches, shares, Question(contrasts=(1.0,), strict=strict), value)[0]
+        for strict in (False, True)
+    )
+    assert strict > mean
+    told = stopping(samples, patches, shares, Question(contrasts=(1.0,)), drawn=50)
+    assert told.told.shape == told.times_s.shape
+    with pytest.raises(InputError, match="as large as the smallest"):
+        stopping(samples, patches, shares, Question(least_m=0.5), drawn=50)
+
+
+def test_the_scan_statistic_counts_places() -> None:
+    patches = declared((0.6, 0.6), SIDES_M)
+    logs = np.zeros((patches.left_m.size, 1))
+    assert scan_statistic(patches, logs)[0] == pytest.approx(-np.log(np.bincount(patches.size).min()))

@@ -1,0 +1,122 @@
+"""False calls of the scan, of the checks of the law, and told against true risks, on simulated inspections."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from vibroswarm.inspection.checks import law_checks
+from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at
+from vibroswarm.inspection.inspection import inspect
+from vibroswarm.inspection.missed import pooled_trials
+from vibroswarm.inspection.patches import declared, log_likelihoods, scan_statistic, shares_of
+from vibroswarm.inspection.samples import Samples
+from vibroswarm.inspection.scan import Question, intact_statistics, p_value, risk_of
+from vibroswarm.scenario.scenario import preset
+
+pytestmark = pytest.mark.slow
+RUNS = range(12)
+
+
+def simulated(name: str, seed: int) -> list[Samples]:
+    scenario = preset(name).with_values(
+        {"run.t_end_s": 320.0, "floor.source": "random:0.0", "strategy.name": "places"}
+    )
+    return [inspect(scenario, seed=seed, run=run).samples for run in RUNS]
+
+
+@pytest.fixture(scope="module")
+def plain() -> list[Samples]:
+    return simulated("optimised-places", 41)
+
+
+@pytest.fixture(scope="module")
+def calibrated() -> list[Samples]:
+    return simulated("calibrated", 42)
+
+
+def likely(count: int, of: int, share: float) -> bool:
+    """Whether a count is within the 99.8 % range of a binomial with this share."""
+    return bool(binom.ppf(0.001, of, share) <= count <= binom.ppf(0.999, of, share))
+
+
+def test_p_values_of_intact_surfaces_are_right(plain: list[Samples], calibrated: list[Samples]) -> None:
+    for inspections in (plain, calibrated):
+        p = []
+        for number, samples in enumerate(inspections):
+            patches = declared(samples.size_m)
+            shares = shares_of(samples, patches)
+            drawn = intact_statistics(samples, patches, shares, 199, 1)
+            p += [p_value(t, drawn) for t in intact_statistics(samples, patches, shares, 40, 1000 + number)]
+        for level in (0.1, 0.05, 0.01):
+            assert likely(int((np.array(p) <= level).sum()), len(p), level)
+
+
+def test_intact_surfaces_without_the_spreads_of_the_law_call_too_often(calibrated: list[Samples]) -> None:
+    """The control: differences between tiles look like damage to a scan that does not know of them."""
+    called = 0
+    for number, samples in enumerate(calibrated):
+        patches = declared(samples.size_m)
+        shares = shares_of(samples, patches)
+        alike = samples.law.sensor.model_copy(update={"tile_spread": None, "robot_spread": None})
+        law = type(samples.law)(alike, "without spreads")
+        random = np.random.default_rng(number)
+        values = drawn_values(random, samples, 20)
+        blind = samples.with_columns()
+        object.__setattr__(blind, "law", law)
+        drawn = intact_statistics(blind, patches, shares, 199, 1)
+        statistics = scan_statistic(patches, log_likelihoods(shares, ratios_at(law, values)))
+        called += sum(p_value(t, drawn) <= 0.05 for t in statistics)
+    assert called / 240 > 0.15
+
+
+def test_right_laws_are_seldom_refused_and_a_wrong_gain_is(
+    plain: list[Samples], calibrated: list[Samples]
+) -> None:
+    for inspections, power in ((plain, 1.0), (calibrated, 0.2)):
+        right, wrong = 0, 0
+        for number, samples in enumerate(inspections):
+            everywhere = np.ones(samples.frame.height, dtype=bool)
+            for values in drawn_values(np.random.default_rng(number), samples, 5).T:
+                right += law_checks(samples.with_columns(value=values), everywhere, drawn=99)["refused"].any()
+            gain = np.where(samples.frame["robot"].to_numpy() == 0, 1.5, 1.0)
+            changed = samples.with_columns(value=samples.column("value") * gain)
+            wrong += law_checks(changed, everywhere, drawn=99)["refused"].any()
+        assert right <= binom.ppf(0.999, 60, 0.05)
+        assert wrong / len(inspections) >= power
+
+
+def test_told_risks_are_not_below_true_ones_except_at_weaker_contrast(plain: list[Samples]) -> None:
+    question = Question(least_m=0.2, contrasts=(1.0,))
+    cleared = {"intact": 0, "damage": 0, "half": 0}
+    random = np.random.default_rng(7)
+    for samples in plain:
+        patches = declared(samples.size_m)
+        shares = shares_of(samples, patches)
+        x_m, y_m = random_places(random, np.full(40, 0.2), samples.size_m)
+        for name, patch in (
+            ("intact", None),
+            ("damage", patch_of(x_m, y_m, 0.2)),
+            ("half", patch_of(x_m, y_m, 0.2, 0.5)),
+        ):
+            early = samples.by_time(120.0)
+            some = shares_of(early, patches)
+            values = drawn_values(random, early, 40, patch)
+            cleared[name] += int((risk_of(early, patches, some, question, values) <= question.risk).sum())
+        assert shares.first[-1] > some.first[-1]
+    truly = cleared["damage"] / (cleared["damage"] + cleared["intact"])
+    assert binom.sf(cleared["damage"] - 1, cleared["damage"] + cleared["intact"], 0.05) > 0.001
+    assert truly < 0.09
+    # The control: damage at half the contrast is cleared far more often than told.
+    assert cleared["half"] / (cleared["half"] + cleared["intact"]) > 0.12
+
+
+def test_larger_damage_is_found_more_often(plain: list[Samples]) -> None:
+    trials = pooled_trials(plain[:6], plain[6:], until_s=300.0, each=5)
+    pod = trials.fit()
+    assert 0.08 < pod.a90_m < 0.18
+    assert pod.a50_m < pod.a90_m < pod.a90_95_m
+    assert likely(trials.false, trials.intact, 0.05)
+    bits = pooled_trials(plain[:6], plain[6:], until_s=300.0, each=5, bits=True).fit()
+    assert bits.a90_m > pod.a90_m
