@@ -14,7 +14,7 @@ from typing import Final
 
 from vibroswarm import preset
 from vibroswarm.export.assembly import parts_of
-from vibroswarm.export.c_library import Memory, library_files, measured
+from vibroswarm.export.c_library import Memory, measured, write_library
 from vibroswarm.export.c_program import SINGLE, precision_of
 from vibroswarm.export.timing import Timing, ms, timed, unfit
 from vibroswarm.scenario.scenario import Scenario
@@ -46,10 +46,7 @@ def table() -> str:
 def measured_and_timed(scenario: Scenario) -> tuple[Memory, Timing]:
     """Memory and time of a scenario's program, exported to a folder of its own."""
     with tempfile.TemporaryDirectory() as folder:
-        for file, text in library_files(scenario).items():
-            path = Path(folder) / file
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+        write_library(scenario, Path(folder))
         memory = measured(Path(folder) / "src")
         timing = None if memory is None else timed(Path(folder) / "src", scenario, memory.flags)
     if memory is None or timing is None:

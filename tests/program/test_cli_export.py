@@ -461,9 +461,7 @@ def test_every_shipped_strategy_is_exportable_as_documented() -> None:
 
 def written(scenario: Any, folder: Path) -> Path:
     """Write a scenario's library; return the folder of its sources."""
-    for file, text in c_library.library_files(scenario).items():
-        (folder / file).parent.mkdir(parents=True, exist_ok=True)
-        (folder / file).write_text(text)
+    c_library.write_library(scenario, folder)
     return folder / "src"
 
 

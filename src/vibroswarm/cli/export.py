@@ -29,23 +29,18 @@ def c(
     from vibroswarm.cli.scenario_options import scenario_from
     from vibroswarm.core.atomic_io import check_folder, whole_folder
     from vibroswarm.documents.export import export_document
-    from vibroswarm.export.c_library import COMPILER, MARKER, library_files, measured
+    from vibroswarm.export.c_library import COMPILER, MARKER, measured, write_library
     from vibroswarm.export.timing import timed
 
     # Refuse the folder before the work. --force replaces a folder only if it holds the file MARKER, as a library does.
     check_folder(folder, replace=force, marker=MARKER)
     made = scenario_from(scenario)
-    files = library_files(made)
     with whole_folder(folder, replace=force, marker=MARKER) as part:
-        for name, text in files.items():
-            (part / name).parent.mkdir(parents=True, exist_ok=True)
-            (part / name).write_text(text, encoding="utf-8")
+        files = write_library(made, part)
         # None without the compiler and the tool for sizes of the robot's processor
         memory = measured(part / "src")
         timing = None if memory is None else timed(part / "src", made, memory.flags)
-    document = export_document(
-        made, list(files), memory, timing, has_compiler=shutil.which(COMPILER) is not None
-    )
+    document = export_document(made, files, memory, timing, has_compiler=shutil.which(COMPILER) is not None)
     print_document(document, as_json=json)
     if not json:
         print(f"Saved: {folder} ({len(files)} files; begin with examples/inspection/inspection.ino)")

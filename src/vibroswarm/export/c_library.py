@@ -76,6 +76,19 @@ def library_files(scenario: Scenario) -> dict[str, str]:
     }
 
 
+def write_library(scenario: Scenario, folder: Path) -> list[str]:
+    """Write the files of ``library_files`` into a folder; return their paths in it.
+
+    Raises:
+        InputError: as of ``library_files``; then nothing is written.
+    """
+    files = library_files(scenario)
+    for name, text in files.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
+    return list(files)
+
+
 def self_test_text(parts: RobotParts) -> str:
     """Return the test of a robot by itself, with what it must have at the end."""
     lines = [

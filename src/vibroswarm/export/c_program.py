@@ -64,6 +64,12 @@ LOG_COLUMNS: Final = (
     "belief_below", "decision", "sent", "messages_received", "avoid_total_s", "stop_total_s",
 )  # fmt: skip
 """Columns of the log of an exported robot: those of the format ``camera`` of ``recordings``."""
+GROUPS: Final = {
+    robot_program.PROMPT[0]: "In each control period, also from vs_poll",
+    robot_program.PATIENT[0]: "These may take many control periods, and call vs_poll meanwhile",
+    robot_program.PARTS[0]: "Parts of vs_work and vs_start, for tests: robots do not need them",
+}
+"""Headings of the groups of functions, by the first function of each."""
 OMITTED_OF_WORLD: Final = ("beliefs",)
 """Fields of ``World`` that a robot does not have: the table of beliefs is too large."""
 
@@ -109,7 +115,7 @@ def c_sources(parts: RobotParts) -> CSources:
             type_of_argument(item, robot, structs) for item in inspect.signature(function).parameters.values()
         ]
         # Functions that both kinds call are translated with the prompt ones, which come first, and do not poll.
-        program.polls = name in robot_program.PATIENT
+        program.polls = name not in robot_program.PROMPT
         api.append(program.function(function, given))
     public = {item.name for item in api}
     compiled = program.called_from(public)
@@ -318,13 +324,15 @@ def checks_of(parts: RobotParts) -> list[str]:
 
 
 def documented(heads: list[str]) -> str:
-    """Return the prototypes of the API, each below the first paragraph of its docstring as a comment.
+    """Return the prototypes of the API in its groups, each below the first paragraph of its docstring as a comment.
 
     Args:
         heads: prototypes, in the order of ``robot_program.API``.
     """
     lines = []
     for name, head in zip(robot_program.API, heads, strict=True):
+        if name in GROUPS:
+            lines.append(f"/* ---- {GROUPS[name]} ---- */")
         text = inspect.getdoc(getattr(robot_program, name)) or ""
         words = " ".join(line.strip() for line in text.split("\n\n")[0].splitlines())
         lines.append(f"/* {words.replace('``', '')} */\n{head}")

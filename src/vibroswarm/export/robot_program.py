@@ -113,12 +113,12 @@ PROMPT: Final = (
     "time_s", "energy",
 )  # fmt: skip
 """Functions that the surrounding program calls in each control period, also while ``work`` is under way."""
-PATIENT: Final = (
-    "start", "told_pose", "work", "moved", "stopped", "hear", "take_sample", "timer", "told_simulated",
-)  # fmt: skip
-"""Functions that may take many control periods, and poll meanwhile; those after ``work`` are parts of it, for tests."""
-API: Final = (*PROMPT, *PATIENT)
-"""Functions that the surrounding program calls."""
+PATIENT: Final = ("start", "told_pose", "work")
+"""Functions that may take many control periods, and poll meanwhile."""
+PARTS: Final = ("moved", "stopped", "hear", "take_sample", "timer", "told_simulated")
+"""Parts of ``work`` and ``start``, for tests."""
+API: Final = (*PROMPT, *PATIENT, *PARTS)
+"""Functions that can be called from outside."""
 
 
 def start(r: Robot, seed: int, run: int, number: int) -> None:
