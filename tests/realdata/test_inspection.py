@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vibroswarm.inspection.assessment import still_by_map
+from vibroswarm.inspection.checks import law_checks
 from vibroswarm.inspection.inspection import Inspection, inspect
 from vibroswarm.inspection.scores import map_scores
 from vibroswarm.inspection.tile_map import tile_map
@@ -39,6 +41,19 @@ def test_all_tiles_are_right_before_300_s(sessions: list[Inspection]) -> None:
         assert found.right_from_s is not None
         assert found.right_from_s < 300.0
         assert found.scores["brier"][-1] < 1e-6
+
+
+def test_the_law_of_the_others_holds_and_not_with_another_gain(sessions: list[Inspection]) -> None:
+    refused = []
+    for found in sessions:
+        samples = found.samples
+        still = still_by_map(samples, found.pooled[-1])
+        assert not law_checks(samples, still)["refused"].any()
+        for robot in samples.robots:
+            gain = np.where(samples.frame["robot"].to_numpy() == robot, 1.5, 1.0)
+            changed = samples.with_columns(value=samples.column("value") * gain)
+            refused.append(law_checks(changed, still)["refused"].any())
+    assert np.mean(refused) > 0.4  # robots differ by 12 % by the law, so that not every such gain is unusual
 
 
 @pytest.mark.parametrize("control", ["shuffled", "mirrored", "swapped"])

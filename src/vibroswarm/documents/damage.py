@@ -21,6 +21,8 @@ from vibroswarm.show.numbers import count, listed, number, p_value, percent
 from vibroswarm.simulation import versions
 
 CERTIFICATE: Final = "certificate.html"
+MOST_LISTED: Final = 4
+"""Called patches that are listed in the answer; the map has all."""
 
 
 def damage_answer(found: Assessment) -> tuple[str, ...]:
@@ -28,11 +30,13 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
     question, told = found.question, float(found.stopping.told[-1])
     size = f"{_cm(question.least_m)} cm or larger"
     if found.verdict == "damage":
-        each = (
+        each = [
             f"{_cm(box.width_m)} cm x {_cm(box.height_m)} cm at x = {box.left_m + box.width_m / 2:.2f} m, "
             f"y = {box.bottom_m + box.height_m / 2:.2f} m"
-            for box in found.scan.called_m
-        )
+            for box in found.scan.called_m[:MOST_LISTED]
+        ]
+        more = len(found.scan.called_m) - len(each)
+        each += [f"and {more} more"] if more else []
         where = count(len(found.scan.called_m), "patch", "patches")
         first = f"DAMAGE: {where}, {'; '.join(each)} (centres; p = {p_value(found.scan.p_value)})."
     elif found.verdict == "clear":

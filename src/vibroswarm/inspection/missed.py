@@ -10,9 +10,11 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
+import polars as pl
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at
+from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.patches import (
     Patches,
     Shares,
@@ -24,6 +26,9 @@ from vibroswarm.inspection.patches import (
 from vibroswarm.inspection.pod import INTACT, Pod, fit_pod
 from vibroswarm.inspection.samples import Floats, Samples
 from vibroswarm.inspection.scan import intact_statistics
+from vibroswarm.inspection.sources import samples_of_result
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.simulation import simulate
 
 SIDES_M: Final = (0.03, 0.05, 0.07, 0.09, 0.12, 0.15, 0.2, 0.25, 0.3)
 """Sides of the drawn damage."""
@@ -134,3 +139,47 @@ def pooled_trials(
         found.append(own.found)
         false, number_intact = false + own.false, number_intact + own.intact
     return Trials(np.concatenate(sizes), np.concatenate(found), false, number_intact)
+
+
+def plan(
+    scenario: Scenario,
+    robots: Sequence[int],
+    until_s: Sequence[float],
+    *,
+    runs: int = 40,
+    seed: int = 1,
+    sides_m: Sequence[float] = SIDES_M,
+    each: int = 5,
+    level: float = 0.05,
+) -> pl.DataFrame:
+    """Return what robots and time buy: a row for each number of robots and end of the inspection.
+
+    The columns are robots, until_s, samples (of a run, on average), a50_m, a90_m, a90_95_m, false_calls; lengths are
+    null where they do not exist. a90_95_m depends on the number of drawn surfaces.
+
+    Args:
+        scenario: with the walk and the sensor; its floor does not matter. runs: simulated inspections, half of which
+            give the threshold. sides_m, each: drawn damage, as in ``pooled_trials``. level: wanted false calls.
+    """
+    rows = []
+    for number in robots:
+        made = scenario.with_values(
+            {
+                "swarm.robots": number,
+                "run.t_end_s": max(until_s),
+                "floor.source": "random:0.0",
+                "floor.tiles": None,
+            }
+        )
+        law = law_of_scenario(made, "the scenario")
+        result = simulate(made, seed, runs)
+        inspections = [samples_of_result(result, run, law) for run in range(runs)]
+        damaged, fresh = inspections[: runs // 2], inspections[runs // 2 :]
+        for end_s in until_s:
+            pod = pooled_trials(
+                damaged, fresh, until_s=end_s, sides_m=sides_m, each=each, level=level, seed=seed
+            ).fit()
+            samples = np.mean([one.by_time(end_s).frame.height for one in inspections])
+            rows.append((number, end_s, samples, pod.a50_m, pod.a90_m, pod.a90_95_m, pod.false_calls))
+    names = ["robots", "until_s", "samples", "a50_m", "a90_m", "a90_95_m", "false_calls"]
+    return pl.DataFrame(rows, schema=names, orient="row").fill_nan(None)
