@@ -27,6 +27,7 @@ import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,6 +40,7 @@ from vibroswarm.core.tables import Schema, read_table
 from vibroswarm.core.untrusted_files import entry, read_json, texts
 from vibroswarm.errors import InputError, RunError, check_format, warn_once
 from vibroswarm.optimize.evaluate import Result
+from vibroswarm.optimize.objective import Rows
 from vibroswarm.optimize.spec import FORMAT, Search, differences
 from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
@@ -69,37 +71,49 @@ def step_table(search: Search, results: Sequence[tuple[int, str, Sequence[Result
         results: for each request, in order, key and origin of the candidate, and the results of its runs in order.
     """
     schema, cases = schema_of(search), len(search.cases)
-    blocks = []
+    names = [name for name in schema.columns if name.startswith("figure_")]
+    rows: list[Rows] = []
+    candidate, origins, run = list[int](), list[str](), list[int]()
+    failed: list[str | None] = []
     for key, origin, pieces in results:
-        counts = [len(piece) if isinstance(piece, np.ndarray) else piece[1] for piece in pieces]
-        why = [None if isinstance(piece, np.ndarray) else piece[0] for piece in pieces]
-        width = len(schema.columns) - 5
-        rows = [
-            piece if isinstance(piece, np.ndarray) else np.full((count, cases, width), np.nan)
-            for piece, count in zip(pieces, counts, strict=True)
-        ]
-        figures = np.concatenate(rows).reshape(-1, width)
-        runs = sum(counts)
-        columns: dict[str, Any] = {
-            "candidate": np.full(runs * cases, key),
-            "origin": [origin] * (runs * cases),
-            "run": np.repeat(np.arange(runs), cases),
-            "case": np.tile(np.arange(cases), runs),
-            "failed": [words for words, count in zip(why, counts, strict=True) for _ in range(count * cases)],
-            **{f"figure_{k}": figures[:, k] for k in range(width)},
-        }
-        blocks.append(pl.DataFrame(columns, schema=dict(schema.columns), nan_to_null=True))
-    return pl.concat(blocks)
+        before = len(run)
+        for piece in pieces:
+            if isinstance(piece, np.ndarray):
+                figures, why = piece, None
+            else:
+                why, count = piece
+                figures = np.full((count, cases, len(names)), np.nan)
+            rows.append(figures)
+            failed += [why] * (len(figures) * cases)
+            run += [len(run) - before + k for k in range(len(figures))]
+        candidate += [key] * (len(run) - before)
+        origins += [origin] * ((len(run) - before) * cases)
+    values = np.concatenate(rows).reshape(-1, len(names))
+    columns: dict[str, Any] = {
+        "candidate": np.repeat(candidate, cases),
+        "origin": origins,
+        "run": np.repeat(run, cases),
+        "case": np.tile(np.arange(cases), len(run)),
+        "failed": failed,
+        **{name: values[:, k] for k, name in enumerate(names)},
+    }
+    return pl.DataFrame(columns, schema=dict(schema.columns), nan_to_null=True)
 
 
 def results_in(table: pl.DataFrame, cases: int) -> dict[int, list[Result]]:
     """Return the results in the table of a step, by candidate: figures first, then a reason for each failed run."""
     found: dict[int, list[Result]] = {}
-    for (key,), rows in table.group_by("candidate", maintain_order=True):
-        good = rows.filter(pl.col("failed").is_null()).select(r"^figure_\d+$").to_numpy()
-        why = rows.filter(pl.col("failed").is_not_null(), pl.col("case") == 0)["failed"]
-        figures = [good.reshape(-1, cases, good.shape[1])] if good.size else []
-        found[key] = [*figures, *((words, 1) for words in why)]
+    candidate, failed = table["candidate"].to_numpy(), table["failed"].to_list()
+    figures = table.select(r"^figure_\d+$").to_numpy()
+    is_good = table["failed"].is_null().to_numpy()
+    firsts = np.flatnonzero(np.append(True, candidate[1:] != candidate[:-1]))
+    for first, end in pairwise([*firsts.tolist(), len(failed)]):
+        good = figures[first:end][is_good[first:end]]
+        rows = [good.reshape(-1, cases, figures.shape[1])] if good.size else []
+        found[int(candidate[first])] = [
+            *rows,
+            *((why, 1) for why in failed[first:end:cases] if why is not None),
+        ]
     return found
 
 
