@@ -25,7 +25,7 @@ from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval
 from vibroswarm.analysis.pareto import pareto_front
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.optimize.evaluate import derived_seed, figures_of
+from vibroswarm.optimize.evaluate import RunFigures, derived_seed, figures_of
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.objective import Objective, Rows, bootstrap
 from vibroswarm.optimize.space import Values
@@ -219,32 +219,34 @@ def score_fresh(
     """
     if runs < 2:
         raise InputError(f"{runs} is too few; at least 2", field="runs")
+    sets, first = [dict(values) for _, values in named], search.objectives[:1]
+    fresh = _fresh_figures(search, sets, first, runs, purpose, executor, workers, progress)
+    return [
+        scored_of(name, values, first[0], simulated.rows, simulated.runs, simulated.failed)
+        for (name, _), values, simulated in zip(named, sets, fresh, strict=True)
+    ]
+
+
+def _fresh_figures(
+    search: Search,
+    sets: Sequence[Values],
+    objectives: tuple[Objective, ...],
+    runs: int,
+    purpose: str,
+    executor: str | Executor,
+    workers: int | None,
+    progress: Callable[[int], None],
+) -> list[RunFigures]:
+    """Simulate sets of values on the same fresh runs; the arguments are those of ``score_fresh``."""
     cases, seed = [cell.scenario for cell in search.cases], derived_seed(search.seed, purpose)
-    scored: list[Scored] = []
     with workers_for(executor, workers) as pool:
-        for name, values in named:
-            shifted = shifted_progress(progress, len(scored) * runs)
-            simulated = figures_of(
-                cases,
-                values,
-                search.objectives[:1],
-                runs,
-                seed,
-                pool,
-                motion=search.study.motion,
-                progress=shifted,
+        return [
+            figures_of(
+                cases, values, objectives, runs, seed, pool,
+                motion=search.study.motion, progress=shifted_progress(progress, k * runs),
             )
-            scored.append(
-                scored_of(
-                    name=name,
-                    values=dict(values),
-                    objective=search.objectives[0],
-                    rows=simulated.rows,
-                    runs=simulated.runs,
-                    failed=simulated.failed,
-                )
-            )
-    return scored
+            for k, values in enumerate(sets)
+        ]  # fmt: skip
 
 
 def shifted_progress(progress: Callable[[int], None], before: int) -> Callable[[int], None]:
@@ -435,19 +437,18 @@ def front_of(
             "has no Pareto front; give a search with several objectives, or use truth_of", field="found"
         )
     search, archive, runs = found.search, found.archive, fresh_runs(found)
-    cases, seed = [cell.scenario for cell in search.cases], derived_seed(search.seed, "fresh runs")
-    scored: list[tuple[tuple[Interval, ...], int]] = []
-    with workers_for(executor, workers) as pool:
-        for key in found.front:
-            simulated = figures_of(
-                cases, archive[key].values, search.objectives, runs, seed, pool,
-                motion=search.study.motion, progress=shifted_progress(progress, len(scored) * runs),
-            )  # fmt: skip
-            true = tuple(
+    sets = [archive[key].values for key in found.front]
+    fresh = _fresh_figures(search, sets, search.objectives, runs, "fresh runs", executor, workers, progress)
+    scored = [
+        (
+            tuple(
                 objective.interval(simulated.rows[:, :, columns])
                 for objective, columns in zip(search.objectives, archive.columns, strict=True)
-            )
-            scored.append((true, simulated.failed))
+            ),
+            simulated.failed,
+        )
+        for simulated in fresh
+    ]
     # ``pareto_front`` takes one sequence per objective, with the true scores of all candidates
     estimates = zip(*([score.estimate for score in true] for true, _ in scored), strict=True)
     stays = pareto_front(*estimates).tolist()
