@@ -39,6 +39,7 @@ LOOP = {
 WHOLE_RESULTS = {
     "cli/run.py": "one run",
     "inspection/inspection.py": "one run",
+    "inspection/missed.py": "samples, in which damage is drawn",
     "paper/items/example_run.py": "one run, drawn",
     "calibrate/fit_avoidance.py": "motion of one run",
     "calibrate/cross_validation.py": "sessions as recordings have them",
