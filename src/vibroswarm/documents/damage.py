@@ -27,7 +27,8 @@ MOST_LISTED: Final = 4
 
 def damage_answer(found: Assessment) -> tuple[str, ...]:
     """Return sentences: is there damage, where, how large; may one stop; what would have been missed."""
-    question, told = found.question, float(found.stopping.told[-1])
+    question, risk = found.question, float(found.stopping.told[-1])
+    told = "below 0.1 %" if risk < 0.001 else percent(risk)
     size = f"{_cm(question.least_m)} cm or larger"
     if found.verdict == "damage":
         each = [
@@ -40,11 +41,11 @@ def damage_answer(found: Assessment) -> tuple[str, ...]:
         where = count(len(found.scan.called_m), "patch", "patches")
         first = f"DAMAGE: {where}, {'; '.join(each)} (centres; p = {p_value(found.scan.p_value)})."
     elif found.verdict == "clear":
-        first = f"CLEAR of damage of {size}: risk {percent(told)} (tolerated: {percent(question.risk)})."
+        first = f"CLEAR of damage of {size}: risk {told} (tolerated: {percent(question.risk)})."
     else:
         first = (
             f"OPEN: no damage is called (p = {p_value(found.scan.p_value)}), but the risk of damage of {size} is "
-            f"{percent(told)} (tolerated: {percent(question.risk)}); more samples are needed."
+            f"{told} (tolerated: {percent(question.risk)}); more samples are needed."
         )
     return first, _pod_words(found)
 

@@ -11,7 +11,7 @@ import polars as pl
 from vibroswarm.documents.damage import damage_answer, damage_sections, not_certified
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Samples
-from vibroswarm.inspection.scores import SURE
+from vibroswarm.inspection.scores import SURE, calibration
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.run import maps_figure
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
@@ -141,5 +141,19 @@ def _map(found: Inspection) -> list[Part]:
         table = Table(
             scores[chosen], columns, caption="The map over time, against the true floor.", name="scores"
         )
-        parts.append(Section("Over time", (table,)))
+        parts.append(Section("Over time", (table, _calibration(found))))
     return parts
+
+
+def _calibration(found: Inspection) -> Table:
+    """Return how often tiles of a probability vibrate, over all times: those of one inspection are not independent."""
+    assert found.pooled is not None
+    assert found.samples.floor is not None
+    x = np.tile(found.samples.floor.tiles.ravel().astype(np.float64), len(found.pooled))
+    columns = {
+        **{name: Column(share=True) for name in ("from", "to", "probability")},
+        "vibrating": Column("truly vibrating", share=True),
+    }
+    frame = calibration(found.pooled.ravel(), x).drop("vibrating_low", "vibrating_high")
+    caption = "Calibration: tiles at all times, by their probability."
+    return Table(frame, columns, caption=caption, name="calibration", names=2, folded=True)

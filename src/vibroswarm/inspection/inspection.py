@@ -161,13 +161,20 @@ def _samples_of(
     return samples_of_result(source, run, _law_of(source, run, laws), bits=bits)
 
 
-def _law_of(result: Result, run: int, laws: str | Scenario | Sequence[Recording] | None) -> FittedLaw:
+def _law_of(result: Result | None, run: int, laws: str | Scenario | Sequence[Recording] | None) -> FittedLaw:
+    """Return the law by which samples are judged; ``result`` is None for a CSV, whose law must be given."""
     if isinstance(laws, str):
         return law_named(laws)
     if isinstance(laws, Scenario):
         return law_of_scenario(laws, "a scenario")
-    if isinstance(result, Recording):
-        return law_for_session(result, run, laws or ())
+    if isinstance(result, Recording) or laws:
+        return law_for_session(result if isinstance(result, Recording) else None, run, laws or ())
+    if result is None:
+        raise InputError(
+            "a CSV needs a law of the sensor: values measured where it vibrates and where not (kind,energy as CSV), a "
+            "recording on a known floor, or a scenario",
+            field="--laws",
+        )
     return law_of_scenario(
         result.scenario, "the scenario, which simulated it: no real robot knows it so well"
     )
@@ -181,19 +188,7 @@ def _of_csv(
     check_plain(path, LARGEST_BYTES, "a CSV of places and values")
     if size_m is None:
         raise InputError("a CSV needs the size of the surface", field="--size")
-    if laws is None:
-        raise InputError(
-            "a CSV needs a law of the sensor: values measured where it vibrates and where not (kind,energy as CSV), a "
-            "recording on a known floor, or a scenario",
-            field="--laws",
-        )
-    law = law_named(laws) if isinstance(laws, str) else _law_of_given(laws)
+    law = _law_of(None, 0, laws)
     if isinstance(floor, tuple):
         return samples_of_csv(path, law, size_m, spread_m, grid_of(*floor, size_m))
     return samples_of_csv(path, law, size_m, spread_m, floor, truth_known=floor is not None)
-
-
-def _law_of_given(laws: Scenario | Sequence[Recording]) -> FittedLaw:
-    if isinstance(laws, Scenario):
-        return law_of_scenario(laws, "a scenario")
-    return law_for_session(laws[0], 0, laws)

@@ -52,11 +52,12 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str) -> Fitt
     return FittedLaw(Law(scenario.sensor, words, digest), camera)
 
 
-def law_for_session(recording: Recording, run: int, others: Sequence[Recording] = ()) -> FittedLaw:
+def law_for_session(recording: Recording | None, run: int, others: Sequence[Recording] = ()) -> FittedLaw:
     """Return the law of a recorded session, fitted to other sessions if there are any.
 
     Args:
-        run: the session. others: recordings to which the law is fitted; none: the recording's other sessions.
+        recording: of the session; None if ``others`` are given. run: the session. others: recordings to which the law
+            is fitted; none: the recording's other sessions.
     Raises:
         InputError: there is no such session, or all samples lie on one kind of tile.
     """
@@ -64,6 +65,7 @@ def law_for_session(recording: Recording, run: int, others: Sequence[Recording] 
         found = dataset_of(others)
         words = f"fitted to {count(len(found.sessions), 'session')} of other recordings, whose floor is known"
         return law_of_sessions(found, found.sessions, words)
+    assert recording is not None
     runs = recording.runs["run"].to_list()
     if run not in runs:
         raise InputError(f"there is no session {run + 1} of {len(runs)}", field="--session")
