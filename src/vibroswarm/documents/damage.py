@@ -208,7 +208,8 @@ def certificate_document(found: Inspection) -> Document:
             Section("Where", (_scan_parts(assessment)[0], _figure(found))),
             Section("What would have been missed", (_pod_table(assessment), *_stopping_parts(assessment))),
             Section(
-                "Law of the sensor", (Text(f"{samples.law.origin}. {_UNTESTED}"), _checks_table(assessment))
+                "Law of the sensor",
+                (Text(f"Origin: {samples.law.origin}. {_UNTESTED}"), _checks_table(assessment)),
             ),
             Section("Not covered", (Text(covered),)),
         ),
