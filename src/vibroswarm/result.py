@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 from polars.testing import assert_frame_equal
 
@@ -23,7 +24,7 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, read_table, write_frame
 from vibroswarm.core.untrusted_files import entry, read_json, texts, words
 from vibroswarm.errors import InputError, RunError, check_format, path_of, shown, whole_number_of
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import DIGITS, Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
 from vibroswarm.localisation.locate import PLACES
@@ -228,8 +229,10 @@ class Result(NotebookView):
             raise InputError(f"there is no run {run} in this result", field="run")
         row = rows[0]
         columns = row["columns"]
-        # The text ``tiles`` has a character 0 or 1 for each tile, row after row from the top.
-        tiles = [[int(c) for c in row["tiles"][i * columns : (i + 1) * columns]] for i in range(row["rows"])]
+        # The text ``tiles`` has a hexadecimal digit for each tile, row after row from the top.
+        tiles = [
+            [int(c, 16) for c in row["tiles"][i * columns : (i + 1) * columns]] for i in range(row["rows"])
+        ]
         geometry = (row["tile_width_m"], row["tile_height_m"], row["left_m"], row["bottom_m"])
         return Floor(tiles, *geometry, name=row["name"])  # type: ignore[arg-type]
 
@@ -351,9 +354,9 @@ def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
     Args:
         floors: the floor of each run, by run number, at least one; rows are in the order of this mapping.
     """
-    # Tiles of 0 and 1 become the characters "0" and "1" by adding the code of "0".
+    digits = np.frombuffer(DIGITS.encode(), dtype=np.uint8)
     rows = [
-        (run, *floor.geometry, (floor.tiles + ord("0")).tobytes().decode("ascii"), floor.name)
+        (run, *floor.geometry, digits[floor.tiles].tobytes().decode("ascii"), floor.name)
         for run, floor in floors.items()
     ]
     # The inner zip turns rows into columns.

@@ -15,8 +15,9 @@ from typing import Any, Final
 import numpy as np
 import polars as pl
 
+from vibroswarm import sensors, tasks
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import TILE_LIMIT
+from vibroswarm.floors.floor import DIGITS, KIND_LIMIT, TILE_LIMIT
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import known
 
@@ -63,6 +64,7 @@ def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated:
     _check_robots(tables, scenario, folder)
     _check_samples(tables, scenario, folder)
     _check_floors(tables, folder)
+    _check_kinds(tables, scenario, folder)
     _check_outcomes(tables, scenario, folder)
 
 
@@ -75,7 +77,8 @@ def _not_given(scenario: Scenario) -> set[str]:
     if strategy is None:  # its code is not loaded
         return {"message", "alpha", "beta", "belief_below"}
     found = {"alpha", "beta"} - set(strategy.state_type.names or ())
-    if strategy.belief is None:
+    # For more than two kinds of tile there is no belief in one of two answers.
+    if strategy.belief is None or (strategy.answers_kinds and scenario.sensor.kinds > 2):
         found.add("belief_below")
     # Only the package's strategies that count bits are known to send one at every sample.
     if strategy.on_counts is None or scenario.strategy.code is not None:
@@ -245,14 +248,37 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
         raise InputError(f"columns 'rows' and 'columns' give more than {TILE_LIMIT} tiles", field=name)
     if (floors["tiles"].str.len_bytes() != size).any():
         raise InputError("column 'tiles' does not have rows x columns tiles", field=name)
-    if not floors["tiles"].str.contains("^[01]+$").all():
-        raise InputError("column 'tiles' holds values other than 0 and 1", field=name)
     last_tile = floors.select("run", last=size - 1)  # largest index of a tile
     sampled = tables["observations"].select("run", "tile").join(last_tile, on="run", how="left")
     if (sampled["tile"] > sampled["last"]).any():
         raise InputError(
             "column 'tile' names a tile that its floor does not have", field=_file(folder, "observations")
         )
+
+
+def _check_kinds(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
+    """Check that tiles, readings, truths and decisions are kinds, classes and answers that the scenario has."""
+    kinds, readings = scenario.sensor.kinds, scenario.sensor.readings
+    task = tasks.known().get(scenario.task.name)
+    answers = KIND_LIMIT if task is None else len(task.answers_of(kinds))
+    if scenario.sensor.model not in sensors.known():  # its code is not loaded, so its kinds are not known
+        kinds = readings = answers = KIND_LIMIT
+    if not tables["floors"]["tiles"].str.contains(f"^[{DIGITS[:kinds]}]+$").all():
+        raise InputError(
+            f"column 'tiles' holds other kinds than {', '.join(DIGITS[:kinds])}",
+            field=_file(folder, "floors"),
+        )
+    columns = (
+        ("observations", "observation", readings),
+        ("runs", "truth", answers),
+        ("robots", "decision", answers),
+    )
+    for name, column, count in columns:
+        if (tables[name][column] >= count).any():
+            raise InputError(
+                f"column '{column}' holds more than {count - 1}, the last that this scenario has",
+                field=_file(folder, name),
+            )
 
 
 def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
@@ -264,7 +290,7 @@ def _check_outcomes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, fold
     have one of the two, since its state may have a field of only one of these names.
     """
     robots, runs = tables["robots"], tables["runs"]
-    decided = robots["decision"].is_in([0, 1]).fill_null(False)
+    decided = (robots["decision"] >= 0).fill_null(False)
     if (decided != robots["decision_time_s"].is_not_null()).any():
         raise InputError(
             "column 'decision_time_s' must be given for robots that decided, and for no others",

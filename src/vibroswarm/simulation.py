@@ -219,11 +219,11 @@ def check_scenario(scenario: object) -> None:
             field="scenario",
         )
     for part in scenario.choices:
-        if part.code is not None and part.name not in type(part).known():
+        if part.code is not None and part.selected not in type(part).known():
             raise InputError(
                 f"'{part.code.partition(plugins.HASH)[0]}' is not loaded; name its file with --{part.kind}, or add "
                 "--trust to run the one that is named",
-                field=f"{part.kind}.name",
+                field=plugins.field_of(part.kind),
             )
 
 

@@ -170,8 +170,8 @@ def test_error_rates_are_means_over_tiles_and_robots() -> None:
     nodes = (np.arange(200_000) + 0.5) / 200_000
     factors = np.exp(0.25 * stats.norm.ppf(nodes) - 0.03125)
     positive, negative = error_rates(sensor)
-    assert positive == pytest.approx(1 - shares_below(sensor, False, factors).mean(), abs=1e-5)
-    assert negative == pytest.approx(shares_below(sensor, True, factors).mean(), abs=1e-5)
+    assert positive == pytest.approx(1 - shares_below(sensor, factors)[:, 0].mean(), abs=1e-5)
+    assert negative == pytest.approx(shares_below(sensor, factors)[:, 1].mean(), abs=1e-5)
     assert positive > error_rates(Sensor())[0] + 0.005
 
 

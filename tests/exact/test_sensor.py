@@ -10,7 +10,7 @@ from scipy import stats
 
 from vibroswarm.floors.floor import Floor
 from vibroswarm.motion.source import MOTION
-from vibroswarm.observation.energy_model import energy_of, error_rates, share_below
+from vibroswarm.observation.energy_model import energies_of, error_rates, shares_below
 from vibroswarm.observation.observe import OBSERVATIONS, observe
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -62,14 +62,14 @@ def test_share_below_is_that_of_the_gamma_distribution(threshold: float, vibrati
     sensor = Sensor(rms_threshold=threshold)
     shape, loc, scale = (5.33497, -0.2001, 0.5132) if vibrating else (2.52194, 0.13731, 0.28754)
     expected = float(stats.gamma.cdf(threshold, shape, loc, scale))
-    assert share_below(sensor, vibrating) == pytest.approx(expected, rel=1e-12, abs=1e-15)
+    assert shares_below(sensor)[0, int(vibrating), 0] == pytest.approx(expected, rel=1e-12, abs=1e-15)
 
 
 @pytest.mark.parametrize("vibrating", [False, True])
 def test_energies_are_gamma_quantiles(vibrating: bool) -> None:
     u = np.r_[1e-6, np.linspace(0.001, 0.999, 999), 1 - 1e-9]
     shape, loc, scale = (5.33497, -0.2001, 0.5132) if vibrating else (2.52194, 0.13731, 0.28754)
-    energy = energy_of(Sensor(), vibrating, u)
+    energy = energies_of(Sensor(), np.full(u.size, vibrating, dtype=np.uint8), u)
     assert energy.dtype == np.float32
     np.testing.assert_allclose(energy, stats.gamma.ppf(u, shape, loc, scale), rtol=2e-7, atol=2e-8)
 
@@ -175,7 +175,7 @@ def test_where_there_is_no_tile_it_reads_as_still() -> None:
     table = observed(Sensor(), small)
     off = table.filter(pl.col("tile") == -1)
     assert 9000 < off.height < 11_000
-    still = share_below(Sensor(), False)
+    still = shares_below(Sensor())[0, 0, 0]
     assert stats.binomtest(int(off["observation"].sum()), off.height, 1 - still).pvalue > 1e-3
     assert energy_p(off["energy"].to_numpy(), 2.52194, 0.13731, 0.28754) > 1e-3
 

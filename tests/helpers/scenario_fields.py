@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args, get_origin
 
+from vibroswarm.scenario.plugins import field_of
 from vibroswarm.scenario.scenario import Scenario, field_names, kind_of, value_of
 
 DEFAULT = Scenario()
@@ -29,6 +30,9 @@ OTHERS = {
     "floor.image_threshold": 0.4,
     "floor.tile_width_m": 0.1,
     "floor.tile_height_m": 0.1,
+    "sensor.model": "energies",
+    "sensor.confusion.kinds": 2,
+    "sensor.confusion.rates": ((0.9, 0.1), (0.3, 0.7)),
     "sensor.vibrating_energies": (1.0, 2.0),
     "sensor.still_energies": (0.5,),
     "robot.speed_wander": 0.06,
@@ -89,6 +93,6 @@ def changed(name: str) -> Scenario:
     needed = {"sensor.model": MODEL, "robot.speed_factors": {"robot.speed_redraw": "robot"}}
     part = name.split(".")
     if len(part) == 3:  # a parameter matters where its table is the chosen one
-        needed[name] = {f"{part[0]}.name": part[1]}
+        needed[name] = {field_of(part[0]): part[1]}
     base = Scenario().with_values(needed.get(name, {}))
     return base.with_values({name: another(name)})

@@ -247,7 +247,9 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
     }  # fmt: skip
     optional |= {name for name in field_names() if name.startswith("faults.")}
     of_others = {
-        name for name in field_names() if name.startswith(("strategy.", "network.")) and name.count(".") == 2
+        name
+        for name in field_names()
+        if name.startswith(("strategy.", "network.", "sensor.")) and name.count(".") == 2
     }
     assert named == set(field_names()) - optional - (of_others - {"strategy.soft.eta", "strategy.soft.kappa"})
 

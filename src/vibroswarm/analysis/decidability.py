@@ -33,7 +33,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -47,7 +47,12 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.outcomes import truth_on
-from vibroswarm.observation.decision_boundary import readings_boundary, sensed_shares_on, tiled_share
+from vibroswarm.observation.decision_boundary import (
+    expected_classes_on,
+    readings_boundary,
+    sensed_shares_on,
+    tiled_share,
+)
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
@@ -135,6 +140,8 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     fill, tiled = floor.fill_ratio_within(*size), tiled_share(floor.geometry, size)
     boundary, tested = scenario.decision.decision_boundary, readings_boundary(scenario)
     truth = truth_on(scenario, floor, fill)
+    if max(sensor.kinds, sensor.readings) > 2:
+        return _of_kinds(scenario, floor, truth, fill)
     sensed = sensed_shares_on(sensor, floor, size)
     # s: area sensed as vibrating (on and off vibrating tiles) minus area that vibrates, as a share of the tiles' area.
     # The three areas are shares of the arena's area.
@@ -165,6 +172,40 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         mending_low=low,
         mending_high=high,
     )
+
+
+def _of_kinds(scenario: Scenario, floor: Floor, truth: int | None, fill: float) -> Decidability:
+    """Return whether the most common kind of tile can be decided: whether it is read most often on this floor.
+
+    Args:
+        truth: the right decision, None if there is none. fill: share of kind 1.
+    """
+    sensor, arena, boundary = scenario.sensor, scenario.arena, scenario.decision.decision_boundary
+    shares = expected_classes_on(sensor, floor, (arena.width_m, arena.height_m))
+    asked = partial(
+        Decidability,
+        boundary=boundary,
+        tested=boundary,
+        truth=truth,
+        share=float(shares[1]),
+        fill_ratio=fill,
+    )
+    if scenario.task.name != "majority" or sensor.kinds != sensor.readings:
+        says = f"Whether the task '{scenario.task.name}' is decidable cannot be computed from shares of readings."
+        return asked(verdict="not assessed", says=says, margin=None)
+    if truth is None:
+        says = "Several kinds of tile are equally common: no decision is right."
+        return asked(verdict="on the boundary", says=says, margin=None)
+    read = int(shares.argmax())
+    margin = float(shares[truth] - np.delete(shares, truth).max())
+    most = f"{shares[read]:.1%} of the samples read as kind {read}, more than as any other"
+    if abs(margin) < ON:
+        says = f"Kind {truth} is read as often as another: however many samples are taken, it is decided by chance."
+        return asked(verdict="on the boundary", says=says, margin=margin)
+    if margin > 0.0:
+        return asked(verdict="decidable", says=f"{most}: it can be decided.", margin=margin)
+    says = f"{most}, but kind {truth} is the most common: more samples make the wrong answer surer."
+    return asked(verdict="wrong side", says=says, margin=margin)
 
 
 def decidability_of_share(

@@ -26,8 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, gammaln, logsumexp
 
 from vibroswarm.errors import InputError
-from vibroswarm.observation.edge_response import factors_differ
-from vibroswarm.observation.energy_model import error_rates, gamma_of
+from vibroswarm.observation.energy_model import error_rates, factors_differ, log_likelihood
 from vibroswarm.result import Result
 from vibroswarm.scenario.fields import Sensor
 
@@ -50,7 +49,7 @@ def log_ratios(result: Result, energies: bool = False) -> Values:
     Args:
         energies: the reading is the sample's energy; by default it is the bit.
     Raises:
-        InputError: readings depend on more than the tile below, or energies are missing or have no density.
+        InputError: readings depend on more than the tile below, or energies are missing or have no likelihood.
     """
     sensor = result.scenario.sensor
     if sensor.edge_reach_m is not None or sensor.edge_blur_m is not None or factors_differ(sensor):
@@ -73,23 +72,14 @@ def _log_density_ratio(energy: pl.Series, sensor: Sensor) -> Values:
     """Compute ln [density on vibrating tiles / density on still tiles] of each sample's energy, shape (samples,).
 
     Raises:
-        InputError: a sensor model without densities, or missing energies.
+        InputError: a sensor that states no likelihood, or missing energies.
     """
-    from scipy import stats
-
-    if sensor.model != "gamma":
-        raise InputError(
-            "energies drawn from measured ones have no density; leave energies out", field="energies"
-        )
     if energy.null_count():
         raise InputError(
             "this result holds no energies; simulate with energies, or leave them out", field="energies"
         )
     read = energy.cast(pl.Float64).to_numpy()
-    if_vibrating, if_still = (
-        stats.gamma.logpdf(read, shape, loc=location, scale=scale)
-        for shape, scale, location in (gamma_of(sensor, vibrating) for vibrating in (True, False))
-    )
+    if_vibrating, if_still = (log_likelihood(sensor, kind, read) for kind in (1, 0))
     # exp(-700) in place of a density of 0 keeps the ratio finite.
     return np.asarray(np.clip(if_vibrating, -700, None) - np.clip(if_still, -700, None))
 

@@ -83,8 +83,8 @@ class Verdict(NotebookView):
     """The right decision; None if neither decision is right."""
     fill_ratio: float
     decision_boundary: float
-    answers: tuple[str, str]
-    """The meaning of decisions 0 and 1 in words."""
+    answers: tuple[str, ...]
+    """The meaning of decisions 0, 1 and so on in words."""
     of_shares: bool
     """Whether the question is about the share of vibrating tiles."""
     right: int
@@ -163,7 +163,7 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         readings_boundary=readings_boundary(result.scenario),
         share_of_ones_expected=expected_ones_on(result.scenario.sensor, result.floor(run), size),
         presumed=presumed(result.scenario),
-        share_of_ones_read=float(bits.cast(pl.Float64).mean()) if bits.len() else None,  # type: ignore[arg-type]
+        share_of_ones_read=float((bits == 1).mean()) if bits.len() else None,  # type: ignore[arg-type]
         agreements=tuple(agreements_over_time(result, run)),
         robots=robots,
     )
@@ -178,12 +178,12 @@ def presumed(scenario: Scenario) -> str:
     return "Robots treat errors of their places as independent; those of neighbouring samples are not."
 
 
-def answers_of(scenario: Scenario) -> tuple[str, str]:
-    """Return the meaning of decisions 0 and 1 in words; "no" and "yes" for a task whose code is not loaded."""
+def answers_of(scenario: Scenario) -> tuple[str, ...]:
+    """Return the meaning of decisions 0, 1 and so on in words; "no" and "yes" if the task's code is not loaded."""
     known = tasks.known().get(scenario.task.name)
     boundary = f"{100 * scenario.decision.decision_boundary:.4g} %"
-    no, yes = known.answers if known is not None else ("no", "yes")
-    return no.replace("{boundary}", boundary), yes.replace("{boundary}", boundary)
+    answers = ("no", "yes") if known is None else known.answers_of(scenario.sensor.kinds)
+    return tuple(answer.replace("{boundary}", boundary) for answer in answers)
 
 
 def _robot(row: dict[str, Any]) -> RobotVerdict:
@@ -225,11 +225,11 @@ def percent(share: float) -> str:
     return f"{100 * share:.4g} %"
 
 
-def decision_words(decision: int | None, answers: tuple[str, str]) -> str:
+def decision_words(decision: int | None, answers: tuple[str, ...]) -> str:
     """Return the meaning of a decision in words; "undecided" for -1, "not logged" for None.
 
     Args:
-        answers: meaning of decisions 0 and 1, from ``answers_of``.
+        answers: meaning of decisions 0, 1 and so on, from ``answers_of``.
     """
     if decision is None:
         return "not logged"
@@ -263,7 +263,7 @@ def headline(found: Verdict) -> str:
 
 def _sides(found: Verdict) -> str:
     """Return how many robots decided what, where no answer is right, such as "3 'less than ...', 1 'more than ...'"."""
-    counts = [sum(robot.decision == answer for robot in found.robots) for answer in (0, 1)]
+    counts = [sum(robot.decision == answer for robot in found.robots) for answer in range(len(found.answers))]
     sides = zip(counts, found.answers, strict=True)
     return ", ".join(f"{count} '{answer}'" for count, answer in sides if count) or "none decided"
 

@@ -27,7 +27,7 @@ from vibroswarm.calibrate.fit import Fit, fit
 from vibroswarm.calibrate.similarity import at_equal_counts, compare_distance
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
@@ -133,7 +133,7 @@ def on_floor(base: Scenario, floor: Floor) -> Scenario:
     return base.with_values(
         {
             "floor.source": floor.name or "recorded",
-            "floor.tiles": ["".join(str(tile) for tile in row) for row in floor.tiles.tolist()],
+            "floor.tiles": list(rows_of(floor.tiles)),
             "floor.tile_width_m": None if fills else width,
             "floor.tile_height_m": None if fills else height,
             "floor.left_m": left,

@@ -11,6 +11,7 @@ KINDS: Final = {
     "strategy": "strategy",
     "network": "network",
     "task": "task",
+    "sensor": "sensor",
     "motion": "motion source",
     "method": "method of search",
 }
@@ -22,12 +23,12 @@ def check(
     /,
     *,
     kind: Annotated[
-        Literal["strategy", "network", "task", "motion", "method"] | None,
-        Option("strategy, network, task, motion or method, if several have that name", "KIND"),
+        Literal["strategy", "network", "task", "sensor", "motion", "method"] | None,
+        Option("strategy, network, task, sensor, motion or method, if several have that name", "KIND"),
     ] = None,
     json: Json = False,
 ) -> int:
-    """Check a strategy, network, task, motion source or method of search.
+    """Check a strategy, network, task, sensor, motion source or method of search.
 
     Does it compile, repeat, give the same results in pieces and in plain Python, and return what it should? Its kind is
     detected. The exit code is 1 if a check fails; one that only warns does not count as failed.
@@ -39,13 +40,21 @@ def check(
     """
     from vibroswarm.cli.deliver import print_document
     from vibroswarm.documents.check import check_document
-    from vibroswarm.testing import check_method, check_motion, check_network, check_strategy, check_task
+    from vibroswarm.testing import (
+        check_method,
+        check_motion,
+        check_network,
+        check_sensor,
+        check_strategy,
+        check_task,
+    )
 
     kind_found, known_name = _kind_and_name(kind, name)
     checks = {
         "strategy": check_strategy,
         "network": check_network,
         "task": check_task,
+        "sensor": check_sensor,
         "motion": check_motion,
         "method": check_method,
     }

@@ -148,7 +148,8 @@ def study_of(
     several: dict[str, tuple[str, Sequence[Any]]] = {}
     if len(strategies) > 1:
         several["strategy.name"] = "--strategy", [chosen("strategy", name) for name in strategies]
-        scenario = replace(scenario, strategy=None)
+        # The base has the first: the paper's strategy may not go together with the other options.
+        scenario = replace(scenario, strategy=strategies[:1])
     if len(robots) > 1:
         several["swarm.robots"] = "--robots", list(robots)
         scenario = replace(scenario, robots=None)
@@ -228,7 +229,7 @@ def _varied(options: Sequence[str]) -> dict[str, list[Any]]:
             raise InputError("is varied twice", field=f"--vary {name}")
         # `parse_setting` returns the name and the value, converted to its type
         vary[name] = [parse_setting(f"{name}={value}")[1] for value in values.split(",")]
-        kind = name.removesuffix(".name")  # such as strategy, of strategy.name
-        if kind in plugins.KINDS:
+        kind = name.partition(".")[0]
+        if kind in plugins.KINDS and name == plugins.field_of(kind):
             vary[name] = [chosen(kind, item) if plugins.is_code(item) else item for item in vary[name]]
     return vary

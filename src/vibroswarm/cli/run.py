@@ -34,6 +34,7 @@ def run(
     from vibroswarm.documents.run import result_document
     from vibroswarm.documents.run_folder import write_run_folder
     from vibroswarm.documents.saved import refuse_other_run
+    from vibroswarm.run_page.write import why_no_page
 
     made, out = scenario_from(scenario), output.out
     if pictures and out is None:
@@ -48,10 +49,10 @@ def run(
     print_result(result_document(result), output)
     if not output.json:
         print_line()
-    has_page = result.segments is not None  # None: not recorded, or a user's motion source does not have them
-    print_saved(output, "run.html" if has_page else None)
-    if out is not None and not has_page and not output.json:
-        print_paragraph(f"No page: '{scenario.motion}' has no positions between samples")
+    why_not = why_no_page(result)
+    print_saved(output, "run.html" if why_not is None else None)
+    if out is not None and why_not is not None and not output.json:
+        print_paragraph(f"No page: {why_not}")
 
 
 def _simulate(scenario: Scenario, seed: int, motion: str, segments: bool) -> Result:

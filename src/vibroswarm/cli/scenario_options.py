@@ -103,8 +103,9 @@ def values_from(options: ScenarioBase, base: Scenario) -> dict[str, Any]:
             "sensor.still_energies": still,
         }
     for kind in plugins.KINDS:  # user code may also be named by --set, as in strategy.name=FILE.py:NAME
-        if plugins.is_code(settings.get(f"{kind}.name")):
-            settings[f"{kind}.name"] = chosen(kind, settings[f"{kind}.name"])
+        field = plugins.field_of(kind)
+        if plugins.is_code(settings.get(field)):
+            settings[field] = chosen(kind, settings[field])
     values |= settings  # --set overrides other options
     # Without --tiles, each pixel of a picture became a tile.
     if options.floor is not None and options.tiles is None and is_picture(options.floor):

@@ -37,6 +37,9 @@ _COUNT: Final = (0.0, float(2**32 - 1))
 _SHARE: Final = (0.0, 1.0)
 _TIME: Final = (0.0, LONG_S)
 _PLACE: Final = (-FAR_M, FAR_M)
+_LAST_KIND: Final = 15.0
+"""Largest number of a kind of tile, of a class of readings and of a decision; ``result_validation`` checks them against
+the scenario, which mostly has two."""
 ALLOWED: Final[dict[str, tuple[float, float]]] = {
     **dict.fromkeys(
         ("run", "robot", "cell", "sample", "line", "samples", "sent", "messages_received"), _COUNT
@@ -44,8 +47,9 @@ ALLOWED: Final[dict[str, tuple[float, float]]] = {
     **dict.fromkeys(("lost_before", "right", "wrong", "undecided"), _COUNT),
     **dict.fromkeys(("alpha", "beta"), (1.0, float(2**32 - 1))),
     **dict.fromkeys(("belief_below", "belief_at_decision", "belief_in_truth", "fill_ratio"), _SHARE),
-    **dict.fromkeys(("message", "observation", "truth"), _SHARE),
-    "decision": (-1.0, 1.0),
+    "message": _SHARE,
+    **dict.fromkeys(("observation", "truth"), (0.0, _LAST_KIND)),
+    "decision": (-1.0, _LAST_KIND),
     "tile": (-1.0, 2.0**31 - 1),
     "energy": (-1e9, 1e12),
     **dict.fromkeys(("time_s", "stop_start_s", "start_s", "end_s", "consensus_time_s"), _TIME),

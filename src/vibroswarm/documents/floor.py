@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.errors import shown
 from vibroswarm.floors.difficulty import Difficulty, Entry, measure
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.show.document import Column, Document, Figure, Table, Text
 from vibroswarm.show.numbers import count, number
 
@@ -102,7 +102,7 @@ def design_document(
     made = _rows({"made": design.difficulty}).with_columns(
         reached=pl.lit(design.reached), words=pl.lit(design.words)
     )
-    rows = ["".join(map(str, row)) for row in design.tiles.tolist()]
+    rows = rows_of(design.tiles)
     return Document(
         title="Floor made to order",
         answer=(design.words,),

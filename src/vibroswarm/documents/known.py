@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Final, get_args
+from typing import Final
 
 import polars as pl
 
 import vibroswarm.simulation  # noqa: F401  (registers the engines)
 from vibroswarm.scenario import plugins
-from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.presets import describe, preset_names
 from vibroswarm.show.document import Document, Table
 from vibroswarm.show.numbers import count
@@ -31,10 +30,6 @@ USES: Final = {
     "preset": "--preset NAME",
 }
 """How a command selects one of a kind."""
-SENSORS: Final = {
-    "gamma": "energies of still and of vibrating tiles have gamma distributions",
-    "energies": "energies are drawn from measured ones (--energies FILE)",
-}
 
 
 def known_document(kind: str) -> Document:
@@ -56,8 +51,5 @@ def about_of(kind: str) -> dict[str, str]:
     """Return a line about each object of a kind, by name, those of installed packages included."""
     if kind == "preset":
         return {name: describe(name) for name in preset_names()}
-    if kind == "sensor":
-        models = get_args(Sensor.model_fields["model"].annotation)
-        return {name: SENSORS.get(name, "") for name in models}
     plugins.load_installed()
     return {name: one.about for name, one in plugins.KINDS[kind].known().items()}

@@ -12,7 +12,7 @@ from vibroswarm.core.notebook_view import public_values, short_text, short_value
 from vibroswarm.documents import document_of
 from vibroswarm.documents.run import run_document
 from vibroswarm.result import Result
-from vibroswarm.run_page.write import page_html, record_of
+from vibroswarm.run_page.write import page_html, record_of, why_no_page
 from vibroswarm.show.document import Document, Part, Table
 from vibroswarm.show.markup import escape
 from vibroswarm.show.page import fragment_html
@@ -40,8 +40,9 @@ def _first_run(result: Result) -> str:
     """Return the player of the first run of a result, and of several runs the first one's document before it."""
     run = int(result.runs["run"][0])
     before = fragment_html(run_document(result, run)) if result.runs.height > 1 else ""
-    if result.segments is None:
-        return before + "<p>No player: simulate with segments=True to keep the paths.</p>"
+    why_not = why_no_page(result)
+    if why_not is not None:
+        return before + f"<p>No player: {escape(why_not)}.</p>"
     return before + _frame(page_html(record_of(result, run)), f"Replay of run {run}", PLAYER_PX)
 
 

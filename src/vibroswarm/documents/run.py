@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.decidability import decidability
@@ -21,6 +22,7 @@ from vibroswarm.analysis.verdict import (
     verdict,
 )
 from vibroswarm.documents.knowledge import told
+from vibroswarm.observation.decision_boundary import expected_classes_on
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.run import run_figure
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
@@ -51,7 +53,7 @@ def run_document(result: Result, run: int) -> Document:
     found, scenario = verdict(result, run), result.scenario
     decidable = decidability(scenario, floor=result.floor(run))
     opinions = holds_opinions(scenario)
-    parts: list[Part] = [Text(_what_ran(result, found, run)), *map(Text, _readings(found))]
+    parts: list[Part] = [Text(_what_ran(result, found, run)), *map(Text, _readings(result, run, found))]
     parts += map(Text, fault_sentences(result, run))
     parts += [Text(OPINION_NOTE)] if opinions else []
     parts += robot_tables(found, "opinion" if opinions else "share of ones")
@@ -132,11 +134,11 @@ def _outcome(found: Verdict) -> tuple[str, ...]:
 
 def _what_ran(result: Result, found: Verdict, run: int) -> str:
     floor = result.floor(run)
-    ones, tiles = int(floor.tiles.sum()), floor.tiles.size
-    return (
-        f"{_swarm(result)}, on '{floor.name}' ({ones} of {tiles} tiles vibrate, fill ratio {found.fill_ratio:.4g}), "
-        f"{_origin(result)}."
-    )
+    counts = np.bincount(floor.tiles.ravel(), minlength=result.scenario.sensor.kinds).tolist()
+    tiles = f"{counts[1]} of {floor.tiles.size} tiles vibrate, fill ratio {found.fill_ratio:.4g}"
+    if len(counts) > 2:
+        tiles = f"{', '.join(f'{n} tiles of kind {kind}' for kind, n in enumerate(counts))}"
+    return f"{_swarm(result)}, on '{floor.name}' ({tiles}), {_origin(result)}."
 
 
 def _swarm(result: Result) -> str:
@@ -158,8 +160,20 @@ def _made_by(result: Result) -> dict[str, str]:
     }
 
 
-def _readings(found: Verdict) -> list[str]:
-    """Return sentences on the share of ones that robots read, and with what they compare it."""
+def _readings(result: Result, run: int, found: Verdict) -> list[str]:
+    """Return sentences on the shares of the classes that robots read, and with what they compare them."""
+    sensor, arena = result.scenario.sensor, result.scenario.arena
+    if max(sensor.kinds, sensor.readings) > 2:
+        read = result.observations.filter(pl.col("run") == run)["observation"].to_numpy()
+        counts = np.bincount(read, minlength=sensor.readings)
+        expected = expected_classes_on(sensor, result.floor(run), (arena.width_m, arena.height_m))
+        shares = [
+            f"{kind}: {percent(round(n / max(read.size, 1), 4))} ({percent(round(share, 4))})"
+            for kind, (n, share) in enumerate(zip(counts.tolist(), expected.tolist(), strict=True))
+        ]
+        return [
+            f"Samples read as kind {', '.join(shares)}; in brackets what this floor and sensor let expect."
+        ]
     sentences = []
     # Shares are rounded to 4 decimals, so that percentages have at most two.
     if found.share_of_ones_read is not None:

@@ -7,20 +7,20 @@ from pathlib import Path
 from vibroswarm.analysis.floor_maps import WITH_MAP, floor_maps
 from vibroswarm.core.atomic_io import whole_folder
 from vibroswarm.result import Result
-from vibroswarm.run_page.write import write_run_page
+from vibroswarm.run_page.write import why_no_page, write_run_page
 from vibroswarm.study.summary import write_table
 
 
 def write_run_folder(result: Result, out: Path, *, pictures: bool) -> None:
     """Write a result with its page and maps, and with ``pictures`` their pictures, into the folder ``out``.
 
-    The folder is written completely or not at all; an older result in it is replaced. The page is written only if the
-    result has the positions between samples, and maps only if the robots' strategy keeps a map of the floor.
+    The folder is written completely or not at all; an older result in it is replaced. The page is written only if it
+    can show the result (``why_no_page``), and maps only if the robots' strategy keeps a map of the floor.
     """
 
     with whole_folder(out, replace=True) as part:
         result.write_into(part)
-        if result.segments is not None:
+        if why_no_page(result) is None:
             write_run_page(result, part / "run.html")
         maps = floor_maps(result) if result.scenario.strategy.name in WITH_MAP else None
         if maps is not None:

@@ -62,7 +62,7 @@ def moran_index(tiles: ArrayLike) -> float:
     Raises:
         InputError: ``tiles`` is not a rectangle of 0 and 1.
     """
-    grid = as_tiles(tiles)
+    grid = as_tiles(tiles, 2)
     rows, columns = grid.shape
     ones = int(grid.sum())
     if ones in (0, grid.size):
@@ -85,7 +85,7 @@ def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
     """
     from scipy import ndimage  # here, so that importing this module does not load SciPy
 
-    labels, _ = ndimage.label(as_tiles(tiles))  # scipy's default structure joins through sides only
+    labels, _ = ndimage.label(as_tiles(tiles, 2))  # scipy's default structure joins through sides only
     # Label 0, that of still tiles, is left out.
     sizes = np.bincount(np.asarray(labels).ravel())[1:].astype(np.int64)
     return np.sort(sizes)[::-1]
@@ -114,7 +114,7 @@ def measure(tiles: ArrayLike) -> Difficulty:
     Raises:
         InputError: ``tiles`` is not a rectangle of 0 and 1.
     """
-    grid = as_tiles(tiles)
+    grid = as_tiles(tiles, 2)
     sizes = cluster_sizes(grid)
     ones = int(grid.sum())
     return Difficulty(

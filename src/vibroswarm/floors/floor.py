@@ -1,8 +1,8 @@
-"""A floor: a rectangle of tiles, each vibrating or still, somewhere in an arena.
+"""A floor: a rectangle of tiles, each of a kind such as vibrating or still, somewhere in an arena.
 
 | name | symbol | unit | shape |
 |---|---|---|---|
-| tiles | E (Eq. 1) | 1 vibrating, 0 still | (rows, columns), top row first |
+| tiles | E (Eq. 1) | kind: 0 still, 1 vibrating, others as the sensor tells | (rows, columns), top row first |
 | fill ratio | f (Eq. 3) | - | scalar |
 | tile index | - | row * columns + column | -1: on no tile |
 
@@ -26,6 +26,10 @@ from vibroswarm.errors import InputError, shown
 
 TILE_LIMIT: Final = 4_000_000
 """Maximum number of tiles of a floor."""
+DIGITS: Final = "0123456789abcdef"
+"""Characters of the kinds of tile in text without separators."""
+KIND_LIMIT: Final = len(DIGITS)
+"""Maximum number of kinds of tile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +37,13 @@ class Floor(NotebookView):
     """Tiles and their position.
 
     Args:
-        tiles: (rows, columns) of 0 and 1, top row first.
+        tiles: (rows, columns) of kinds, 0 (still), 1 (vibrating) up to 15, top row first.
         tile_width_m, tile_height_m: size of one tile, m.
         left_m, bottom_m: the floor's lower left corner in the arena, m.
         name: name of the floor in titles and results; equality ignores it.
 
     Raises:
-        InputError: there are no tiles, tiles other than 0 and 1, a size that is not finite and positive, or a position
+        InputError: there are no tiles, tiles that are no kinds, a size that is not finite and positive, or a position
             that is not finite.
     """
 
@@ -96,36 +100,41 @@ class Floor(NotebookView):
 
     @property
     def fill_ratio(self) -> float:
-        """Share of tiles that vibrate, f (Eq. 3)."""
-        return np.count_nonzero(self.tiles) / self.tiles.size  # Eq. 3
+        """Share of tiles that vibrate, f (Eq. 3): those of kind 1."""
+        return float(np.count_nonzero(self.tiles == 1) / self.tiles.size)  # Eq. 3
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
-        """Return the fill ratio of the part of the floor that lies inside an arena of ``width_m`` by ``height_m``.
+        """Return the fill ratio of the part of the floor that lies inside an arena: ``share_within`` of kind 1."""
+        return self.share_within(1, width_m, height_m)
 
-        It is the share of the tiled area inside the arena that vibrates; a tile that is cut by an edge of the arena
-        counts with the area that is inside. If all tiles are inside, it equals ``fill_ratio``.
+    def share_within(self, kind: int, width_m: float, height_m: float) -> float:
+        """Return the share of a kind of tile in the part of the floor inside an arena of ``width_m`` by ``height_m``.
+
+        It is a share of the tiled area inside the arena; a tile that is cut by an edge of the arena counts with the
+        area that is inside.
 
         Raises:
             InputError: a size is not a finite number above 0, or all tiles lie outside the arena.
         """
         width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
         sides = sides_inside(self.geometry, width_m, height_m)
+        of_kind = self.tiles == kind
         if sides is None:
-            return self.fill_ratio
+            return float(np.count_nonzero(of_kind) / of_kind.size)
         across, up = sides  # the width of each column and the height of each row inside the arena, m
         tiled_m2 = up.sum() * across.sum()  # tiled area inside the arena
         if not tiled_m2:
             raise InputError(f"lies outside the arena of {width_m:g} m x {height_m:g} m", field="floor")
-        return float(up @ self.tiles @ across / tiled_m2)
+        return float(up @ of_kind @ across / tiled_m2)
 
     @classmethod
     def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:
         """Return a floor whose tiles fill the rectangle from the origin to (``width_m``, ``height_m``).
 
         Args:
-            tiles: (rows, columns) of 0 and 1, top row first. name: name of the floor.
+            tiles: (rows, columns) of kinds, top row first. name: name of the floor.
         Raises:
-            InputError: ``tiles`` is not a rectangle of 0 and 1, or a size is not a finite number above 0.
+            InputError: ``tiles`` is not a rectangle of kinds, or a size is not a finite number above 0.
         """
         grid = as_tiles(tiles)
         width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
@@ -213,29 +222,41 @@ def check_size(rows: int, columns: int, field: str = "tiles") -> None:
         raise InputError(f"{rows} x {columns} tiles are too many; at most {TILE_LIMIT}", field=field)
 
 
-def as_tiles(values: ArrayLike) -> NDArray[np.uint8]:
-    """Return a contiguous copy of ``values`` as uint8 of shape (rows, columns) of 0 and 1.
+def rows_of(tiles: NDArray[np.uint8]) -> tuple[str, ...]:
+    """Return tiles as a scenario holds them: one string a row, top row first, one hexadecimal digit a tile."""
+    return tuple("".join(DIGITS[kind] for kind in row) for row in tiles.tolist())
 
+
+def words_of_kinds(kinds: int = KIND_LIMIT) -> str:
+    """Return what a tile may be, for messages."""
+    more = f", or another kind up to {kinds - 1}" if kinds > 2 else ""
+    return f"a tile is 0 (still) or 1 (vibrating){more}"
+
+
+def as_tiles(values: ArrayLike, kinds: int = KIND_LIMIT) -> NDArray[np.uint8]:
+    """Return a contiguous copy of ``values`` as uint8 of shape (rows, columns) of kinds of tile.
+
+    Args:
+        kinds: number of kinds that are allowed; 2 where tiles are still or vibrating.
     Raises:
-        InputError: ``values`` is not a rectangle, is empty, or has values other than 0 and 1.
+        InputError: ``values`` is not a rectangle, is empty, or has values other than 0 to ``kinds`` - 1.
     """
     # For speed: an array of the right type and values is only copied.
     if isinstance(values, np.ndarray) and values.dtype == np.uint8 and values.ndim == 2 and values.size:
         copied = np.array(values, order="C")
-        if copied.max() <= 1:
+        if copied.max() < kinds:
             return copied
     try:
         grid = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InputError("a floor is a rectangle of 0 and 1", field="floor") from None
+        raise InputError("a floor is a rectangle of numbers, the kinds of its tiles", field="floor") from None
     if grid.ndim != 2 or grid.size == 0:
         raise InputError(f"a floor is a rectangle of tiles, not of shape {grid.shape}", field="floor")
-    wrong = ~((grid == 0) | (grid == 1))
+    wrong = ~((grid >= 0) & (grid < kinds) & (grid == np.floor(grid)))
     if wrong.any():
         row, column = (int(i[0]) for i in np.nonzero(wrong))
         raise InputError(
-            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; "
-            "a tile is 0 (still) or 1 (vibrating)",
+            f"row {row + 1}, column {column + 1} holds {grid[row, column]:g}; {words_of_kinds(kinds)}",
             field="floor",
         )
     return np.ascontiguousarray(grid, dtype=np.uint8)

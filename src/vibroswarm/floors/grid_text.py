@@ -1,6 +1,7 @@
-"""Floors as text: rows of 0 and 1, with or without separators, and the lab's lists of coordinates.
+"""Floors as text: rows of kinds such as 0 and 1, with or without separators, and the lab's lists of coordinates.
 
-A grid has one row of tiles per line, top row first: ``01010``, ``0 1 0 1 0``, ``0,1,0,1,0`` (also with ';' or tab). A
+A grid has one row of tiles per line, top row first: ``01010``, ``0 1 0 1 0``, ``0,1,0,1,0`` (also with ';' or tab).
+Kinds above 9 need separators. A
 list of coordinates has one vibrating tile per line, ``column,row``, counted from 0 at the top left; a line ``# -1``
 ends the list. A list of that line alone is a floor on which no tile vibrates. A list does not state the size of the
 floor, so it must be given. Empty lines, and other lines that begin with '#', are skipped.
@@ -16,15 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import TILE_LIMIT
+from vibroswarm.floors.floor import KIND_LIMIT, TILE_LIMIT, words_of_kinds
 
 Size = tuple[int, int]
 """Rows and columns of a floor."""
 
-_STILL: Final = re.compile(r"0(\.0*(e\+00)?)?")
-"""Texts of a still tile: 0, also as a decimal; ``e+00`` is how ``numpy.savetxt`` writes it by default."""
-_VIBRATING: Final = re.compile(r"1(\.0*(e\+00)?)?")
-"""Texts of a vibrating tile: 1, also as a decimal."""
+_KIND: Final = re.compile(r"[0-9]{1,2}(\.[0-9]*(e\+0[01])?)?")
+"""Text of a kind of tile, also as a decimal; ``e+00`` is how ``numpy.savetxt`` writes it by default."""
 _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,9}")
 """Text of an integer of at most nine digits."""
 _END: Final = re.compile(r"#\s*-1")
@@ -77,8 +76,9 @@ def read_text(text: str, name: str, size: Size | None = None) -> NDArray[np.uint
     lines, ended = _lines(text, name)
     # A text that ends with "# -1" is a list of coordinates. A text without it is a list if each line is a pair of
     # cells, unless it can be a grid of two columns. With a known size, it is a grid if it has this size and holds only
-    # 0 and 1. Without a known size, it is a list (which is refused below) if all cells are integers, and not all of
-    # them 0 or 1; any other text is read as a grid, whose checks report the wrong cell.
+    # 0 and 1; a grid of two columns with other kinds has to be written without separators. Without a known size, it is
+    # a list (which is refused below) if all cells are integers, and not all of them 0 or 1; any other text is read as a
+    # grid, whose checks report the wrong cell.
     pairs = all(len(line.cells) == 2 and line.separated for line in lines)
     grid_fits = size is not None and not ended and size == (len(lines), 2) and _all_bits(lines)
     if ended or (pairs and not grid_fits and (size is not None or _coordinates(lines))):
@@ -154,18 +154,19 @@ def _check_length(number: int, cells: int, name: str) -> None:
         raise InputError(f"line {number} is too long; a floor has at most {TILE_LIMIT} tiles", field=name)
 
 
-def _bit(cell: str) -> int | None:
-    """Convert a cell to 0 or 1, also from decimals such as ``1.0`` or ``1.0e+00``; None if it is neither."""
-    if cell in {"0", "1"}:  # faster than the patterns
+def _kind(cell: str) -> int | None:
+    """Convert a cell to a kind of tile, also from decimals such as ``1.0`` or ``1.0e+00``; None if it is none."""
+    if cell in {"0", "1"}:  # faster than the pattern
         return int(cell)
-    if _STILL.fullmatch(cell):
-        return 0
-    return 1 if _VIBRATING.fullmatch(cell) else None
+    if not _KIND.fullmatch(cell):
+        return None
+    value = float(cell)
+    return int(value) if value < KIND_LIMIT and value.is_integer() else None
 
 
 def _all_bits(lines: list[_Line]) -> bool:
     """Return whether every cell is 0 or 1."""
-    return all(_bit(cell) is not None for line in lines for cell in line.cells)
+    return all(_kind(cell) in (0, 1) for line in lines for cell in line.cells)
 
 
 def _coordinates(lines: list[_Line]) -> bool:
@@ -180,7 +181,7 @@ def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.u
     There must be at least one line.
 
     Raises:
-        InputError: a cell is neither 0 nor 1, rows differ in length, the grid is not of this size, or it is too large.
+        InputError: a cell is no kind of tile, rows differ in length, the grid is not of this size, or it is too large.
     """
     columns = len(lines[0].cells)
     # ``_lines`` limits the number of cells. If later lines are shorter than the first, the array has more tiles.
@@ -190,21 +191,20 @@ def _from_grid(lines: list[_Line], name: str, size: Size | None) -> NDArray[np.u
         )
     tiles = np.zeros((len(lines), columns), dtype=np.uint8)
     for row, line in enumerate(lines):
-        bits = [bit for cell in line.cells if (bit := _bit(cell)) is not None]
-        if len(bits) != len(line.cells):
-            column = next(i for i, cell in enumerate(line.cells) if _bit(cell) is None)
+        kinds = [kind for cell in line.cells if (kind := _kind(cell)) is not None]
+        if len(kinds) != len(line.cells):
+            column = next(i for i, cell in enumerate(line.cells) if _kind(cell) is None)
             raise InputError(
-                f"line {line.number}, column {column + 1} holds '{_short(line.cells[column])}'; "
-                "a tile is 0 (still) or 1 (vibrating)",
+                f"line {line.number}, column {column + 1} holds '{_short(line.cells[column])}'; {words_of_kinds()}",
                 field=name,
             )
-        if len(bits) != columns:
+        if len(kinds) != columns:
             raise InputError(
-                f"line {line.number} has {len(bits)} tiles where line {lines[0].number} has {columns}; "
+                f"line {line.number} has {len(kinds)} tiles where line {lines[0].number} has {columns}; "
                 "all rows are of one length",
                 field=name,
             )
-        tiles[row] = bits
+        tiles[row] = kinds
     if size is not None and tiles.shape != size:
         raise InputError(
             f"holds {tiles.shape[0]} x {tiles.shape[1]} tiles, not the {size[0]} x {size[1]} of --tiles",

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, number_of, warn_once
-from vibroswarm.floors.floor import TILE_LIMIT, as_tiles
+from vibroswarm.floors.floor import TILE_LIMIT, as_tiles, rows_of
 from vibroswarm.floors.grid_text import MAX_LINES, Size, read_text
 
 if TYPE_CHECKING:
@@ -91,15 +91,17 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
 
     Args:
         path: the file. Its suffix selects the format: ``.txt`` (rows of 0 and 1), ``.csv`` or ``.png`` (one pixel per
-            tile). tiles: (rows, columns) of 0 and 1. replace: whether an existing file may be replaced.
+            tile, for two kinds). tiles: (rows, columns) of kinds. replace: whether an existing file may be replaced.
     Raises:
-        InputError: ``tiles`` is not a rectangle of 0 and 1; the suffix is not known; a .txt or .csv would have more
-            rows than ``read_tiles`` accepts; ``path`` is a folder, or exists and ``replace`` is false; or its folder
-            cannot be written.
+        InputError: ``tiles`` is not a rectangle of kinds; a picture would hold more than two kinds; the suffix is not
+            known; a .txt or .csv would have more rows than ``read_tiles`` accepts; ``path`` is a folder, or exists and
+            ``replace`` is false; or its folder cannot be written.
         RunError: the disk is full or failed.
     """
     path, grid = Path(path), as_tiles(tiles)
     kind = check_suffix(path)
+    if kind == ".png" and grid.max() > 1:
+        raise InputError("a picture holds two kinds of tile; end the name with .csv", field="--out")
     if kind != ".png" and grid.shape[0] > MAX_LINES:
         raise InputError(
             f"{grid.shape[0]:,} rows are too many for a {kind} file, which has at most {MAX_LINES:,}; end the name "
@@ -111,7 +113,8 @@ def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = F
         if kind == ".png":
             write_png(part, grid)
         else:
-            separator = "," if kind == ".csv" else ""
+            # Without separators each character is a tile, so that kinds above 9 need them.
+            separator = "," if kind == ".csv" else " " if grid.max() > 9 else ""
             rows = (separator.join(map(str, row)) for row in grid.tolist())
             part.write_text("\n".join(rows) + "\n", encoding="utf-8")
 
@@ -310,7 +313,7 @@ def draw(tiles: NDArray[np.uint8], *, blocks: bool = False, width: int = 80) -> 
     """Return a drawing of the floor in characters, one line per row, with a legend below.
 
     Args:
-        tiles: (rows, columns) of 0 and 1.
+        tiles: (rows, columns) of kinds. Those above 1 are drawn as their hexadecimal digit.
         blocks: whether to use Unicode blocks; plain ASCII otherwise.
         width: width of the terminal, characters. Each tile is two characters wide if the rows then fit, else one.
     Returns: the drawing. If the floor has more than DRAW_LIMIT rows or columns, a sentence that says so.
@@ -319,9 +322,11 @@ def draw(tiles: NDArray[np.uint8], *, blocks: bool = False, width: int = 80) -> 
     if max(rows, columns) > DRAW_LIMIT:
         return f"({rows} x {columns} tiles are too many to draw here; draw them to a file with --out)"
     tile_width = 2 if 2 * columns <= width else 1
-    still, vibrating = (mark * tile_width for mark in (_BLOCKS if blocks else _ASCII))
-    lines = ["".join(vibrating if tile else still for tile in row) for row in tiles.tolist()]
-    return "\n".join([*lines, f"{vibrating} vibrating  {still} still"])
+    marks = dict(zip("01", _BLOCKS if blocks else _ASCII, strict=True))
+    lines = ["".join(marks.get(kind, kind) * tile_width for kind in row) for row in rows_of(tiles)]
+    still, vibrating = (marks[kind] * tile_width for kind in "01")
+    more = "  2 and above: other kinds" if tiles.max() > 1 else ""
+    return "\n".join([*lines, f"{vibrating} vibrating  {still} still{more}"])
 
 
 def can_draw_blocks(stream: TextIO) -> bool:

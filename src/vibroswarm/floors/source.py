@@ -4,9 +4,10 @@
 |---|---|
 | ``diagonal:0.46`` | a pattern of the paper, 10 x 10 tiles, top row first |
 | ``random:0.48`` | a share of vibrating tiles at random places: a new floor for each run |
+| ``random:0.4,0.35,0.25`` | shares of the kinds 0, 1, 2 of tile at random places, likewise |
 | ``floors/mine.csv`` | a file, see ``io`` |
 
-Random floors have an exact number of vibrating tiles.
+Random floors have an exact number of tiles of each kind.
 
 The paper's table has five patterns at two fill ratios. Two names differ from the table:
 
@@ -18,6 +19,7 @@ The paper's table has five patterns at two fill ratios. Two names differ from th
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -26,7 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.rng import SEED_LIMIT, shuffled
 from vibroswarm.errors import InputError, nearest, shown
-from vibroswarm.floors.floor import as_tiles, check_size
+from vibroswarm.floors.floor import KIND_LIMIT, as_tiles, check_size
 from vibroswarm.floors.grid_text import Size
 from vibroswarm.floors.io import THRESHOLD, read_tiles
 
@@ -127,6 +129,8 @@ _FIELD: Final = "--floor"
 """Field of errors about the name of a floor."""
 
 
+SUM_TO_1: Final = 1e-6
+"""Largest difference from 1 of the sum of shares, which are written with few digits."""
 MOST_UNSTATED: Final = 10_000
 """Largest number of tiles of a file without the size being stated: more are rarely meant, and take long."""
 
@@ -187,7 +191,8 @@ def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> ND
             have this fill ratio.
     """
     if is_random(source):
-        return random_tiles(rows, columns, _fill_ratio(source), seed, run)
+        shares = random_shares(source)
+        return random_tiles(rows, columns, shares[1] if len(shares) == 2 else shares, seed, run)
     if family(source) is None:
         raise InputError(_unknown(source), field=_FIELD)
     return pattern(source)
@@ -213,18 +218,37 @@ def shadows(name: str, tiles: NDArray[np.uint8]) -> bool:
         return True  # the name would be read as a pattern, and refused, as the pattern does not exist at its fill ratio
 
 
-def _fill_ratio(spec: str) -> float:
-    """Parse the fill ratio from the name of a floor such as ``random:0.48``.
+def random_shares(spec: str) -> tuple[float, ...]:
+    """Parse the shares of the kinds of tile from the name of a random floor, such as ``random:0.4,0.35,0.25``.
+
+    A single share, as in ``random:0.48``, is that of vibrating tiles, kind 1; the rest is still, kind 0.
 
     Raises:
-        InputError: the name has no fill ratio, or it is not a number.
+        InputError: the name has no shares, they are not numbers, too many, or do not sum to 1.
     """
     text = spec.partition(":")[2].strip()
     try:
-        return float(text)
+        shares = tuple(float(part) for part in text.split(","))
     except ValueError:
         wrong = f"'{text}' is not a fill ratio" if text else f"'{spec}' needs a fill ratio"
-        raise InputError(f"{wrong}; give for example {RANDOM}:0.48", field=_FIELD) from None
+        raise InputError(
+            f"{wrong}; give for example {RANDOM}:0.48, or shares of kinds, {RANDOM}:0.4,0.35,0.25",
+            field=_FIELD,
+        ) from None
+    if len(shares) == 1:
+        return (1.0 - shares[0], shares[0])
+    for share in shares:
+        check_fill_ratio(share)
+    if len(shares) > KIND_LIMIT:
+        raise InputError(
+            f"'{text}' are {len(shares)} shares; there are at most {KIND_LIMIT} kinds", field=_FIELD
+        )
+    if abs(sum(shares) - 1.0) > SUM_TO_1:
+        raise InputError(
+            f"the shares of '{spec}' sum to {sum(shares):.6g}; give a share of each kind from 0 on, 1 in all",
+            field=_FIELD,
+        )
+    return shares
 
 
 def _unknown(spec: str) -> str:
@@ -256,13 +280,15 @@ RUN_LIMIT = 2**32
 """Run numbers are below this."""
 
 
-def random_tiles(rows: int, columns: int, fill_ratio: float, seed: int, run: int) -> NDArray[np.uint8]:
+def random_tiles(
+    rows: int, columns: int, fill_ratio: float | Sequence[float], seed: int, run: int
+) -> NDArray[np.uint8]:
     """Return the random floor that (seed, run) selects, uint8 of shape (rows, columns).
 
     Args:
         rows, columns: size of the floor, at least 1 x 1.
-        fill_ratio: share of vibrating tiles, in [0, 1]; the number of vibrating tiles that it gives must be whole, to
-            about six digits.
+        fill_ratio: share of vibrating tiles, or shares of the kinds 0, 1, 2 and so on, which sum to 1; the numbers of
+            tiles that they give must be whole, to about six digits.
         seed: in [0, 2^63). run: in [0, 2^32).
     Raises:
         InputError: an argument is outside these ranges.
@@ -271,9 +297,13 @@ def random_tiles(rows: int, columns: int, fill_ratio: float, seed: int, run: int
     check_seed(seed)
     if not 0 <= run < RUN_LIMIT:
         raise InputError(f"{run} is not a run number; give a whole number from 0 to 2^32 - 1", field="run")
-    ones = exact_ones(rows, columns, fill_ratio)
-    tiles = np.zeros(rows * columns, dtype=np.uint8)
-    tiles[shuffled(rows * columns, seed, run)[:ones]] = 1  # the first ``ones`` tiles of a random order
+    shares = [fill_ratio] if isinstance(fill_ratio, float | int) else list(fill_ratio)[1:]
+    tiles, first = np.zeros(rows * columns, dtype=np.uint8), 0
+    order = shuffled(rows * columns, seed, run)
+    for kind, share in enumerate(shares, start=1):  # each kind takes the next tiles of a random order
+        count = exact_ones(rows, columns, share)
+        tiles[order[first : first + count]] = kind
+        first += count
     return tiles.reshape(rows, columns)
 
 

@@ -132,6 +132,7 @@ def world_of(scenario: Scenario, counts: int) -> World:
     return World(
         robot=0,
         robots=scenario.swarm.robots,
+        kinds=scenario.sensor.kinds,
         t_end_s=scenario.run.t_end_s,
         tick_s=scenario.tick_s,
         tick_ms=scenario.run.control_period_ms,
@@ -166,7 +167,7 @@ def world_of_robot(w: World, i: int) -> World:
     The fields are listed one by one, as compiled named tuples have no ``_replace``.
     """
     return World(
-        i, w.robots, w.t_end_s, w.tick_s, w.tick_ms, w.width_m, w.height_m, w.rows, w.columns, w.tile_width_m,
+        i, w.robots, w.kinds, w.t_end_s, w.tick_s, w.tick_ms, w.width_m, w.height_m, w.rows, w.columns, w.tile_width_m,
         w.tile_height_m, w.left_m, w.bottom_m, w.decision_boundary, w.boundary, w.credible_threshold,
         w.min_observations, w.gate, w.gate_counts_current, w.revise, w.prior_alpha, w.prior_beta, w.false_positive,
         w.false_negative, w.hold_s, w.beliefs,
@@ -225,13 +226,14 @@ def silent_ticks(scenario: Scenario, seed: int, runs: list[int]) -> NDArray[np.i
 
 
 def sizes_of(scenario: Scenario) -> dict[str, int]:
-    """Return the numbers of robots, rows, columns and tiles, by name.
+    """Return the numbers of robots, rows, columns and tiles, and of kinds of tile, by name.
 
     The sizes of a strategy's or network's arrays are formulas of these numbers.
     """
     rows, columns = geometry_of(scenario)[:2]
     robots = scenario.swarm.robots
-    return {"robots": robots, "rows": int(rows), "columns": int(columns), "tiles": int(rows * columns)}
+    grid = {"rows": int(rows), "columns": int(columns), "tiles": int(rows * columns)}
+    return {"robots": robots, "kinds": scenario.sensor.kinds, **grid}
 
 
 @inlined

@@ -5,7 +5,7 @@ runs); leading axes are cells (combinations of settings).
 
 | name | definition |
 |---|---|
-| truth | the right decision by the scenario's task: 0 or 1; nan if neither decision is right |
+| truth | the right decision by the scenario's task, such as 0 or 1; nan if no decision is right |
 | right, wrong | robots that decided and whose decision is, or is not, the truth; no robot if the truth is nan |
 | consensus | incomplete: a robot is undecided; split: decisions differ; else right, wrong, or truth_undefined (nan) |
 | consensus_time_s | time of the last decision of a swarm whose robots all made the same decision, else nan |
@@ -95,21 +95,22 @@ def fill_ratios(floors: Mapping[int, Floor], runs: list[int], width_m: float, he
 
 
 def truth_on(scenario: Scenario, floor: Floor, fill_ratio: float | None = None) -> int | None:
-    """Return the right decision on a floor by the scenario's task: 1, 0, or None if neither decision is right.
+    """Return the right decision on a floor by the scenario's task, such as 1 or 0, or None if no decision is right.
 
     Args:
         fill_ratio: fill ratio of the floor inside the arena; None: it is computed.
     Raises:
-        CodeError: a user's task raised an error, or returned something other than 0, 1 and None.
+        CodeError: a user's task raised an error, or returned something other than a decision and None.
     """
     size = scenario.arena.width_m, scenario.arena.height_m
     fill_ratio = floor.fill_ratio_within(*size) if fill_ratio is None else fill_ratio
-    question = Asked(*size, fill_ratio=fill_ratio, decision_boundary=scenario.decision.decision_boundary)
+    boundary = scenario.decision.decision_boundary
+    question = Asked(*size, fill_ratio=fill_ratio, decision_boundary=boundary, kinds=scenario.sensor.kinds)
     return task(scenario.task.name).answer(floor, question, scenario.task.params)
 
 
 def truths(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int], fills: Array) -> Array:
-    """Return the truth about the floor of each run, (runs,): 1, 0, or nan where neither decision is right.
+    """Return the truth about the floor of each run, (runs,): the right decision, or nan where none is right.
 
     Args:
         floors: the floor of each run, by run number; a floor object that several runs share is judged once.
@@ -145,9 +146,10 @@ def wrong_of(decision: NDArray[Any], truth: Array) -> NDArray[np.bool_]:
     """Return which robots decided wrong, (..., runs, robots); no robot of a run whose truth is nan.
 
     Args:
-        decision: (..., runs, robots): -1 undecided, which equals neither 0 nor 1. truth: (..., runs).
+        decision: (..., runs, robots): -1 undecided. truth: (..., runs).
     """
-    return np.asarray(decision == 1.0 - truth[..., None])
+    truth = truth[..., None]
+    return np.asarray((decision != -1) & (decision != truth) & ~np.isnan(truth))
 
 
 def belief_in_truth(belief: Array, truth: Array) -> Array:
@@ -165,8 +167,8 @@ def forced_errors(decision: NDArray[np.integer], belief_in_truth: Array, truth: 
     An undecided robot counts as deciding for the answer that it believes in more; without such an answer it has 1/2.
 
     Args:
-        decision: 0, 1, or -1 while undecided. belief_in_truth: belief in the true answer, of an undecided robot at the
-            end of the run; nan: it has no belief. truth: 0 or 1; nan: neither decision is right.
+        decision: 0, 1 or another answer, or -1 while undecided. belief_in_truth: belief in the true answer, of an
+            undecided robot at the end of the run; nan: it has no belief. truth: the right one; nan: none is right.
     Returns: errors in the broadcast shape of the arguments; nan where the truth is nan.
     """
     doubt = np.where(np.isnan(belief_in_truth), HALF, 1.0 - belief_in_truth)

@@ -31,7 +31,7 @@ from vibroswarm.core.jit import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.edge_response import FAR, Place, place_of, share_past, vibration_probability
-from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.observation.energy_model import error_rates, rates
 from vibroswarm.scenario.fields import Arena, FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import is_neutral_at_half_only
@@ -102,12 +102,25 @@ def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
     Args:
         size: width and height of the arena, m.
     """
+    if max(sensor.kinds, sensor.readings) > 2:
+        return float(expected_classes_on(sensor, floor, size)[1])
     # The bit is 1 if the place is sensed as vibrating and the bit is no false negative, or if the place is sensed as
     # still and the bit is a false positive.
     false_positive, false_negative = error_rates(sensor)
     sensed = sensed_shares_on(sensor, floor, size)
     share = sensed.detected + sensed.spillover  # h of this floor
     return share * (1.0 - false_negative) + (1.0 - share) * false_positive
+
+
+def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.float64]:
+    """Return the expected share of each class among samples at uniformly random places, without edges, (classes,).
+
+    Args:
+        size: width and height of the arena, m, with this floor.
+    """
+    shares = [floor.share_within(kind, *size) for kind in range(sensor.kinds)]
+    tiled, by_kind = tiled_share(floor.geometry, size), rates(sensor)
+    return np.asarray(tiled * (shares @ by_kind) + (1.0 - tiled) * by_kind[0])
 
 
 def sensed_shares_on(sensor: Sensor, floor: Floor, size: Size, grid: int = GRID) -> SensedShares:

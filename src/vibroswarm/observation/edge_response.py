@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.energy_model import share_below, shares_below
+from vibroswarm.observation.energy_model import factors_differ, shares_below
 from vibroswarm.scenario.fields import FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -85,7 +85,8 @@ class Response(NamedTuple):
     factors: NDArray[np.float64]
     """(rows,): factors of the energy."""
     shares_below: NDArray[np.float64]
-    """(rows, 2): F(theta_E) on still and on vibrating tiles, with energies multiplied by the row's factor."""
+    """(rows, kinds, classes - 1): share of samples on each kind of tile that read as each class or a lower one, with
+    values multiplied by the row's factor; for two kinds and classes F(theta_E) on still and on vibrating tiles."""
 
 
 @kernel
@@ -235,11 +236,6 @@ def factor_row(response: Response, r: int, robot: int, sensed: int) -> int:
     return row
 
 
-def factors_differ(sensor: Sensor) -> bool:
-    """Return whether tiles or robots have factors of their own; if not, all factors are 1."""
-    return sensor.tile_spread is not None or sensor.robot_spread is not None
-
-
 def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: Sequence[int]) -> Response:
     """Return the response of the sensors in some runs.
 
@@ -250,7 +246,7 @@ def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: S
     count = len(tiles)
     if not factors_differ(sensor):  # one row, with factor 1, for all runs, robots and tiles
         first, per_robot, factors = np.zeros(count, np.int64), np.ones(count, np.int64), np.ones(1)
-        shares = np.array([[share_below(sensor, False), share_below(sensor, True)]])
+        shares = shares_below(sensor)
     else:
         factors_of_runs = [
             _factors(scenario, seed, run, size) for run, size in zip(runs.tolist(), tiles, strict=True)
@@ -260,7 +256,7 @@ def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: S
         first = np.cumsum([0, *(len(of_run) for of_run in factors_of_runs)])[:count]
         # If tiles differ, a robot has one row for places on no tile and one for each tile.
         per_robot = np.array([size + 1 if sensor.tile_spread else 1 for size in tiles], dtype=np.int64)
-        shares = np.column_stack([shares_below(sensor, kind, factors) for kind in (False, True)])
+        shares = shares_below(sensor, factors)
     return Response(
         edges=sensor.edge_reach_m is not None or sensor.edge_blur_m is not None,
         reach_m=sensor.edge_reach_m or 0.0,

@@ -1,119 +1,129 @@
-"""Distributions of energies on still and on vibrating tiles: quantiles, error rates, log likelihood ratios.
+"""What sensors measure on each kind of tile: values, error rates, log likelihood ratios.
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| share below | F(theta_E) | - | probability of an energy of at most theta_E on a tile of one kind |
+| share below | F(theta_E) | - | probability that a sample on one kind of tile reads as class j or below |
 | false positive, false negative | - | - | 1 - F_still(theta_E), F_vibrating(theta_E) |
-| factor | c | - | E = c G, with G of the kind's distribution; so E > theta_E if G > theta_E / c; log-normal of mean 1 |
-| density | f(E) | - | density of the kind's Gamma law; a mean over factors of tiles and robots if these differ |
+| factor | c | - | E = c G, with G of the kind's law; so E > theta_E if G > theta_E / c; log-normal of mean 1 |
+| density | f(E) | - | likelihood of the kind's law; a mean over factors of tiles and robots if these differ |
 | log ratio | L | - | ln f_vibrating(E) - ln f_still(E), limited to +- ``MOST`` |
-| log ratio, measured energies | L | - | ln of the ratio of the kinds' shares in a bin of E, 0.5 added to each count |
 
-A sensor either has Gamma laws or draws from measured energies (``sensor.model = "energies"``). Near edges a sample has
-an energy of one kind or the other, never a mixture, so L is the same there. A faulty sensor changes only the bit. If
-a fault has changed the bit, so that it contradicts the energy, L is the log ratio of the bit, by the error rates.
+The laws are those of the scenario's sensor (``sensors``). Near edges a sample has a value of one kind or the other,
+never a mixture, so L is the same there. A faulty sensor changes only the reading. If a fault has changed the bit, so
+that it contradicts the energy, L is the log ratio of the bit, by the error rates.
 """
 
 from __future__ import annotations
 
 import math
-from functools import cache, lru_cache
+from functools import cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm import sensors
+from vibroswarm.errors import InputError
+from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fields import Sensor
+from vibroswarm.sensors import SensorModel
 
 
-def share_below(sensor: Sensor, vibrating: bool) -> float:
-    """Return F(theta_E), the probability of the bit 0, on a vibrating tile (``vibrating`` true) or on a still tile."""
-    if sensor.model == "energies":
-        energies = np.sort(measured_of(sensor, vibrating))
-        return float(np.searchsorted(energies, sensor.rms_threshold, side="right")) / energies.size
-    return _gamma_below(sensor.rms_threshold, *gamma_of(sensor, vibrating))
+def model_of(sensor: Sensor) -> SensorModel:
+    """Return the sensor that a scenario's section selects.
+
+    Raises:
+        InputError: it is a user's, and its file is not loaded.
+    """
+    if sensor.code is not None and sensor.model not in sensors.known():
+        raise InputError(
+            f"'{sensor.code.partition(plugins.HASH)[0]}' is not loaded; add --trust to run the file",
+            field="sensor.model",
+        )
+    return sensors.sensor(sensor.model)
 
 
-@lru_cache(maxsize=64)
-def _gamma_below(threshold: float, shape: float, scale: float, location: float) -> float:
-    """Return the probability that a shifted Gamma law gives at most ``threshold``."""
-    from scipy.special import gammainc
+def shares_below(sensor: Sensor, factors: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+    """Return the share of samples on each kind of tile that read as each class or a lower one.
 
-    return float(gammainc(shape, max(threshold - location, 0.0) / scale))
+    The reading of a sample with the uniform number u is the number of these shares below u.
+
+    Args:
+        factors: (rows,): factors that the values are multiplied by; None: one row with factor 1.
+    Returns: (rows, kinds, classes - 1), rising along the last axis; for two kinds and classes F(theta_E) of both.
+    """
+    model, p = model_of(sensor), sensor.params
+    kinds = range(model.kinds(p))
+    if model.share_at_most is None:
+        rows = np.ones(1) if factors is None else factors
+        return np.stack([model.shares_up_to(kind, rows, p) for kind in kinds], axis=1)
+    # c G <= theta_E is G <= theta_E / c. A single threshold is no array, because its share is cached.
+    thresholds = np.asarray(sensor.rms_threshold) if factors is None else sensor.rms_threshold / factors
+    shares = [np.atleast_1d(model.share_at_most(kind, thresholds, p)) for kind in kinds]
+    return np.stack(shares, axis=1)[:, :, None]
+
+
+def rates(sensor: Sensor) -> NDArray[np.float64]:
+    """Return the probability that a sample on each kind of tile reads as each class, (kinds, classes).
+
+    If tiles or robots differ, these are means over the distributions of their factors. They do not include the effect
+    of edges, which depends on the floor (``decision_boundary.sensed_shares_on``).
+    """
+    up_to = mean_shares_below(sensor)
+    whole = np.concatenate([np.zeros((up_to.shape[0], 1)), up_to, np.ones((up_to.shape[0], 1))], axis=1)
+    return np.diff(whole, axis=1)
+
+
+def mean_shares_below(sensor: Sensor) -> NDArray[np.float64]:
+    """Return ``shares_below`` averaged over the factors of tiles and robots, (kinds, classes - 1)."""
+    if not factors_differ(sensor):
+        return np.asarray(shares_below(sensor)[0])
+    factors, weights = typical_factors(sensor)
+    shares = shares_below(sensor, factors)
+    means = [weights @ np.ascontiguousarray(shares[:, kind, j]) for kind, j in np.ndindex(shares.shape[1:])]
+    return np.array(means).reshape(shares.shape[1:])
 
 
 def error_rates(sensor: Sensor) -> tuple[float, float]:
     """Return the probabilities that a still tile reads as vibrating, and that a vibrating tile reads as still.
 
-    If tiles or robots differ, the rates are means over the distributions of their factors. They do not include the
-    effect of edges, which depends on the floor (``decision_boundary.sensed_shares_on``).
+    See ``rates``.
+
+    Raises:
+        InputError: the sensor has more than two kinds or classes.
     """
-    if sensor.tile_spread is None and sensor.robot_spread is None:
-        return 1.0 - share_below(sensor, False), share_below(sensor, True)
-    factors, weights = typical_factors(sensor)
-    still, vibrating = (float(weights @ shares_below(sensor, kind, factors)) for kind in (False, True))
-    return 1.0 - still, vibrating
+    shares = mean_shares_below(sensor)
+    if shares.shape != (2, 1):
+        raise InputError(
+            f"sensor '{sensor.model}' has more than two kinds of tile or classes of readings, so it has no rates of "
+            "false positives and negatives",
+            field="sensor.model",
+        )
+    return float(1.0 - shares[0, 0]), float(shares[1, 0])
 
 
-def shares_below(sensor: Sensor, vibrating: bool, factors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return F(theta_E), the probability of the bit 0, for energies that are multiplied by each of these factors.
-
-    Args:
-        vibrating: whether on vibrating tiles, else on still ones. factors: above 0, of any shape; the result has the
-            same shape.
-    """
-    thresholds = sensor.rms_threshold / factors  # c G <= theta_E is G <= theta_E / c
-    if sensor.model == "energies":
-        energies = np.sort(measured_of(sensor, vibrating))
-        return np.asarray(np.searchsorted(energies, thresholds, side="right") / energies.size)
-    from scipy.special import gammainc
-
-    shape, scale, location = gamma_of(sensor, vibrating)
-    return np.asarray(gammainc(shape, np.maximum(thresholds - location, 0.0) / scale))
-
-
-def energy_of(sensor: Sensor, vibrating: bool, u: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return the energies at the quantiles ``u`` (in (0, 1)) on a vibrating or a still tile, in the shape of ``u``."""
-    if sensor.model == "energies":
-        energies = np.sort(measured_of(sensor, vibrating))
-        # Of n sorted energies, the quantile u is the one with index floor(u n).
-        return energies[(u * energies.size).astype(np.int64)].astype(np.float32)
-    from scipy.special import gammaincinv
-
-    shape, scale, location = gamma_of(sensor, vibrating)
-    return (scale * gammaincinv(shape, u) + location).astype(np.float32)  # Eq. 20
+def factors_differ(sensor: Sensor) -> bool:
+    """Return whether tiles or robots have factors of their own; if not, all factors are 1."""
+    return sensor.tile_spread is not None or sensor.robot_spread is not None
 
 
 def energies_of(
     sensor: Sensor,
-    vibrating: NDArray[np.bool_],
+    kind: NDArray[np.uint8],
     u: NDArray[np.float64],
     factors: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float32]:
-    """Return the energy of each sample, (samples,): the quantile, at its uniform number, of its tile kind's energies.
+    """Return what each sample measures, (samples,): the quantile, at its uniform number, of its tile kind's law.
 
     Args:
-        vibrating: (samples,): whether the sensed tile vibrates. u: (samples,): uniform numbers in (0, 1). factors:
-            (samples,): factors of the energies; None: all 1.
+        kind: (samples,): the kind of the tile sensed. u: (samples,): uniform numbers in (0, 1). factors: (samples,):
+            factors of the values; None: all 1.
     """
+    model, p = model_of(sensor), sensor.params
     energy = np.empty(u.size, dtype=np.float32)
-    for kind in (False, True):
-        energy[vibrating == kind] = energy_of(sensor, kind, u[vibrating == kind])
+    for one in range(model.kinds(p)):
+        energy[kind == one] = model.values(one, u[kind == one], p).astype(np.float32)
     return energy if factors is None else (energy * factors).astype(np.float32)
-
-
-def gamma_of(sensor: Sensor, vibrating: bool) -> tuple[float, float, float]:
-    """Return shape, scale and location of the Gamma law of vibrating or of still tiles."""
-    if vibrating:
-        return sensor.vibrating_shape, sensor.vibrating_scale, sensor.vibrating_location
-    return sensor.still_shape, sensor.still_scale, sensor.still_location
-
-
-def measured_of(sensor: Sensor, vibrating: bool) -> NDArray[np.float64]:
-    """Return the measured energies of vibrating or of still tiles, for a sensor that draws from measured energies."""
-    values = sensor.vibrating_energies if vibrating else sensor.still_energies
-    assert values is not None, "checked by Scenario"
-    return np.asarray(values, dtype=np.float64)
 
 
 NODES = 33
@@ -141,9 +151,6 @@ def _nodes() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 MOST: Final = 8.0
 """Limit on the absolute value of L, so that no single energy can decide alone."""
-BINS: Final = 16
-"""Number of bins of measured energies. Each bin holds the same number of energies, counting both kinds together; if
-tiles or robots differ, the same number of products of an energy and a typical factor, regardless of their weights."""
 
 
 def log_ratios(
@@ -171,68 +178,30 @@ def _of_energies(sensor: Sensor, energy: NDArray[np.float64]) -> NDArray[np.floa
 
     L is 0 for an energy whose density is 0 on both kinds of tile.
     """
-    factors, weights = np.ones(1), np.ones(1)  # a single factor, 1, if tiles and robots do not differ
-    if sensor.tile_spread is not None or sensor.robot_spread is not None:
-        factors, weights = typical_factors(sensor)
-    if sensor.model == "energies":
-        return _of_measured(sensor, energy, factors, weights)
-    still, vibrating = (
-        _log_density(gamma_of(sensor, kind), energy, factors, weights) for kind in (False, True)
-    )
+    still, vibrating = (log_likelihood(sensor, kind, energy) for kind in (0, 1))
     with np.errstate(invalid="ignore"):  # where both densities are 0, -inf - -inf is nan
         return np.nan_to_num(vibrating - still, nan=0.0, posinf=MOST, neginf=-MOST)
 
 
-def _log_density(
-    law: tuple[float, float, float],
-    energy: NDArray[np.float64],
-    factors: NDArray[np.float64],
-    weights: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return ln of the density of energies, in the shape of ``energy``; -inf where the density is 0.
+def log_likelihood(sensor: Sensor, kind: int, energy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ln of the likelihood of energies on a kind of tile, in the shape of ``energy``; -inf where it is 0.
 
-    Args:
-        law: shape, scale and location of the Gamma law. factors, weights: the density is the mean, with these weights,
-            of the densities of energies with each of these factors.
+    If tiles or robots differ, the likelihood is the mean over the distribution of their factors.
+
+    Raises:
+        InputError: the sensor states no likelihood.
     """
-    shape, scale, location = law
+    model = model_of(sensor)
+    factors, weights = np.ones(1), np.ones(1)  # a single factor, 1, if tiles and robots do not differ
+    if factors_differ(sensor):
+        factors, weights = typical_factors(sensor)
+    if model.likelihood is None:
+        raise InputError(
+            f"sensor '{model.name}' states no likelihood, which is needed here", field="sensor.model"
+        )
     total = np.zeros(energy.shape)
     for factor, weight in zip(factors.tolist(), weights.tolist(), strict=True):
-        # The energy is factor * G, so its density is that of the shifted Gamma law at energy / factor, over factor.
-        above = (energy / factor - location) / scale
-        # So that the logarithm exists; where above <= 0, the density is set to 0.
-        inside = np.maximum(above, 1e-300)
-        density = np.exp((shape - 1.0) * np.log(inside) - inside - math.lgamma(shape)) / (scale * factor)
-        total += weight * np.where(above > 0.0, density, 0.0)
+        # The energy is factor * G, so its density is that of the law at energy / factor, over factor.
+        total += weight * (model.likelihood(kind, energy / factor, sensor.params) / factor)
     with np.errstate(divide="ignore"):  # ln 0 is -inf
         return np.log(total)
-
-
-def _of_measured(
-    sensor: Sensor, energy: NDArray[np.float64], factors: NDArray[np.float64], weights: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return L of energies from a histogram of the measured energies, in the shape of ``energy``.
-
-    L of a bin is the logarithm of the share of the vibrating tiles' energies in the bin over that of the still tiles'.
-
-    Args:
-        factors, weights: (factors,): each measured energy is multiplied by each factor, and the product is counted with
-            the factor's weight.
-    """
-    # Products of energies and factors, for still and for vibrating tiles, (energies, factors) each.
-    kinds = [np.outer(measured_of(sensor, kind), factors) for kind in (False, True)]
-    weights_of_kinds = [np.broadcast_to(weights, values.shape) for values in kinds]
-    together = np.concatenate([values.ravel() for values in kinds])
-    # The bins' edges are quantiles of the products without their weights; only the counts below are weighted. If many
-    # products are equal, some edges coincide; each is used once, so there are fewer bins.
-    edges = np.unique(np.quantile(together, np.arange(1, BINS) / BINS))
-    shares = []
-    for values, weight in zip(kinds, weights_of_kinds, strict=True):
-        counts = np.bincount(
-            np.searchsorted(edges, values.ravel(), side="right"),
-            weights=weight.ravel(),
-            minlength=edges.size + 1,
-        )
-        shares.append((counts + 0.5) / (counts + 0.5).sum())  # 0.5: an empty bin must not have the share 0
-    ratio = np.log(shares[1] / shares[0])  # L of each bin: vibrating over still
-    return np.asarray(ratio[np.searchsorted(edges, energy, side="right")])

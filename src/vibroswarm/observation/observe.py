@@ -33,13 +33,12 @@ from vibroswarm.observation.edge_response import (
     Place,
     Response,
     factor_row,
-    factors_differ,
     place_of,
     response_of,
     sensed_tile,
     tile_below,
 )
-from vibroswarm.observation.energy_model import energies_of
+from vibroswarm.observation.energy_model import energies_of, factors_differ
 from vibroswarm.robot.sensing import SenseProgram
 from vibroswarm.scenario.fault_draws import SensorFaults, observation_of, of_run, sensor_faults
 from vibroswarm.scenario.scenario import Scenario
@@ -49,7 +48,7 @@ class SensedFloor(NamedTuple):
     """The floor of a run, its position, and the sensors' response."""
 
     tiles: NDArray[np.uint8]
-    """(tiles,) of 0 and 1, top row first."""
+    """(tiles,): kinds of the tiles, such as 0 still and 1 vibrating, top row first."""
     place: Place
     """Grid and position of the floor."""
     response: Response
@@ -98,18 +97,24 @@ def read(
     Args:
         ground: floor and sensors of the run. x_m, y_m, time_s: place and time of the sample.
         seed, run, robot, sample: address of the sample's random numbers.
-    Returns: index of the tile below (-1: none); the bit; index of the tile sensed (-1: none); row of the sample in
-        ``ground.response.factors``.
+    Returns: index of the tile below (-1: none); the reading; the kind of the tile sensed (0 if none); row of the sample
+        in ``ground.response.factors``.
     """
     tile = tile_below(x_m, y_m, ground.place)
     sensed = sensed_tile(
         x_m, y_m, tile, ground.place, ground.tiles, ground.response, seed, run, robot, sample
     )
-    vibrates = sensed >= 0 and ground.tiles[sensed] == 1
+    kind = kind_of(ground.tiles, sensed)
     row = factor_row(ground.response, 0, robot, sensed)  # 0: ``ground`` holds a single run
     u = uniform(seed, run, robot, SENSING, sample, ALONE)
-    below = ground.response.shares_below[row, int(vibrates)]  # F(theta_E) of this sample
-    return tile, observation_of(ground.faults, 0, robot, time_s, vibrates, u, below), sensed, row
+    shares = ground.response.shares_below
+    return tile, observation_of(ground.faults, 0, robot, time_s, kind, u, shares, row), kind, row
+
+
+@inner
+def kind_of(tiles: NDArray[np.uint8], tile: int) -> int:
+    """Return the kind of a tile of a floor; 0, as of still tiles, for -1, no tile."""
+    return signed(tiles[tile]) if tile >= 0 else 0
 
 
 USUAL_MS = 500.0
@@ -170,7 +175,7 @@ def read_samples(
     sensed_known: bool,
     sensed: NDArray[np.int32],
     observation: NDArray[np.uint8],
-    vibrating: NDArray[np.bool_],
+    kinds: NDArray[np.uint8],
     factors: NDArray[np.float64],
 ) -> None:
     """Compute the readings of all samples of some runs; one row is one sample.
@@ -185,10 +190,10 @@ def read_samples(
             true, else written.
         sensed: (rows,): tile sensed by each sample. It is read if ``sensed_known`` is true, else written. If edges do
             not matter, it is empty and not used.
-        observation: (rows,), written. vibrating, factors: (rows,): whether the sensed tile vibrates, and the energy's
-            factor, written; if they are empty, they are not computed.
+        observation: (rows,), written. kinds, factors: (rows,): kind of the sensed tile, and the value's factor,
+            written; if they are empty, they are not computed.
     """
-    with_vibrating = vibrating.size > 0
+    with_kinds = kinds.size > 0
     for r in range(runs.size):
         rows, columns, width_m, height_m, left_m, bottom_m = places[r]
         place = Place(int(rows), int(columns), width_m, height_m, left_m, bottom_m + rows * height_m)
@@ -204,12 +209,12 @@ def read_samples(
             elif response.edges:
                 at = sensed_tile(x_m[k], y_m[k], at, place, own, response, seed, runs[r], i, number)
                 sensed[k] = at
-            vibrates = at >= 0 and own[at] == 1
-            row = factor_row(response, r, i, at)
-            below = response.shares_below[row, int(vibrates)]  # F(theta_E) of this sample
-            observation[k] = observation_of(faults, r, i, time_s[k], vibrates, numbers[k], below)
-            if with_vibrating:
-                vibrating[k], factors[k] = vibrates, response.factors[row]
+            kind, row = kind_of(own, at), factor_row(response, r, i, at)
+            observation[k] = observation_of(
+                faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row
+            )
+            if with_kinds:
+                kinds[k], factors[k] = kind, response.factors[row]
 
 
 class Readings(NamedTuple):
@@ -220,9 +225,9 @@ class Readings(NamedTuple):
     numbers: NDArray[np.float64]
     """Uniform numbers, from which the energies are drawn."""
     observation: NDArray[np.uint8]
-    """Bits that the robots read."""
-    vibrating: NDArray[np.bool_]
-    """Whether the sensed tile vibrates; empty unless energies were requested."""
+    """Classes that the robots read: bits, if there are two."""
+    kinds: NDArray[np.uint8]
+    """Kind of the sensed tile; empty unless energies were requested."""
     factors: NDArray[np.float64]
     """Factor of the energy on the sensed tile; empty unless energies were requested."""
 
@@ -264,7 +269,7 @@ class Places:
         """Return the readings of all samples.
 
         Args:
-            floors: the floor of each run, by run number. energies: whether to fill also ``vibrating`` and ``factors``
+            floors: the floor of each run, by run number. energies: whether to fill also ``kinds`` and ``factors``
                 of the readings, from which energies are computed.
         Returns: the readings. All calls with floors of the same geometry share the arrays ``tile`` and ``numbers``,
             which must not be changed.
@@ -284,14 +289,14 @@ class Places:
             tile=tile,
             numbers=numbers,
             observation=np.empty(count, dtype=np.uint8),
-            vibrating=np.empty(with_energies, dtype=np.bool_),
+            kinds=np.empty(with_energies, dtype=np.uint8),
             factors=np.empty(with_energies),
         )
         faults = sensor_faults(scenario, self.seed, self.runs.tolist())
         read_samples(
             self.seed, self.bounds, self.runs, self._robot, self._sample, self._x_m, self._y_m, self._time_s, places,
             first_tiles, tiles, response, faults, known, readings.tile, readings.numbers, sensed_known, sensed,
-            readings.observation, readings.vibrating, readings.factors,
+            readings.observation, readings.kinds, readings.factors,
         )  # fmt: skip
         return readings
 
@@ -370,30 +375,27 @@ def energies_at(
     Args:
         ground: floor and sensors of the run. robot, sample, x_m, y_m: (samples,), columns of the motion table.
     """
-    vibrating = np.empty(robot.size, dtype=np.bool_)
+    kinds = np.empty(robot.size, dtype=np.uint8)
     numbers, factors = np.empty(robot.size), np.empty(robot.size)
     for k in range(robot.size):
         i, number = int(robot[k]), int(sample[k])
         # The time matters only to the bit of a faulty sensor, which is not used here, so any time will do.
         any_time_s = 0.0
-        _, _, sensed, row = read(ground, x_m[k], y_m[k], any_time_s, seed, run, i, number)
-        vibrating[k] = sensed >= 0 and ground.tiles[sensed] == 1
+        _, _, kinds[k], row = read(ground, x_m[k], y_m[k], any_time_s, seed, run, i, number)
         numbers[k] = uniform(seed, run, i, SENSING, number, ALONE)
         factors[k] = ground.response.factors[row]
     # None stands for factors that are all 1.
-    return energies_of(
-        scenario.sensor, vibrating, numbers, factors if factors_differ(scenario.sensor) else None
-    )
+    return energies_of(scenario.sensor, kinds, numbers, factors if factors_differ(scenario.sensor) else None)
 
 
 def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
     """Return the energies of readings, (rows,).
 
     Args:
-        read: readings for which energies were requested, so that ``vibrating`` and ``factors`` are filled.
+        read: readings for which energies were requested, so that ``kinds`` and ``factors`` are filled.
     """
     factors = read.factors if factors_differ(scenario.sensor) else None  # None: all are 1
-    return energies_of(scenario.sensor, read.vibrating, read.numbers, factors)
+    return energies_of(scenario.sensor, read.kinds, read.numbers, factors)
 
 
 def observation_frame(

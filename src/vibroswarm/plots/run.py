@@ -20,8 +20,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.io import check_suffix
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.edge_response import edge_warnings
-from vibroswarm.observation.observe import vibrating_at
-from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, PAPER, RUN
+from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, PAPER, RUN, kind_colours
 from vibroswarm.result import Result
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
     """Draw a floor as a matplotlib figure; vibrating tiles are dark, still ones light, and row 0 is at the top.
 
     Args:
-        tiles: (rows, columns) of 0 (still) and 1 (vibrating).
+        tiles: (rows, columns) of kinds: 0 (still), 1 (vibrating) and others.
         title: above the floor.
     """
     from matplotlib.colors import ListedColormap
@@ -53,6 +52,8 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
     from matplotlib.patches import Patch
 
     rows, columns = tiles.shape
+    more = range(2, int(tiles.max()) + 1)  # kinds beside still and vibrating
+    words = [("still", STILL), ("vibrating", VIBRATING), *((f"kind {k}", kind_colours(k)[1]) for k in more)]
     longer = max(rows, columns)
     width, height = 5.0 * columns / longer, 5.0 * rows / longer  # of the floor, inches
     # at least 3 in wide, for the legend; the margins, the title and the legend get 0.8 in and 1.2 in
@@ -60,9 +61,9 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
     axes = figure.add_subplot()
     axes.pcolormesh(
         tiles,
-        cmap=ListedColormap([STILL, VIBRATING]),
+        cmap=ListedColormap([colour for _, colour in words]),
         vmin=0,
-        vmax=1,
+        vmax=len(words) - 1,
         edgecolors="#8a8578" if longer <= _LINES_UP_TO else "none",
         linewidth=0.4,
         rasterized=tiles.size > _VECTORS_UP_TO,
@@ -72,9 +73,9 @@ def floor_figure(tiles: NDArray[np.uint8], title: str = "") -> Figure:
         axes.set_title(title, fontsize=10, parse_math=False)  # a file name may contain a dollar
     marks = [
         Patch(facecolor=colour, edgecolor="#8a8578", label=label)
-        for colour, label in ((VIBRATING, "vibrating"), (STILL, "still"))
+        for label, colour in [*words[1::-1], *words[2:]]
     ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=2, frameon=False)
+    figure.legend(handles=marks, loc="outside lower center", ncols=min(len(words), 4), frameon=False)
     return figure
 
 
@@ -107,8 +108,6 @@ POINTS_PER_S = 2
 """Points of a path per second of simulated time."""
 VIBRATES: Final = 1
 """The value of an observation, or of a decision, that stands for vibrating."""
-READ: Final = ((0, "read still", "o"), (1, "read vibrating", "D"))
-"""Value of an observation, its words and its marker, as on the replay page."""
 FEEDBACK: Final = {"none": "no feedback", "positive": "positive feedback", "soft": "soft feedback"}
 """Words for strategies in the title."""
 
@@ -173,20 +172,20 @@ def _draw_floor(axes: Axes, result: Result, run: int) -> None:
     floor = result.floor(run)
     rows, columns, tile_w, tile_h, left, bottom = floor.geometry
     # The first tile of each kind takes the label of its kind, so that the legend has each label once.
-    labels = {1: "tile vibrates", 0: "tile is still"}
+    labels = _words_of_kinds(result, "tile vibrates", "tile is still", "tile of kind {kind}")
     # matplotlib 3.11 and later take the colour of a hatch from this setting, earlier versions from the edge
     with rc_context({"hatch.color": RUN["ripple"]}):
-        for (row, column), vibrates in np.ndenumerate(floor.tiles):
+        for (row, column), kind in np.ndenumerate(floor.tiles):
             corner = (left + column * tile_w, bottom + (rows - 1 - row) * tile_h)  # row 0 is at the top
-            looks: dict[str, Any] = {"facecolor": RUN["tile-still"], "edgecolor": LINE, "lw": 0.4}
-            if vibrates:
+            looks: dict[str, Any] = {"facecolor": kind_colours(int(kind))[0], "edgecolor": LINE, "lw": 0.4}
+            if kind == VIBRATES:
                 looks = {
                     "facecolor": RUN["tile-vibrating"],
                     "edgecolor": RUN["ripple"],
                     "lw": 0,
                     "hatch": "////",
                 }
-            axes.add_patch(Rectangle(corner, tile_w, tile_h, label=labels.pop(int(vibrates), None), **looks))
+            axes.add_patch(Rectangle(corner, tile_w, tile_h, label=labels.pop(int(kind), None), **looks))
     outline = Rectangle((left, bottom), columns * tile_w, rows * tile_h, fill=False, edgecolor=FAINT, lw=0.8)
     axes.add_patch(outline)
 
@@ -219,25 +218,38 @@ def _draw_samples(axes: Axes, result: Result, run: int) -> None:
     )
     observation, tile = samples["observation"].to_numpy(), samples["tile"].to_numpy()
     # a sample beside the floor has tile -1, and cannot be misread
-    misread = (tile >= 0) & (vibrating_at(result.floor(run), tile) != (observation == VIBRATES))
+    misread = (tile >= 0) & (result.floor(run).tiles.ravel()[tile] != observation)
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     stroke = Outline([(-1.0, -1.0), (1.0, 1.0)])
     axes.plot(
         x[misread], y[misread], ls="", marker=stroke, ms=6, color=INK, mew=0.8, zorder=2.9, label="misread"
     )  # fmt: skip
-    for value, label, marker in READ:
-        chosen, colour = observation == value, RUN["vibrating" if value == VIBRATES else "still"]
+    for value, label in _words_of_kinds(result, "read vibrating", "read still", "read kind {kind}").items():
+        chosen, colour = observation == value, kind_colours(value)[1]
         axes.scatter(
             x[chosen],
             y[chosen],
             s=9,
-            c=colour if value == VIBRATES else PAPER,
+            c=colour if value > 0 else PAPER,
             edgecolors=colour,
             linewidths=0.7,
-            marker=marker,
+            marker=_marker(value),
             label=label,
             zorder=3,
         )
+
+
+def _words_of_kinds(result: Result, vibrating: str, still: str, other: str) -> dict[int, str]:
+    """Return a label for each kind of tile, or class of readings, that the result's sensor knows."""
+    sensor = result.scenario.sensor
+    if max(sensor.kinds, sensor.readings) == 2:
+        return {0: still, 1: vibrating}
+    return {kind: other.format(kind=kind) for kind in range(max(sensor.kinds, sensor.readings))}
+
+
+def _marker(kind: int) -> str:
+    """Return the shape that marks a reading of a kind, or a decision for it."""
+    return "oDs^v<>P"[kind % 8]
 
 
 def _draw_robots(axes: Axes, result: Result, run: int) -> None:
@@ -247,15 +259,15 @@ def _draw_robots(axes: Axes, result: Result, run: int) -> None:
     """
     ends = result.ends.filter(pl.col("run") == run)
     decisions = dict(result.robots.filter(pl.col("run") == run).select("robot", "decision").iter_rows())
-    no, yes = answers_of(result.scenario)
     # The first robot with a decision takes the label of this decision, so that the legend has each label once.
-    words = {0: f"robot: {no}", 1: f"robot: {yes}", -1: "robot: undecided"}
+    answers = enumerate(answers_of(result.scenario))
+    words = {-1: "robot: undecided"} | {decision: f"robot: {answer}" for decision, answer in answers}
     for robot, x_m, y_m in ends.select("robot", "x_m", "y_m").iter_rows():
         decision = decisions.get(robot)
         decision = -1 if decision is None else int(decision)  # null: recordings without a log of decisions
-        colour = INK if decision == -1 else RUN["vibrating" if decision == VIBRATES else "still"]
+        colour = INK if decision == -1 else kind_colours(decision)[1]
         axes.plot(
-            x_m, y_m, ls="", marker="D" if decision == VIBRATES else "o", ms=10, zorder=4,
+            x_m, y_m, ls="", marker="o" if decision == -1 else _marker(decision), ms=10, zorder=4,
             markerfacecolor=PAPER if decision == -1 else colour,
             markeredgecolor=colour if decision == -1 else PAPER, label=words.pop(decision, None),
         )  # fmt: skip

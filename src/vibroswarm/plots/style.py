@@ -82,6 +82,24 @@ RUN: Final = {
 }
 """Colours of a picture of one run: those of the replay page (``run_page/assets/page.css``)."""
 
+KINDS: Final = (
+    (RUN["tile-still"], RUN["still"]),
+    (RUN["tile-vibrating"], RUN["vibrating"]),
+    ("#dcebdc", "#1d7a3a"),
+    ("#e9def2", "#7a3fa0"),
+    ("#f6eec2", "#8a6d00"),
+    ("#d9ecf2", "#00707f"),
+    ("#f5d9e4", "#a8295c"),
+    ("#e3e3e3", "#4d4d4d"),
+)
+"""Colours of tiles of each kind, and of readings and decisions; further kinds use them again, and their number."""
+
+
+def kind_colours(kind: int) -> tuple[str, str]:
+    """Return the colour of tiles of a kind, and that of readings of it and of robots that decided for it."""
+    return KINDS[kind % len(KINDS)]
+
+
 NAMES: Final[dict[str, str]] = {
     "ink": INK,
     "faint": FAINT,

@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.inference.agents import FINALS
 from vibroswarm.inference.outcomes import fills_and_truth, robot_table, run_table
 from vibroswarm.inference.replay import INFERENCE
@@ -153,7 +153,7 @@ def _described(
     end_s = max(_end_of(log) for log in logs)
     values |= {
         "floor.source": floor.name or "floor",
-        "floor.tiles": tuple("".join(map(str, row)) for row in floor.tiles.tolist()),
+        "floor.tiles": rows_of(floor.tiles),
         "floor.tile_width_m": floor.tile_width_m,
         "floor.tile_height_m": floor.tile_height_m,
         "swarm.robots": robots,

@@ -152,11 +152,12 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
             without decisions; or its strategy or network is not loaded.
     """
     check_kind(result, Result, "result", "a Result, as simulate() returns")
-    if result.segments is None:
-        raise InputError("the page needs positions at all times; simulate with segments=True")
+    why_not = why_no_page(result)
+    if why_not is not None or result.segments is None:
+        raise InputError(f"no page can be made: {why_not}")
     floor = result.floor(run)
     scenario = result.scenario
-    rays, decision = scenario.rays, scenario.decision
+    rays, decision, answers = scenario.rays, scenario.decision, answers_of(scenario)
     size = (scenario.arena.width_m, scenario.arena.height_m)
     boundary, tested = decision.decision_boundary, readings_boundary(scenario)
     of_run = pl.col("run") == run
@@ -203,7 +204,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         avoidance_threshold_m=scenario.walk.avoidance_threshold_mm / 1000.0,
         truth=summary["truth"],
         notes=tuple(true_places_notes([scenario])),
-        answers=None if scenario.task.name == "fill_ratio" else answers_of(scenario),
+        answers=None if scenario.task.name == "fill_ratio" else (answers[0], answers[1]),
         details={
             "scenario": scenario.hash,
             "motion": result.source,
@@ -249,6 +250,16 @@ def _radio_of(result: Result, run: int) -> MessageLog | None:
     if result.seed is None or network.name == "ideal" or (network.reads_positions and result.moves is None):
         return None
     return message_log(result, run) if log_size(result, run) <= MAX_RADIO else None
+
+
+def why_no_page(result: Result) -> str | None:
+    """Return why no page can show the runs of a result, as a clause; None if one can."""
+    if result.segments is None:
+        return "no positions between samples were kept (segments=True keeps those of a source that has them)"
+    sensor = result.scenario.sensor
+    if max(sensor.kinds, sensor.readings) > 2:
+        return "a page shows two kinds of tile and two readings"
+    return None
 
 
 def write_run_page(result: Result, path: str | Path, run: int = 0) -> None:

@@ -1,6 +1,6 @@
-"""Sections of a scenario that select a strategy, a network or a task by name.
+"""Sections of a scenario that select a strategy, a network, a task or a sensor by name.
 
-An entry is a strategy, network or task that can be selected. Its table holds its parameters, such as
+An entry is a strategy, network, task or sensor that can be selected. Its table holds its parameters, such as
 ``[strategy.soft]``. Its code is the reference to the user's file that defines it, with a hash (``plugins``); entries of
 this package and of installed packages have none. A scenario can be read, and shown, without loading the code of its
 entry; the table of such an entry is a plain dictionary that is not validated.
@@ -59,12 +59,12 @@ class Choice(FrozenModel):
 
     model_config = ConfigDict(frozen=True, extra="allow", strict=True, allow_inf_nan=False)
     kind: ClassVar[str]
-    """What is selected: "strategy", "network" or "task", also the name of the section."""
+    """What is selected: "strategy", "network", "task" or "sensor", also the name of the section."""
+    selector: ClassVar[str] = "name"
+    """The field that holds the name of the selected entry. A section may have other fields, too."""
     known: ClassVar[Callable[[], Mapping[str, Any]]]
     """Returns the entries that are registered, by name."""
 
-    name: str
-    """The selected entry."""
     code: str | None = None
     """Reference to the user's file that defines the entry, with its SHA-256; None for an entry of a package."""
 
@@ -76,7 +76,7 @@ class Choice(FrozenModel):
         Args:
             values: the section as given: a name, perhaps a code, and tables by the names of entries.
         Returns:
-            The section in one form: ``name`` without file, ``code`` with its hash (None for an entry of a package), the
+            The section in one form: the name without file, ``code`` with its hash (None for an entry of a package), the
             table of the selected entry, and those tables of other entries that may differ from the defaults.
         Raises:
             InputError: unknown entry, code that has changed or cannot be loaded, or a wrong table.
@@ -85,7 +85,7 @@ class Choice(FrozenModel):
             return values  # which Pydantic refuses
         given = dict(values)
         name, entries = cls._resolve_entry(given), cls.known()
-        for key in sorted(set(given) - {"name", "code"}):  # all other keys are names of entries
+        for key in sorted(set(given) - set(cls.model_fields)):  # all other keys are names of entries
             table = cls._table(key, given[key], is_chosen=key == name)
             # A table is left out if it has no fields, or if its entry is not selected and the table holds only
             # defaults. Only defaults of entries without code count: others are known only while their code is loaded.
@@ -109,7 +109,7 @@ class Choice(FrozenModel):
 
     @classmethod
     def _resolve_entry(cls, given: dict[str, Any]) -> Any:
-        """Set ``name`` and ``code`` of a section to those of the selected entry, and load its code if that is allowed.
+        """Set name and ``code`` of a section to those of the selected entry, and load its code if that is allowed.
 
         Args:
             given: the section; changed in place.
@@ -120,12 +120,12 @@ class Choice(FrozenModel):
         """
         # ``spec`` is the reference to code, or None. The name itself may be one, such as "voter.py:voter"; otherwise it
         # is the section's ``code``.
-        name = given.get("name", cls.model_fields["name"].default)
+        name = given.get(cls.selector, cls.model_fields[cls.selector].default)
         spec = name if plugins.is_code(name) else given.get("code")
         if isinstance(spec, str) and plugins.is_code(spec):
             if name in (spec, plugins.name_in(spec)):  # the reference is to the selected entry
                 given["code"] = spec = plugins.resolve_code(cls.kind, spec)
-                given["name"] = name = plugins.name_in(spec)
+                given[cls.selector] = name = plugins.name_in(spec)
             else:  # the code belongs to an entry that is no longer selected
                 spec = None
         # Installed packages are searched only for a name that does not refer to code.
@@ -150,7 +150,7 @@ class Choice(FrozenModel):
         if isinstance(name, str) and not is_known and given.get("code") is None:
             raise InputError(
                 f"there is no {cls.kind} {shown(name)}{nearest(name, entries)} (there are {', '.join(entries)})",
-                field=f"{cls.kind}.name",
+                field=plugins.field_of(cls.kind),
             )
         return name
 
@@ -172,7 +172,7 @@ class Choice(FrozenModel):
             fields = [
                 f"{entry}.{field}" for entry, known in entries.items() for field in known.params.model_fields
             ]
-            full_names = {"name": f"{cls.kind}.name"} | {
+            full_names = {own: f"{cls.kind}.{own}" for own in cls._own_fields()} | {
                 field.rpartition(".")[2]: f"{cls.kind}.{field}" for field in fields
             }
             close = nearest(name, [*entries, *full_names])
@@ -192,10 +192,23 @@ class Choice(FrozenModel):
             suggest = partial(nearest, known=params.model_fields)
             raise field_error(error, suggest, prefix=f"{section}.") from None
 
+    @classmethod
+    def _own_fields(cls) -> list[str]:
+        """Return the fields of the section itself, the selector among them, but ``code``.
+
+        A new reference to code is given as the name, so ``code`` is no field to users.
+        """
+        return [name for name in cls.model_fields if name != "code"]
+
+    @property
+    def selected(self) -> str:
+        """Name of the selected entry."""
+        return str(getattr(self, self.selector))
+
     @property
     def params(self) -> Any:
         """Parameters of the selected entry."""
-        return self.table(self.name)
+        return self.table(self.selected)
 
     def table(self, name: str) -> Any:
         """Return the parameters of an entry: those given, or its defaults; {} if neither is known."""
@@ -209,42 +222,42 @@ class Choice(FrozenModel):
     @property
     def defaults(self) -> dict[str, Any]:
         """Default parameters of the selected entry by name; if its code is not loaded, the parameters given."""
-        known = type(self).known().get(self.name)
+        known = type(self).known().get(self.selected)
         values: dict[str, Any] = known.params().model_dump() if known is not None else dict(self.params)
         return values
 
     @model_serializer(mode="plain")
     def _as_tables(self) -> dict[str, Any]:
-        """Return name, code if there is one, and the tables in alphabetical order, as a dictionary to write out."""
+        """Return the section's own fields that are set, and the tables in alphabetical order, to write out."""
         # Pydantic keeps the tables in its "extra" dictionary, because they are not declared as fields.
-        tables: dict[str, Any] = {"name": self.name, "code": self.code}
+        tables: dict[str, Any] = {name: getattr(self, name) for name in type(self).model_fields}
         for name, table in sorted((self.__pydantic_extra__ or {}).items()):
-            tables[name] = table.model_dump() if isinstance(table, BaseModel) else dict(table)
+            tables[name] = (
+                table.model_dump(exclude_none=True) if isinstance(table, BaseModel) else dict(table)
+            )
         return {key: value for key, value in tables.items() if value is not None}
 
     @property
     def effective(self) -> dict[str, Any]:
-        """The part that has an effect: name, code and the table of the selected entry."""
+        """The part that has an effect: the section's own fields and the table of the selected entry."""
         tables: dict[str, Any] = self._as_tables()
-        return {key: value for key, value in tables.items() if key in ("name", "code", self.name)}
+        own = {*type(self).model_fields, self.selected}
+        return {key: value for key, value in tables.items() if key in own}
 
     @classmethod
     def field_names(cls) -> list[str]:
-        """Return the dotted names, without the section, of "name" and all parameters, such as "soft.eta".
-
-        ``code`` is left out, since a new reference to code is given as the name.
-        """
+        """Return the dotted names, without the section, of its own fields and all parameters, such as "soft.eta"."""
         tables = [
             f"{name}.{field}" for name, entry in cls.known().items() for field in entry.params.model_fields
         ]
-        return ["name", *tables]
+        return [*cls._own_fields(), *tables]
 
     @classmethod
     def kind_of(cls, name: str) -> Any:
         """Return the type of a field, by its dotted name without the section, one of ``field_names``."""
         table, separator, field = name.partition(".")
         if not separator:
-            return str  # "name" is the only field without a table
+            return cls.model_fields[name].annotation
         return cls.known()[table].params.model_fields[field].annotation
 
 
@@ -275,9 +288,11 @@ class NetworkChoice(Choice):
 
 
 class TaskChoice(Choice):
-    """The question about the floor; by name: ``fill_ratio``: does more than ``decision_boundary`` vibrate?"""
+    """The question about the floor; by name: ``fill_ratio``: does more than ``decision_boundary`` vibrate?;
+    ``majority``: which kind of tile is most common?"""
 
     kind = "task"
     known = staticmethod(known_tasks)
     name: str = "fill_ratio"
-    """The right decision is given by the share of tiles that vibrate (fill_ratio)."""
+    """The right decision is given by the share of tiles that vibrate (fill_ratio), or by the most common kind of tile
+    (majority)."""

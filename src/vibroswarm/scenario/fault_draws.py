@@ -188,16 +188,24 @@ def of_run(faults: SensorFaults, r: int) -> SensorFaults:
 
 @inner
 def observation_of(
-    faults: SensorFaults, r: int, i: int, time_s: float, vibrates: bool, u: float, below: float
+    faults: SensorFaults,
+    r: int,
+    i: int,
+    time_s: float,
+    kind: int,
+    u: float,
+    shares: NDArray[np.float64],
+    row: int,
 ) -> int:
-    """Return the bit that robot ``i`` reads at time ``time_s``, with the faults that its sensor has by then.
+    """Return the class that robot ``i`` reads at time ``time_s``, with the faults that its sensor has by then.
 
     Args:
-        r: row of the run in the arrays of ``faults``. vibrates: whether the tile that the robot senses vibrates.
-        u: the sample's uniform number. below: share of this tile's energies at or below the threshold, without faults.
+        r: row of the run in the arrays of ``faults``. kind: of the tile that the robot senses. u: the sample's uniform
+            number. shares: (rows, kinds, classes - 1): ``Response.shares_below``. row: of the sample in them.
     """
+    below = shares[row, kind, 0]
     if faults.at_0_from_s.shape[0] == 0:  # no rows: no sensor can fail
-        return 1 if u > below else 0
+        return class_of(u, below, shares, row, kind)
     if time_s >= faults.at_1_from_s[r, i]:
         return 1
     if time_s >= faults.at_0_from_s[r, i]:
@@ -206,8 +214,22 @@ def observation_of(
     # 0 or 1 acts as 0 or 1, because u is strictly between them.
     for_s = time_s - faults.biased_from_s[r, i]  # how long it has been biased
     if for_s >= 0.0:
-        if vibrates:
+        if kind == 1:
             below += faults.shifts[2] + faults.shifts[3] * for_s
         else:
             below -= faults.shifts[0] + faults.shifts[1] * for_s
-    return 1 if u > below else 0
+    return class_of(u, below, shares, row, kind)
+
+
+@inner
+def class_of(u: float, below: float, shares: NDArray[np.float64], row: int, kind: int) -> int:
+    """Return the reading of a sample: how many of the shares of its row and kind are below its uniform number.
+
+    Args:
+        below: the first of these shares, which a fault may have changed.
+    """
+    found = 1 if u > below else 0
+    for j in range(1, shares.shape[2]):  # none, if there are two classes
+        if u > shares[row, kind, j]:
+            found += 1
+    return found

@@ -30,11 +30,12 @@ from pydantic import Field, model_validator
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import TILE_LIMIT, Floor, as_tiles
+from vibroswarm.floors.floor import DIGITS, TILE_LIMIT, Floor, as_tiles, words_of_kinds
 from vibroswarm.floors.source import is_random, named_tiles
-from vibroswarm.scenario.choices import NetworkChoice, StrategyChoice, TaskChoice
+from vibroswarm.scenario.choices import Choice, NetworkChoice, StrategyChoice, TaskChoice
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
 from vibroswarm.scenario.localisation_fields import Localisation, Odometry, PlaceMethod
+from vibroswarm.sensors import known as known_sensors
 
 # ``strict=False`` lets a tuple be given as a list, as TOML gives it; the models themselves are strict.
 Length = Annotated[float, Field(gt=0, le=1e4)]
@@ -69,13 +70,15 @@ class FloorField(FrozenModel):
     """The tiles in the arena, and their position."""
 
     source: str = Field(default="random:0.48", min_length=1)
-    """A pattern with its fill (``diagonal:0.46``), ``random:0.48``, or the name of the floor in ``tiles``."""
+    """A pattern with its fill (``diagonal:0.46``), ``random:0.48``, ``random:0.4,0.35,0.25`` (shares of the kinds 0, 1
+    and 2), or the name of the floor in ``tiles``."""
     rows: Annotated[int, Field(ge=1, le=2000)] = 5
     """Rows of a random floor; patterns and `tiles` have their own."""
     columns: Annotated[int, Field(ge=1, le=2000)] = 5
     """Columns of a random floor."""
     tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
-    """The floor itself, one string of 0 and 1 per row, top row first; takes precedence over ``source``."""
+    """The floor itself, one string of 0 and 1 per row, top row first; other kinds of tile are 2 to 9 and a to f. It
+    takes precedence over ``source``."""
     redraw: Literal["run", "study"] = "run"
     """Draw a new random floor for each run, or once (that of run 0) for all."""
     image_threshold: Annotated[float, Field(gt=0, lt=1)] | None = None
@@ -121,21 +124,24 @@ class FloorField(FrozenModel):
         return Floor(tiles, width_m, height_m, self.left_m, self.bottom_m, name)
 
     def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
-        """Return the tiles of (seed, run) (uint8, (rows, columns), 1 vibrates, top row first), and the floor's name.
+        """Return the tiles of (seed, run) (uint8, (rows, columns), kinds, top row first), and the floor's name.
 
         ``redraw`` has no effect here: if it is "study", ``placed_in`` requests run 0 for every run.
 
         Raises:
-            InputError: ``tiles`` is not a grid of 0 and 1, or ``source`` names no floor.
+            InputError: ``tiles`` is not a grid of kinds, or ``source`` names no floor.
         """
         if self.tiles is not None:
             if sum(map(len, self.tiles)) > TILE_LIMIT:
                 raise InputError(f"is too large; at most {TILE_LIMIT:,} tiles", field="floor.tiles")
             if len({len(row) for row in self.tiles}) > 1:
                 raise InputError("the rows differ in length; give rows of equal length", field="floor.tiles")
-            if set("".join(self.tiles)) - {"0", "1"}:
-                raise InputError("a row has other characters than 0 and 1", field="floor.tiles")
-            return as_tiles([[int(tile) for tile in row] for row in self.tiles]), self.source
+            if set("".join(self.tiles)) - set(DIGITS):
+                raise InputError(
+                    f"a row has other characters than 0 to 9 and a to f; {words_of_kinds()}",
+                    field="floor.tiles",
+                )
+            return as_tiles([[int(tile, 16) for tile in row] for row in self.tiles]), self.source
         return named_tiles(self.source, self.rows, self.columns, seed, run), self.source
 
 
@@ -269,11 +275,15 @@ class Sample(FrozenModel):
     """Whether a due sample may interrupt an avoidance turn, which resumes after it."""
 
 
-class Sensor(FrozenModel):
+class Sensor(Choice):
     """The reading of a sample: an energy E (RMS of the filtered acceleration) and the bit O = (E > theta_E)."""
 
-    model: Literal["gamma", "energies"] = "gamma"
-    """Draw energies from Gamma distributions, or from measured ones."""
+    kind = "sensor"
+    selector = "model"
+    known = staticmethod(known_sensors)
+    model: str = "gamma"
+    """Draw energies from Gamma distributions (gamma), or from measured ones (energies); or tell several kinds of
+    tile apart (confusion)."""
     rms_threshold: Annotated[float, Field(ge=0, le=1e9)] = 1.33
     """theta_E: a sample reads as vibrating when E exceeds it."""
     vibrating_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.33497
@@ -303,6 +313,24 @@ class Sensor(FrozenModel):
     standard deviation of its logarithm, drawn per tile and run (per study with ``floor.redraw = "study"``)."""
     robot_spread: Annotated[float, Field(gt=0, le=2)] | None = None
     """Differences between the robots' sensors, likewise; drawn per robot and run."""
+
+    @property
+    def params(self) -> Any:
+        """Parameters of the selected sensor: its table, or this section, of which they are fields."""
+        known = known_sensors().get(self.model)
+        return self if known is not None and known.in_section else self.table(self.model)
+
+    @property
+    def kinds(self) -> int:
+        """Number of kinds of tile that the sensor has a law for; 2 if its code is not loaded."""
+        known = known_sensors().get(self.model)
+        return 2 if known is None else known.kinds(self.params)
+
+    @property
+    def readings(self) -> int:
+        """Number of classes of the readings; 2 if the sensor's code is not loaded."""
+        known = known_sensors().get(self.model)
+        return 2 if known is None else known.readings(self.params)
 
 
 class Decision(FrozenModel):

@@ -1,4 +1,4 @@
-"""Strategies, networks, tasks and motion sources from users' files: ``voter.py:voter`` names an object in a file.
+"""Strategies, networks, tasks, sensors and motions from users' files: ``voter.py:voter`` names an object in a file.
 
 A reference to code is such a name, or the same with the hash of the file: ``voter.py:voter sha256:...``. A data file
 is a scenario or study file, which may contain references. Loading a Python file runs it, so a file that a data file
@@ -21,11 +21,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Final, NamedTuple, TypeVar
 
-from vibroswarm import networks, strategies, tasks
+from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.registry import Named, Registry
 from vibroswarm.core.untrusted_files import read_text
 from vibroswarm.errors import CodeError, InputError, RunError, check_kind, nearest, path_of, shown
 from vibroswarm.networks import Network
+from vibroswarm.sensors import SensorModel
 from vibroswarm.strategies import Strategy
 from vibroswarm.tasks import Task
 
@@ -47,12 +48,15 @@ class Kind(NamedTuple):
     """Returns all registered objects, by name."""
     group: str
     """Entry point group of installed packages."""
+    selector: str = "name"
+    """Field of the section of this kind that selects one."""
 
 
 KINDS: Final[dict[str, Kind]] = {
     "strategy": Kind(Strategy, strategies.register, strategies.known, "vibroswarm.strategies"),
     "network": Kind(Network, networks.register, networks.known, "vibroswarm.networks"),
     "task": Kind(Task, tasks.register, tasks.known, "vibroswarm.tasks"),
+    "sensor": Kind(SensorModel, sensors.register, sensors.known, "vibroswarm.sensors", selector="model"),
 }
 """Kinds of objects that a file may define, by name; ``motion.source`` adds "motion"."""
 
@@ -90,6 +94,11 @@ def search_beside(folder: str | Path | None) -> Iterator[None]:
         return
     with trust_code(Path(folder)):
         yield
+
+
+def field_of(kind: str) -> str:
+    """Return the dotted name of the field that selects an object of a kind, such as "strategy.name"."""
+    return f"{kind}.{KINDS[kind].selector}"
 
 
 def is_code(text: object) -> bool:
@@ -156,7 +165,7 @@ def resolve_code(kind: str, spec: str) -> str:
         return str(load_file(kind, spec, _trusted[-1]).code)
     if HASH in spec:
         return spec
-    raise InputError(f"{spec} is code; add --trust if you know what it does", field=f"{kind}.name")
+    raise InputError(f"{spec} is code; add --trust if you know what it does", field=field_of(kind))
 
 
 def resolve_codes(values: Any, path: str = "") -> Any:
@@ -164,7 +173,7 @@ def resolve_codes(values: Any, path: str = "") -> Any:
 
     Args:
         values: nested tables, lists and values. path: the keys that lead to ``values``, each after a dot. Only fields
-            such as ``strategy.name`` are references; their section is the kind.
+            such as ``strategy.name`` and ``sensor.model`` are references; their section is the kind.
     Raises:
         InputError: as of ``resolve_code``.
     """
@@ -172,7 +181,7 @@ def resolve_codes(values: Any, path: str = "") -> Any:
         # A list with the last part but one, such as "strategy"; empty if there is none. In a study the section is not
         # the first part: it may be below ``grid``, where a key may also be the dotted name "strategy.name".
         section = path.split(".")[-2:-1]
-        is_name = path.endswith(".name") and section and section[0] in KINDS
+        is_name = section and section[0] in KINDS and path.endswith(field_of(section[0]))
         return resolve_code(section[0], values) if is_name and is_code(values) else values
     if isinstance(values, Mapping):
         return {key: resolve_codes(value, f"{path}.{key}") for key, value in values.items()}
@@ -363,7 +372,7 @@ def load_installed() -> None:
     Raises:
         InputError: an entry point cannot be loaded, or is not of its group's kind.
     """
-    for kind, (declared, register, known, group) in KINDS.items():
+    for kind, (declared, register, known, group, _) in KINDS.items():
         for point in entry_points(group=group):
             try:
                 loaded: Any = point.load()

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import math
 
-from vibroswarm import networks, strategies
+import numpy as np
+
+from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.errors import InputError
-from vibroswarm.floors.source import shadows
+from vibroswarm.floors.source import is_random, random_shares, shadows
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 
@@ -177,13 +179,77 @@ def _check_signal(s: Sections) -> None:
 
 
 def _check_sensor(s: Sections) -> None:
-    """Refuse a sensor that draws from measured energies without such energies."""
-    if s.sensor.model == "energies":
-        for field in ("vibrating_energies", "still_energies"):
-            if getattr(s.sensor, field) is None:
-                raise InputError(
-                    'missing; model = "energies" draws from measured energies', field=f"sensor.{field}"
-                )
+    """Refuse what the sensor's own check refuses, and options that its readings do not have."""
+    sensor = s.sensor
+    known = sensors.known().get(sensor.model)
+    if known is None:  # its code is not loaded
+        return
+    if known.check is not None:
+        known.check(sensor.params)
+    for field in ("tile_spread", "robot_spread"):
+        if getattr(sensor, field) is not None and not known.scales:
+            raise InputError(
+                f"multiplies strengths, and '{sensor.model}' measures none; leave it out",
+                field=f"sensor.{field}",
+            )
+
+
+def _check_kinds(s: Sections) -> None:
+    """Refuse kinds of tile, classes of readings and answers that sensor, floor, strategy and task do not share."""
+    if s.sensor.model not in sensors.known():  # its code is not loaded
+        return
+    kinds, readings = s.sensor.kinds, s.sensor.readings
+    tiles, name = s.floor.tiles_for(0, 0)
+    if tiles.max() >= kinds:
+        row, column = (int(index) for index in np.argwhere(tiles >= kinds)[0])
+        raise InputError(
+            f"row {row + 1}, column {column + 1} of floor '{name}' is of kind {tiles[row, column]}, and the sensor "
+            f"'{s.sensor.model}' knows {kinds} kinds, from 0; give it a law, as with sensor.model = \"confusion\"",
+            field="sensor.model",
+        )
+    shares = random_shares(name) if s.floor.tiles is None and is_random(name) else ()
+    if len(shares) > 2 and len(shares) < kinds:
+        raise InputError(
+            f"'{name}' has shares of {len(shares)} kinds, and the sensor '{s.sensor.model}' knows {kinds}; give a "
+            "share of each, 0 for those that are not there",
+            field="floor.source",
+        )
+    if max(kinds, readings) > 2:
+        _check_options_of_two(s)
+    strategy, task = strategies.known().get(s.strategy.name), tasks.known().get(s.task.name)
+    if strategy is None or task is None:  # its code is not loaded
+        return
+    if readings > 2 and not strategy.many_readings:
+        raise InputError(
+            f"'{s.strategy.name}' reads 0 or 1, and the sensor '{s.sensor.model}' tells {readings} classes; choose a "
+            "strategy for several kinds, such as dirichlet",
+            field="strategy.name",
+        )
+    answers, decisions = task.answers_of(kinds), kinds if strategy.answers_kinds else 2
+    if len(answers) != decisions:
+        fitting = "majority" if strategy.answers_kinds else "fill_ratio, or a strategy such as dirichlet"
+        raise InputError(
+            f"'{s.task.name}' has {len(answers)} answers, and '{s.strategy.name}' decides among {decisions}; "
+            f"choose {fitting}",
+            field="task.name",
+        )
+
+
+def _check_options_of_two(s: Sections) -> None:
+    """Refuse what is defined for two kinds of tile and two classes of readings only."""
+    options = {
+        "sensor.edge_reach_m": s.sensor.edge_reach_m is not None,
+        "sensor.edge_blur_m": s.sensor.edge_blur_m is not None,
+        "decision.boundary_of": s.decision.boundary_of == "tiles",
+        "faults.biased": bool(s.faults.biased),
+    }
+    for field, is_set in options.items():
+        if is_set:
+            raise InputError(
+                f"is defined for two kinds of tile and two classes of readings, and the sensor '{s.sensor.model}' has "
+                f"{s.sensor.kinds} and {s.sensor.readings}; leave it out",
+                field=field,
+            )
 
 
 def is_neutral_at_half_only(s: Sections) -> bool:
@@ -288,6 +354,7 @@ ALL = (
     _check_time,
     _check_signal,
     _check_sensor,
+    _check_kinds,
     _check_boundary,
     _check_factors,
     _check_floor,

@@ -16,7 +16,7 @@ rows in place and are compiled by Numba. They allocate nothing, and draw random 
     def on_message(s, a, m, sender, t_s, d, p, w): ...  # takes one message heard
     def on_sample(s, a, x, out, d, p, w): ...         # takes an own sample; returns True to send ``out``
     def on_timer(s, a, t_s, out, d, p, w): ...        # optional, called at s.next_s; returns True to send ``out``
-    def decision(s, a, p, w): ...                     # returns 0 or 1; -1 while undecided
+    def decision(s, a, p, w): ...                     # returns 0 or 1 (or another kind); -1 while undecided
     def belief(s, a, p, w): ...                       # optional: P(share of ones < w.boundary)
     def steer(s, a, x, d, p, w): ...                  # optional, after the own sample: returns turn_deg, drive_ms
     def opposite(m): ...                              # optional: turns a message into its opposite (faults.opposite)
@@ -133,6 +133,8 @@ class Strategy(Plugin):
         boundary_half: whether the strategy works only if the boundary of readings (``World.boundary``) is 1/2.
         told: what its parameters tell a robot of the task, such as "accuracy"; ``static_analysis.told`` adds what the
             hooks read.
+        many_readings: whether readings may be of more than two classes.
+        answers_kinds: whether it decides which kind of tile is most common, 0 to kinds - 1, instead of 0 or 1.
         knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
         reads_details: whether ``on_sample`` is given a ``DetailedReading`` in place of a ``Reading``.
         variant: a function of the parameters, and of sizes (those that arrays may have, and the arena's
@@ -159,6 +161,8 @@ class Strategy(Plugin):
     revises: bool = False
     boundary_half: bool = False
     told: tuple[str, ...] = ()
+    many_readings: bool = False
+    answers_kinds: bool = False
     knows_error_rates: bool = False
     reads_details: bool = False
     variant: Callable[[Any, Mapping[str, int]], Strategy] | None = None

@@ -32,6 +32,8 @@ class World(NamedTuple):
     """Its own number, from 0."""
     robots: int
     """Number of robots."""
+    kinds: int
+    """Number of kinds of tile."""
     t_end_s: float
     """End of the run."""
     tick_s: float
@@ -87,7 +89,7 @@ class Reading(NamedTuple):
     """An own sample."""
 
     reading: int
-    """0 or 1."""
+    """0 or 1; more, if the sensor tells more than two classes."""
     t_s: float
     """Time of the sample."""
     number: int

@@ -399,9 +399,7 @@ class Study(NotebookView):
             for part in cell.scenario.choices:
                 if part.code is not None:  # user code
                     section = sections.setdefault(part.kind, {})
-                    section.setdefault(
-                        part.name, part.defaults
-                    )  # the table of parameters has the choice's name
+                    section.setdefault(part.selected, part.defaults)
         return sections
 
     def with_runs(self, runs: int) -> Study:

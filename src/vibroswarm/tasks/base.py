@@ -1,15 +1,17 @@
-"""The protocol of tasks: a yes (1) or no (0) question about a floor, and its true answer.
+"""The protocol of tasks: a question about a floor, its answers by name, and the true one.
 
 A task is one file: parameters, and one plain function, called once for each floor.
 
     class Params:                             # [task.NAME] of a scenario, one field per line, with bounds
         least: Annotated[int, Field(ge=1)] = 4
 
-    def truth(floor, asked, p): ...           # 1: yes, 0: no, None: neither decision is right
+    def truth(floor, asked, p): ...           # 1: yes, 0: no, None: no decision is right
 
-``floor`` is a ``Floor`` (``floor.tiles``: (rows, columns) of 0 and 1, top row first), ``asked`` an ``Asked``, ``p`` the
-Params. The robots' strategies do not see the task: they decide 0 or 1 by their own rule, and the task says which
-decision is right.
+``floor`` is a ``Floor``, ``asked`` an ``Asked``, ``p`` the Params. ``floor.tiles`` are kinds such as 0 and 1, (rows,
+columns), top row first; ``floor.share_within(kind, asked.width_m, asked.height_m)`` is a kind's share. The robots'
+strategies do not see the task: they decide by their own rule, and the task says which decision is right. A question
+with other answers than no and yes names them: the decision is an index into ``answers``, which may be a function of the
+number of kinds.
 """
 
 from __future__ import annotations
@@ -40,6 +42,8 @@ class Asked(NamedTuple):
     """Share of the tiled area inside the arena that vibrates (``Floor.fill_ratio_within``)."""
     decision_boundary: float
     """``decision.decision_boundary`` of the scenario: strategies decide whether the fill ratio is above it."""
+    kinds: int = 2
+    """Number of kinds of tile."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,11 +52,12 @@ class Task(Plugin):
 
     Args:
         truth: the function ``truth`` of the module's docstring. about: the question, for messages and lists. answers:
-            what the decisions 0 and 1 mean; ``{boundary}`` is replaced by the decision boundary in percent.
+            what the decisions 0, 1 and so on mean, or a function of the number of kinds that returns this;
+            ``{boundary}`` is replaced by the decision boundary in percent.
     """
 
     truth: Callable[[Floor, Asked, Any], int | None]
-    answers: tuple[str, str] = ("no", "yes")
+    answers: tuple[str, ...] | Callable[[int], tuple[str, ...]] = ("no", "yes")
 
     def __post_init__(self) -> None:
         """Check the fields.
@@ -64,14 +69,18 @@ class Task(Plugin):
         if not callable(self.truth):
             raise InputError("has no function truth(floor, asked, p)", field=f"task '{self.name}'")
 
+    def answers_of(self, kinds: int) -> tuple[str, ...]:
+        """Return the meaning of each decision, with this number of kinds of tile."""
+        return self.answers(kinds) if callable(self.answers) else self.answers
+
     def answer(self, floor: Floor, asked: Asked, params: BaseModel) -> int | None:
-        """Return the right decision on a floor: 1, 0, or None if neither decision is right.
+        """Return the right decision on a floor, an index into the answers, or None if no decision is right.
 
         Args:
             asked: what the task may need beside the floor. params: the task's parameters.
         Raises:
-            CodeError: ``truth`` returned something other than 0, 1 or None; or it raised an error, and the task was
-                loaded from a user's file (``Plugin.code``). The message names the line.
+            CodeError: ``truth`` returned something other than such an index or None; or it raised an error, and the
+                task was loaded from a user's file (``Plugin.code``). The message names the line.
             Exception: an error of any other task's ``truth``, unchanged.
         """
         try:
@@ -80,10 +89,12 @@ class Task(Plugin):
             if not self.code:  # not from a user's file: the whole traceback is more useful than one line
                 raise
             raise CodeError(f"{self._place(error)}: {type(error).__name__}: {error}") from None
+        count = len(self.answers_of(asked.kinds))
         if answer is not None and not (
-            isinstance(answer, int | np.integer | np.bool_) and int(answer) in (0, 1)
+            isinstance(answer, int | np.integer | np.bool_) and 0 <= int(answer) < count
         ):
-            raise CodeError(f"{self._place()}: returned {shown(answer)}; return 0, 1 or None")
+            numbers = ", ".join(map(str, range(count)))
+            raise CodeError(f"{self._place()}: returned {shown(answer)}; return {numbers} or None")
         return None if answer is None else int(answer)
 
     def _place(self, error: Exception | None = None) -> str:

@@ -7,6 +7,7 @@ from vibroswarm.testing.motion import check_motion
 from vibroswarm.testing.network import check_network
 from vibroswarm.testing.plain_reference import PlainRun, plain_run
 from vibroswarm.testing.runs import Finding
+from vibroswarm.testing.sensor import check_sensor
 from vibroswarm.testing.strategy import check_strategy
 from vibroswarm.testing.task import check_task
 
@@ -16,6 +17,7 @@ __all__ = [
     "check_method",
     "check_motion",
     "check_network",
+    "check_sensor",
     "check_strategy",
     "check_task",
     "plain_run",

@@ -1,6 +1,7 @@
 """Checks of every task, each a function that yields what is wrong, in words; nothing if all is well.
 
-A task gives the right decision of a floor: 0, 1, or None if no decision is right. All checks try the same floors.
+A task gives the right decision of a floor, such as 0 or 1, or None if no decision is right. All checks try the same
+floors, of two and of four kinds of tile.
 """
 
 from __future__ import annotations
@@ -14,13 +15,17 @@ from vibroswarm.errors import shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import NAMES, pattern
 from vibroswarm.inference.outcomes import truth_on
+from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.tasks import task
 from vibroswarm.testing.runs import Finding, run_checks
 
 SIZES: Final = ((1, 1), (5, 5), (10, 10), (3, 7))
 """Rows and columns of random floors."""
 SHARES: Final = (0.2, 0.45, 0.55, 0.8)
 """Shares of tiles that vibrate."""
+KINDS: Final = 4
+"""Number of kinds of tile."""
 
 
 def check_task(name: str) -> list[Finding]:
@@ -35,8 +40,8 @@ def check_task(name: str) -> list[Finding]:
 def floors(scenario: Scenario) -> dict[str, Floor]:
     """Return floors that cover the whole arena, by description; each call makes new but equal floors.
 
-    They are all patterns and, for each size of ``SIZES``, random floors with each share of ``SHARES``, a floor on which
-    no tile vibrates, and one on which all tiles vibrate.
+    They are all patterns and, for each size of ``SIZES``, random floors with each share of ``SHARES``, one of all
+    kinds, and for each kind a floor of it alone.
     """
     tiles = {name: pattern(name) for name in NAMES}
     for rows, columns in SIZES:
@@ -45,8 +50,10 @@ def floors(scenario: Scenario) -> dict[str, Floor]:
             # The seed is made of size and index of the share, so that a floor does not depend on the other floors.
             drawn = np.random.default_rng([rows, columns, k]).random((rows, columns)) < share
             tiles[f"{size}, {share:.0%} at random"] = drawn.astype(np.uint8)
-        for value, words in ((0, "still"), (1, "vibrating")):
-            tiles[f"{size}, all {words}"] = np.full((rows, columns), value, np.uint8)
+        for kind in range(KINDS):
+            tiles[f"{size}, all of kind {kind}"] = np.full((rows, columns), kind, np.uint8)
+        kinds = np.random.default_rng([rows, columns]).integers(KINDS, size=(rows, columns))
+        tiles[f"{size}, all kinds at random"] = kinds.astype(np.uint8)
     arena = scenario.arena
     return {
         words: Floor(grid, arena.width_m / grid.shape[1], arena.height_m / grid.shape[0])
@@ -55,20 +62,26 @@ def floors(scenario: Scenario) -> dict[str, Floor]:
 
 
 def _scenario(name: str) -> Scenario:
-    """Return the default scenario with the task ``name``."""
-    return Scenario().with_values({"task.name": name})
+    """Return the default scenario with the task ``name`` and four kinds of tile.
+
+    No strategy is asked, so it need not be able to answer.
+    """
+    scenario = Scenario().with_values({"task.name": name})
+    sensor = Sensor.model_validate({"model": "confusion", "confusion": {"kinds": KINDS}})
+    return scenario.model_copy(update={"sensor": sensor})
 
 
 def _answers(name: str) -> Iterator[str]:
-    """Check that the task answers 0, 1 or None on all floors.
+    """Check that the task gives one of its answers, or None, on all floors.
 
     ``truth_on`` itself raises an error at any other answer (``Task.answer``), and ``run_check`` reports it.
     """
     scenario = _scenario(name)
+    known = (*range(len(task(name).answers_of(KINDS))), None)
     for words, floor in floors(scenario).items():
         answer = truth_on(scenario, floor)
-        if answer not in (0, 1, None):  # only if ``Task.answer`` failed to refuse it
-            yield f"on the floor {words} it gives {shown(answer)}; give 0, 1 or None"
+        if answer not in known:  # only if ``Task.answer`` failed to refuse it
+            yield f"on the floor {words} it gives {shown(answer)}; give one of {known}"
 
 
 def _same_again(name: str) -> Iterator[str]:
@@ -103,7 +116,7 @@ def _tells_floors_apart(name: str) -> Iterator[str]:
 
 # Names of the checks, as ``vibroswarm check`` prints them.
 CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
-    "it gives 0, 1 or None on every floor": _answers,
+    "it gives one of its answers or None on every floor": _answers,
     "the same again for the same floor": _same_again,
     "it leaves floors as they are": _leaves_floors,
     "it tells floors apart": _tells_floors_apart,

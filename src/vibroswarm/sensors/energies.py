@@ -1,0 +1,76 @@
+"""A sensor that draws from measured energies, for one whose law is not known.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| energy | E | as measured | of n sorted energies of the tile's kind, the one with index floor(u n) |
+| reading | O | 0, 1 | 1 if E > theta_E |
+| likelihood | - | 1 / unit of E | share of a kind's energies in the bin of E (counts plus 0.5) over the bin's width |
+
+Its parameters, ``vibrating_energies`` and ``still_energies``, are fields of the section ``sensor`` itself.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+
+from vibroswarm.errors import InputError
+from vibroswarm.sensors.base import SensorModel, Values, register
+from vibroswarm.sensors.gamma import above_threshold
+
+BINS: Final = 16
+"""Number of bins of the likelihood. Each holds the same number of energies, counting both kinds together."""
+
+
+def measured_of(kind: int, p: Any) -> Values:
+    """Return the measured energies of vibrating (``kind`` 1) or of still tiles, sorted."""
+    return np.sort(np.asarray(p.vibrating_energies if kind == 1 else p.still_energies, dtype=np.float64))
+
+
+def measure(kind: int, u: Values, p: Any) -> Values:
+    """Return the measured energies at the quantiles ``u``."""
+    energies = measured_of(kind, p)
+    return energies[(u * energies.size).astype(np.int64)]
+
+
+def share_at_most(kind: int, thresholds: Values, p: Any) -> Values:
+    """Return the share of the measured energies of a kind at or below each threshold."""
+    energies = measured_of(kind, p)
+    return np.asarray(np.searchsorted(energies, thresholds, side="right") / energies.size)
+
+
+def likelihood(kind: int, value: Values, p: Any) -> Values:
+    """Return the density of energies on a kind of tile, from a histogram; energies beyond it are in its outer bins."""
+    together = np.concatenate([measured_of(0, p), measured_of(1, p)])
+    # If many energies are equal, some quantiles coincide; each is used once, so there are fewer bins.
+    edges = np.unique(np.quantile(together, np.arange(1, BINS) / BINS))
+    counts = np.bincount(np.searchsorted(edges, measured_of(kind, p), side="right"), minlength=edges.size + 1)
+    shares = (counts + 0.5) / (counts + 0.5).sum()  # 0.5: an empty bin must not have the share 0
+    ends = np.concatenate([[together.min()], edges, [together.max()]])
+    widths = np.maximum(np.diff(ends), 1e-9)  # a bin of equal energies has no width
+    return np.asarray((shares / widths)[np.searchsorted(edges, value, side="right")])
+
+
+def check(p: Any) -> None:
+    """Refuse a scenario without measured energies of both kinds."""
+    for field in ("vibrating_energies", "still_energies"):
+        if getattr(p, field) is None:
+            raise InputError(
+                'missing; model = "energies" draws from measured energies', field=f"sensor.{field}"
+            )
+
+
+energies = register(
+    SensorModel(
+        name="energies",
+        measure=measure,
+        reading=above_threshold,
+        share_at_most=share_at_most,
+        likelihood=likelihood,
+        check=check,
+        in_section=True,
+        scales=True,
+        about="energies are drawn from measured ones (--energies FILE)",
+    )
+)

@@ -1,0 +1,96 @@
+"""Soft feedback for several kinds of tile: a robot sends a random kind, drawn between its reading and its belief.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| belief | P_j | - | P(kind j is the most common) |
+| weight | delta | - | exp(-eta Gamma) (max P - 1/k)^kappa; for two kinds Eq. 18 |
+| probability of sending j | - | - | delta P_j + (1 - delta) [j = O]; for two kinds Eq. 16 |
+
+Gamma is the variance of the posterior of the largest share. This generalisation of the paper's rule to k kinds is ours;
+with two kinds it is ``soft``, bit by bit.
+"""
+
+from __future__ import annotations
+
+import math
+
+from vibroswarm.core.jit import inner
+from vibroswarm.robot.belief import variance
+from vibroswarm.strategies import soft
+from vibroswarm.strategies.base import register, strategy_in
+from vibroswarm.strategies.bayes import Row, decision
+from vibroswarm.strategies.dirichlet import (
+    Arrays,
+    Message,
+    State,
+    begin,
+    belief,
+    belief_in,
+    observe_and_decide,
+    on_message,
+    pair_belief,
+)  # fmt: skip
+from vibroswarm.strategies.world import Draws, Reading, World, belief_below, u
+
+__all__ = [
+    "Arrays",
+    "Message",
+    "Params",
+    "State",
+    "begin",
+    "belief",
+    "decision",
+    "dirichlet_soft",
+    "on_message",
+]
+Params = soft.Params
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Count the reading, decide, and send a random kind, drawn by the reading and the posterior."""
+    observe_and_decide(s, a, x, w)
+    if w.kinds == 2:
+        below = belief_below(a.counts[1], a.counts[0], w)
+        out.kind = soft.message(x.reading, a.counts[1], a.counts[0], below, p.eta, p.kappa, u(d, 0))
+    else:
+        out.kind = drawn_kind(x.reading, a.counts, p.eta, p.kappa, u(d, 0), w)
+    return True
+
+
+@inner
+def drawn_kind(reading: int, counts: Row, eta: float, kappa: float, number: float, w: World) -> int:
+    """Draw the kind to send: the kinds from the highest down share the interval from 0 to 1 by their probabilities.
+
+    Args:
+        reading: O. number: uniform number in (0, 1).
+    """
+    leader, total = counts.argmax(), counts.sum()
+    # A shortcut: P of the leader is at most ``most``, so another kind than O is sent with a probability of at most
+    # ``weight``, which lies at the ends of the interval. Most messages are drawn here, without an integral.
+    most = 1.0
+    for other in range(counts.size):
+        if other != leader:
+            most = min(most, 1.0 - pair_belief(counts, other, leader, w))
+    narrow = math.exp(-eta * variance(counts[leader], total - counts[leader]))
+    weight = narrow * max(most - 1.0 / counts.size, 0.0) ** kappa
+    if weight + soft.ROUNDING < number < 1.0 - weight - soft.ROUNDING:
+        return reading
+    delta = narrow * max(belief_in(counts, leader, w) - 1.0 / counts.size, 0.0) ** kappa
+    upper = 0.0
+    for kind in range(counts.size - 1, 0, -1):
+        upper += delta * belief_in(counts, kind, w) + (1.0 - delta) * (kind == reading)
+        if number < upper:
+            return kind
+    return 0
+
+
+dirichlet_soft = register(
+    strategy_in(
+        __name__,
+        "dirichlet_soft",
+        many_readings=True,
+        answers_kinds=True,
+        boundary_half=True,
+        about="soft feedback, several kinds of tile: a robot sends a kind drawn between its reading and its belief",
+    )
+)

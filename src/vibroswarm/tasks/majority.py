@@ -1,0 +1,34 @@
+"""Which kind of tile is the most common?
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| share of a kind | f_k | - | of the part of the floor that lies in the arena |
+| answer | - | kind | the k with the largest f_k; none if two share that place |
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+from vibroswarm.floors.floor import Floor
+from vibroswarm.tasks.base import Asked, Task, register
+
+TIE: Final = 1e-12
+"""Shares that differ by less count as equal."""
+
+
+def truth(floor: Floor, asked: Asked, p: Any) -> int | None:
+    """Return the most common kind of tile in the arena, None if several are equally common."""
+    shares = [floor.share_within(kind, asked.width_m, asked.height_m) for kind in range(asked.kinds)]
+    *_, second, most = sorted(shares)
+    return None if most - second < TIE else shares.index(most)
+
+
+def answers(kinds: int) -> tuple[str, ...]:
+    """Return the answers in words."""
+    return tuple(f"kind {kind} is most common" for kind in range(kinds))
+
+
+majority = register(
+    Task(name="majority", truth=truth, about="which kind of tile is most common?", answers=answers)
+)

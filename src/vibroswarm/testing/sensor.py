@@ -1,0 +1,130 @@
+"""Checks of every sensor, each a function that yields what is wrong, in words; nothing if all is well.
+
+A sensor measures values on each kind of tile, and reads them as classes (``sensors.base``). Checks use its default
+parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.sensors import SensorModel, sensor
+from vibroswarm.sensors.base import MOST_KINDS
+from vibroswarm.testing.runs import Finding, run_checks
+
+U: Final = (np.arange(20_000) + 0.5) / 20_000
+"""Uniform numbers at which sensors are tried."""
+MARGIN: Final = 2.0 / U.size
+"""How far the share of numbers of ``U`` that read as a class may be from the true share."""
+
+
+def check_sensor(name: str) -> list[Finding]:
+    """Run all checks of a registered sensor, and return their findings in order.
+
+    Args:
+        name: of the sensor, as in scenarios.
+    """
+    return run_checks(CHECKS, name, WARNINGS_ONLY)
+
+
+def _model_and_params(name: str) -> tuple[SensorModel, Any]:
+    """Return a sensor and its default parameters. Energies to draw from, which have no default, are made up."""
+    values = {"sensor.vibrating_energies": (1.0, 2.0, 3.0), "sensor.still_energies": (0.2, 0.8, 1.5)}
+    model = sensor(name)
+    section = Scenario().sensor.model_copy(
+        update={"model": name} | {field.partition(".")[2]: value for field, value in values.items()}
+    )
+    return model, section if model.in_section else model.params()
+
+
+def _numbers_of_kinds(name: str) -> Iterator[str]:
+    """Check that there are 2 to 16 kinds of tile, and as many classes."""
+    model, p = _model_and_params(name)
+    for words, count in (("kinds", model.kinds(p)), ("readings", model.readings(p))):
+        if not (isinstance(count, int) and 2 <= count <= MOST_KINDS):
+            yield f"{words} returns {count}; give a whole number from 2 to {MOST_KINDS}"
+
+
+def _readings(name: str) -> Iterator[str]:
+    """Check that values are finite, that readings are classes, and that these never fall as u grows.
+
+    ``SensorModel.values`` and ``classes`` themselves raise an error at other values, and ``run_check`` reports it.
+    """
+    model, p = _model_and_params(name)
+    for kind in range(model.kinds(p)):
+        classes = model.classes(model.values(kind, U, p), p)
+        falls = np.flatnonzero(np.diff(classes) < 0)
+        if falls.size:
+            yield f"on kind {kind} the reading falls from {classes[falls[0]]} as u grows beyond {U[falls[0]]:.4g}"
+
+
+def _same_again(name: str) -> Iterator[str]:
+    """Check that equal numbers give equal values, alone as in an array, and are left as they are."""
+    model, p = _model_and_params(name)
+    for kind in range(model.kinds(p)):
+        numbers = U.copy()
+        values = model.values(kind, numbers, p)
+        if not np.array_equal(numbers, U):
+            yield f"on kind {kind} it changes the numbers that it is given"
+        some = slice(0, U.size, 1999)
+        if not np.array_equal(model.values(kind, U[some], p), values[some]):
+            yield f"on kind {kind} values depend on what else is measured"
+
+
+def _shares(name: str) -> Iterator[str]:
+    """Check that the shares of classes are those that are measured."""
+    model, p = _model_and_params(name)
+    for kind in range(model.kinds(p)):
+        classes = model.classes(model.values(kind, U, p), p)
+        measured = [(classes <= j).mean() for j in range(model.readings(p) - 1)]
+        shares = _shares_up_to(model, kind, p)
+        if np.abs(shares - measured).max() > MARGIN:
+            yield f"on kind {kind} {shares} is stated for classes up to each, and {measured} is measured"
+
+
+def _shares_up_to(model: SensorModel, kind: int, p: Any) -> NDArray[np.float64]:
+    """Return the stated shares of readings up to each class but the last."""
+    if model.share_at_most is not None:
+        return np.atleast_1d(model.share_at_most(kind, np.asarray(p.rms_threshold), p))
+    return np.asarray(model.shares_up_to(kind, np.ones(1), p)[0])
+
+
+def _likelihoods(name: str) -> Iterator[str]:
+    """Check that likelihoods are finite, not negative, and one number for each value."""
+    model, p = _model_and_params(name)
+    if model.likelihood is None:
+        return
+    for kind in range(model.kinds(p)):
+        values = model.values(kind, U, p)
+        found = np.asarray(model.likelihood(kind, values, p))
+        if found.shape != values.shape or not (np.isfinite(found) & (found >= 0)).all():
+            yield f"on kind {kind} likelihood returns what is no density of each value"
+
+
+def _tells_kinds_apart(name: str) -> Iterator[str]:
+    """Check that no two kinds of tile read alike."""
+    model, p = _model_and_params(name)
+    shares = [_shares_up_to(model, kind, p) for kind in range(model.kinds(p))]
+    for one in range(len(shares)):
+        for other in range(one):
+            if np.array_equal(shares[one], shares[other]):
+                yield f"kinds {other} and {one} read alike"
+
+
+# Names of the checks, as ``vibroswarm check`` prints them.
+CHECKS: Final[dict[str, Callable[[str], Iterator[str]]]] = {
+    "it has 2 to 16 kinds and classes": _numbers_of_kinds,
+    "readings are classes that never fall as u grows": _readings,
+    "the same again for the same numbers": _same_again,
+    "classes are as frequent as it states": _shares,
+    "likelihoods are densities": _likelihoods,
+    "it tells kinds of tile apart": _tells_kinds_apart,
+}
+"""All checks of a sensor, in order, by what each requires."""
+WARNINGS_ONLY: Final = ("it tells kinds of tile apart",)
+"""Checks whose failure is not an error."""

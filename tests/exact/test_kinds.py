@@ -1,0 +1,236 @@
+"""Several kinds of tile: beliefs against exact sums, shares and rates against theory, the paper's case bit by bit."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vibroswarm import Scenario, preset, simulate
+from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.source import named_tiles
+from vibroswarm.observation.energy_model import energies_of, rates, shares_below
+from vibroswarm.robot.belief import belief_below
+from vibroswarm.robot.most_common import gamma_below, most_common_belief
+from vibroswarm.scenario.fields import Sensor
+from vibroswarm.sensors import sensor as sensor_of
+from vibroswarm.tasks import Asked, task
+
+PAPER = preset("paper")
+COLOUR = ((0.7, 0.1, 0.1, 0.1), (0.05, 0.85, 0.05, 0.05), (0.0, 0.2, 0.8, 0.0), (0.1, 0.2, 0.3, 0.4))
+THREE: dict[str, Any] = {
+    "sensor.model": "confusion",
+    "floor.source": "random:0.4,0.36,0.24",
+    "task.name": "majority",
+    "strategy.name": "dirichlet",
+    "decision.min_observations": 50,
+}
+
+
+def confusion(**params: Any) -> Sensor:
+    return Sensor.model_validate({"model": "confusion", "confusion": params})
+
+
+# Beliefs
+
+
+@cache
+def last_to_finish(left: tuple[int, ...], kind: int) -> Fraction:
+    """The probability that ``kind`` collects its number of events last, if each event is of any kind equally often.
+
+    Gamma variables of whole shapes are the times of these events in independent Poisson processes of equal rates, so
+    the largest share is that of the kind that finishes last. An exact sum, without densities or quadrature.
+    """
+    if left[kind] == 0:
+        return Fraction(0)
+    running = [j for j, number in enumerate(left) if number]
+    if running == [kind]:
+        return Fraction(1)
+    one_less = (tuple(number - (j == event) for j, number in enumerate(left)) for event in running)
+    return sum((last_to_finish(after, kind) for after in one_less), Fraction(0)) / len(running)
+
+
+@pytest.mark.parametrize(
+    "counts", [(1, 1, 1), (1, 2, 3), (5, 1, 1), (7, 7, 6), (12, 9, 10), (2, 3, 4, 5), (9, 1, 1, 1)]
+)
+def test_belief_in_the_most_common_kind_is_an_exact_sum(counts: tuple[int, ...]) -> None:
+    found = [most_common_belief(np.array(counts), kind) for kind in range(len(counts))]
+    exact = [float(last_to_finish(counts, kind)) for kind in range(len(counts))]
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-11)
+    assert sum(found) == pytest.approx(1.0, abs=1e-11)
+
+
+@settings(deadline=None, max_examples=60, derandomize=True)
+@given(st.integers(1, 5000), st.integers(1, 5000))
+def test_of_two_kinds_it_is_the_beta_belief_of_the_paper(ones: int, zeros: int) -> None:
+    below = belief_below(ones, zeros, 0.5)
+    assert most_common_belief(np.array([zeros, ones]), 0) == pytest.approx(below, abs=1e-11)
+
+
+def test_of_large_counts_it_is_what_random_shares_give() -> None:
+    counts = np.array([620, 600, 570])
+    shares = np.random.default_rng(1).dirichlet(counts, size=400_000)
+    frequency = np.bincount(shares.argmax(axis=1), minlength=3) / len(shares)
+    found = [most_common_belief(counts, kind) for kind in range(3)]
+    np.testing.assert_allclose(found, frequency, atol=4 * 0.5 / np.sqrt(len(shares)))
+    # A control: the belief by the largest pair alone is not that.
+    assert abs(1 - belief_below(620, 600, 0.5) - found[0]) > 0.02
+
+
+@pytest.mark.parametrize("a", [1, 2, 30, 4000])
+def test_distribution_function_of_gamma(a: int) -> None:
+    from scipy.special import gammainc
+
+    for x in np.r_[1e-9, a * np.array([0.2, 0.9, 1.0, 1.1, 2.5])]:
+        assert gamma_below(a, float(x)) == pytest.approx(float(gammainc(a, x)), abs=1e-12)
+
+
+@pytest.mark.parametrize("ours", ["none", "positive", "soft"])
+@pytest.mark.parametrize("fault", [{}, {"faults.radio_dead": 0.4}])
+def test_with_two_kinds_strategies_are_those_of_the_paper_bit_by_bit(
+    ours: str, fault: dict[str, Any]
+) -> None:
+    base = PAPER.with_values({"run.t_end_s": 500.0, "decision.min_observations": 40, **fault})
+    name = "dirichlet" if ours == "none" else f"dirichlet_{ours}"
+    paper = simulate(base.with_values({"strategy.name": ours}), seed=3, runs=6)
+    kinds = simulate(base.with_values({"strategy.name": name, "task.name": "majority"}), seed=3, runs=6)
+    columns = ["decision", "decision_time_s", "belief_below", "belief_at_decision", "messages_received"]
+    assert kinds.robots.select(columns).equals(paper.robots.select(columns))
+    assert kinds.runs["consensus"].equals(paper.runs["consensus"])
+    assert paper.robots["decision"].n_unique() > 1
+
+
+# Sensors
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        Sensor(),
+        Sensor(rms_threshold=1.55, tile_spread=0.3),
+        Sensor(model="energies", vibrating_energies=(3.0, 1.0, 2.5), still_energies=(0.5, 1.5, 0.25, 1.33)),
+        confusion(kinds=5, accuracy=0.6),
+        confusion(rates=COLOUR),
+        confusion(rates=[(*row[:2], row[2] + row[3]) for row in COLOUR]),
+    ],
+    ids=["gamma", "spread", "energies", "five kinds", "colours", "fewer classes than kinds"],
+)
+def test_claimed_rates_are_those_of_a_million_draws(sensor: Sensor) -> None:
+    generator, claimed = np.random.default_rng(7), rates(sensor)
+    model, count = sensor_of(sensor.model), 1_000_000
+    assert claimed.shape == (sensor.kinds, sensor.readings)
+    for kind in range(sensor.kinds):
+        values = model.values(kind, generator.random(count), sensor.params)
+        spread = sensor.tile_spread or 0.0
+        values = values * np.exp(spread * generator.standard_normal(count) - 0.5 * spread**2)
+        read = np.bincount(model.classes(values, sensor.params), minlength=sensor.readings) / count
+        np.testing.assert_allclose(claimed[kind], read, atol=5 * 0.5 / np.sqrt(count))
+        np.testing.assert_allclose(claimed[kind].sum(), 1.0, atol=1e-12)
+
+
+def test_shares_by_bisection_are_the_given_ones() -> None:
+    shares = shares_below(confusion(rates=COLOUR))[0]
+    np.testing.assert_allclose(shares, np.cumsum(COLOUR, axis=1)[:, :3], atol=1e-15)
+    # The bisection agrees with the formula of the paper's sensor, which it does not know.
+    gamma, p = sensor_of("gamma"), Sensor()
+    for kind in (0, 1):
+        found = gamma.shares_up_to(kind, np.array([0.8, 1.0, 1.3]), p)[:, 0]
+        formula = shares_below(p, np.array([0.8, 1.0, 1.3]))[:, kind, 0]
+        np.testing.assert_allclose(found, formula, atol=1e-12)
+
+
+def test_readings_and_values_of_a_run_are_of_one_draw() -> None:
+    four = {**THREE, "floor.source": "random:0.28,0.24,0.24,0.24", "sensor.confusion.rates": COLOUR}
+    result = simulate(PAPER.with_values({**four, "run.t_end_s": 300.0}), seed=2, runs=3)
+    read = result.observations["observation"].to_numpy()
+    assert (result.observations["energy"].to_numpy() == read).all()
+    tiles = np.concatenate(
+        [
+            result.floor(run).tiles.ravel()[frame["tile"].to_numpy()]
+            for (run,), frame in result.observations.group_by("run", maintain_order=True)
+        ]
+    )
+    for kind in range(4):
+        share = np.bincount(read[tiles == kind], minlength=4) / (tiles == kind).sum()
+        np.testing.assert_allclose(share, COLOUR[kind], atol=5 * 0.5 / np.sqrt((tiles == kind).sum()))
+
+
+def test_energies_of_kinds_are_their_own_quantiles() -> None:
+    u = np.linspace(0.01, 0.99, 50)
+    kinds = np.arange(50, dtype=np.uint8) % 3
+    found = energies_of(confusion(kinds=3, accuracy=1.0), kinds, u)
+    assert (found == kinds).all()
+
+
+# Floors and tasks
+
+
+@settings(deadline=None, max_examples=40, derandomize=True)
+@given(st.lists(st.integers(0, 9), min_size=2, max_size=6).filter(lambda n: sum(n) > 0), st.integers(0, 50))
+def test_random_floors_have_exact_numbers_of_each_kind(numbers: list[int], run: int) -> None:
+    rows, columns = 1, sum(numbers)
+    if len(numbers) == 2:
+        numbers = [*numbers, 0]
+    shares = ",".join(repr(number / columns) for number in numbers)
+    tiles = named_tiles(f"random:{shares}", rows, columns, seed=4, run=run)
+    assert np.bincount(tiles.ravel(), minlength=len(numbers)).tolist() == numbers
+
+
+def test_two_shares_are_the_random_floor_of_one() -> None:
+    both = named_tiles("random:0.52,0.48", 5, 5, 1, 2), named_tiles("random:0.48", 5, 5, 1, 2)
+    assert np.array_equal(*both)
+
+
+def test_share_of_a_kind_counts_the_part_in_the_arena() -> None:
+    generator = np.random.default_rng(5)
+    floor = Floor(generator.integers(4, size=(4, 6)), 0.3, 0.2, left_m=-0.2, bottom_m=0.35)
+    x, y = generator.random((2, 400_000))
+    tile = floor.tile_at(x, y)
+    seen = np.bincount(floor.tiles.ravel()[tile[tile >= 0]], minlength=4) / (tile >= 0).sum()
+    shares = [floor.share_within(kind, 1.0, 1.0) for kind in range(4)]
+    np.testing.assert_allclose(shares, seen, atol=0.005)
+    assert task("majority").answer(floor, Asked(1.0, 1.0, 0.0, 0.5, 4), None) == int(np.argmax(shares))  # type: ignore[arg-type]
+
+
+def test_a_tie_of_kinds_has_no_answer() -> None:
+    tied = Floor.filling([[0, 1, 2, 2], [1, 0, 1, 2]])
+    assert task("majority").answer(tied, Asked(1.0, 1.0, 0.375, 0.5, 3), None) is None  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("values", "field", "words"),
+    [
+        ({"floor.tiles": ["0123"]}, "sensor.model", "kind 3"),
+        ({"floor.source": "random:0.4,0.4,0.2"}, None, ""),
+        (
+            {"floor.source": "random:0.4,0.36,0.24", "sensor.confusion.kinds": 4},
+            "floor.source",
+            "share of each",
+        ),
+        ({"floor.source": "random:0.4,0.36,0.26"}, "floor.source", "sum to 1.02"),
+        ({"strategy.name": "soft"}, "strategy.name", "reads 0 or 1"),
+        ({"task.name": "fill_ratio"}, "task.name", "3 "),
+        ({"strategy.name": "none", "sensor.model": "gamma", "floor.source": "random:0.48"}, None, ""),
+        ({"sensor.edge_reach_m": 0.01}, "sensor.edge_reach_m", "two kinds"),
+        ({"sensor.tile_spread": 0.1}, "sensor.tile_spread", "strengths"),
+        ({"faults.biased": 0.2}, "faults.biased", "two kinds"),
+        ({"decision.boundary_of": "tiles"}, "decision.boundary_of", "two kinds"),
+        ({"sensor.confusion.rates": [[0.5, 0.4], [0.5, 0.5]]}, "sensor.confusion.rates", "sums to 0.9"),
+        ({"sensor.model": "colour"}, "sensor.model", "there is no sensor 'colour'"),
+    ],
+)
+def test_what_does_not_fit_is_refused_in_words(values: dict[str, Any], field: str | None, words: str) -> None:
+    base = PAPER.with_values(THREE)
+    if field is None:
+        assert isinstance(base.with_values(values), Scenario)
+        return
+    with pytest.raises(InputError) as caught:
+        base.with_values(values)
+    assert caught.value.field == field or "--floor" in str(caught.value.field)
+    assert words in str(caught.value)
