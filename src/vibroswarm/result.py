@@ -27,6 +27,7 @@ from vibroswarm.errors import InputError, RunError, check_format, path_of, shown
 from vibroswarm.floors.floor import DIGITS, Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
+from vibroswarm.inference.reports import REPORTS
 from vibroswarm.localisation.locate import PLACES
 from vibroswarm.motion.source import ENDS, FAILURES, MOTION, MOVES, SEGMENTS
 from vibroswarm.observation.observe import OBSERVATIONS
@@ -35,7 +36,7 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
 from vibroswarm.scenario.scenario import Scenario
 
-SCHEMA_VERSION: Final = 4
+SCHEMA_VERSION: Final = 5
 """Number of the format of results on disk."""
 
 RECORDED: Final = "recording"
@@ -62,6 +63,7 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
     "places": PLACES,
     "observations": OBSERVATIONS,
     "inference": INFERENCE,
+    "reports": REPORTS,
     "robots": ROBOTS,
     "runs": RUNS,
     "floors": FLOORS,
@@ -77,10 +79,11 @@ NULLABLE: Final[dict[str, frozenset[str]]] = {
     "moves": frozenset({"turn_rate_rad_s", "ray_m"}),
     "places": frozenset(name for name in PLACES if name.startswith("lagged")),
     "observations": frozenset({"energy"}),
+    "reports": frozenset({"value"}),
     "inference": frozenset({"message", "alpha", "beta", "messages_received", "belief_below", "decision"}),
     "robots": frozenset(
         {"decision", "decision_time_s", "belief_at_decision", "belief_below", "belief_in_truth", "alpha", "beta",
-         "messages_received"}
+         "estimate", "estimate_spread", "messages_received"}
     ),
     "runs": frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}),
     "floors": frozenset(),
@@ -89,9 +92,9 @@ NULLABLE: Final[dict[str, frozenset[str]]] = {
 }  # fmt: skip
 """Columns that may be null: events that did not happen, and values that a recording cannot know."""
 
-OPTIONAL: Final = ("segments", "moves", "faults", "places", "failures")
-"""Tables that a result may lack; it has faults if its scenario lets robots fail, places if robots estimate them, and
-failures if a simulator of physics gave up a run."""
+OPTIONAL: Final = ("segments", "moves", "faults", "places", "reports", "failures")
+"""Tables that a result may lack; it has faults if its scenario lets robots fail, places if robots estimate them,
+reports if its strategy declares any, and failures if a simulator of physics gave up a run."""
 
 KEYS: Final[dict[str, tuple[str, ...]]] = {
     "motion": ("run", "robot", "sample"),
@@ -101,6 +104,7 @@ KEYS: Final[dict[str, tuple[str, ...]]] = {
     "places": ("run", "robot", "sample"),
     "observations": ("run", "robot", "sample"),
     "inference": ("run", "robot", "sample"),
+    "reports": ("run", "robot", "sample", "name", "index"),
     "robots": ("run", "robot"),
     "runs": ("run",),
     "floors": ("run",),
@@ -170,6 +174,8 @@ class Result(NotebookView):
     """One row per fault of a robot; None if robots cannot fail in this scenario."""
     places: pl.DataFrame | None = None
     """Where robots believed that they sampled: one row per sample; None if they do not estimate it."""
+    reports: pl.DataFrame | None = None
+    """What robots reported after each sample, and arrays at the end; None if the strategy declares no reports."""
     failures: pl.DataFrame | None = None
     """One row per failed run; None if no run failed."""
 

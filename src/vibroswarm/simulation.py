@@ -22,7 +22,7 @@ from vibroswarm.inference.agents import strategy_used
 from vibroswarm.inference.deliveries import Timeline, needs_moves, timeline_of
 from vibroswarm.inference.motion_feedback import Wanted, steered_motion, until_all_decided
 from vibroswarm.inference.outcomes import outcome_tables
-from vibroswarm.inference.replay import infer
+from vibroswarm.inference.replay import infer_and_report
 from vibroswarm.localisation.locate import is_estimated, place_frame
 from vibroswarm.motion.source import Motion, join, source
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -84,11 +84,11 @@ def simulate(
         moved = _to_the_end(scenario, seed, chosen, motion, wanted, progress)
     observations = observe(scenario, seed, moved.samples, floors, energies=energies)
     timeline = timeline_of(scenario, moved)
-    inference, finals = infer(scenario, seed, timeline, observations)
+    inference, finals, reports = infer_and_report(scenario, seed, timeline, observations)
     if not wanted.moves:
         moved = replace(moved, moves=None)  # a motion source may return moves that were not requested
     places = places_of(scenario, seed, timeline)
-    return result_of(scenario, seed, floors, moved, observations, inference, finals, motion, places)
+    return result_of(scenario, seed, floors, moved, observations, inference, finals, motion, places, reports)
 
 
 OF_MOTION = ("arena", "swarm", "robot", "motion_rays", "walk", "sample", "run", "motion_faults")
@@ -161,10 +161,10 @@ def replay(result: Result, scenario: Scenario) -> Result:
         energies = observations["energy"].null_count() < observations.height
         observations = observe(scenario, result.seed, result.motion, floors, energies=energies)
     timeline = timeline_of(scenario, motion)
-    inference, finals = infer(scenario, result.seed, timeline, observations)
+    inference, finals, reports = infer_and_report(scenario, result.seed, timeline, observations)
     places = places_of(scenario, result.seed, timeline)
     return result_of(
-        scenario, result.seed, floors, motion, observations, inference, finals, result.source, places
+        scenario, result.seed, floors, motion, observations, inference, finals, result.source, places, reports
     )
 
 
@@ -286,13 +286,14 @@ def result_of(
     finals: pl.DataFrame,
     source_name: str,
     places: pl.DataFrame | None = None,
+    reports: pl.DataFrame | None = None,
 ) -> Result:
     """Assemble the tables of motion, observation and inference into a result; compute the outcomes of robots and runs.
 
     Args:
         floors: the floor of each run, by run number. finals: final state of each robot (``inference.agents.FINALS``).
             source_name: name of the source of motion.
-        places: where robots believe they sampled, if they estimate it.
+        places: where robots believe they sampled, if they estimate it. reports: what they report, if anything.
     """
     robots, of_runs = outcome_tables(scenario, floors, finals, motion.ends)
     return Result(
@@ -304,6 +305,7 @@ def result_of(
         moves=motion.moves,
         failures=motion.failures,
         places=places,
+        reports=reports,
         observations=observations,
         inference=inference,
         robots=robots,

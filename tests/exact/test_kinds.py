@@ -215,7 +215,7 @@ def test_a_tie_of_kinds_has_no_answer() -> None:
         ),
         ({"floor.source": "random:0.4,0.36,0.26"}, "floor.source", "sum to 1.02"),
         ({"strategy.name": "soft"}, "strategy.name", "reads 0 or 1"),
-        ({"task.name": "fill_ratio"}, "task.name", "3 "),
+        ({"task.name": "fill_ratio"}, "task.name", "decides among 3"),
         ({"strategy.name": "none", "sensor.model": "gamma", "floor.source": "random:0.48"}, None, ""),
         ({"sensor.edge_reach_m": 0.01}, "sensor.edge_reach_m", "two kinds"),
         ({"sensor.tile_spread": 0.1}, "sensor.tile_spread", "strengths"),

@@ -36,7 +36,6 @@ from vibroswarm.inference.outcomes import (
     Array,
     Columns,
     capped_time_s,
-    estimate_of,
     forced_errors,
     mean_by_run,
     numbers,
@@ -45,6 +44,11 @@ from vibroswarm.inference.outcomes import (
 
 COUNTS: Final = ("right", "wrong", "undecided")
 """Columns of the table of runs with numbers of robots."""
+
+
+WITHIN: Final = 1.6448536269514722
+"""Half of a 90 % interval of a normal distribution, in standard deviations."""
+ROOT_TAU, ROOT_PI = math.sqrt(2.0 * math.pi), math.sqrt(math.pi)
 
 
 class Swarms(NotebookView):
@@ -245,7 +249,7 @@ class RunFigure(NotebookView):
     @property
     def is_share(self) -> bool:
         """Whether it is a share, which is shown in percent."""
-        return self.kind in ("runs", "robots") or self.name == "forced_error"
+        return self.kind in ("runs", "robots") or self.name in ("forced_error", "estimate_coverage")
 
 
 def _decision_time_s(swarms: Swarms) -> Array:
@@ -257,7 +261,35 @@ def _belief_in_truth(swarms: Swarms) -> Array:
 
 
 def _estimate(swarms: Swarms) -> Array:
-    return swarms.mean(estimate_of(swarms.robots["alpha"], swarms.robots["beta"]))
+    return swarms.mean(swarms.robots["estimate"])
+
+
+def _estimate_misses(swarms: Swarms) -> Array:
+    """Estimate minus true fill ratio of each robot."""
+    return np.asarray(swarms.robots["estimate"] - swarms.by_robot(swarms.runs["fill_ratio"]))
+
+
+def _estimate_error(swarms: Swarms) -> Array:
+    return swarms.mean(np.abs(_estimate_misses(swarms)))
+
+
+def _estimate_coverage(swarms: Swarms) -> Array:
+    spread = swarms.robots["estimate_spread"]
+    hit = np.abs(_estimate_misses(swarms)) <= WITHIN * spread
+    return swarms.mean(np.where(np.isnan(spread), np.nan, hit))
+
+
+def _estimate_crps(swarms: Swarms) -> Array:
+    """Continuous ranked probability score of Normal(estimate, spread): Gneiting and Raftery 2007, Eq. 20 ff."""
+    from scipy.special import ndtr
+
+    spread = np.asarray(swarms.robots["estimate_spread"])
+    with np.errstate(
+        invalid="ignore", divide="ignore"
+    ):  # a robot that claims to be certain has a spread of 0
+        z = -_estimate_misses(swarms) / spread
+        score = spread * (z * (2.0 * ndtr(z) - 1.0) + 2.0 * np.exp(-0.5 * z * z) / ROOT_TAU - 1.0 / ROOT_PI)
+    return swarms.mean(np.where(spread > 0.0, score, np.abs(_estimate_misses(swarms))))
 
 
 def _sent(swarms: Swarms) -> Array:
@@ -345,6 +377,9 @@ FIGURES: Final = (
     _robots("robots_undecided", "robots undecided", "undecided", better=-1, of_decisions=True, compared=True),
     RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
     RunFigure("estimate", "estimate of the fill ratio", _estimate),
+    RunFigure("estimate_error", "error of the estimate", _estimate_error, better=-1),
+    RunFigure("estimate_coverage", "robots whose 90 % interval holds the fill ratio", _estimate_coverage),
+    RunFigure("estimate_crps", "CRPS of the estimate", _estimate_crps, better=-1),
     RunFigure("sent", "messages sent by a robot", _sent),
     _robots("robot_error", "wrong among robots that decided", "wrong", "decided"),
     RunFigure("swarm_right", "swarms right", lambda s: s.ended("right", True), "runs", better=1),

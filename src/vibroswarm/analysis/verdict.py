@@ -186,14 +186,24 @@ def answers_of(scenario: Scenario) -> tuple[str, ...]:
     return tuple(answer.replace("{boundary}", boundary) for answer in answers)
 
 
+WITHIN_95: Final = 1.959963984540054
+"""Half of a 95 % interval of a normal distribution, in standard deviations."""
+
+
 def _robot(row: dict[str, Any]) -> RobotVerdict:
     """Summarise one robot from its row of the table of robots, ``row``: values by column name.
 
-    ``alpha`` and ``beta`` are None together: in a recording without them, and for a strategy without a posterior.
+    ``alpha`` and ``beta`` are None together: in a recording without them, and for a strategy without a posterior. A
+    strategy without one may report an estimate of its own with a spread.
     """
     from scipy.special import betaincinv
 
     alpha, beta, belief = row["alpha"], row["beta"], row["belief_at_decision"]
+    estimate, spread = row["estimate"], row["estimate_spread"]
+    interval = None if spread is None else (estimate - WITHIN_95 * spread, estimate + WITHIN_95 * spread)
+    if alpha is not None:  # a posterior is more exact than its first two moments
+        estimate = alpha / (alpha + beta)
+        interval = (float(betaincinv(alpha, beta, 0.025)), float(betaincinv(alpha, beta, 0.975)))
     # ``belief`` is p, the belief in decision 0. It is None for a robot that has not decided, or has no belief.
     confidence_at_decision = None if belief is None else (belief if row["decision"] == 0 else 1.0 - belief)
     return RobotVerdict(
@@ -203,10 +213,8 @@ def _robot(row: dict[str, Any]) -> RobotVerdict:
         belief_at_decision=belief,
         belief_in_decision=confidence_at_decision,
         belief=row["belief_below"],
-        estimate=None if alpha is None else alpha / (alpha + beta),
-        interval=None
-        if alpha is None
-        else (float(betaincinv(alpha, beta, 0.025)), float(betaincinv(alpha, beta, 0.975))),
+        estimate=estimate,
+        interval=interval,
         alpha=alpha,
         beta=beta,
         samples=row["samples"],

@@ -56,7 +56,8 @@ def run_document(result: Result, run: int) -> Document:
     parts: list[Part] = [Text(_what_ran(result, found, run)), *map(Text, _readings(result, run, found))]
     parts += map(Text, fault_sentences(result, run))
     parts += [Text(OPINION_NOTE)] if opinions else []
-    parts += robot_tables(found, "opinion" if opinions else "share of ones")
+    parts += robot_tables(found, "opinion" if opinions else "share of ones" if _counts(found) else "estimate")
+    parts += _reports(result, run)
     parts += _map(result, run)
     parts.append(Figure("run", lambda style: _picture(result, run)))
     return Document(
@@ -213,6 +214,25 @@ def failure_sentences(result: Result) -> list[str]:
         f"RUN FAILED at {row['time_s']:.4g} s: {row['reason']}. Its robots stand since then; what follows is no result."
         for row in result.failures.to_dicts()
     ]
+
+
+def _counts(found: Verdict) -> bool:
+    """Return whether robots have a posterior of counts, or no estimate at all."""
+    return any(robot.alpha is not None for robot in found.robots) or found.robots[0].estimate is None
+
+
+def _reports(result: Result, run: int) -> list[Part]:
+    """Return a table of what each robot reported last, beside its estimate and arrays; none if that is nothing."""
+    if result.reports is None:
+        return []
+    of_run = result.reports.filter(pl.col("run") == run)
+    arrays = of_run.filter(pl.col("index") > 0)["name"].unique().to_list()
+    fields = of_run.filter(~pl.col("name").is_in([*arrays, "estimate", "estimate_spread"]))
+    if fields.is_empty():
+        return []
+    last = fields.group_by("robot", "name", maintain_order=True).last()
+    caption = "What robots reported last (after each sample: table reports)."
+    return [Table(last.pivot("name", index="robot", values="value"), caption=caption, name="reports")]
 
 
 def robot_tables(found: Verdict, posterior: str) -> list[Table]:

@@ -12,6 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm import sensors
 from vibroswarm.errors import InputError
 from vibroswarm.export import robot_program
 from vibroswarm.export.source import plain, source_of
@@ -70,7 +71,8 @@ def parts_of(scenario: Scenario) -> RobotParts:
     """Return the parts of a scenario's robots.
 
     Raises:
-        InputError: the strategy has an option that cannot be exported, or reads places that a real robot cannot know.
+        InputError: the sensor or an option of the strategy cannot be exported, or the strategy reads places that a real
+            robot cannot know.
     """
     strategy = strategy_of(scenario.strategy.name)
     refuse_options(scenario, strategy)
@@ -88,6 +90,11 @@ def parts_of(scenario: Scenario) -> RobotParts:
         # The method "mixture" keeps several Gaussians, any other method one.
         count = scenario.localisation.components if scenario.place_method == "mixture" else 1
         mixture = empty_mixture(count, lag)
+    if not sensors.sensor(scenario.sensor.model).in_section:
+        raise InputError(
+            f"'{scenario.sensor.model}' cannot be exported: robots measure vibration, with gamma or energies",
+            field="sensor.model",
+        )
     setup = setup_of(scenario)
     return RobotParts(
         scenario=scenario,

@@ -61,12 +61,14 @@ FINALS: Final[dict[str, Any]] = {
     "belief_below": pl.Float64,
     "alpha": pl.UInt32,
     "beta": pl.UInt32,
+    "estimate": pl.Float64,
+    "estimate_spread": pl.Float64,
     "samples": pl.UInt32,
     "messages_received": pl.UInt32,
 }
 """The final state of each robot. ``belief_below`` is the belief that the share of ones is below the boundary: at the
-moment of decision or, for an undecided robot, at its last sample or timer. alpha, beta (null if the strategy has none)
-and messages_received are those at the end."""
+moment of decision or, for an undecided robot, at its last sample or timer. alpha, beta (null if the strategy has none),
+messages_received and the estimate of the fill ratio, with its standard deviation, are those at the end."""
 
 
 FAILURE = np.dtype([("opposite_from_s", np.float64), ("silent_tick", np.int64), ("works", np.int64)])
@@ -338,6 +340,12 @@ def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
         name: states[name].astype(np.float64) if name in fields else np.full(agents.size, np.nan)
         for name in ("alpha", "beta")
     }
+    estimate, spread = (
+        estimate_of(counts["alpha"], counts["beta"]),
+        spread_of(counts["alpha"], counts["beta"]),
+    )
+    if "estimate" in fields and "estimate_spread" in fields:  # the strategy's own
+        estimate, spread = states["estimate"].copy(), states["estimate_spread"].copy()
     return {
         "decision": agents["decision"].astype(np.int8),
         "decision_time_s": np.where(decided, agents["decided_s"], np.nan),
@@ -345,6 +353,8 @@ def final_columns(swarm: Swarm) -> dict[str, NDArray[Any]]:
         "belief_at_decision": agents["belief_at_decision"].copy(),
         "belief_below": np.where(decided, agents["belief_at_decision"], agents["belief"]),
         **counts,
+        "estimate": estimate,
+        "estimate_spread": spread,
         "samples": agents["samples"].astype(np.uint32),
         "sent": agents["sent"].astype(np.uint32),
         "messages_received": agents["received"].astype(np.uint32),
@@ -361,6 +371,20 @@ def final_frame(ends: pl.DataFrame, swarm: Swarm) -> pl.DataFrame:
     columns = final_columns(swarm).items()
     series = [as_column(name, column, kinds[name]) for name, column in columns]
     return pl.DataFrame([ends["run"], ends["robot"], *series])
+
+
+def estimate_of(alpha: NDArray[Any], beta: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the posterior mean of the fill ratio, element by element; nan where alpha and beta are nan or both 0."""
+    total = alpha + beta.astype(np.float64)  # floats: the sum of 32-bit integers could overflow
+    # ``where`` leaves nan where the total is 0 or nan.
+    estimate: NDArray[np.float64] = np.divide(alpha, total, out=np.full(total.shape, np.nan), where=total > 0)
+    return estimate
+
+
+def spread_of(alpha: NDArray[Any], beta: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the posterior standard deviation of the fill ratio, element by element (Eq. 17); nan as there."""
+    mean, total = estimate_of(alpha, beta), alpha + beta.astype(np.float64)
+    return np.asarray(np.sqrt(mean * (1.0 - mean) / (total + 1.0)))
 
 
 def as_column(name: str, values: NDArray[Any], kind: Any) -> pl.Series:

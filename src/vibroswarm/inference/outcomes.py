@@ -10,7 +10,8 @@ runs); leading axes are cells (combinations of settings).
 | consensus | incomplete: a robot is undecided; split: decisions differ; else right, wrong, or truth_undefined (nan) |
 | consensus_time_s | time of the last decision of a swarm whose robots all made the same decision, else nan |
 | belief_in_truth | belief that f is below the boundary if the truth is 0; one minus that belief if it is 1 |
-| estimate | alpha / (alpha + beta), the posterior mean of f; nan for a robot without a posterior |
+| estimate | the robot's estimate of f: its own, or alpha / (alpha + beta), the posterior mean; nan if it has none |
+| estimate_spread | standard deviation of that estimate, as the robot states it |
 | capped time | min(decision time, T_end): an undecided robot, or a swarm without consensus, counts with T_end |
 """
 
@@ -48,6 +49,8 @@ ROBOTS: Final[dict[str, Any]] = {
     "belief_in_truth": pl.Float64,
     "alpha": pl.UInt32,
     "beta": pl.UInt32,
+    "estimate": pl.Float64,
+    "estimate_spread": pl.Float64,
     "samples": pl.UInt32,
     "sent": pl.UInt32,
     "messages_received": pl.UInt32,
@@ -175,14 +178,6 @@ def forced_errors(decision: NDArray[np.integer], belief_in_truth: Array, truth: 
     leaning = np.where(doubt > HALF, 1.0, np.where(doubt < HALF, 0.0, HALF))
     errors = np.where(decision == -1, leaning, decision != truth)
     return np.where(np.isnan(truth), np.nan, errors)
-
-
-def estimate_of(alpha: NDArray[Any], beta: NDArray[Any]) -> Array:
-    """Return the posterior mean of the fill ratio, element by element; nan where alpha and beta are nan or both 0."""
-    total = alpha + beta.astype(np.float64)  # floats: the sum of 32-bit integers could overflow
-    # ``where`` leaves nan where the total is 0 or nan.
-    estimate: Array = np.divide(alpha, total, out=np.full(total.shape, np.nan), where=total > 0)
-    return estimate
 
 
 def capped_time_s(time_s: Array, t_end_s: ArrayLike) -> Array:

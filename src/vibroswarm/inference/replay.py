@@ -18,6 +18,7 @@ from vibroswarm.inference.deliveries import Timeline, rows_of, timeline_of
 from vibroswarm.inference.generated_kernels import uses_uniforms
 from vibroswarm.inference.replay_arrays import Log, Readings, empty_log
 from vibroswarm.inference.replayer import NO_VALUES, MessagesReplayer, Replayer, counts_only, replayer_of
+from vibroswarm.inference.reports import report_frame
 from vibroswarm.inference.sender_positions import NO_TRACKS
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
@@ -42,7 +43,15 @@ INFERENCE: Final[dict[str, Any]] = {
 def infer(
     scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the inference table and the final state of each robot (``agents.FINALS``).
+    """Return the inference table and the final state of each robot: the first two of ``infer_and_report``."""
+    inference, finals, _ = infer_and_report(scenario, seed, motion, observations)
+    return inference, finals
+
+
+def infer_and_report(
+    scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
+) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame | None]:
+    """Return the inference table, the final state of each robot (``agents.FINALS``), and what robots reported.
 
     Args:
         motion: the motion, or its timeline. observations: the observation table, with the rows of the motion table.
@@ -58,7 +67,8 @@ def infer(
     swarm = _replayed(scenario, seed, timeline, observations, messages, log)
     columns = inference_columns(messages, log)
     key = [timeline.samples[name] for name in ("run", "robot", "sample")]
-    return pl.DataFrame([*key, *columns]), final_frame(timeline.ends, swarm)
+    reports = report_frame(strategy, timeline, log, swarm)
+    return pl.DataFrame([*key, *columns]), final_frame(timeline.ends, swarm), reports
 
 
 def replay_to_end(

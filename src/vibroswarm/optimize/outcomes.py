@@ -28,7 +28,6 @@ from vibroswarm.inference.motion_feedback import steer_on, steerable
 from vibroswarm.inference.outcomes import (
     Array,
     capped_time_s,
-    estimate_of,
     fill_ratios,
     numbers,
     right_of,
@@ -132,14 +131,12 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
             field="runs",
         )
     shape = (runs.height, scenario.swarm.robots)
-    time_s, alpha, beta = (
-        numbers(robots[name]).reshape(shape) for name in ("decision_time_s", "alpha", "beta")
-    )
+    time_s, estimate = (numbers(robots[name]).reshape(shape) for name in ("decision_time_s", "estimate"))
     return Outcomes(
         run=runs["run"].to_numpy().astype(np.int64),
         decision=robots["decision"].to_numpy().astype(np.int64).reshape(shape),
         decision_time_s=time_s,
-        estimate=estimate_of(alpha, beta),
+        estimate=estimate,
         end_s=runs["end_s"].to_numpy(),
         fill_ratio=runs["fill_ratio"].to_numpy(),
         truth=numbers(runs["truth"]),

@@ -39,6 +39,7 @@ from vibroswarm.core.jit import inlined, inner
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.mcp import (
+    ESTIMATE,
     PERFECT,
     belief,
     decide_by,
@@ -102,6 +103,8 @@ class State:
     samples: int
     received: int
     accuracy: float
+    estimate: float
+    estimate_spread: float
     below: float
     decision: int
 
@@ -128,7 +131,7 @@ def opposite(m: Row) -> None:
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Assume an accuracy, undecided."""
     s.accuracy = p.flawed_accuracy if w.robot < p.flawed_robots else p.accuracy
-    s.below, s.decision = 0.5, -1
+    s.estimate, s.estimate_spread, s.below, s.decision = math.nan, math.nan, 0.5, -1
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
@@ -250,6 +253,7 @@ asdf = register(
         __name__,
         "asdf",
         bytes_on_air=9,
+        reports=ESTIMATE,
         told=("accuracy",),
         about="ASDF: MCP, and a robot corrects its assumed accuracy by the estimates of others",
     )

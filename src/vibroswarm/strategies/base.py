@@ -43,7 +43,7 @@ from pydantic import BaseModel, create_model
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.registry import Registry
-from vibroswarm.errors import InputError, shown, whole_number_of
+from vibroswarm.errors import InputError, nearest, shown, whole_number_of
 from vibroswarm.strategies.static_analysis import STRATEGY_HOOKS, check_function, is_shipped
 from vibroswarm.strategies.world import DetailedReading, Reading, World
 
@@ -133,6 +133,9 @@ class Strategy(Plugin):
         boundary_half: whether the strategy works only if the boundary of readings (``World.boundary``) is 1/2.
         told: what its parameters tell a robot of the task, such as "accuracy"; ``static_analysis.told`` adds what the
             hooks read.
+        reports: names of fields of ``State`` whose values results have after each sample, and of arrays that they have
+            at the end of a run (table ``reports``). Fields ``estimate`` and ``estimate_spread`` of ``State`` (nan: none
+            yet) are also the robot's estimate of the fill ratio, with its standard deviation, in the table of robots.
         many_readings: whether readings may be of more than two classes.
         answers_kinds: whether it decides which kind of tile is most common, 0 to kinds - 1, instead of 0 or 1.
         knows_error_rates: whether robots know their sensor's error rates, whatever ``decision.boundary_of`` is.
@@ -161,6 +164,7 @@ class Strategy(Plugin):
     revises: bool = False
     boundary_half: bool = False
     told: tuple[str, ...] = ()
+    reports: tuple[str, ...] = ()
     many_readings: bool = False
     answers_kinds: bool = False
     knows_error_rates: bool = False
@@ -178,6 +182,13 @@ class Strategy(Plugin):
             InputError: the name is invalid, ``bytes_on_air`` is out of range, or as of ``check_hooks``.
         """
         params = self.params  # as given: the model that replaces it is made by this package
+        known = (*fields_of(self.state), *arrays_of(self.arrays))
+        for name in self.reports:
+            if name not in known:
+                raise InputError(
+                    f"'{name}' is neither a field of State nor an array{nearest(name, known)}",
+                    field="reports",
+                )
         super().__post_init__()
         if not 0 <= self.bytes_on_air <= MAX_BYTES:
             raise InputError(

@@ -45,6 +45,7 @@ from vibroswarm.strategies.asdf import LOWEST
 from vibroswarm.strategies.base import array, register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.mcp import (
+    ESTIMATE,
     PERFECT,
     belief,
     decide_by,
@@ -97,6 +98,8 @@ class State:
     expected_accuracy: float
     variance: float
     accuracy: float
+    estimate: float
+    estimate_spread: float
     below: float
     decision: int
 
@@ -125,7 +128,7 @@ def opposite(m: Row) -> None:
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Assume an accuracy, undecided."""
     s.expected_accuracy, s.variance, s.accuracy = p.accuracy, p.variance, p.accuracy
-    s.below, s.decision = 0.5, -1
+    s.estimate, s.estimate_spread, s.below, s.decision = math.nan, math.nan, 0.5, -1
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
@@ -209,6 +212,7 @@ bayes_cpf = register(
         __name__,
         "bayes_cpf",
         bytes_on_air=9,
+        reports=ESTIMATE,
         told=("accuracy", "its drift"),
         about="BayesCPF: MCP, and a robot tracks the accuracy of its sensor",
     )

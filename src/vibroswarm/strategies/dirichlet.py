@@ -120,6 +120,7 @@ dirichlet = register(
         many_readings=True,
         answers_kinds=True,
         boundary_half=True,
+        reports=("counts",),
         about="no feedback, several kinds of tile: a robot sends its reading, and decides which kind is most common",
     )
 )

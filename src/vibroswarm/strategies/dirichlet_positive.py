@@ -35,6 +35,7 @@ dirichlet_positive = register(
         many_readings=True,
         answers_kinds=True,
         boundary_half=True,
+        reports=("counts",),
         about="positive feedback, several kinds of tile: a robot sends its decision once it has one",
     )
 )

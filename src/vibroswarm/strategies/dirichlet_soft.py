@@ -91,6 +91,7 @@ dirichlet_soft = register(
         many_readings=True,
         answers_kinds=True,
         boundary_half=True,
+        reports=("counts",),
         about="soft feedback, several kinds of tile: a robot sends a kind drawn between its reading and its belief",
     )
 )

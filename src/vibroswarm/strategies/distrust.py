@@ -186,6 +186,7 @@ distrust = register(
         __name__,
         "distrust",
         bytes_on_air=2,
+        reports=("left_out", "is_out"),
         about="distrust: a robot sends its reading, and leaves out senders whose bits are too improbable",
     )
 )

@@ -47,12 +47,18 @@ LEAST_CONFIDENCE: Final = 1e-6
 """Smallest confidence of an own estimate, so that the weights never sum to 0; 0 is for robots not heard yet."""
 
 
+ESTIMATE: Final = ("estimate", "estimate_spread")
+"""What robots report: x', and its standard deviation 1 / sqrt(a + A)."""
+
+
 class State:
-    """Own counts, the belief after the last reading, and the decision."""
+    """Own counts, the informed estimate and its spread, the belief after the last reading, and the decision."""
 
     ones: int
     samples: int
     received: int
+    estimate: float
+    estimate_spread: float
     below: float
     decision: int
 
@@ -78,7 +84,7 @@ def opposite(m: Row) -> None:
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Know nothing, undecided."""
-    s.below, s.decision = 0.5, -1
+    s.estimate, s.estimate_spread, s.below, s.decision = math.nan, math.nan, 0.5, -1
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
@@ -107,11 +113,12 @@ def belief(s: Row, a: Row, p: Row, w: World) -> float:
 
 @inlined
 def decide_by(s: Row, estimate: float, confidence: float, w: World) -> None:
-    """Set the belief ``s.below`` from an informed estimate; decide, if undecided and with enough observations.
+    """Set estimate and belief from an informed estimate; decide, if undecided and with enough observations.
 
     Args:
         estimate: x'. confidence: a + A.
     """
+    s.estimate, s.estimate_spread = estimate, 1.0 / math.sqrt(confidence)
     s.below = probability_below(estimate, confidence, w.decision_boundary)
     if s.decision == -1 and enough(s.samples, s.received, w):
         s.decision = decided(s.below, -1, w)
@@ -185,6 +192,7 @@ mcp = register(
     strategy_in(
         __name__,
         "mcp",
+        reports=ESTIMATE,
         bytes_on_air=9,
         about="MCP: a robot sends its estimate of the fill ratio, and its confidence",
     )

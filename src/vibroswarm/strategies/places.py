@@ -327,6 +327,7 @@ places = register(
         knows_error_rates=True,
         variant=variant,
         check=check,
+        reports=("p", "weight"),
         about="places: robots send where they sampled, and map a floor whose grid of tiles is known",
     )
 )

@@ -189,6 +189,7 @@ three_valued = register(
         "three_valued",
         bytes_on_air=2,
         boundary_half=True,
+        reports=("truth",),
         about="three-valued: robots signal a belief, which may be uncertain, and take in one that they heard",
     )
 )

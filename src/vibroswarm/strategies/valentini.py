@@ -310,6 +310,7 @@ dc = register(
         decision=decision,
         bytes_on_air=4,
         boundary_half=True,
+        reports=("opinion", "quality"),
         about="direct comparison: robots explore, disseminate an opinion, and take over a better one",
     )
 )
@@ -327,6 +328,7 @@ dmvd = register(
         decision=decision,
         bytes_on_air=2,
         boundary_half=True,
+        reports=("opinion", "quality"),
         about="direct modulation, voter: robots explore, disseminate an opinion, and take over one that they heard",
     )
 )
@@ -344,6 +346,7 @@ dmmd = register(
         decision=decision,
         bytes_on_air=2,
         boundary_half=True,
+        reports=("opinion", "quality"),
         about="direct modulation, majority: robots explore, disseminate an opinion, and take over that of most",
     )
 )

@@ -248,14 +248,16 @@ def _truths_of(
 ) -> NDArray[np.float64]:
     """Return the right decision for each scenario and run, (scenarios, runs); nan where neither decision is right.
 
-    Scenarios with the same task and boundary have the same truths, which are computed once.
+    Scenarios with the same task, boundary and number of kinds have the same truths, which are computed once.
 
     Args:
         floors: by number of the run. fills: fill ratio of each run's floor inside the arena, (runs,).
     """
-    # By task and boundary, which determine the right decision.
+    # By what determines the right decision.
     truths_by_key: dict[Any, NDArray[np.float64]] = {}
-    keys = [(scenario.task.model_dump_json(), scenario.decision.decision_boundary) for scenario in scenarios]
+    keys = [
+        (one.task.model_dump_json(), one.decision.decision_boundary, one.sensor.kinds) for one in scenarios
+    ]
     for scenario, key in zip(scenarios, keys, strict=True):
         if key not in truths_by_key:
             truths_by_key[key] = truths(scenario, floors, runs, fills)
