@@ -206,7 +206,7 @@ def test_a_tie_of_kinds_has_no_answer() -> None:
 @pytest.mark.parametrize(
     ("values", "field", "words"),
     [
-        ({"floor.tiles": ["0123"]}, "sensor.model", "kind 3"),
+        ({"floor.tiles": ["0123"]}, "floor.tiles", "kind 3"),
         ({"floor.source": "random:0.4,0.4,0.2"}, None, ""),
         (
             {"floor.source": "random:0.4,0.36,0.24", "sensor.confusion.kinds": 4},

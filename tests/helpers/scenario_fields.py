@@ -91,8 +91,9 @@ def another(name: str) -> Any:
 
 def changed(name: str) -> Scenario:
     needed = {"sensor.model": MODEL, "robot.speed_factors": {"robot.speed_redraw": "robot"}}
+    of_kinds = {"strategy.name": "dirichlet", "task.name": "majority"}  # of which the sensor knows three
     part = name.split(".")
     if len(part) == 3:  # a parameter matters where its table is the chosen one
-        needed[name] = {field_of(part[0]): part[1]}
+        needed[name] = {field_of(part[0]): part[1]} | (of_kinds if part[0] == "sensor" else {})
     base = Scenario().with_values(needed.get(name, {}))
     return base.with_values({name: another(name)})

@@ -104,7 +104,7 @@ class Floor(NotebookView):
         return float(np.count_nonzero(self.tiles == 1) / self.tiles.size)  # Eq. 3
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
-        """Return the fill ratio of the part of the floor that lies inside an arena: ``share_within`` of kind 1."""
+        """Return the fill ratio inside an arena of ``width_m`` by ``height_m``: ``share_within`` of kind 1."""
         return self.share_within(1, width_m, height_m)
 
     def share_within(self, kind: int, width_m: float, height_m: float) -> float:

@@ -22,7 +22,7 @@ from vibroswarm.floors.floor import KIND_LIMIT, TILE_LIMIT, words_of_kinds
 Size = tuple[int, int]
 """Rows and columns of a floor."""
 
-_KIND: Final = re.compile(r"[0-9]{1,2}(\.[0-9]*(e\+0[01])?)?")
+_KIND: Final = re.compile(r"(0|[1-9][0-9]?)(\.[0-9]*(e\+0[01])?)?")
 """Text of a kind of tile, also as a decimal; ``e+00`` is how ``numpy.savetxt`` writes it by default."""
 _WHOLE: Final = re.compile(r"[+-]?[0-9]{1,9}")
 """Text of an integer of at most nine digits."""

@@ -309,6 +309,9 @@ BUILT_IN: Final[dict[str, tuple[int, int]]] = {
     "distrust": (2, 5),
     "field": (3, 6),
     "explore": (4, 7),
+    "dirichlet": (5, 8),
+    "dirichlet_positive": (0, 9),
+    "dirichlet_soft": (1, 10),
 }
 """For each strategy, its indices in ``SERIES`` (colour) and ``MARKERS``. Never change them: readers compare pictures
 that were drawn at different times."""

@@ -172,9 +172,9 @@ class Choice(FrozenModel):
             fields = [
                 f"{entry}.{field}" for entry, known in entries.items() for field in known.params.model_fields
             ]
-            full_names = {own: f"{cls.kind}.{own}" for own in cls._own_fields()} | {
-                field.rpartition(".")[2]: f"{cls.kind}.{field}" for field in fields
-            }
+            full_names = {own: f"{cls.kind}.{own}" for own in cls._own_fields()}
+            for field in fields:  # of several entries with such a field, the first
+                full_names.setdefault(field.rpartition(".")[2], f"{cls.kind}.{field}")
             close = nearest(name, [*entries, *full_names])
             for last, right in full_names.items():
                 close = close.replace(f"'{last}'", f"'{right}'")

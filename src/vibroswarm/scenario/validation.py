@@ -205,7 +205,7 @@ def _check_kinds(s: Sections) -> None:
         raise InputError(
             f"row {row + 1}, column {column + 1} of floor '{name}' is of kind {tiles[row, column]}, and the sensor "
             f"'{s.sensor.model}' knows {kinds} kinds, from 0; give it a law, as with sensor.model = \"confusion\"",
-            field="sensor.model",
+            field="floor.source" if s.floor.tiles is None else "floor.tiles",
         )
     shares = random_shares(name) if s.floor.tiles is None and is_random(name) else ()
     if len(shares) > 2 and len(shares) < kinds:
