@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.energy_model import energies_of, log_ratios
+from vibroswarm.observation.energy_model import energy_of, log_ratios
 from vibroswarm.scenario.fields import Sensor
 
 Floats = NDArray[np.float64]
@@ -162,8 +162,7 @@ def check_law(law: Law) -> None:
         InputError: the distributions on still and vibrating places overlap wholly.
     """
     u = (np.arange(400) + 0.5) / 400
-    on_vibrating = energies_of(law.sensor, np.ones(u.size, dtype=np.uint8), u)
-    told = ratios_of_values(law, on_vibrating.astype(np.float64))
+    told = ratios_of_values(law, energy_of(law.sensor, 1, u).astype(np.float64))
     if told.mean() < 0.01:  # nats: 1,000 samples on one place would tell it by a factor of e^10 at most
         raise InputError(
             "the laws of still and of vibrating places overlap wholly: no sample tells them apart, and nothing can be "

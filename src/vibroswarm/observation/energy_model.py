@@ -107,6 +107,11 @@ def factors_differ(sensor: Sensor) -> bool:
     return sensor.tile_spread is not None or sensor.robot_spread is not None
 
 
+def energy_of(sensor: Sensor, kind: int, u: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return what samples measure on a kind of tile, at the quantiles ``u`` (in (0, 1)), in the shape of ``u``."""
+    return model_of(sensor).values(kind, u, sensor.params).astype(np.float32)
+
+
 def energies_of(
     sensor: Sensor,
     kind: NDArray[np.uint8],
@@ -119,10 +124,9 @@ def energies_of(
         kind: (samples,): the kind of the tile sensed. u: (samples,): uniform numbers in (0, 1). factors: (samples,):
             factors of the values; None: all 1.
     """
-    model, p = model_of(sensor), sensor.params
     energy = np.empty(u.size, dtype=np.float32)
-    for one in range(model.kinds(p)):
-        energy[kind == one] = model.values(one, u[kind == one], p).astype(np.float32)
+    for one in range(sensor.kinds):
+        energy[kind == one] = energy_of(sensor, one, u[kind == one])
     return energy if factors is None else (energy * factors).astype(np.float32)
 
 
