@@ -62,15 +62,15 @@ def last_to_finish(left: tuple[int, ...], kind: int) -> Fraction:
 def test_belief_in_the_most_common_kind_is_an_exact_sum(counts: tuple[int, ...]) -> None:
     found = [most_common_belief(np.array(counts), kind) for kind in range(len(counts))]
     exact = [float(last_to_finish(counts, kind)) for kind in range(len(counts))]
-    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-11)
-    assert sum(found) == pytest.approx(1.0, abs=1e-11)
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12)
+    assert sum(found) == pytest.approx(1.0, abs=1e-12)
 
 
 @settings(deadline=None, max_examples=60, derandomize=True)
 @given(st.integers(1, 5000), st.integers(1, 5000))
 def test_of_two_kinds_it_is_the_beta_belief_of_the_paper(ones: int, zeros: int) -> None:
     below = belief_below(ones, zeros, 0.5)
-    assert most_common_belief(np.array([zeros, ones]), 0) == pytest.approx(below, abs=1e-11)
+    assert most_common_belief(np.array([zeros, ones]), 0) == pytest.approx(below, abs=1e-12)
 
 
 def test_of_large_counts_it_is_what_random_shares_give() -> None:

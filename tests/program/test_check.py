@@ -160,7 +160,7 @@ BAD = {
     ),
     "task: gives tiles": (
         TASK.replace("int(floor.tiles[0].sum() > 2)", "floor.tiles"),
-        "FAIL  it gives 0, 1 or None",
+        "FAIL  it gives one of its answers or None",
     ),
     "task: draws": (
         "import random\n\n" + TASK.replace("int(floor.tiles[0].sum() > 2)", "random.randrange(2)"),
@@ -259,7 +259,7 @@ def test_a_name_that_nobody_knows(tmp_path: Path, capsys: pytest.CaptureFixture[
     for arguments, words in (
         (
             ["evnt"],
-            "unknown strategy, network, task, motion source or method of search 'evnt', did you mean 'event'?",
+            "unknown strategy, network, task, sensor, motion source or method of search 'evnt', did you mean 'event'?",
         ),
         (["softt", "--kind", "strategy"], "unknown strategy 'softt', did you mean 'soft'?"),
         (

@@ -47,8 +47,9 @@ class Message:
 
 def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
     """Start with the prior, and undecided. Kinds above 1 have the prior of kind 1."""
-    a.counts[:], s.decision = w.prior_alpha, -1
-    a.counts[0] = w.prior_beta
+    for kind in range(w.kinds):
+        a.counts[kind] = w.prior_alpha if kind > 0 else w.prior_beta
+    s.decision = -1
 
 
 def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
@@ -75,9 +76,19 @@ def observe_and_decide(s: Row, a: Row, x: Reading, w: World) -> None:
     a.counts[x.reading] += 1
     s.own += 1
     if s.decision == -1 and enough(s.own, s.received, w):
-        kind = a.counts.argmax()
+        kind = leader(a.counts)
         if is_most_common(a.counts, kind, w):
             s.decision = kind
+
+
+@inner
+def leader(counts: Row) -> int:
+    """Return the kind with the largest count, the first of several."""
+    first = 0
+    for kind in range(1, counts.size):
+        if counts[kind] > counts[first]:
+            first = kind
+    return first
 
 
 @inner

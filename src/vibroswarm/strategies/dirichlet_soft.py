@@ -16,7 +16,6 @@ import math
 
 from vibroswarm.core.jit import inner
 from vibroswarm.robot.belief import variance
-from vibroswarm.strategies import soft
 from vibroswarm.strategies.base import register, strategy_in
 from vibroswarm.strategies.bayes import Row, decision
 from vibroswarm.strategies.dirichlet import (
@@ -26,10 +25,12 @@ from vibroswarm.strategies.dirichlet import (
     begin,
     belief,
     belief_in,
+    leader,
     observe_and_decide,
     on_message,
     pair_belief,
 )  # fmt: skip
+from vibroswarm.strategies.soft import ROUNDING, Params, message
 from vibroswarm.strategies.world import Draws, Reading, World, belief_below, u
 
 __all__ = [
@@ -43,7 +44,6 @@ __all__ = [
     "dirichlet_soft",
     "on_message",
 ]
-Params = soft.Params
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
@@ -51,7 +51,7 @@ def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) 
     observe_and_decide(s, a, x, w)
     if w.kinds == 2:
         below = belief_below(a.counts[1], a.counts[0], w)
-        out.kind = soft.message(x.reading, a.counts[1], a.counts[0], below, p.eta, p.kappa, u(d, 0))
+        out.kind = message(x.reading, a.counts[1], a.counts[0], below, p.eta, p.kappa, u(d, 0))
     else:
         out.kind = drawn_kind(x.reading, a.counts, p.eta, p.kappa, u(d, 0), w)
     return True
@@ -64,20 +64,24 @@ def drawn_kind(reading: int, counts: Row, eta: float, kappa: float, number: floa
     Args:
         reading: O. number: uniform number in (0, 1).
     """
-    leader, total = counts.argmax(), counts.sum()
+    total = 0
+    for kind in range(counts.size):
+        total += counts[kind]
+    first = leader(counts)
     # A shortcut: P of the leader is at most ``most``, so another kind than O is sent with a probability of at most
     # ``weight``, which lies at the ends of the interval. Most messages are drawn here, without an integral.
     most = 1.0
     for other in range(counts.size):
-        if other != leader:
-            most = min(most, 1.0 - pair_belief(counts, other, leader, w))
-    narrow = math.exp(-eta * variance(counts[leader], total - counts[leader]))
+        if other != first:
+            most = min(most, 1.0 - pair_belief(counts, other, first, w))
+    narrow = math.exp(-eta * variance(counts[first], total - counts[first]))
     weight = narrow * max(most - 1.0 / counts.size, 0.0) ** kappa
-    if weight + soft.ROUNDING < number < 1.0 - weight - soft.ROUNDING:
+    if weight + ROUNDING < number < 1.0 - weight - ROUNDING:
         return reading
-    delta = narrow * max(belief_in(counts, leader, w) - 1.0 / counts.size, 0.0) ** kappa
+    delta = narrow * max(belief_in(counts, first, w) - 1.0 / counts.size, 0.0) ** kappa
     upper = 0.0
-    for kind in range(counts.size - 1, 0, -1):
+    for after in range(1, counts.size):
+        kind = counts.size - after
         upper += delta * belief_in(counts, kind, w) + (1.0 - delta) * (kind == reading)
         if number < upper:
             return kind
