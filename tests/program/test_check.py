@@ -278,7 +278,7 @@ def test_a_name_that_nobody_knows(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "'mine' is not a motion" in shown
     code, shown = checked(TASK.replace("mine = ", "mine = 3\nother = "), tmp_path, capsys)
     assert code == 2
-    assert "'mine' is not a strategy, network, task, motion, method; the file has other" in shown
+    assert "'mine' is not a strategy, network, task, sensor, motion, method; the file has other" in shown
 
 
 def test_a_name_of_several_kinds_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

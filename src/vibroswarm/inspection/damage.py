@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from vibroswarm.core.displayed import html_view
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.fields import Sensor
@@ -41,6 +42,9 @@ class Table(NamedTuple):
     value: Floats
     ratio: Floats
     """Log ratios at ``value``."""
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 @lru_cache(maxsize=16)
@@ -119,6 +123,9 @@ class Patch(NamedTuple):
     """Of a disc both are the diameter."""
     contrast: Floats
     is_disc: bool = False
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 def patch_of(

@@ -13,6 +13,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import generator
+from vibroswarm.core.displayed import html_view
 from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.patches import (
@@ -47,6 +48,9 @@ class Trials(NamedTuple):
     def fit(self, *, floor: bool = True) -> Pod:
         """Return the fitted PoD."""
         return fit_pod(self.size_m, self.found, self.false, self.intact, floor=floor)
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 def own_trials(

@@ -20,7 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from vibroswarm.core.displayed import html_view
 from vibroswarm.core.jit import kernel
+from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.samples import Floats, Samples
 
@@ -36,8 +38,8 @@ FACTORS: Final = 32
 """Factors of a product before its logarithm is taken: each is at most e^8, so that their product is finite."""
 
 
-@dataclass(frozen=True)
-class Patches:
+@dataclass(frozen=True, repr=False)
+class Patches(NotebookView):
     """The declared set; (patches,) each."""
 
     left_m: Floats
@@ -97,6 +99,9 @@ class Shares(NamedTuple):
     """Index of the sample of each entry, ascending within a patch."""
     share: NDArray[np.float32]
     """q_j of each entry."""
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 def interval_share(x_m: Floats, spread_m: Floats, low_m: Floats, high_m: Floats) -> Floats:

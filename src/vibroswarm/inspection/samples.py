@@ -15,6 +15,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
@@ -65,6 +66,9 @@ class PlaceErrors(NamedTuple):
     """Correlation of the errors of a robot's consecutive samples."""
     within: tuple[float, float, float]
     """Shares of errors within 1, 2 and 4 stated standard deviations in x and y; .68, .95 and 1.00 expected."""
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 @dataclass(frozen=True, eq=False)

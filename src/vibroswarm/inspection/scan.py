@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import generator, wilson_limits
+from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.damage import (
@@ -72,6 +73,9 @@ class Box(NamedTuple):
     bottom_m: float
     width_m: float
     height_m: float
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,7 +36,7 @@ CONVERGED: Final = 1e-6
 """Largest change of log odds in the last repetition."""
 
 
-class Ground(NamedTuple):
+class _Ground(NamedTuple):
     """The grid, under the names by which ``place_map`` reads what a robot knows of it."""
 
     robots: int
@@ -48,13 +48,13 @@ class Ground(NamedTuple):
     bottom_m: float
 
 
-class Reach(NamedTuple):
+class _Reach(NamedTuple):
     """How far beyond its edges a tile is felt."""
 
     edge_reach_m: float
 
 
-class Memory(NamedTuple):
+class _Memory(NamedTuple):
     """A robot's arrays as ``place_evidence`` uses them: one map, one sender."""
 
     odds: Floats
@@ -68,7 +68,7 @@ class Memory(NamedTuple):
     """(tiles,): room for the earlier evidence of a sample."""
 
 
-class Taken(NamedTuple):
+class _Taken(NamedTuple):
     """Where samples were taken and what they say, (samples,) each."""
 
     tile: NDArray[np.int64]
@@ -81,7 +81,7 @@ class Taken(NamedTuple):
 
 
 @kernel
-def _count_touched(a: Memory, p: Reach, w: Any, taken: Taken, first: NDArray[np.int64]) -> None:
+def _count_touched(a: _Memory, p: _Reach, w: Any, taken: _Taken, first: NDArray[np.int64]) -> None:
     """Write to ``first``, (samples + 1,), where the evidence of each sample begins: one number for each tile."""
     for s in range(taken.tile.size):
         first[s + 1] = first[s] + 1
@@ -93,7 +93,7 @@ def _count_touched(a: Memory, p: Reach, w: Any, taken: Taken, first: NDArray[np.
 
 
 @inner
-def _renew(a: Memory, p: Reach, w: Any, taken: Taken, s: int, first: int, sites: Floats) -> float:
+def _renew(a: _Memory, p: _Reach, w: Any, taken: _Taken, s: int, first: int, sites: Floats) -> float:
     """Put the evidence of sample ``s``, given all others, in the place of its earlier evidence; return the change."""
     if taken.tile[s] >= 0:
         change: float = abs(taken.log_ratio[s] - sites[first])
@@ -124,10 +124,10 @@ def _renew(a: Memory, p: Reach, w: Any, taken: Taken, s: int, first: int, sites:
 
 @kernel
 def _propagate(
-    a: Memory,
-    p: Reach,
+    a: _Memory,
+    p: _Reach,
     w: Any,
-    taken: Taken,
+    taken: _Taken,
     first: NDArray[np.int64],
     ends: NDArray[np.int64],
     sites: Floats,
@@ -168,9 +168,9 @@ def tile_map(samples: Samples, times_s: ArrayLike, *, prior: float = 0.5, sweeps
             "a map of tiles needs a grid; give --tiles, or leave it to the raster", field="--tiles"
         )
     rows, columns, *position = samples.floor.geometry
-    ground, taken, reach = Ground(1, int(rows), int(columns), *position), _taken(samples), _reach(samples)
+    ground, taken, reach = _Ground(1, int(rows), int(columns), *position), _taken(samples), _reach(samples)
     tiles = ground.rows * ground.columns
-    memory = Memory(
+    memory = _Memory(
         odds=np.full(tiles, logit(prior)),
         weight=np.ones(1),
         of_column=np.zeros(2 * ground.columns),
@@ -188,11 +188,11 @@ def tile_map(samples: Samples, times_s: ArrayLike, *, prior: float = 0.5, sweeps
     return np.asarray(expit(out))
 
 
-def _reach(samples: Samples) -> Reach:
-    return Reach(max(samples.law.sensor.edge_reach_m or 0.0, 0.0))
+def _reach(samples: Samples) -> _Reach:
+    return _Reach(max(samples.law.sensor.edge_reach_m or 0.0, 0.0))
 
 
-def _taken(samples: Samples) -> Taken:
+def _taken(samples: Samples) -> _Taken:
     """Return the samples as the kernels read them; the blur of edges is added to the spread of places."""
     assert samples.floor is not None
     x_m, y_m = samples.column("x_m"), samples.column("y_m")
@@ -200,4 +200,4 @@ def _taken(samples: Samples) -> Taken:
     spread_x_m, spread_y_m = (np.hypot(samples.column(name), blur_m) for name in ("spread_x_m", "spread_y_m"))
     is_exact = (spread_x_m == 0.0) & (spread_y_m == 0.0) & (_reach(samples).edge_reach_m == 0.0)
     tile = np.where(is_exact, samples.floor.tile_at(x_m, y_m), -1).astype(np.int64)
-    return Taken(tile, x_m, y_m, spread_x_m, spread_y_m, samples.column("log_ratio"))
+    return _Taken(tile, x_m, y_m, spread_x_m, spread_y_m, samples.column("log_ratio"))

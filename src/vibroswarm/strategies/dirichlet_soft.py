@@ -81,10 +81,10 @@ def drawn_kind(reading: int, counts: Row, eta: float, kappa: float, number: floa
     delta = narrow * max(belief_in(counts, first, w) - 1.0 / counts.size, 0.0) ** kappa
     upper = 0.0
     for after in range(1, counts.size):
-        kind = counts.size - after
-        upper += delta * belief_in(counts, kind, w) + (1.0 - delta) * (kind == reading)
+        sent: int = counts.size - after
+        upper += delta * belief_in(counts, sent, w) + (1.0 - delta) * (sent == reading)
         if number < upper:
-            return kind
+            return sent
     return 0
 
 
