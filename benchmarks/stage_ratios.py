@@ -27,12 +27,13 @@ from stage_timing import SEED, cpu_model, scenario_of
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.output import print_json
 from vibroswarm.inference.deliveries import timeline_of
+from vibroswarm.inference.replay import replay_to_end
 from vibroswarm.localisation.locate import locate
 from vibroswarm.motion.source import source
 from vibroswarm.observation.observe import observe
 from vibroswarm.show.document import Column, Document, Table, Text
-from vibroswarm.simulation import floors_of, summarise
-from vibroswarm.strategies import names
+from vibroswarm.simulation import floors_of
+from vibroswarm.strategies import known
 
 RECORDED: Final = Path(__file__).with_suffix(".csv")
 """The ratios to compare with, and the processor on which they were taken."""
@@ -59,6 +60,11 @@ class Ratio:
     least: float
     most: float
     """Smallest and largest ratio of a turn."""
+
+
+def shown() -> list[str]:
+    """Names of the strategies for two kinds of tile."""
+    return [name for name, one in known().items() if not one.answers_kinds]
 
 
 @numba.njit
@@ -95,12 +101,17 @@ def tasks() -> Iterable[tuple[str, int, Callable[[], object]]]:
     motion = source("event").batch(scenario, SEED, chosen, False, True)
     timeline = timeline_of(scenario, motion)
     seen = observe(scenario, SEED, motion.samples, floors, energies=False)
+    read = seen["observation"].to_numpy()
     yield "observation", RUNS, partial(observe, scenario, SEED, motion.samples, floors, energies=False)
     yield "localisation", RUNS, partial(locate, located, SEED, motion)
-    for name in names():
+    for name in shown():
         decided = scenario.with_values({"strategy.name": name})
         # The timeline caches what does not depend on the strategy's own program, such as estimated places.
-        yield f"inference, {name}", RUNS, partial(summarise, decided, SEED, floors, timeline, seen)
+        yield (
+            f"inference, {name}",
+            RUNS,
+            partial(replay_to_end, decided, SEED, timeline, read),
+        )
 
 
 def measure(chosen: Iterable[tuple[str, int, Callable[[], object]]], turns: int = TURNS) -> list[Ratio]:

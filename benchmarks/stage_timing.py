@@ -28,12 +28,12 @@ from pymunk_walk import INSTALL, pymunk_version, pymunk_walk
 from vibroswarm.cli.deliver import print_document
 from vibroswarm.cli.output import print_json, print_paragraph
 from vibroswarm.inference.deliveries import timeline_of
-from vibroswarm.inference.replay import infer
+from vibroswarm.inference.replay import infer, replay_to_end
 from vibroswarm.motion.source import Motion, source
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column, Document, Table
-from vibroswarm.simulation import floors_of, summarise, versions
+from vibroswarm.simulation import floors_of, versions
 
 PRESET = "paper-empirical"
 SEED = 1
@@ -219,13 +219,15 @@ def stages_of(scenario: Scenario, runs: int) -> tuple[list[Figure], float]:
         bits = observe(scenario, SEED, moved.samples, floors, energies=False)
         heard = timeline_of(scenario, moved)
         for variant in variants:
-            summarise(variant, SEED, floors, heard, bits)
+            replay_to_end(variant, SEED, heard, bits["observation"].to_numpy())
 
     soft, grid = scenario.with_values({"strategy.name": "soft"}), strategies(scenario)
     calls: dict[str, Callable[[int], object]] = {
         "observation": lambda turn: observe(scenario, SEED, motion.samples, floors, energies=False),
         "inference, every sample": lambda turn: infer(soft, SEED, motion, seen),
-        "inference, outcomes only": lambda turn: summarise(soft, SEED, floors, timeline, seen),
+        "inference, outcomes only": lambda turn: replay_to_end(
+            soft, SEED, timeline, seen["observation"].to_numpy()
+        ),
         "motion and 1 strategy": partial(whole, [soft]),
         "motion and 34 strategies": partial(whole, grid),
     }

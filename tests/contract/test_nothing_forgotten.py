@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import pytest
 from pydantic import Field
 
-from helpers.scenario_fields import OTHERS, changed, default
+from helpers.scenario_fields import OTHERS, changed, chosen, default
 from vibroswarm import networks, strategies, tasks
 from vibroswarm.optimize.evaluate import Piece
 from vibroswarm.scenario.fault_fields import MotionFaults
@@ -57,7 +57,7 @@ def pair(name: str) -> tuple[Scenario, Scenario]:
     part = name.split(".")
     base = Scenario()
     if len(part) == 3:  # a parameter matters where its table is the chosen one
-        base = base.with_values({f"{part[0]}.name": part[1]})
+        base = base.with_values(chosen(part[0], part[1]))
         value = value_of(base, name)
         if name in OTHERS:
             return base, base.with_values({name: OTHERS[name]})

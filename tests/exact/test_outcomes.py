@@ -15,11 +15,11 @@ from helpers.result_outcomes import from_result
 from vibroswarm.analysis.figures import Swarms, figures_of
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.errors import InputError
+from vibroswarm.inference.agents import estimate_of
 from vibroswarm.inference.outcomes import (
     CONSENSUS,
     ROBOTS,
     as_series,
-    estimate_of,
     robot_columns,
     run_columns,
 )
@@ -59,6 +59,8 @@ def made_up(seed: int = 1) -> Arrays:
         "belief_below": belief,
         "alpha": random.integers(1, 99, shape).astype(np.uint32),
         "beta": random.integers(1, 99, shape).astype(np.uint32),
+        "estimate": random.random(shape),
+        "estimate_spread": random.uniform(0.01, 0.1, shape),
         "samples": random.integers(0, 9, shape).astype(np.uint32),
         "messages_received": random.integers(0, 9, shape).astype(np.uint32),
     }
@@ -89,6 +91,7 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
     own = [{name: column[cell, run, k].item() for name, column in finals.items()} for k in range(SWARM)]
     right = wrong = undecided = 0
     times, beliefs, estimates = [], [], []
+    misses, covers, scores = [], [], []
     for robot in own:
         if robot["decision"] == -1:
             undecided += 1
@@ -99,7 +102,12 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
         times.append(T_END if robot["decision"] == -1 else min(robot["decision_time_s"], T_END))
         sure = {None: math.nan, 0: robot["belief_below"], 1: 1.0 - robot["belief_below"]}
         beliefs.append(sure[truth])
-        estimates.append(robot["alpha"] / (robot["alpha"] + robot["beta"]))
+        estimates.append(robot["estimate"])
+        misses.append(abs(robot["estimate"] - fill))
+        covers.append(float(misses[-1] <= 1.6448536269514722 * robot["estimate_spread"]))
+        z = misses[-1] / robot["estimate_spread"]
+        density, below = math.exp(-0.5 * z * z) / math.sqrt(2 * math.pi), 0.5 * math.erfc(-z / math.sqrt(2))
+        scores.append(robot["estimate_spread"] * (z * (2 * below - 1) + 2 * density - 1 / math.sqrt(math.pi)))
     if undecided:
         consensus = "incomplete"
     elif len({robot["decision"] for robot in own}) > 1:
@@ -129,6 +137,9 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
         "decision_time_s": mean_of(times),
         "belief_in_truth": mean_of(beliefs),
         "estimate": mean_of(estimates),
+        "estimate_error": mean_of(misses),
+        "estimate_coverage": mean_of(covers),
+        "estimate_crps": mean_of(scores),
         "sent": sum(robot["samples"] for robot in own) / SWARM,
         "right": right if known else math.nan,
         "wrong": wrong if known else math.nan,
@@ -190,7 +201,7 @@ def test_every_figure_is_that_by_hand() -> None:
     [
         ("decision", 1, {"consensus", "counts"}),
         ("belief_below", 0.123, {"belief_in_truth"}),
-        ("alpha", 1000, {"estimate"}),
+        ("estimate", 0.123, {"estimate", "estimate_error", "estimate_crps"}),
         ("decision_time_s", 3.0, {"decision_time_s"}),
     ],
 )
@@ -237,7 +248,7 @@ def test_no_posterior_comes_through_a_batch_as_null() -> None:
     finals = made_up()
     robots, runs = tables_of(finals)
     robots |= {name: robots[name].astype(np.float64) for name in ("alpha", "beta")}
-    robots["alpha"][1], robots["beta"][1] = np.nan, np.nan
+    robots["alpha"][1], robots["beta"][1], robots["estimate"][1] = np.nan, np.nan, np.nan
     runs |= {name: np.zeros(RUNS) for name in OF_RUNS if name not in runs}
     batch = BatchRows(range(CELLS), range(RUNS), SWARM)
     batch.put([[cell] for cell in range(CELLS)], 0, {name: robots[name] for name in OF_ROBOTS}, runs)
@@ -273,7 +284,7 @@ def test_a_cost_that_needs_an_estimate_says_so(name: str) -> None:
 
 def test_tables_without_a_posterior_give_no_estimate() -> None:
     result = simulate(preset("paper"), 1, 4, energies=False)
-    nulls = [as_series(name, np.full(20, np.nan), ROBOTS[name]) for name in ("alpha", "beta")]
+    nulls = [as_series(name, np.full(20, np.nan), ROBOTS[name]) for name in ("alpha", "beta", "estimate")]
     found = from_tables(result.scenario, result.robots.with_columns(nulls), result.runs, 25)
     assert np.isnan(found.estimate).all()
     assert not np.isnan(from_tables(result.scenario, result.robots, result.runs, 25).estimate).any()

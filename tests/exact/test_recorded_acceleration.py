@@ -17,6 +17,7 @@ from helpers.exported_robots import ACCELERATE, OBSERVED, START, STEP, built, pl
 from vibroswarm import preset
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
+from vibroswarm.export.assembly import parts_of
 from vibroswarm.recordings.acceleration import read_acceleration
 from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.log_readers import read_log
@@ -134,7 +135,7 @@ def test_too_large_files_are_called_what_they_should_be(tmp_path: Path) -> None:
 @pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
 def test_an_exported_robot_observes_the_recorded_acceleration(tmp_path: Path) -> None:
     scenario, rng = preset("paper").with_values({"strategy.name": "none"}), np.random.default_rng(5)
-    module, events, expected, found = plain_program(scenario), [START, 1.0, 0.0, 0.0], [], []
+    module, events, expected, found = plain_program(parts_of(scenario)), [START, 1.0, 0.0, 0.0], [], []
     robot = module.Robot()
     module.start(robot, 1, 0, 0)
 

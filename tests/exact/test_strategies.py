@@ -34,6 +34,7 @@ from vibroswarm.strategies.world import Draws, Reading, World, beliefs
 WORLD = World(
     robot=0,
     robots=5,
+    kinds=2,
     t_end_s=1200.0,
     tick_s=0.02,
     tick_ms=20,

@@ -38,7 +38,9 @@ def cell(decisions: list[list[int]], times: list[list[float | None]], fill: floa
         for robot, (d, t) in enumerate(zip(who, when, strict=True)):
             belief = 0.6 if d == -1 else 0.97 if d == 0 else 0.02
             sure = None if truth is None else belief if truth == 0 else 1 - belief
-            rows.append((run, robot, d, t, None if d == -1 else belief, belief, sure, 9, 5, 12, 12, 0))
+            rows.append(
+                (run, robot, d, t, None if d == -1 else belief, belief, sure, 9, 5, 9 / 14, 0.1, 12, 12, 0)
+            )
         right, wrong = (0, 0) if truth is None else (who.count(truth), who.count(1 - truth))
         left, alike = who.count(-1), len(set(who)) == 1
         outcome = (

@@ -90,7 +90,7 @@ def cell(times: list[float | None], robots: int = 2, fill: float = 0.4) -> tuple
         right = 0 if t is None else robots
         of_runs.append((run, outcome, t, fill, 0, right, 0, robots - right, 100.0, False))
         decision = -1 if t is None else 0
-        of_robots += [(run, i, decision, t, None, 0.5, 0.5, 1, 1, 1, 1, 1) for i in range(robots)]
+        of_robots += [(run, i, decision, t, None, 0.5, 0.5, 1, 1, 0.5, 0.3, 1, 1, 1) for i in range(robots)]
     return (
         pl.DataFrame(of_robots, schema=ROBOTS, orient="row"),
         pl.DataFrame(of_runs, schema=RUNS, orient="row"),

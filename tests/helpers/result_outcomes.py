@@ -8,7 +8,8 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.inference.outcomes import Array, estimate_of, numbers
+from vibroswarm.inference.agents import estimate_of
+from vibroswarm.inference.outcomes import Array, numbers
 from vibroswarm.optimize.outcomes import Outcomes, end_s, from_tables
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario

@@ -89,11 +89,16 @@ def another(name: str) -> Any:
     return default(name) * 0.999 if default(name) else 1e-3
 
 
+def chosen(kind: str, entry: str) -> dict[str, str]:
+    """Values that select an entry; beside a sensor of three kinds, a strategy and a task that go with it."""
+    of_kinds = {"strategy.name": "dirichlet", "task.name": "majority"}
+    return {field_of(kind): entry} | (of_kinds if kind == "sensor" else {})
+
+
 def changed(name: str) -> Scenario:
     needed = {"sensor.model": MODEL, "robot.speed_factors": {"robot.speed_redraw": "robot"}}
-    of_kinds = {"strategy.name": "dirichlet", "task.name": "majority"}  # of which the sensor knows three
     part = name.split(".")
     if len(part) == 3:  # a parameter matters where its table is the chosen one
-        needed[name] = {field_of(part[0]): part[1]} | (of_kinds if part[0] == "sensor" else {})
+        needed[name] = chosen(part[0], part[1])
     base = Scenario().with_values(needed.get(name, {}))
     return base.with_values({name: another(name)})

@@ -119,7 +119,7 @@ def test_ratios_are_of_every_stage_and_strategy_and_a_loss_is_marked(capsys, mon
     works = [work for work, runs, call in stage_ratios.tasks()]
     for stage in ("motion, 5 robots", "motion, 100 robots", "observation", "localisation"):
         assert stage in works
-    assert {f"inference, {name}" for name in stage_ratios.names()} <= set(works)
+    assert {f"inference, {name}" for name in stage_ratios.shown()} <= set(works)
     assert stage_ratios.recorded() == {}
     ratios = stage_ratios.measure([(work, 2, lambda: done.append(1)) for work in works], turns=1)
     assert len(done) == 2 * len(works)

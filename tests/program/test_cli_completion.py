@@ -120,6 +120,7 @@ def test_names_in_help_are_those_of_the_registries():
         "strategy": written_names("strategies"),
         "network": written_names("networks"),
         "task": written_names("tasks"),
+        "sensor": written_names("sensors"),
         "motion": MOTIONS,
         "preset": written_names("scenario/presets", ".toml"),
         "method": method_names(),

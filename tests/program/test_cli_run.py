@@ -31,7 +31,9 @@ def test_a_folder_with_scenario_tables_and_page(tmp_path, capsys):
     said = capsys.readouterr().out
     files = {path.name for path in out.iterdir()}
     assert files == {"scenario.toml", "result.json", "run.html"} | {
-        f"{name}.parquet" for name in TABLES if name not in ("moves", "faults", "places", "failures")
+        f"{name}.parquet"
+        for name in TABLES
+        if name not in ("moves", "faults", "places", "reports", "failures")
     }
     assert str(out / "run.html") in said
     assert "5 robots, soft feedback" in said
@@ -64,7 +66,13 @@ def test_the_same_seed_gives_equal_tables_and_another_does_not(tmp_path):
     first, second, other = (Result.read(tmp_path / name) for name in "abc")
     assert first == second
     assert not first.same_tables(other)
-    for name in set(TABLES) - {"moves", "faults", "places", "failures"}:  # the files too, byte by byte
+    for name in set(TABLES) - {
+        "moves",
+        "faults",
+        "places",
+        "reports",
+        "failures",
+    }:  # the files too, byte by byte
         mine, theirs = (tmp_path / folder / f"{name}.parquet" for folder in "ab")
         assert mine.read_bytes() == theirs.read_bytes()
 

@@ -37,7 +37,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     })  # fmt: skip
     result = simulate(scenario, 7, 2, segments=True, moves=True)
     failed = pl.DataFrame([(0, 40.0, "a warning")], schema=TABLES["failures"], orient="row")
-    result = replace(result, failures=failed)
+    reported = pl.DataFrame([(0, 0, 0, "trust", 0, 0.5)], schema=TABLES["reports"], orient="row")
+    result = replace(result, failures=failed, reports=reported)
     result.write(folder / "result")
     write_rugbot(result, folder / "log.csv")
     log = read_log(folder / "log.csv")

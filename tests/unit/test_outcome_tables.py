@@ -69,6 +69,9 @@ def robots_by_query(
             .then(1.0 - belief),
         )
     )
+    mean, total = pl.col("alpha") / (pl.col("alpha") + pl.col("beta")), pl.col("alpha") + pl.col("beta")
+    spread = (mean * (1.0 - mean) / (total + 1.0)).sqrt()
+    table = table.with_columns(estimate=mean, estimate_spread=spread)
     return table.with_columns(sent=pl.col("samples")).select(list(ROBOTS)).cast(ROBOTS)  # type: ignore[arg-type]
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from vibroswarm import strategies
 from vibroswarm.errors import InputError, RunError
+from vibroswarm.inference.reports import REPORTS
 from vibroswarm.motion.source import FAILURES
 from vibroswarm.result import SCHEMA_VERSION, TABLES, Result
 from vibroswarm.scenario.scenario import Scenario
@@ -30,7 +31,11 @@ def result() -> Result:
     scenario = Scenario().with_values({**SHORT, "faults.stuck_at_1": [2], "localisation.method": "mixture"})
     simulated = simulate(scenario, 2**62 + 1, [4, 2**31], segments=True, moves=True)
     assert simulated.failures is None  # only simulators of physics fail
-    return replace(simulated, failures=pl.DataFrame([(4, 59.0, "for a test")], schema=FAILURES, orient="row"))
+    return replace(
+        simulated,
+        failures=pl.DataFrame([(4, 59.0, "for a test")], schema=FAILURES, orient="row"),
+        reports=pl.DataFrame([(4, 0, 0, "trust", 0, 0.5)], schema=REPORTS, orient="row"),
+    )
 
 
 @pytest.fixture

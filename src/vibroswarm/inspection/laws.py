@@ -12,6 +12,7 @@ from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, fit_sensor
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.samples import Law
 from vibroswarm.observation.measured_csv import read_energies
@@ -48,7 +49,7 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str) -> Fitt
     # Without a difference the field is None.
     spreads = {f"sensor.{name}": round(fitted[name], 5) or None for name in SPREADS}
     scenario = base.with_values({"sensor.model": "gamma"} | values | spreads)
-    digest = hashlib.sha256(chosen.samples.write_csv().encode()).hexdigest()[:16]
+    digest = hashlib.sha256(csv_bytes(chosen.samples)).hexdigest()[:16]
     return FittedLaw(Law(scenario.sensor, words, digest), camera)
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.observation.energy_model import energy_of, log_ratios
@@ -115,7 +116,7 @@ class Samples(NotebookView):
     @property
     def hash(self) -> str:
         """A hash of the samples, by which a certificate names them."""
-        return hashlib.sha256(self.frame.write_csv().encode()).hexdigest()[:16]
+        return hashlib.sha256(csv_bytes(self.frame)).hexdigest()[:16]
 
     @property
     def robots(self) -> list[int]:

@@ -89,15 +89,18 @@ They were made for nearly noiseless readings at every control step; here a readi
 def default_strategies() -> list[str]:
     """Return the names of the strategies that a league compares by default.
 
-    Left out are those that guess (``GUESSING``), and those that use the places of their readings: their robots must
-    know where they are, so they do not compete on equal terms.
+    Left out are those that guess (``GUESSING``), those for several kinds of tile, which are others of the league where
+    there are two, and those that use the places of their readings: their robots must know where they are, so they do
+    not compete on equal terms.
     """
     # `told` lists what a robot knows in advance, and the place of each reading if the strategy uses it. `boundary_of`
     # (the field decision.boundary_of) only affects whether the sensor's error rates are listed, so any value will do.
     return [
         name
         for name, strategy in known().items()
-        if name not in GUESSING and "place of each reading" not in told(strategy, boundary_of="tiles")
+        if name not in GUESSING
+        and not strategy.answers_kinds
+        and "place of each reading" not in told(strategy, boundary_of="tiles")
     ]
 
 

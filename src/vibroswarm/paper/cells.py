@@ -43,7 +43,16 @@ Figures = Mapping[str, NDArray[np.float64]]
 WALKED: Final = ("avoid_per_sample_s", "distance_m", "spacing_s", "ones", "effective_samples")
 """Figures of how robots walked and what they read, see ``analysis.sampling``; nan in runs in which they are undefined,
 such as runs in which no robot sampled."""
-OF_RUN: Final = ("truth", "consensus", "consensus_time_s", "right", "wrong", "undecided", *WALKED)
+OF_RUN: Final = (
+    "fill_ratio",
+    "truth",
+    "consensus",
+    "consensus_time_s",
+    "right",
+    "wrong",
+    "undecided",
+    *WALKED,
+)
 """Columns of a study's rows that are the same for all robots of a run."""
 READ: Final = ("cell", *ROBOTS, *OF_RUN)
 """Columns of a study's rows that are summarised."""
