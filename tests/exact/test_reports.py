@@ -109,4 +109,4 @@ def test_a_report_that_is_nowhere_declared_is_refused() -> None:
     with pytest.raises(
         InputError, match="'estimat' is neither a field of State nor an array, did you mean 'estimate'"
     ):
-        Strategy(name="other", on_message=given.on_message, reports=("estimat",), **parts)
+        Strategy(name="other", on_message=given.on_message, reports=("estimat",), **parts).check_hooks()

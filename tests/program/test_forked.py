@@ -66,6 +66,7 @@ from vibroswarm import preset, simulate, verdict
 from vibroswarm.errors import RunError
 
 scenario = preset("paper")
+reporting = scenario.with_values({"strategy.name": "mcp"})  # its robots report an estimate
 if BEFORE:
     verdict(simulate(scenario, seed=7))
 
@@ -95,6 +96,7 @@ def grandchild():
 print(
     outcome(lambda: simulate(scenario, seed=8)),
     outcome(lambda: verdict(simulate(scenario, seed=8))),
+    outcome(lambda: simulate(reporting, seed=8)),
     outcome(lambda: simulate(scenario, seed=8, progress=lambda share: None)),
     outcome(write),
     outcome(grandchild),
@@ -107,5 +109,12 @@ print(
 @pytest.mark.skipif(not Path("/proc/self/task").is_dir(), reason="threads cannot be seen")
 def test_what_works_after_a_fork_is_not_refused(tmp_path: Path) -> None:
     """Without polars' threads all works; with them, what needs none of them."""
-    assert script(tmp_path, CHILDREN.replace("BEFORE", "False")).stdout.split() == ["0"] * 5
-    assert script(tmp_path, CHILDREN.replace("BEFORE", "True")).stdout.split() == ["0", "3", "3", "3", "3"]
+    assert script(tmp_path, CHILDREN.replace("BEFORE", "False")).stdout.split() == ["0"] * 6
+    assert script(tmp_path, CHILDREN.replace("BEFORE", "True")).stdout.split() == [
+        "0",
+        "3",
+        "0",
+        "3",
+        "3",
+        "3",
+    ]

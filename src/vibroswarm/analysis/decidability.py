@@ -53,7 +53,7 @@ from vibroswarm.observation.decision_boundary import (
     sensed_shares_on,
     tiled_share,
 )
-from vibroswarm.observation.energy_model import error_rates
+from vibroswarm.observation.energy_model import error_rates, model_of
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 
@@ -101,7 +101,7 @@ class Decidability(NotebookView):
     samples_needed: int | None = None
     """Independent samples for the wanted error; None unless the verdict is "decidable"."""
     threshold: float | None = None
-    """The sensor's threshold theta."""
+    """The sensor's threshold theta; None if it reads without one."""
     mending_low: float | None = None
     """theta_-, the lower end of the range of correcting thresholds; None as for ``mending_high``."""
     mending_high: float | None = None
@@ -155,7 +155,8 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         else f"Whether the task '{scenario.task.name}' is decidable cannot be computed from the share of ones."
     )
     low, high, mend = None, None, ""
-    if asks_fill_ratio and scenario.decision.boundary_of == "readings":
+    has_threshold = model_of(sensor).share_at_most is not None
+    if asks_fill_ratio and scenario.decision.boundary_of == "readings" and has_threshold:
         low, high = mending_thresholds(sensor, fill, boundary, tiled, spillover) or (None, None)
         mend = _mend(verdict, sensor.rms_threshold, low, high)
     return Decidability(
@@ -168,7 +169,7 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         margin=_margin(share, tested, truth),
         fill_ratio=fill,
         samples_needed=samples_needed(share, tested, error) if verdict == "decidable" else None,
-        threshold=sensor.rms_threshold,
+        threshold=sensor.rms_threshold if has_threshold else None,
         mending_low=low,
         mending_high=high,
     )

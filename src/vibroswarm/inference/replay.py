@@ -43,15 +43,7 @@ INFERENCE: Final[dict[str, Any]] = {
 def infer(
     scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
 ) -> tuple[pl.DataFrame, pl.DataFrame]:
-    """Return the inference table and the final state of each robot: the first two of ``infer_and_report``."""
-    inference, finals, _ = infer_and_report(scenario, seed, motion, observations)
-    return inference, finals
-
-
-def infer_and_report(
-    scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
-) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame | None]:
-    """Return the inference table, the final state of each robot (``agents.FINALS``), and what robots reported.
+    """Return the inference table and the final state of each robot (``agents.FINALS``).
 
     Args:
         motion: the motion, or its timeline. observations: the observation table, with the rows of the motion table.
@@ -61,14 +53,34 @@ def infer_and_report(
         CodeError: the strategy did something that strategies may not do.
     """
     timeline = timeline_of(scenario, motion)
+    return _tables(timeline, *_logged(scenario, seed, timeline, observations))
+
+
+def infer_and_report(
+    scenario: Scenario, seed: int, motion: Motion | Timeline, observations: pl.DataFrame
+) -> tuple[pl.DataFrame, pl.DataFrame, pl.DataFrame | None]:
+    """Return both tables of ``infer``, and that of what robots reported, None if the strategy reports nothing."""
+    timeline = timeline_of(scenario, motion)
+    swarm, messages, log = _logged(scenario, seed, timeline, observations)
+    reports = report_frame(strategy_used(scenario), timeline, log, swarm)
+    return *_tables(timeline, swarm, messages, log), reports
+
+
+def _logged(
+    scenario: Scenario, seed: int, timeline: Timeline, observations: pl.DataFrame
+) -> tuple[Swarm, Any, Log]:
+    """Return the state of all robots at the end, and their messages and states at each sample."""
     strategy = strategy_used(scenario)
     log = empty_log(timeline.robot.size, strategy.state_type)
     messages = zero_rows(timeline.robot.size, strategy.message_type)
-    swarm = _replayed(scenario, seed, timeline, observations, messages, log)
-    columns = inference_columns(messages, log)
+    return _replayed(scenario, seed, timeline, observations, messages, log), messages, log
+
+
+def _tables(timeline: Timeline, swarm: Swarm, messages: Any, log: Log) -> tuple[pl.DataFrame, pl.DataFrame]:
+    """Return the inference table and the final state of each robot."""
     key = [timeline.samples[name] for name in ("run", "robot", "sample")]
-    reports = report_frame(strategy, timeline, log, swarm)
-    return pl.DataFrame([*key, *columns]), final_frame(timeline.ends, swarm), reports
+    columns = inference_columns(messages, log)
+    return pl.DataFrame([*key, *columns]), final_frame(timeline.ends, swarm)
 
 
 def replay_to_end(

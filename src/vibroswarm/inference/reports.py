@@ -9,6 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.inference.agents import Swarm
 from vibroswarm.inference.deliveries import Timeline
@@ -30,6 +31,8 @@ none yet. The rows of an array have the robot's last sample."""
 def report_frame(strategy: Strategy, timeline: Timeline, log: Log, swarm: Swarm) -> pl.DataFrame | None:
     """Return the table of what robots reported, None if the strategy reports nothing.
 
+    Rows are put in order without the threads of polars, which a forked process does not have.
+
     Args:
         timeline: samples and ends of the runs that were replayed. log: state after each sample. swarm: state of all
             robots at the end, in the order of ``timeline.ends``.
@@ -37,34 +40,39 @@ def report_frame(strategy: Strategy, timeline: Timeline, log: Log, swarm: Swarm)
     if not strategy.reports:
         return None
     fields = log.states.dtype.names or ()
+    names = sorted(strategy.reports)
     parts = [
         _of_samples(name, timeline, log) if name in fields else _of_ends(name, timeline, swarm)
-        for name in strategy.reports
+        for name in names
     ]
-    keys = ["run", "robot", "sample", "name", "index"]
-    return pl.concat(parts).sort(keys, maintain_order=True)
+    column = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+    column["name"] = np.repeat(np.arange(len(names)), [part["run"].size for part in parts])
+    order = np.lexsort([column[key] for key in ("index", "name", "sample", "robot", "run")])
+    written = np.array(names, dtype=object)
+    values: dict[str, Any] = {key: rows[order] for key, rows in column.items()}
+    values["name"] = written[values["name"]].tolist()
+    return pl.DataFrame(
+        [pl.Series(key, values[key], dtype=kind, nan_to_null=key == "value") for key, kind in REPORTS.items()]
+    )
 
 
-def _of_samples(name: str, timeline: Timeline, log: Log) -> pl.DataFrame:
-    """Return the rows of a field of the robots' states."""
-    keys = [timeline.samples[key] for key in ("run", "robot", "sample")]
-    values = pl.Series("value", log.states[name].astype(np.float64), nan_to_null=True)
-    named = pl.lit(name).alias("name"), pl.lit(0, dtype=pl.UInt32).alias("index")
-    return pl.DataFrame(keys).with_columns(*named, values)
+def _of_samples(name: str, timeline: Timeline, log: Log) -> dict[str, NDArray[Any]]:
+    """Return the rows of a field of the robots' states, all but their name."""
+    rows: dict[str, NDArray[Any]] = {
+        key: timeline.samples[key].to_numpy() for key in ("run", "robot", "sample")
+    }
+    value = log.states[name].astype(np.float64)
+    return rows | {"index": np.zeros(value.size, dtype=np.int64), "value": value}
 
 
-def _of_ends(name: str, timeline: Timeline, swarm: Swarm) -> pl.DataFrame:
-    """Return the rows of an array of each robot that sampled, at the end of its run."""
+def _of_ends(name: str, timeline: Timeline, swarm: Swarm) -> dict[str, NDArray[Any]]:
+    """Return the rows of an array of each robot that sampled, at the end of its run; all but their name."""
     values = getattr(swarm.arrays, name)
     sampled = np.flatnonzero(swarm.agents["samples"] > 0)
-    run, robot = (timeline.ends[key].to_numpy()[sampled] for key in ("run", "robot"))
-    last, size = swarm.agents["samples"][sampled] - 1, values.shape[1]
-    columns = {
-        "run": np.repeat(run, size),
-        "robot": np.repeat(robot, size),
-        "sample": np.repeat(last, size),
-        "name": [name] * (sampled.size * size),
-        "index": np.tile(np.arange(size), sampled.size),
-        "value": pl.Series(values[sampled].ravel().astype(np.float64), nan_to_null=True),
+    size = values.shape[1]
+    rows: dict[str, NDArray[Any]] = {
+        key: np.repeat(timeline.ends[key].to_numpy()[sampled], size) for key in ("run", "robot")
     }
-    return pl.DataFrame(columns, schema=REPORTS)
+    rows["sample"] = np.repeat(swarm.agents["samples"][sampled] - 1, size)
+    rows["index"] = np.tile(np.arange(size), sampled.size)
+    return rows | {"value": values[sampled].ravel().astype(np.float64)}

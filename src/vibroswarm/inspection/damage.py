@@ -23,7 +23,7 @@ from scipy.special import ndtr
 
 from vibroswarm.core.displayed import html_view
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values
-from vibroswarm.observation.energy_model import energy_of
+from vibroswarm.observation.energy_model import energy_of, readings_of
 from vibroswarm.scenario.fields import Sensor
 
 TILE_M: Final = 0.2
@@ -55,7 +55,7 @@ def tables_of(law: Law, bits: bool) -> Table:
     still, vibrating = (energy_of(law.sensor, kind, u).astype(np.float64) for kind in (False, True))
     low, high = min(still[0], vibrating[0]), max(still[-1], vibrating[-1])
     value = np.linspace(low - 0.5 * (high - low), high + (high - low), POINTS)
-    read = (value > law.sensor.rms_threshold).astype(np.float64) if bits else value
+    read = readings_of(law.sensor, value).astype(np.float64) if bits else value
     return Table(u, still, vibrating, value, ratios_of_values(law, read, bits=bits))
 
 

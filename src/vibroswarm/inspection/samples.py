@@ -20,7 +20,7 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.energy_model import energy_of, log_ratios
+from vibroswarm.observation.energy_model import energy_of, log_ratios_of_bits, log_ratios_of_energies
 from vibroswarm.scenario.fields import Sensor
 
 Floats = NDArray[np.float64]
@@ -152,12 +152,9 @@ def ratios_of_values(law: Law, value: Floats, *, bits: bool = False) -> Floats:
     Args:
         value: energies, or readings of 0 and 1 with ``bits``.
     """
-    sensor = law.sensor
-    if not bits:
-        return log_ratios(sensor, (value > sensor.rms_threshold).astype(np.uint8), value.astype(np.float32))
-    # An energy whose bit is the opposite of the reading makes ``log_ratios`` take that of the bit.
-    opposite = np.where(value == 1, 0.0, 2.0 * sensor.rms_threshold + 1.0).astype(np.float32)
-    return log_ratios(sensor, value.astype(np.uint8), opposite)
+    if bits:
+        return log_ratios_of_bits(law.sensor, value)
+    return log_ratios_of_energies(law.sensor, value.astype(np.float32))
 
 
 def check_law(law: Law) -> None:

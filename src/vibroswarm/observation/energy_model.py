@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +53,7 @@ def shares_below(sensor: Sensor, factors: NDArray[np.float64] | None = None) -> 
     Returns: (rows, kinds, classes - 1), rising along the last axis; for two kinds and classes F(theta_E) of both.
     """
     model, p = model_of(sensor), sensor.params
-    kinds = range(model.kinds(p))
+    kinds = range(sensor.kinds)
     if model.share_at_most is None:
         rows = np.ones(1) if factors is None else factors
         return np.stack([model.shares_up_to(kind, rows, p) for kind in kinds], axis=1)
@@ -163,28 +163,39 @@ def log_ratios(
     """Return the log ratio L of each sample, (samples,): L of its energy or, if a fault changed the bit, L of its bit.
 
     Args:
-        observation, energy: (samples,): bit and energy of each sample. The bit contradicts the energy (it is not 1
-            exactly for energies above the threshold) only if a fault changed it.
+        observation, energy: (samples,): bit and energy of each sample. The bit contradicts the energy (it is not the
+            one that the sensor reads from it) only if a fault changed it.
     """
-    of_energy = _of_energies(sensor, energy.astype(np.float64))
+    without_fault = readings_of(sensor, energy)  # in the precision of the table
+    return np.where(
+        without_fault == observation,
+        log_ratios_of_energies(sensor, energy),
+        log_ratios_of_bits(sensor, observation),
+    )
+
+
+def readings_of(sensor: Sensor, energy: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return what the sensor reads, without a fault, where it measures each energy."""
+    return model_of(sensor).classes(energy, sensor.params).astype(np.uint8)
+
+
+def log_ratios_of_bits(sensor: Sensor, observation: NDArray[Any]) -> NDArray[np.float64]:
+    """Return L of each bit, by the sensor's error rates."""
     # Error rates of exactly 0 or 1 would give infinite ratios.
     positive, negative = (min(max(rate, 1e-6), 1.0 - 1e-6) for rate in error_rates(sensor))
     of_bit = np.where(
         observation == 1, math.log((1.0 - negative) / positive), math.log(negative / (1.0 - positive))
     )
-    # The bit that this energy gives without a fault, compared in the precision of the table.
-    without_fault = (energy > np.float32(sensor.rms_threshold)).astype(np.uint8)
-    return np.clip(np.where(without_fault == observation, of_energy, of_bit), -MOST, MOST)
+    return np.clip(of_bit, -MOST, MOST)
 
 
-def _of_energies(sensor: Sensor, energy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return L of each energy; infinite values become +-``MOST``. The caller limits finite values.
-
-    L is 0 for an energy whose density is 0 on both kinds of tile.
-    """
-    still, vibrating = (log_likelihood(sensor, kind, energy) for kind in (0, 1))
+def log_ratios_of_energies(sensor: Sensor, energy: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return L of each energy, limited to +-``MOST``; 0 for one whose density is 0 on both kinds of tile."""
+    exact = energy.astype(np.float64)
+    still, vibrating = (log_likelihood(sensor, kind, exact) for kind in (0, 1))
     with np.errstate(invalid="ignore"):  # where both densities are 0, -inf - -inf is nan
-        return np.nan_to_num(vibrating - still, nan=0.0, posinf=MOST, neginf=-MOST)
+        ratio = np.nan_to_num(vibrating - still, nan=0.0, posinf=MOST, neginf=-MOST)
+    return np.clip(ratio, -MOST, MOST)
 
 
 def log_likelihood(sensor: Sensor, kind: int, energy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -199,13 +210,9 @@ def log_likelihood(sensor: Sensor, kind: int, energy: NDArray[np.float64]) -> ND
     factors, weights = np.ones(1), np.ones(1)  # a single factor, 1, if tiles and robots do not differ
     if factors_differ(sensor):
         factors, weights = typical_factors(sensor)
-    if model.likelihood is None:
-        raise InputError(
-            f"sensor '{model.name}' states no likelihood, which is needed here", field="sensor.model"
-        )
     total = np.zeros(energy.shape)
     for factor, weight in zip(factors.tolist(), weights.tolist(), strict=True):
         # The energy is factor * G, so its density is that of the law at energy / factor, over factor.
-        total += weight * (model.likelihood(kind, energy / factor, sensor.params) / factor)
+        total += weight * (model.densities(kind, energy / factor, sensor.params) / factor)
     with np.errstate(divide="ignore"):  # ln 0 is -inf
         return np.log(total)

@@ -17,6 +17,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import RunError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.evaluate import AS_RAN, Evaluator, Piece, do_asks
@@ -26,7 +27,6 @@ from vibroswarm.optimize.response_surface import optima
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
 from vibroswarm.optimize.steps import REQUEST, SearchFolder, results_in, step_table
-from vibroswarm.scenario import plugins
 from vibroswarm.study.executors import Workers, workers_for
 
 
@@ -38,7 +38,7 @@ def stage_of(search: Search, archive: Archive) -> Stage:
             over these fields.
     """
     chosen = method(search.settings.method)
-    with plugins.errors_in(chosen.code):
+    with errors_in(chosen.code):
         return chosen.begin(archive, search)
 
 
@@ -208,12 +208,12 @@ class _Loop:
         """
         code = method(self.search.settings.method).code
         while True:
-            with plugins.errors_in(code):
+            with errors_in(code):
                 asks = stage.ask()
             if not asks:
                 return
             self._run_step(asks, lambda done: self._report_progress(stage, name, wanted, done))
-            with plugins.errors_in(code):
+            with errors_in(code):
                 stage.tell()
             if stage.history:
                 self.best = stage.history[-1].best

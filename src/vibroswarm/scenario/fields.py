@@ -324,13 +324,13 @@ class Sensor(Choice):
     def kinds(self) -> int:
         """Number of kinds of tile that the sensor has a law for; 2 if its code is not loaded."""
         known = known_sensors().get(self.model)
-        return 2 if known is None else known.kinds(self.params)
+        return 2 if known is None else known.number_of("kinds", self.params)
 
     @property
     def readings(self) -> int:
         """Number of classes of the readings; 2 if the sensor's code is not loaded."""
         known = known_sensors().get(self.model)
-        return 2 if known is None else known.readings(self.params)
+        return 2 if known is None else known.number_of("readings", self.params)
 
 
 class Decision(FrozenModel):

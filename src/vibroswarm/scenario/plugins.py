@@ -24,7 +24,7 @@ from typing import Any, Final, NamedTuple, TypeVar
 from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.registry import Named, Registry
 from vibroswarm.core.untrusted_files import read_text
-from vibroswarm.errors import CodeError, InputError, RunError, check_kind, nearest, path_of, shown
+from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown
 from vibroswarm.networks import Network
 from vibroswarm.sensors import SensorModel
 from vibroswarm.strategies import Strategy
@@ -338,30 +338,6 @@ def found(kind: str, name: str, registry: Registry[T]) -> T:
             field=registry.field,
         )
     return known  # type: ignore[no-any-return]
-
-
-@contextmanager
-def errors_in(code: str) -> Iterator[None]:
-    """Report an error that a user's file raises within the ``with`` block in one sentence, with file and line.
-
-    Args:
-        code: a reference to code, or empty for code of this package, whose errors pass unchanged.
-    Raises:
-        CodeError: the file raised an error.
-    """
-    try:
-        yield
-    except (InputError, RunError):  # these have a message for users already
-        raise
-    except Exception as error:
-        if not code:
-            raise
-        file = code.partition(":")[0]
-        lines = [
-            line for line in traceback.extract_tb(error.__traceback__) if Path(line.filename).name == file
-        ]
-        place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else file
-        raise CodeError(f"{place}: {type(error).__name__}: {error}") from None
 
 
 def load_installed() -> None:

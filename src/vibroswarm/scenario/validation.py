@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from vibroswarm import networks, sensors, strategies, tasks
+from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import is_random, random_shares, shadows
 from vibroswarm.scenario.fault_fields import check_faults
@@ -185,7 +186,8 @@ def _check_sensor(s: Sections) -> None:
     if known is None:  # its code is not loaded
         return
     if known.check is not None:
-        known.check(sensor.params)
+        with errors_in(known.code):
+            known.check(sensor.params)
     for field in ("tile_spread", "robot_spread"):
         if getattr(sensor, field) is not None and not known.scales:
             raise InputError(

@@ -27,18 +27,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from vibroswarm.core.registry import Registry
+from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError, shown
 from vibroswarm.strategies.base import Plugin
 
 MOST_KINDS: Final = 16
 """Largest number of kinds of tile, and of classes of readings."""
+TRIED: Final = (np.arange(1000) + 0.5) / 1000
+"""Uniform numbers at which it is seen whether readings rise."""
 Values = NDArray[np.float64]
 """Measured values, of any shape."""
 
@@ -65,7 +68,7 @@ class SensorModel(Plugin):
     reading: Callable[[Values, Any], NDArray[Any]]
     kinds: Callable[[Any], int] = _two
     readings: Callable[[Any], int] = _two
-    likelihood: Callable[..., Values] | None = None
+    likelihood: Callable[[int, Values, Any], Values] | None = None
     share_at_most: Callable[[int, Values, Any], Values] | None = None
     check: Callable[[Any], None] | None = None
     in_section: bool = False
@@ -82,15 +85,50 @@ class SensorModel(Plugin):
             if not callable(getattr(self, part)):
                 raise InputError(f"has no function {part}", field=f"sensor '{self.name}'")
 
+    def number_of(self, what: Literal["kinds", "readings"], p: BaseModel) -> int:
+        """Return the number of kinds of tile, or of classes of readings.
+
+        Raises:
+            CodeError: it is no whole number from 2 to ``MOST_KINDS``, or the user's function raised an error.
+        """
+        with errors_in(self.code):
+            count = getattr(self, what)(p)
+        if type(count) is not int or not 2 <= count <= MOST_KINDS:
+            raise CodeError(
+                f"sensor '{self.name}', {what}: returned {shown(count)}; return a whole number from 2 to {MOST_KINDS}"
+            )
+        return count
+
+    def densities(self, kind: int, value: Values, p: BaseModel) -> Values:
+        """Return the likelihood that robots claim of values on a kind of tile, in the shape of ``value``.
+
+        Raises:
+            InputError: the sensor states none.
+            CodeError: ``likelihood`` returned another shape, or what is no density.
+        """
+        if self.likelihood is None:
+            raise InputError(
+                f"sensor '{self.name}' states no likelihood, which is needed here", field="sensor.model"
+            )
+        with errors_in(self.code):
+            found = np.asarray(self.likelihood(kind, value, p), dtype=np.float64)
+        if found.shape != value.shape or not (found >= 0.0).all():
+            raise CodeError(
+                f"sensor '{self.name}', likelihood: returned {shown(found)}; return one number of at least 0 for each "
+                "value"
+            )
+        return found
+
     def values(self, kind: int, u: Values, p: BaseModel) -> Values:
         """Return what samples measure on a kind of tile, in the shape of ``u``.
 
         Args:
             u: uniform numbers in (0, 1). p: the parameters.
         Raises:
-            CodeError: ``measure`` returned another shape, or values that are not finite.
+            CodeError: ``measure`` raised an error, or returned another shape, or values that are not finite.
         """
-        values = np.asarray(self.measure(kind, u, p), dtype=np.float64)
+        with errors_in(self.code):
+            values = np.asarray(self.measure(kind, u, p), dtype=np.float64)
         if values.shape != u.shape or not np.isfinite(values).all():
             raise CodeError(
                 f"sensor '{self.name}', measure: returned {shown(values)}; return one finite number for each of u"
@@ -101,10 +139,12 @@ class SensorModel(Plugin):
         """Return the readings of values, in the shape of ``value``.
 
         Raises:
-            CodeError: ``reading`` returned another shape, or classes that do not exist.
+            CodeError: ``reading`` raised an error, or returned another shape, or classes that do not exist.
         """
-        found, count = np.asarray(self.reading(value, p)), self.readings(p)
-        classes = found.astype(np.int64)
+        count = self.number_of("readings", p)
+        with errors_in(self.code):
+            found = np.asarray(self.reading(value, p))
+            classes = found.astype(np.int64)
         if (
             found.shape != value.shape
             or (classes != found).any()
@@ -127,7 +167,12 @@ class SensorModel(Plugin):
         Raises:
             CodeError: the reading falls as u grows.
         """
-        borders = range(1, self.readings(p))
+        # ``check_sensor`` looks more closely; here what would make readings and values of a run contradict each other.
+        if (np.diff(self.classes(self.values(kind, TRIED, p), p)) < 0).any():
+            raise CodeError(
+                f"sensor '{self.name}': the reading falls as u grows; see the protocol of sensors"
+            )
+        borders = range(1, self.number_of("readings", p))
         return np.stack([self._first_above(kind, factors, border, p) for border in borders], axis=-1)
 
     def _first_above(self, kind: int, factors: Values, border: int, p: BaseModel) -> Values:
@@ -138,10 +183,6 @@ class SensorModel(Plugin):
 
         low, high = np.full(factors.shape, 2.0**-53), np.full(factors.shape, 1.0 - 2.0**-53)
         low_is_below, high_is_below = below(low), below(high)
-        if (high_is_below & ~low_is_below).any():
-            raise CodeError(
-                f"sensor '{self.name}': the reading falls as u grows; see the protocol of sensors"
-            )
         for _ in range(64):  # each halves the interval; doubles in (0, 1) are 2^-53 apart at most
             middle = 0.5 * (low + high)
             is_below = below(middle)

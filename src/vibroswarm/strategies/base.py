@@ -182,13 +182,6 @@ class Strategy(Plugin):
             InputError: the name is invalid, ``bytes_on_air`` is out of range, or as of ``check_hooks``.
         """
         params = self.params  # as given: the model that replaces it is made by this package
-        known = (*fields_of(self.state), *arrays_of(self.arrays))
-        for name in self.reports:
-            if name not in known:
-                raise InputError(
-                    f"'{name}' is neither a field of State nor an array{nearest(name, known)}",
-                    field="reports",
-                )
         super().__post_init__()
         if not 0 <= self.bytes_on_air <= MAX_BYTES:
             raise InputError(
@@ -224,6 +217,13 @@ class Strategy(Plugin):
                 # "or ()" is for the type checker: NumPy's ``names`` may be None, but rows always have fields.
                 check_function(
                     hook, getattr(self, hook), {name: row_fields or () for name, row_fields in rows.items()}
+                )
+        reported = (*(rows["s"] or ()), *(rows["a"] or ()))
+        for name in self.reports:
+            if name not in reported:
+                raise InputError(
+                    f"'{name}' is neither a field of State nor an array{nearest(name, reported)}",
+                    field="reports",
                 )
         if self.on_timer is not None and "next_s" not in (rows["s"] or ()):
             raise InputError(

@@ -1,0 +1,34 @@
+"""Errors that code of a user's file raises, in one sentence."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from vibroswarm.errors import CodeError, InputError, RunError
+
+
+@contextmanager
+def errors_in(code: str) -> Iterator[None]:
+    """Report an error that a user's file raises within the ``with`` block in one sentence, with file and line.
+
+    Args:
+        code: a reference to code, or empty for code of this package, whose errors pass unchanged.
+    Raises:
+        CodeError: the file raised an error.
+    """
+    try:
+        yield
+    except (CodeError, InputError, RunError):  # these have a message for users already
+        raise
+    except Exception as error:  # a user's function may raise anything
+        if not code:
+            raise
+        file = code.partition(":")[0]
+        lines = [
+            line for line in traceback.extract_tb(error.__traceback__) if Path(line.filename).name == file
+        ]
+        place = f"{file}, line {lines[-1].lineno}, in {lines[-1].name}" if lines else file
+        raise CodeError(f"{place}: {type(error).__name__}: {error}") from None

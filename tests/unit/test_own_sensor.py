@@ -1,0 +1,84 @@
+"""A user's own sensor, which is one file, and what is said of one that is wrong: one sentence, from any command."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from vibroswarm.cli import main
+from vibroswarm.sensors import forget
+
+GOOD = """
+import numpy as np
+from vibroswarm.sensors import SensorModel
+
+def measure(kind, u, p):
+    return u + kind
+
+def reading(value, p):
+    return value > 1.0
+
+def likelihood(kind, value, p):
+    return np.where((value > kind) & (value < kind + 1.0), 1.0, 1e-9)
+
+mine = SensorModel(name="mine", measure=measure, reading=reading, likelihood=likelihood)
+"""
+BAD = {
+    "measure raises": ("return u + kind", "return u[99999]", "mine.py, line 6, in measure: IndexError"),
+    "measure has another shape": ("return u + kind", "return 1.0", "measure: returned"),
+    "reading raises": ("return value > 1.0", "return 1 / 0", "line 9, in reading: ZeroDivisionError"),
+    "reading falls": ("return value > 1.0", "return abs(value - 0.5) > 0.2", "reading falls as u grows"),
+    "reading is no class": ("return value > 1.0", "return 7 * (value > 1.0)", "reading: returned"),
+    "kinds are not whole": (
+        "likelihood=likelihood",
+        "kinds=lambda p: 2.5",
+        "kinds: returned 2.5; return a whole",
+    ),
+    "kinds are too many": ("likelihood=likelihood", "kinds=lambda p: 17", "kinds: returned 17"),
+    "kinds raise": ("likelihood=likelihood", "kinds=lambda p: 1 / 0", "ZeroDivisionError"),
+    "classes are too few": ("likelihood=likelihood", "readings=lambda p: 1", "readings: returned 1"),
+    "likelihood raises": (
+        "return np.where",
+        "return 1 / 0\n    np.where",
+        "in likelihood: ZeroDivisionError",
+    ),
+    "likelihood is negative": ("1.0, 1e-9)", "1.0, -1.0)", "likelihood: returned"),
+    "check raises": ("likelihood=likelihood", "check=lambda p: p.gain", "AttributeError"),
+}
+
+
+@pytest.fixture(autouse=True)
+def _own_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    monkeypatch.chdir(tmp_path)
+    yield
+    forget("mine")
+
+
+def run(text: str) -> int:
+    """Run a strategy that reads everything that a sensor states: classes, error rates, and likelihoods of values."""
+    Path("mine.py").write_text(text, encoding="utf-8")
+    values = [
+        "sensor.model=mine.py:mine",
+        "run.t_end_s=60",
+        "strategy.name=places",
+        "localisation.method=true",
+    ]
+    values += ["strategy.places.energies=true"]
+    return main(["run", "--trust", "--out", "run", *(word for value in values for word in ("--set", value))])
+
+
+def test_a_file_is_a_sensor(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(GOOD) == 0, capsys.readouterr().err
+
+
+@pytest.mark.parametrize("what", list(BAD))
+def test_what_is_wrong_is_said_in_a_sentence(what: str, capsys: pytest.CaptureFixture[str]) -> None:
+    found, put, told = BAD[what]
+    assert GOOD.count(found) == 1
+    assert run(GOOD.replace(found, put)) in (1, 2)
+    error = capsys.readouterr().err
+    assert told in error
+    assert "Traceback" not in error
+    assert not list(Path().glob("run/*.parquet"))
