@@ -33,7 +33,7 @@ SETTLED: Final = 1
 ERROR_TEXT: Final = {
     DOES_NOT_SEND: "on_sample did not send; a strategy that counts messages (on_counts) sends at every sample: "
     "give it on_message in place of on_counts",
-    INVALID_DECISION: "a decision is none of -1 (undecided), 0 and 1",
+    INVALID_DECISION: "a decision is none of -1 (undecided), 0, 1 (or a further kind of tile)",
 }
 """Messages of the error codes."""
 

@@ -247,7 +247,7 @@ def take(
     row.sent += 1
     new = decision(s, a, p, w)
     if new != row.decision:
-        if new < -1 or new > 1:
+        if new < -1 or new >= w.kinds:
             return INVALID_DECISION
         if row.decision == -1:
             row.first_decided_s = rows.time_s[k]

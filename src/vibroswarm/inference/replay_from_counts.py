@@ -153,7 +153,7 @@ def replay_from_counts(
         row.sent += 1
         row.belief = belief(s, a, p, w)
         new = decision(s, a, p, w)
-        if new < -1 or new > 1:
+        if new < -1 or new >= w.kinds:
             return INVALID_DECISION, unsent
         if new != row.decision:
             row.decision, row.decided_s, row.belief_at_decision = new, session.time_s[k], row.belief

@@ -202,7 +202,7 @@ def update_decision(
     row.tick = tick
     row.belief = belief(s, a, p, w)
     new = decision(s, a, p, w)
-    if new < -1 or new > 1:
+    if new < -1 or new >= w.kinds:
         return INVALID_DECISION
     if HAS_TIMER:
         row.due_tick = due_tick(swarm, e, w)
