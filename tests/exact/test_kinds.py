@@ -234,3 +234,13 @@ def test_what_does_not_fit_is_refused_in_words(values: dict[str, Any], field: st
         base.with_values(values)
     assert caught.value.field == field or "--floor" in str(caught.value.field)
     assert words in str(caught.value)
+
+
+def test_robots_may_decide_for_any_kind() -> None:
+    scenario = PAPER.with_values(
+        {**THREE, "floor.source": "random:0.2,0.2,0.6", "decision.min_observations": 20, "run.t_end_s": 300.0}
+    )
+    result = simulate(scenario, seed=1, runs=10)
+    assert 2 in result.robots["decision"].to_list()
+    assert set(result.runs["truth"]) == {2}
+    assert result.runs["right"].sum() > result.runs["wrong"].sum()

@@ -272,7 +272,7 @@ def test_a_cost_that_needs_an_estimate_says_so(name: str) -> None:
     without = replace(found, estimate=np.full_like(found.estimate, np.nan), strategy="voter")
     objective = Objective(name)
     assert np.isfinite(objective.figures(found)).all()
-    if name in ("intended", "printed", "authors_code"):
+    if name in ("intended", "printed", "authors_code", "estimate_error"):
         with pytest.raises(
             InputError, match=f"'{name}' needs .* 'voter' keeps none; choose decision_time"
         ) as told:

@@ -81,6 +81,7 @@ def summary(
     seed: int = 0,
     *,
     agreements: pl.DataFrame | None = None,
+    costs: NDArray[np.float64] | None = None,
 ) -> CellSummary:
     """Compute all figures of a cell.
 
@@ -88,11 +89,12 @@ def summary(
         robots, runs: tables of one scenario's runs, as a ``Result`` has them. t_end_s: the end of a run, s.
         level: confidence level of each single interval. seed: seed of the bootstrap.
         agreements: table of agreements (``analysis.agreement.AGREEMENTS``); None: decisions are final.
+        costs: of the scenario (``outcomes.costs_of``); None: two answers, mistakes that cost the same.
     Raises:
         InputError: the tables have different runs, a run occurs twice, t_end is not above 0, or the level is not
             between 0 and 1.
     """
-    table = run_figures(robots, runs, t_end_s, agreements)
+    table = run_figures(robots, runs, t_end_s, agreements, costs)
     by_run = columns_of(table)
     robot_counts = table["robots"].to_numpy()
     # Right and wrong are defined only in runs with a truth.

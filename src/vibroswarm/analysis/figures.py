@@ -18,7 +18,7 @@ without a truth: there the fill ratio lies on the boundary, so that neither deci
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
@@ -59,21 +59,35 @@ class Swarms(NotebookView):
         runs: columns of the table of runs, (runs,) each; ``consensus`` is an index into ``outcomes.CONSENSUS``.
             ``agreement_held`` is 1 if opinions still agree at the end, 0 if not, and nan without an agreement.
         first: (runs,): index of each run's first robot. t_end_s: end of the runs, s: one number, or one for each run.
+        costs: of ``outcomes.costs_of``, one table for all runs or one for each, (runs, answers, answers).
     """
 
-    def __init__(self, robots: Columns, runs: Columns, first: NDArray[np.intp], t_end_s: ArrayLike) -> None:
-        self.robots, self.runs, self.first = robots, runs, first
+    def __init__(
+        self,
+        robots: Columns,
+        runs: Columns,
+        first: NDArray[np.intp],
+        t_end_s: ArrayLike,
+        costs: Array | None = None,
+    ) -> None:
+        self.robots, self.runs, self.first, self.costs = robots, runs, first, costs
         self.count: NDArray[np.int64] = np.diff(np.append(first, robots["decision"].size)).astype(np.int64)
         self.t_end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64), first.shape)
 
     @classmethod
     def of_tables(
-        cls, robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, agreements: pl.DataFrame | None = None
+        cls,
+        robots: pl.DataFrame,
+        runs: pl.DataFrame,
+        t_end_s: float,
+        agreements: pl.DataFrame | None = None,
+        costs: Array | None = None,
     ) -> Swarms:
         """Read the tables of one cell, as a ``Result`` has them, in any order of rows.
 
         Args:
             t_end_s: end of a run, s. agreements: ``analysis.agreement.AGREEMENTS``; None: decisions are final.
+            costs: of the cell's scenario, ``outcomes.costs_of``.
         Raises:
             InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
         """
@@ -95,16 +109,19 @@ class Swarms(NotebookView):
         coded = by_number.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical())
         of_runs = _TableColumns(coded)
         of_runs["agreement_held"] = held
-        return cls(_TableColumns(by_run.robots), of_runs, by_run.first, t_end_s)
+        return cls(_TableColumns(by_run.robots), of_runs, by_run.first, t_end_s, costs)
 
     @classmethod
-    def of_arrays(cls, robots: Columns, runs: Columns, t_end_s: ArrayLike) -> Swarms:
+    def of_arrays(
+        cls, robots: Columns, runs: Columns, t_end_s: ArrayLike, costs: Sequence[Array | None] = ()
+    ) -> Swarms:
         """Read arrays of runs whose swarms have the same size, possibly of several cells.
 
         Args:
             robots: columns of the table of robots, (..., runs, robots) each. runs: columns of the table of runs, (...,
                 runs) each, or (runs,) if all cells share the values.
             t_end_s: end of a run, s: one number, or one for each cell in the shape of the leading axes.
+            costs: ``outcomes.costs_of`` of each cell, along the one leading axis; empty: two answers of equal costs.
         """
         shape = robots["decision"].shape
         end_s = np.broadcast_to(np.asarray(t_end_s, dtype=np.float64)[..., None], shape[:-1])
@@ -114,6 +131,7 @@ class Swarms(NotebookView):
             | {"agreement_held": np.full(math.prod(shape[:-1]), np.nan)},
             np.arange(0, math.prod(shape), shape[-1]),
             end_s.ravel(),
+            _stacked(costs, shape[-2]),
         )
 
     def sum(self, values: Array) -> Array:
@@ -161,6 +179,18 @@ class Swarms(NotebookView):
         """Return in which runs the consensus was this: 1 or 0; with ``where_known``, nan in runs without a truth."""
         hit = np.asarray(self.runs["consensus"] == CONSENSUS.index(consensus), dtype=np.float64)
         return np.where(np.isnan(self.truth), np.nan, hit) if where_known else hit
+
+
+def _stacked(costs: Sequence[Array | None], runs: int) -> Array | None:
+    """Return the costs of several cells for each of their runs, (cells x runs, answers, answers); None if all are."""
+    if all(one is None for one in costs):
+        return None
+    tables = [1.0 - np.eye(2) if one is None else one for one in costs]
+    most = max(len(one) for one in tables)
+    stacked = np.full((len(tables), most, most), np.nan)
+    for table, one in zip(stacked, tables, strict=True):
+        table[: len(one), : len(one)] = one
+    return np.repeat(stacked, runs, axis=0)
 
 
 class _TableColumns(dict[str, Array]):
@@ -298,7 +328,10 @@ def _sent(swarms: Swarms) -> Array:
 
 def _forced_error(swarms: Swarms) -> Array:
     in_truth, truth = swarms.robots["belief_in_truth"], swarms.by_robot(swarms.truth)
-    return swarms.mean(forced_errors(swarms.robots["decision"], in_truth, truth))
+    costs = swarms.costs
+    if costs is not None and costs.ndim == 3:  # a table for each run
+        costs = np.repeat(costs, swarms.count, axis=0)
+    return swarms.mean(forced_errors(swarms.robots["decision"], in_truth, truth, costs))
 
 
 def _agreed_on(answer: int) -> Callable[[Swarms], Array]:
@@ -417,6 +450,9 @@ FIGURES: Final = (
 )
 """All figures, in the order in which tables have them."""
 
+ESTIMATES: Final = ("estimate_error", "estimate_coverage", "estimate_crps")
+"""Figures that stand in the place of right and wrong where a task asks for a number."""
+
 READ: Final = (
     *("decision", "decision_time_s", "belief_in_truth", "sent"),
     *("truth", "consensus", "right", "wrong", "undecided"),
@@ -435,18 +471,23 @@ def figures_of(swarms: Swarms) -> dict[str, Array]:
 
 
 def run_figures(
-    robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float, agreements: pl.DataFrame | None = None
+    robots: pl.DataFrame,
+    runs: pl.DataFrame,
+    t_end_s: float,
+    agreements: pl.DataFrame | None = None,
+    costs: Array | None = None,
 ) -> pl.DataFrame:
     """Compute one row of figures for each run, sorted by run.
 
     Args:
         robots, runs: tables of one cell, as a ``Result`` has them; the same runs in both. t_end_s: end of a run, s.
         agreements: ``analysis.agreement.AGREEMENTS``; None: decisions are final.
+        costs: of the cell's scenario, ``outcomes.costs_of``; None: two answers, mistakes that cost the same.
     Returns: run, truth, consensus, numbers of robots, and a column for each figure; null where a run does not have it.
     Raises:
         InputError: the tables have different runs, a run occurs twice, or t_end is not above 0.
     """
-    swarms = Swarms.of_tables(robots, runs, t_end_s, agreements)
+    swarms = Swarms.of_tables(robots, runs, t_end_s, agreements, costs)
     columns = [pl.Series(name, values, nan_to_null=True) for name, values in figures_of(swarms).items()]
     # Numbers of robots are floats so far, with nan (then null) in runs without a truth.
     typed = [column.cast(pl.Int64) if column.name in swarms.counts else column for column in columns]

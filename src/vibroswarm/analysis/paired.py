@@ -36,13 +36,15 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike
 
-from vibroswarm.analysis.figures import BY_COLUMN, FIGURES
+from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES
 from vibroswarm.analysis.intervals import Interval, check_level, plain, sign_flip
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, nearest
 
 COMPARED: Final = tuple(figure.by_run for figure in FIGURES if figure.compared)
 """Columns of ``figures.run_figures`` that are compared by default."""
+ESTIMATED: Final = tuple(name for name in ESTIMATES if BY_COLUMN[name].better)
+"""Those that are compared where the task asks for a number."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ import polars as pl
 
 from vibroswarm import strategies, tasks
 from vibroswarm.analysis.agreement import Agreement, agreements_over_time
+from vibroswarm.analysis.figures import ESTIMATES, run_figures
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_kind, shown
@@ -106,6 +107,14 @@ class Verdict(NotebookView):
     presumed: str
     """What robots take for independent evidence though it is not, as a sentence: why beliefs may be too sure."""
     robots: tuple[RobotVerdict, ...]
+    estimated: str = ""
+    """The number that the task asks for, in words; empty if it asks for a decision."""
+    estimate_error: float | None = None
+    """Mean over robots of the distance of their estimates from the true number, which is ``fill_ratio``."""
+    estimate_coverage: float | None = None
+    """Share of the robots whose 90 % interval holds it."""
+    estimate_crps: float | None = None
+    """Mean continuous ranked probability score of their estimates; None, as the coverage, if they state no spread."""
 
     def __repr__(self) -> str:
         """Return the outcome in one line: consensus, numbers of robots and fill ratio."""
@@ -116,6 +125,9 @@ class Verdict(NotebookView):
             if count is not None  # a recording without decisions has no counts
         ]
         robots = f"{len(self.robots)} robot{'s' * (len(self.robots) != 1)}"
+        if self.estimated:
+            error = "unknown" if self.estimate_error is None else f"{self.estimate_error:.4g}"
+            return f"Verdict({robots}; {self.estimated} {self.fill_ratio:.4g}, mean error {error})"
         outcome = "decisions not logged" if self.consensus is None else f"{self.consensus}{at}"
         return f"Verdict({outcome}; {', '.join([*counts, f'of {robots}'])}; fill ratio {self.fill_ratio:.4g})"
 
@@ -166,7 +178,18 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         share_of_ones_read=float((bits == 1).mean()) if bits.len() else None,  # type: ignore[arg-type]
         agreements=tuple(agreements_over_time(result, run)),
         robots=robots,
+        **_scores(result, run),
     )
+
+
+def _scores(result: Result, run: int) -> dict[str, Any]:
+    """Return how good the estimates of a run are, if the task asks for a number."""
+    known = tasks.known().get(result.scenario.task.name)
+    if known is None or not known.estimated:
+        return {}
+    of_run = pl.col("run") == run
+    table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
+    return {"estimated": known.estimated, **{name: table[name][0] for name in ESTIMATES}}
 
 
 def presumed(scenario: Scenario) -> str:
@@ -250,6 +273,8 @@ def headline(found: Verdict) -> str:
     Args:
         found: outcome of the run, from ``verdict``.
     """
+    if found.estimated:
+        return _estimates(found)
     if found.consensus is None:
         return "Decisions were not logged."
     robots = len(found.robots)
@@ -267,6 +292,21 @@ def headline(found: Verdict) -> str:
     if found.consensus == "split":
         return f"SPLIT: all {robots} robots decided, but differently: {sides}."
     return f"INCOMPLETE: {found.undecided} of {robots} robots undecided after {found.end_s:g} s ({sides})."
+
+
+def _estimates(found: Verdict) -> str:
+    """Return how good the robots' estimates are as one sentence."""
+    estimates = [robot.estimate for robot in found.robots if robot.estimate is not None]
+    true = f"the {found.estimated} is {found.fill_ratio:.4g}"
+    if not estimates or found.estimate_error is None:
+        return f"NO ESTIMATES: {true}, and no robot has estimated it."
+    low, high = f"{min(estimates):.3g}", f"{max(estimates):.3g}"
+    which = low if low == high else f"{low} to {high}"
+    sure = "they state no spread"
+    if found.estimate_coverage is not None:
+        holding = round(found.estimate_coverage * len(estimates))
+        sure = f"the 90 % intervals of {holding} of {len(estimates)} hold it"
+    return f"ESTIMATES: {which}; {true}. Mean error {found.estimate_error:.3g}; {sure}."
 
 
 def _sides(found: Verdict) -> str:
@@ -307,6 +347,8 @@ def confidence(found: Verdict) -> str:
     """
     beliefs = [r.belief_in_decision for r in found.robots if r.belief_in_decision is not None]
     note = found.presumed
+    if found.estimated:  # the headline says how sure robots are
+        return note
     if not beliefs:
         beliefs = [r.belief for r in found.robots if r.belief is not None]
         if not beliefs:

@@ -71,7 +71,8 @@ def detect(
     from vibroswarm.errors import share_from
     from vibroswarm.study.summary import write_table
 
-    tolerated = (share_from(error, "--error"), share_from(false_alarms or error, "--false-alarms"))
+    alarms = None if false_alarms is None else share_from(false_alarms, "--false-alarms")
+    tolerated = (share_from(error, "--error"), alarms)
     base = base_of(scenario, more_than, boundary_of)
     found = _searched(base, fills, runs, tolerated, scenario, execution, output)
     if found is None:  # only a shard or a batch of the runs was requested
@@ -86,7 +87,7 @@ def _searched(
     base: Scenario,
     fills: tuple[float, ...] | None,
     runs: int,
-    tolerated: tuple[float, float],
+    tolerated: tuple[float, float | None],
     scenario: Inspected,
     execution: Parts,
     output: Drawn,

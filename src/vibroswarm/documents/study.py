@@ -15,8 +15,8 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.figures import BY_COLUMN, FIGURES, RunFigure
-from vibroswarm.analysis.paired import COMPARED
+from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
+from vibroswarm.analysis.paired import ESTIMATED
 from vibroswarm.documents.cell_figures import column_of, figure_columns, limits_of, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.study_figures import (
@@ -153,6 +153,10 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
         rows.append(row)
     columns = {
         "name": Column("compared"),
+        **{
+            name: Column(SHORT[name], decimals=4, sign=True, strip=True, limits=limits_of(name))
+            for name in ESTIMATED
+        },
         "decision_time_s": Column(
             "time", "s", decimals=0, sign=True, strip=True, limits=limits_of("decision_time_s")
         ),
@@ -171,6 +175,7 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
     frame = pl.DataFrame(
         rows, infer_schema_length=None, schema_overrides={"better": pl.String, "worse": pl.String}
     )
+    columns = {name: column for name, column in columns.items() if name in frame.columns}
     return Table(frame, columns, caption=caption, name="differences")
 
 
@@ -193,7 +198,11 @@ _OUTCOME_WORDS: Final = (
 
 def _outcome_section(outcome: Outcome) -> Section:
     parts: list[Part] = [_outcome_table(outcome)]
-    lacking = [one.cell.number for one in outcome.cells if lacks_truth(one.summary)]
+    lacking = [
+        one.cell.number
+        for one in outcome.cells
+        if lacks_truth(one.summary) and not one.cell.scenario.task.asks_number
+    ]
     if lacking:
         parts.append(_agreement_table(outcome, lacking))
     if words := _levels(outcome):
@@ -207,12 +216,24 @@ def _outcome_table(outcome: Outcome) -> Table:
     runs = counts((one.summary.runs for one in outcome.cells), "run")
     ends = sorted({one.summary.t_end_s for one in outcome.cells})
     whole = f"{number(ends[0])} s" if len(ends) == 1 else "the whole run"
-    names = dict.fromkeys(["runs", *(["failed_runs"] if outcome.has_failed_runs else []), *_OUTCOME])
+    figures, shown = _figures_of(outcome)
+    names = dict.fromkeys(["runs", *(["failed_runs"] if outcome.has_failed_runs else []), *figures])
     rows = outcome.table.select("name", *with_limits_of(names, outcome.table.columns))
-    wide = [name for name in ("runs", *_OUTCOME) if name not in _SHOWN]
+    wide = [name for name in ("runs", *figures) if name not in shown]
     columns = {"name": Column("cell"), **figure_columns(rows.columns, wide)}
     caption = f"{runs} per cell; in brackets 95 % intervals over runs (Wilson, t). Undecided robots count as {whole}."
     return Table(rows, columns, caption=caption, name="outcome")
+
+
+def _figures_of(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the figures of the table of outcomes, and those that a terminal prints unasked.
+
+    Where tasks ask for numbers, they are those of estimates; where some do, these come after the others.
+    """
+    asking = [one.cell.scenario.task.asks_number for one in outcome.cells]
+    if all(asking):
+        return ("estimate", *ESTIMATES), ESTIMATES
+    return (*_OUTCOME, *ESTIMATES) if any(asking) else _OUTCOME, _SHOWN
 
 
 def _agreement_table(outcome: Outcome, lacking: Sequence[int]) -> Table:
@@ -266,7 +287,8 @@ def _compared_parts(compared: Sequence[Compared]) -> list[Part]:
     if not compared:
         return []
     table = comparison_table(compared)
-    tables = tuple(_compared_table(table, BY_COLUMN[figure]) for figure in COMPARED)
+    figures = dict.fromkeys(table["figure"])
+    tables = tuple(_compared_table(table, BY_COLUMN[figure]) for figure in figures)
     return [
         Section("How they compare, and on other seeds", (Text(_COMPARED_WORDS), *tables), wide=True),
         *comparison_figures(compared),

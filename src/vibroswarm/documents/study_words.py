@@ -27,6 +27,8 @@ SHORT: Final = {
     "right_share": "right",
     "wrong_share": "wrong",
     "undecided_share": "undecided",
+    "estimate_error": "error",
+    "estimate_crps": "CRPS",
 }
 """Short names of the figures of an answer."""
 _HIGHER_LOWER: Final = {
@@ -34,8 +36,12 @@ _HIGHER_LOWER: Final = {
     "right_share": ("more right", "fewer right"),
     "wrong_share": ("more wrong", "fewer wrong"),
     "undecided_share": ("more undecided", "fewer undecided"),
+    "estimate_error": ("more error", "less error"),
+    "estimate_crps": ("more CRPS", "less CRPS"),
 }
 """Words for a higher and for a lower value."""
+_SCALES: Final = {"decision_time_s": (1, "s"), "estimate_error": (1, ""), "estimate_crps": (1, "")}
+"""Factor and unit of figures that are no shares."""
 MOST_NAMES: Final = 6
 """The cells of a question are named if there are at most this many."""
 
@@ -66,15 +72,22 @@ def question(outcome: Outcome) -> str:
     setting = f"{where}; {runs}" if where else runs
     if not outcome.comparisons:
         return f"{which}: {setting}{' each' * (len(cells) > 1)}, seed {study.seed}."
-    return (
-        f"Which decides sooner, and which is wrong more often: {which}? {setting[0].upper()}{setting[1:]} each, "
-        "compared run by run."
-    )
+    asks = "Which decides sooner, and which is wrong more often"
+    if all(cell.scenario.task.asks_number for cell in cells):
+        asks = "Whose estimates are better"
+    return f"{asks}: {which}? {setting[0].upper()}{setting[1:]} each, compared run by run."
 
 
 def headline(answer: Answer) -> str:
     """Write which of two cells is faster and which is wrong more often, in a few words."""
     by_figure = {effect.figure: effect for effect in answer.effects}
+    if "estimate_error" in by_figure:
+        exact = _comparative(by_figure["estimate_error"], "less exact", "more exact")
+        return (
+            f"{answer.first_name} and {answer.reference_name}: no difference shown in the error of estimates"
+            if exact is None
+            else f"{answer.first_name} is {exact} than {answer.reference_name}"
+        )
     time = _comparative(by_figure["decision_time_s"], "slower", "faster")
     wrong = _comparative(by_figure["wrong_share"], "wrong more often", "wrong less often")
     first, reference = answer.first_name, answer.reference_name
@@ -157,25 +170,27 @@ def _directed(figure: str, difference: Interval) -> str:
 
     The difference must not be 0: the words would have no sense.
     """
-    scale, unit = (1, "s") if figure == "decision_time_s" else (100, "points")
+    scale, unit = _SCALES.get(figure, (100, "points"))
     estimate, low, high = (scale * value for value in difference[:3])
     if_higher, if_lower = _HIGHER_LOWER[figure]
     decimals = _decimals(figure, difference)
     if estimate > 0:
-        return with_limits(Estimate(estimate, low, high), f"{unit} {if_higher}", decimals)
-    return with_limits(Estimate(-estimate, -high, -low), f"{unit} {if_lower}", decimals)
+        return with_limits(Estimate(estimate, low, high), f"{unit} {if_higher}".lstrip(), decimals)
+    return with_limits(Estimate(-estimate, -high, -low), f"{unit} {if_lower}".lstrip(), decimals)
 
 
 def _signed(figure: str, difference: Interval) -> str:
     """Write a difference with its sign, unit and interval: ``-127 s [-153, -102]``; or ``not defined``."""
     if math.isnan(difference.estimate):
         return "not defined"
-    unit = "s" if figure == "decision_time_s" else "points"
+    unit = _SCALES.get(figure, (100, "points"))[1]
     return with_limits(difference, unit, _decimals(figure, difference), sign=True)
 
 
 def _decimals(figure: str, difference: Interval) -> int:
     """Return 0 of times if the estimate or a limit is 10.0 s or more, otherwise 1."""
+    if figure.startswith("estimate"):
+        return 4
     largest = max((abs(value) for value in difference[:3] if math.isfinite(value)), default=0.0)
     return 0 if figure == "decision_time_s" and largest >= 9.95 else 1
 
@@ -210,6 +225,8 @@ def cell_sentence(one: CellOutcome) -> str:
     swarms agreed.
     """
     figures = one.summary
+    if one.cell.scenario.task.asks_number:
+        return _estimates(one)
     shares = {
         "right": figures.robots_right,
         "wrong": figures.robots_wrong,
@@ -225,16 +242,30 @@ def cell_sentence(one: CellOutcome) -> str:
     return f"{one.cell.name}: robots {', '.join(words)}; decision time {time}.{agreement}"
 
 
+def _estimates(one: CellOutcome) -> str:
+    """Write how good the estimates of a cell are."""
+    figures = one.summary
+    words = [f"error of estimates {with_limits(figures.estimate_error, '', 4)}"]
+    if not math.isnan(figures.estimate_coverage.estimate):
+        words.append(f"90 % intervals hold the true number in {with_limits(figures.estimate_coverage, '%')}")
+        words.append(f"CRPS {with_limits(figures.estimate_crps, '', 4)}")
+    return f"{one.cell.name}: {'; '.join(words)}."
+
+
 def _agreement(one: CellOutcome) -> str:
     """Write on what the swarms of a cell agreed; and whether agreement lasted, if opinions may change."""
     figures = one.summary
-    less, more = answers_in_words(one.cell.scenario)
+    sides = answers_in_words(one.cell.scenario)
     lasted = ""
     if figures.agreement_lasted.n:
         lasted = f"; {with_limits(figures.agreement_lasted, '%')} of the agreements lasted to the end"
+    shares = figures.agreed_on_0, figures.agreed_on_1
+    agreed = ", ".join(
+        f"on '{side}' in {with_limits(share, '%')}" + (" of the runs" if number == 0 else "")
+        for number, (side, share) in enumerate(zip(sides, shares, strict=False))
+    )
     return (
-        f"Swarms agreed on '{less}' in {with_limits(figures.agreed_on_0, '%')} of the runs, on '{more}' in "
-        f"{with_limits(figures.agreed_on_1, '%')}; {with_limits(figures.swarm_split, '%')} split, "
+        f"Swarms agreed {agreed}; {with_limits(figures.swarm_split, '%')} split, "
         f"{with_limits(figures.swarm_incomplete, '%')} incomplete{lasted}."
     )
 

@@ -18,13 +18,14 @@ runs); leading axes are cells (combinations of settings).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
+from vibroswarm import tasks
 from vibroswarm.floors.floor import Floor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import Asked, task
@@ -71,8 +72,9 @@ RUNS: Final[dict[str, Any]] = {
     "end_s": pl.Float64,
     "stopped_early": pl.Boolean,
 }
-"""Columns of the table of runs; ``truth`` is null if neither decision is right. ``stopped_early`` marks runs that ended
-before ``run.t_end_s``, as their motion statistics are biased."""
+"""Columns of the table of runs; ``fill_ratio`` is the number that is asked for if the task asks for one; ``truth`` is
+null if neither decision is right. ``stopped_early`` marks runs that ended before ``run.t_end_s``, as their motion
+statistics are biased."""
 
 
 HALF: Final = 0.5
@@ -105,11 +107,36 @@ def truth_on(scenario: Scenario, floor: Floor, fill_ratio: float | None = None) 
     Raises:
         CodeError: a user's task raised an error, or returned something other than a decision and None.
     """
+    question = _asked(scenario, floor, fill_ratio)
+    return task(scenario.task.name).answer(floor, question, scenario.task.params)
+
+
+def _asked(scenario: Scenario, floor: Floor, fill_ratio: float | None) -> Asked:
+    """Return what the scenario's task may need beside the floor, whose fill ratio is computed if it is None."""
     size = scenario.arena.width_m, scenario.arena.height_m
     fill_ratio = floor.fill_ratio_within(*size) if fill_ratio is None else fill_ratio
     boundary = scenario.decision.decision_boundary
-    question = Asked(*size, fill_ratio=fill_ratio, decision_boundary=boundary, kinds=scenario.sensor.kinds)
-    return task(scenario.task.name).answer(floor, question, scenario.task.params)
+    return Asked(*size, fill_ratio=fill_ratio, decision_boundary=boundary, kinds=scenario.sensor.kinds)
+
+
+def numbers_asked(
+    scenario: Scenario, floors: Mapping[int, Floor], runs: Sequence[int], fills: Array
+) -> Array:
+    """Return the number that the scenario's task asks for, (runs,); ``fills`` if it asks for a decision.
+
+    Args:
+        floors: the floor of each run, by run number; a floor object that several runs share is judged once.
+        fills: (runs,): fill ratio inside the arena of each run's floor.
+    """
+    asks = task(scenario.task.name)
+    if not asks.estimated:
+        return fills
+    known: dict[int, float] = {}  # by the id of each floor object
+    for run, fill in zip(runs, fills, strict=True):
+        floor = floors[run]
+        if id(floor) not in known:
+            known[id(floor)] = asks.number(floor, _asked(scenario, floor, float(fill)), scenario.task.params)
+    return np.array([known[id(floors[run])] for run in runs])
 
 
 def truths(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int], fills: Array) -> Array:
@@ -128,9 +155,12 @@ def truths(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int], fil
 
 
 def fills_and_truth(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int]) -> tuple[Array, Array]:
-    """Return the fill ratio inside the arena of each run's floor, and the truth about it, (runs,) each."""
+    """Return the fill ratio inside the arena of each run's floor, and the truth about it, (runs,) each.
+
+    With a task that asks for a number, that number is in the place of the fill ratio (``numbers_asked``).
+    """
     fills = np.array(fill_ratios(floors, runs, scenario.arena.width_m, scenario.arena.height_m))
-    return fills, truths(scenario, floors, runs, fills)
+    return numbers_asked(scenario, floors, runs, fills), truths(scenario, floors, runs, fills)
 
 
 # Columns of robots and of runs
@@ -164,20 +194,58 @@ def belief_in_truth(belief: Array, truth: Array) -> Array:
     return np.where(truth == 0.0, belief, np.where(truth == 1.0, 1.0 - belief, np.nan))
 
 
-def forced_errors(decision: NDArray[np.integer], belief_in_truth: Array, truth: Array) -> Array:
-    """Return the forced error of each robot: 1 if it is wrong, 0 if it is right.
+def costs_of(scenario: Scenario) -> Array | None:
+    """Return the costs of mistakes, relative to the dearest, (answers, answers): rows are truths, columns decisions.
 
-    An undecided robot counts as deciding for the answer that it believes in more; without such an answer it has 1/2.
+    None stands for two answers with mistakes that cost the same.
+    """
+    given, asks = scenario.task.costs, tasks.known().get(scenario.task.name)
+    if given is not None:
+        costs = np.array(given, dtype=np.float64)
+        return np.asarray(costs / costs.max())
+    answers = 2 if asks is None else len(asks.answers_of(scenario.sensor.kinds))
+    return None if answers == 2 else 1.0 - np.eye(answers)
+
+
+def forced_errors(
+    decision: NDArray[np.integer], belief_in_truth: Array, truth: Array, costs: Array | None = None
+) -> Array:
+    """Return the forced error of each robot: 0 if it is right, 1 if it is wrong, or the cost of that mistake.
+
+    An undecided robot counts as deciding for the answer that it believes in more; without such an answer as guessing:
+    it has 1/2 of two answers, 1 - 1/k of k.
 
     Args:
         decision: 0, 1 or another answer, or -1 while undecided. belief_in_truth: belief in the true answer, of an
             undecided robot at the end of the run; nan: it has no belief. truth: the right one; nan: none is right.
+        costs: of ``costs_of``, (answers, answers), or one table for each truth, (..., answers, answers); nan: there is
+            no such answer.
     Returns: errors in the broadcast shape of the arguments; nan where the truth is nan.
     """
+    if costs is not None:
+        return _forced_costs(decision, belief_in_truth, truth, costs)
     doubt = np.where(np.isnan(belief_in_truth), HALF, 1.0 - belief_in_truth)
     leaning = np.where(doubt > HALF, 1.0, np.where(doubt < HALF, 0.0, HALF))
     errors = np.where(decision == -1, leaning, decision != truth)
     return np.where(np.isnan(truth), np.nan, errors)
+
+
+def _forced_costs(decision: NDArray[np.integer], belief_in_truth: Array, truth: Array, costs: Array) -> Array:
+    """Return what the mistakes of robots cost, as ``forced_errors`` does."""
+    row = np.where(np.isnan(truth), 0, truth).astype(np.intp)
+    of_truth = np.take_along_axis(
+        np.broadcast_to(costs, (*row.shape, *costs.shape[-2:])), row[..., None, None], -2
+    )[..., 0, :]
+    answers = (~np.isnan(of_truth)).sum(axis=-1)
+    total = np.nansum(of_truth, axis=-1)
+    guess, mistake = total / answers, total / np.maximum(answers - 1, 1)
+    leaning = np.where(belief_in_truth > HALF, 0.0, np.where(belief_in_truth < HALF, mistake, guess))
+    column = np.where(decision == -1, 0, decision).astype(np.intp)
+    shape = (*np.broadcast_shapes(row.shape, column.shape), of_truth.shape[-1])
+    decided = np.take_along_axis(
+        np.broadcast_to(of_truth, shape), np.broadcast_to(column, shape[:-1])[..., None], -1
+    )[..., 0]
+    return np.where(np.isnan(truth), np.nan, np.where(decision == -1, leaning, decided))
 
 
 def capped_time_s(time_s: Array, t_end_s: ArrayLike) -> Array:

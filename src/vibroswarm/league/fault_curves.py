@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.intervals import mean_interval, plain
 from vibroswarm.errors import InputError, check_choice
-from vibroswarm.inference.outcomes import forced_errors
+from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.entries import Entry, floors_of
 from vibroswarm.league.standings import League
 from vibroswarm.scenario.fault_draws import working
@@ -189,7 +189,9 @@ def _errors(league: League, study: StudyResult) -> list[Errors]:
     floors, shape = len(league.floors), (league.runs, league.robots[0])
     errors = np.zeros((len(league.entries), *shape))
     for cells, robots, of_runs in study.arrays(("decision", "belief_in_truth", "truth")):
-        found = forced_errors(robots["decision"], robots["belief_in_truth"], of_runs["truth"][..., None])
+        # Cells of a league have one task.
+        costs, truth = costs_of(cells[0].scenario), of_runs["truth"][..., None]
+        found = forced_errors(robots["decision"], robots["belief_in_truth"], truth, costs)
         for cell, of_cell in zip(cells, found, strict=True):
             errors[cell.number // floors] += of_cell / floors  # cells are ordered by entry and floor
     # Faults are the same on all floors, so the cells of the first floor stand for all.

@@ -41,6 +41,7 @@ from vibroswarm.analysis.paired import holm
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, shown
 from vibroswarm.inference.agents import strategy_used
+from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.league.entries import SIZE, Entry, LeagueFloor, main_entries
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies import strategy
@@ -397,7 +398,9 @@ def standings_of(league: League, study: StudyResult) -> Standings:
     sizes, runs, floors = len(league.robots), league.runs, len(league.floors)
     values = {name: np.full((len(league.entries), floors, sizes * runs), np.nan) for name in FIGURES}
     for cells, robots, of_runs in study.arrays(READ):
-        swarms = Swarms.of_arrays(robots, of_runs, [cell.scenario.run.t_end_s for cell in cells])
+        ends_s = [cell.scenario.run.t_end_s for cell in cells]
+        costs = [costs_of(cell.scenario) for cell in cells]
+        swarms = Swarms.of_arrays(robots, of_runs, ends_s, costs)
         figures = {name: BY_NAME[figure].of_run(swarms).reshape(-1, runs) for name, figure in SHOWN.items()}
         for place, cell in enumerate(cells):
             # The cells of a league are ordered by entry, then floor, then swarm size.

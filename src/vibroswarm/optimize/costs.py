@@ -8,12 +8,14 @@
 | decision_time | mean over robots of min(t, T_end), s | - |
 | errors | mean over robots of t/T_end if right, ``false_alarm`` or ``miss`` if wrong, ``undecided`` if undecided | - |
 | name of a figure | robots_wrong, robots_undecided, swarm_wrong, consensus_time_s (``analysis.figures``) | - |
+| estimate_error | mean over robots of abs(f - f*) | - |
 | consensus | two figures: min(consensus time, T_end), s; 1 if the consensus is right, else 0 | - |
 | at_error | four figures: mean over robots of min(t, T_end), s; counts of wrong, of decided and of all robots | - |
 
 f is the robot's estimate of the fill ratio, f* the true fill ratio, N_tiles the number of tiles, t the decision time
 and T_end the end of the run. A false alarm decides "above the boundary" when the fill ratio is below it; a miss is the
-opposite error.
+opposite error. With costs of mistakes (``task.costs``) ``errors`` and ``at_error`` count a mistake by its cost relative
+to the dearest.
 
 Every cost takes the ``Outcomes`` of some runs and returns an array with one row per run and one column per figure. An
 undecided robot has no decision time: t is then T_end. Every cost except ``decision_time`` raises an InputError for runs
@@ -79,6 +81,8 @@ def errors(
     check_truth(outcomes)
     # Where the truth is 0 (below the boundary), a wrong robot decided "above": a false alarm. Shape: (runs, 1).
     of_wrong = np.where(outcomes.truth[:, None] == 0.0, false_alarm, miss)
+    if outcomes.costs is not None:
+        of_wrong = of_wrong * outcomes.mistakes
     cost = np.where(outcomes.wrong, of_wrong, outcomes.time_s / outcomes.t_end_s)
     cost = np.where(outcomes.undecided, undecided, cost)
     return np.asarray(cost.mean(axis=1, keepdims=True))
@@ -104,9 +108,15 @@ def at_error(outcomes: Outcomes) -> Array:
     runs give the shares of errors and of undecided robots.
     """
     check_truth(outcomes)
+    # A mistake that costs less than the dearest one counts as part of an error.
     decided = (~outcomes.undecided).sum(axis=1)
     robots = np.full(decided.size, float(outcomes.robots))
-    return np.column_stack([outcomes.time_s.mean(axis=1), outcomes.wrong.sum(axis=1), decided, robots])
+    return np.column_stack([outcomes.time_s.mean(axis=1), outcomes.mistakes.sum(axis=1), decided, robots])
+
+
+def estimate_error(outcomes: Outcomes) -> Array:
+    """Compute the mean over robots of the absolute error of their estimates."""
+    return np.asarray(_error(outcomes, "estimate_error").mean(axis=1, keepdims=True))
 
 
 def _of_figure(figure: RunFigure) -> Figures:
@@ -126,6 +136,7 @@ COSTS: Final[dict[str, Figures]] = {
     "decision_time": decision_time,
     "errors": errors,
     **{figure.name: _of_figure(figure) for figure in FIGURES if figure.of_decisions},
+    "estimate_error": estimate_error,
 }
 """Costs with one figure per run, to which a statistic is applied."""
 

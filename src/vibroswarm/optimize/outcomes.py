@@ -28,11 +28,12 @@ from vibroswarm.inference.motion_feedback import steer_on, steerable
 from vibroswarm.inference.outcomes import (
     Array,
     capped_time_s,
-    fill_ratios,
+    costs_of,
+    fills_and_truth,
+    forced_errors,
     numbers,
     right_of,
     run_columns,
-    truths,
     wrong_of,
 )
 from vibroswarm.motion.kernel_run import KernelRun
@@ -77,6 +78,8 @@ class Outcomes(NotebookView):
     """End of a run that does not stop early."""
     strategy: str = ""
     """Name of the strategy, for messages."""
+    costs: Array | None = None
+    """What mistakes cost, see ``inference.outcomes.costs_of``."""
 
     @property
     def robots(self) -> int:
@@ -99,12 +102,27 @@ class Outcomes(NotebookView):
         return wrong_of(self.decision, self.truth)
 
     @property
+    def mistakes(self) -> Array:
+        """Cost of each robot's wrong decision, relative to the dearest mistake; 0 if it is right or undecided."""
+        if self.costs is None:
+            return self.wrong.astype(np.float64)
+        certain = np.ones(
+            self.decision.shape
+        )  # an undecided robot leans to the truth: it has made no mistake
+        found = forced_errors(self.decision, certain, self.truth[:, None], self.costs)
+        return np.nan_to_num(found)
+
+    @property
     def swarms(self) -> Swarms:
         """The runs for figures that are computed from decisions (``analysis.figures``)."""
         runs = run_columns(
             self.decision, self.decision_time_s, self.fill_ratio, self.truth, self.end_s, self.t_end_s
         )
-        robots = {"decision": self.decision.astype(np.float64), "decision_time_s": self.decision_time_s}
+        robots = {
+            "decision": self.decision.astype(np.float64),
+            "decision_time_s": self.decision_time_s,
+            "estimate": self.estimate,
+        }
         return Swarms.of_arrays(robots, runs, self.t_end_s)
 
     @property
@@ -143,6 +161,7 @@ def from_tables(scenario: Scenario, robots: pl.DataFrame, runs: pl.DataFrame, ti
         tiles=tiles,
         t_end_s=scenario.run.t_end_s,
         strategy=scenario.strategy.name,
+        costs=costs_of(scenario),
     )
 
 
@@ -273,9 +292,7 @@ class _ScenarioRuns:
         self.runs = runs
         self.grounds = sensed_floors(scenario, seed, runs, floors)
         """The floor and the sensors of each run, in the order of ``runs``."""
-        arena = scenario.arena
-        self.fills = np.array(fill_ratios(floors, list(runs), arena.width_m, arena.height_m))
-        self.truth = truths(scenario, floors, list(runs), self.fills)
+        self.fills, self.truth = fills_and_truth(scenario, floors, list(runs))
         self.tiles = floors[runs[0]].tiles.size
         shape = (len(runs), scenario.swarm.robots)
         self.decision = np.empty(shape, dtype=np.int64)
@@ -345,4 +362,5 @@ class _ScenarioRuns:
             tiles=self.tiles,
             t_end_s=self.scenario.run.t_end_s,
             strategy=self.scenario.strategy.name,
+            costs=costs_of(self.scenario),
         )

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError, model_serializer, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_serializer, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.errors import InputError, nearest, shown
@@ -287,12 +287,29 @@ class NetworkChoice(Choice):
     (loss_by_size), or in bursts (bursts); robots hear those near them (range); late (delay); by relays (tree)."""
 
 
+Costs = Annotated[
+    tuple[Annotated[tuple[Annotated[float, Field(ge=0)], ...], Field(min_length=2, strict=False)], ...],
+    Field(min_length=2, strict=False),
+]
+"""A row for each truth, with the cost of each answer."""
+
+
 class TaskChoice(Choice):
     """The question about the floor; by name: ``fill_ratio``: does more than ``decision_boundary`` vibrate?;
-    ``majority``: which kind of tile is most common?"""
+    ``majority``: which kind of tile is most common?; ``agree``: on a symmetric floor, on which side?; ``share``: which
+    share vibrates?"""
 
     kind = "task"
     known = staticmethod(known_tasks)
     name: str = "fill_ratio"
     """The right decision is given by the share of tiles that vibrate (fill_ratio), or by the most common kind of tile
-    (majority)."""
+    (majority). None is right where a swarm only has to agree (agree), or is asked for a number (share)."""
+    costs: Costs | None = None
+    """What mistakes cost, such as ``[[0, 1], [4, 0]]``: a row for each truth, in it the cost of each answer. None: all
+    cost the same. Leagues, detection and searches count a mistake by its cost relative to the dearest."""
+
+    @property
+    def asks_number(self) -> bool:
+        """Whether the task asks for a number, such as a share; False if its code is not loaded."""
+        known = known_tasks().get(self.name)
+        return known is not None and bool(known.estimated)

@@ -15,6 +15,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.source import is_random, random_shares, shadows
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
+from vibroswarm.tasks import Asked, Task
 
 VARIATIONS = ("misalignment_wander", "misalignment_drift", "misalignment_run_spread")
 """Fields of ``robot`` that add random numbers to a robot's misalignment."""
@@ -227,6 +228,15 @@ def _check_kinds(s: Sections) -> None:
             "strategy for several kinds, such as dirichlet",
             field="strategy.name",
         )
+    _check_task(s, task)
+    if task.estimated:
+        if not strategy.estimates:
+            raise InputError(
+                f"'{s.task.name}' asks for the {task.estimated}, and '{s.strategy.name}' estimates no number; choose a "
+                "strategy that counts readings, such as none or mcp",
+                field="strategy.name",
+            )
+        return
     answers, decisions = task.answers_of(kinds), kinds if strategy.answers_kinds else 2
     if len(answers) != decisions:
         fitting = "majority" if strategy.answers_kinds else "fill_ratio, or a strategy such as dirichlet"
@@ -235,6 +245,32 @@ def _check_kinds(s: Sections) -> None:
             f"choose {fitting}",
             field="task.name",
         )
+
+
+def _check_task(s: Sections, task: Task) -> None:
+    """Refuse costs that do not fit the task's answers, and floors on which its question makes no sense."""
+    answers, costs = len(task.answers_of(s.sensor.kinds)), s.task.costs
+    if costs is not None:
+        field = "task.costs"
+        if task.estimated:
+            raise InputError(
+                f"are those of decisions, and '{task.name}' asks for a number; leave them out", field=field
+            )
+        if any(len(row) != answers for row in (costs, *costs)):
+            raise InputError(
+                f"'{task.name}' has {answers} answers; give {answers} rows of {answers} costs", field=field
+            )
+        if any(row[k] for k, row in enumerate(costs)) or not any(map(sum, costs)):
+            raise InputError(
+                "right answers cost 0, and at least one mistake costs more; row and column k stand for answer k",
+                field=field,
+            )
+    if task.check is not None:
+        size = s.arena.width_m, s.arena.height_m
+        floor = s.floor.placed_in(s.arena, 0, 0)
+        boundary, fill = s.decision.decision_boundary, floor.fill_ratio_within(*size)
+        asked = Asked(*size, fill_ratio=fill, decision_boundary=boundary, kinds=s.sensor.kinds)
+        task.check(floor, asked, s.task.params)
 
 
 def _check_options_of_two(s: Sections) -> None:

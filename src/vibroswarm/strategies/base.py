@@ -241,6 +241,12 @@ class Strategy(Plugin):
         return row_type(self.state, "state")
 
     @property
+    def estimates(self) -> bool:
+        """Whether robots have an estimate of the fill ratio: their own, or the mean of a posterior of counts."""
+        fields = set(self.state_type.names or ())
+        return {"alpha", "beta"} <= fields or {"estimate", "estimate_spread"} <= fields
+
+    @property
     def has_opposite(self) -> bool:
         """Whether its messages have an opposite: by the hook, or because they have a ``bit``."""
         return self.opposite is not None or "bit" in (self.message_type.names or ())

@@ -17,6 +17,7 @@ from vibroswarm.analysis.cell_summary import CellSummary
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.forced_error import MatchedError
 from vibroswarm.analysis.intervals import Interval
+from vibroswarm.analysis.paired import ESTIMATED
 from vibroswarm.study.cell_comparison import Compared
 from vibroswarm.study.spec import Cell
 
@@ -31,7 +32,7 @@ class Effect:
     """The difference of one figure between a cell and its reference."""
 
     figure: str
-    """One of ``FIGURES``."""
+    """One of ``FIGURES``, or of ``ESTIMATED``."""
     interval: Interval
     """Cell - reference: s, or a difference of shares."""
     significant: bool
@@ -62,7 +63,7 @@ class Answer:
     rest: str
     """The varied values that both cells share, as text."""
     effects: tuple[Effect, ...]
-    """In the order of ``FIGURES``, one for each figure that was compared; ``comparisons`` compares all of them."""
+    """In the order of ``FIGURES`` or ``ESTIMATED``, one for each figure that was compared."""
     pairs: int
     """Number of runs that the first figure compares."""
     matched: MatchedError | None
@@ -77,7 +78,7 @@ class Answer:
     def faster_and_more_wrong(self) -> str | None:
         """Name of the cell that is significantly faster, and also wrong significantly more often; None if none is."""
         better = {effect.figure: effect.better for effect in self.effects}
-        first_is_faster, first_errs_less = better["decision_time_s"], better["wrong_share"]
+        first_is_faster, first_errs_less = better.get("decision_time_s"), better.get("wrong_share")
         if first_is_faster is None or first_errs_less is None or first_is_faster == first_errs_less:
             return None
         return self.first_name if first_is_faster else self.reference_name
@@ -142,12 +143,12 @@ def _answer(figures: Mapping[str, Compared], matched: MatchedError | None) -> An
     """Return the answer of one pair of cells.
 
     Args:
-        figures: the pair's comparisons by figure, those of ``FIGURES`` among them. matched: its comparison at equal
-            error, None if there is none.
+        figures: the pair's comparisons by figure, those of ``FIGURES`` or ``ESTIMATED`` among them.
+        matched: its comparison at equal error, None if there is none.
     """
     # The comparison of the first figure. All figures of the pair have the same cells and names.
     one = next(iter(figures.values()))
-    effects = tuple(_effect(figures[figure]) for figure in FIGURES)
+    effects = tuple(_effect(figures[figure]) for figure in (*FIGURES, *ESTIMATED) if figure in figures)
     first_name, reference_name, rest = one.names
     return Answer(
         cell=one.cell,

@@ -28,7 +28,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import final_columns
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
-from vibroswarm.inference.outcomes import fill_ratios, robot_columns, run_columns, truths
+from vibroswarm.inference.outcomes import fill_ratios, numbers_asked, robot_columns, run_columns, truths
 from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
 from vibroswarm.observation.observe import (
@@ -206,7 +206,7 @@ class _SharedMotion:
             for name in finals_by_scenario[0]
         }
         fills = np.array(fill_ratios(floors, list(runs), common.arena.width_m, common.arena.height_m))
-        truth = _truths_of(scenarios, floors, list(runs), fills)
+        fills, truth = _asked_of(scenarios, floors, list(runs), fills)
         tiles = floors[runs[0]].tiles.size  # the same in all runs
         walk = self.walk.figures(readings.tile, readings.observation, tiles)
         decisions, times_s = finals["decision"], finals["decision_time_s"]
@@ -243,25 +243,27 @@ class _SharedMotion:
         return tables
 
 
-def _truths_of(
+def _asked_of(
     scenarios: Sequence[Scenario], floors: dict[int, Floor], runs: list[int], fills: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the right decision for each scenario and run, (scenarios, runs); nan where neither decision is right.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the number that is asked for and the right decision for each scenario and run, (scenarios, runs) each.
 
-    Scenarios with the same task, boundary and number of kinds have the same truths, which are computed once.
+    The number is the fill ratio unless a task asks for another; the decision is nan where none is right. Scenarios with
+    the same task, boundary and number of kinds have the same, which are computed once.
 
     Args:
         floors: by number of the run. fills: fill ratio of each run's floor inside the arena, (runs,).
     """
-    # By what determines the right decision.
-    truths_by_key: dict[Any, NDArray[np.float64]] = {}
+    # By what determines both.
+    found: dict[Any, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
     keys = [
         (one.task.model_dump_json(), one.decision.decision_boundary, one.sensor.kinds) for one in scenarios
     ]
     for scenario, key in zip(scenarios, keys, strict=True):
-        if key not in truths_by_key:
-            truths_by_key[key] = truths(scenario, floors, runs, fills)
-    return np.stack([truths_by_key[key] for key in keys])
+        if key not in found:
+            number = numbers_asked(scenario, floors, runs, fills)
+            found[key] = number, truths(scenario, floors, runs, fills)
+    return np.stack([found[key][0] for key in keys]), np.stack([found[key][1] for key in keys])
 
 
 def samples_of(

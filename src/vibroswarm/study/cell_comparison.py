@@ -25,8 +25,9 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.paired import Confirmation, Paired, compare, confirmed, holm
+from vibroswarm.analysis.paired import COMPARED, ESTIMATED, Confirmation, Paired, compare, confirmed, holm
 from vibroswarm.errors import InputError, check_choice
+from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.factors import LABEL, flat
 from vibroswarm.study.run import run
 from vibroswarm.study.runner import Progress
@@ -254,7 +255,8 @@ def comparisons(
 
     Args:
         replicate: the second block, None if there is none. reference: as of ``pairs_of``.
-    Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.COMPARED``.
+    Returns: the comparisons pair by pair; those of a pair in the order of ``analysis.paired.COMPARED``, or of its
+        ``ESTIMATED`` where the task asks for a number.
     """
     selected = set(result.selected)
     pairs = [
@@ -294,7 +296,8 @@ def _pair(figures: _Figures | None, cell: Cell, reference: Cell) -> Sequence[Pai
     figures_of_cell, figures_of_reference = figures(cell), figures(reference)
     if figures_of_cell.join(figures_of_reference, on="run", how="semi").is_empty():
         return None
-    return compare(figures_of_cell, figures_of_reference)
+    asks_number = cell.scenario.task.asks_number and reference.scenario.task.asks_number
+    return compare(figures_of_cell, figures_of_reference, ESTIMATED if asks_number else COMPARED)
 
 
 def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
@@ -328,7 +331,8 @@ class _Figures:
         figures = self._cache.pop(cell.number, None)
         if figures is None:
             robots, runs = self.result.tables(cell.number)
-            figures = run_figures(robots, runs, cell.scenario.run.t_end_s)
+            t_end_s, costs = cell.scenario.run.t_end_s, costs_of(cell.scenario)
+            figures = run_figures(robots, runs, t_end_s, costs=costs)
         self._cache[cell.number] = figures  # taken out above and inserted again, so that it is the last one
         if len(self._cache) > KEPT:
             least_recently_used = next(iter(self._cache))

@@ -18,6 +18,7 @@ from vibroswarm.analysis.detection import detection_curve, needed, pairs
 from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
+from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.study.run import run
 from vibroswarm.study.spec import Study
@@ -90,12 +91,12 @@ def detection_of(
     """Return what the runs of a ``detection_study`` say.
 
     Args:
-        error: tolerated probability of a miss. false_alarms: that of a false alarm; by default ``error``.
-        added: fill ratios that the user did not ask for.
+        error: tolerated probability of a miss. false_alarms: that of a false alarm; by default ``error``, or with
+            ``task.costs`` as many as cost the same. added: fill ratios that the user did not ask for.
     """
     study = result.study
     scenario = study.cells[0].scenario
-    alarms = error if false_alarms is None else false_alarms
+    alarms = _alarms_for(scenario, error) if false_alarms is None else false_alarms
     # for each cell: its table of robots and its table of runs
     cells = [result.tables(number) for number in result.selected]
     need = needed(cells, scenario.run.t_end_s, error, false_alarms=alarms)
@@ -185,6 +186,19 @@ def fills_around(scenario: Scenario, given: Sequence[float] | None = None) -> tu
     step = min(boundary, 1.0 - boundary) / 3
     above = in_tiles(boundary + step * times for times in (1, 2, 3, 5, 7))
     return below + [fill for fill in above if fill > boundary], []
+
+
+MOST_ALARMS: Final = 0.5
+"""Largest tolerated probability of a false alarm that follows from costs."""
+
+
+def _alarms_for(scenario: Scenario, error: float) -> float:
+    """Return the probability of false alarms that costs as much as this probability of misses."""
+    costs = costs_of(scenario)
+    if costs is None:
+        return error
+    miss, alarm = costs[1, 0], costs[0, 1]
+    return float(min(error * miss / alarm, MOST_ALARMS)) if alarm > 0 else MOST_ALARMS
 
 
 def _warnings(study: Study) -> list[str]:

@@ -12,6 +12,7 @@ import polars as pl
 from vibroswarm.analysis.figures import columns_of, interval, run_figures
 from vibroswarm.analysis.intervals import Interval
 from vibroswarm.core.displayed import html_view
+from vibroswarm.inference.outcomes import Array, costs_of
 from vibroswarm.study.batch_table import tables_of
 from vibroswarm.study.plan import Group
 from vibroswarm.study.precision import Precision
@@ -64,22 +65,26 @@ def _is_precise(store: Store, group: Group, precision: Precision, look: int, run
     # Cells with equal scenarios have equal rows, so one cell of each scenario is enough.
     for cell in (equal_cells[0] for entry in group.observed for equal_cells in entry):
         rows_of_cell = rows.filter(pl.col("cell") == cell.number)
-        interval = figure_of(rows_of_cell, precision.figure, cell.scenario.run.t_end_s, level)
+        t_end_s, costs = cell.scenario.run.t_end_s, costs_of(cell.scenario)
+        interval = figure_of(rows_of_cell, precision.figure, t_end_s, level, costs)
         if not precision.reached(interval.estimate, interval.low, interval.high):
             return False
     return True
 
 
-def figure_of(rows: pl.LazyFrame, figure: str, t_end_s: float, level: float) -> Interval:
+def figure_of(
+    rows: pl.LazyFrame, figure: str, t_end_s: float, level: float, costs: Array | None = None
+) -> Interval:
     """Compute a figure of one cell with its interval over runs, as ``analysis.cell_summary`` does.
 
     Args:
         rows: the cell's rows of the store, one for each run and robot. figure: one of ``precision.FIGURES``.
-        t_end_s: end of the runs, s. level: of the interval.
+        t_end_s: end of the runs, s. level: of the interval. costs: of the cell's scenario, ``outcomes.costs_of``.
     """
     # Sorted, so that the last bit of a sum over robots does not depend on how runs are divided into shards.
     robots, runs = tables_of(rows.sort("run", "robot").collect())
-    return interval(figure, columns_of(run_figures(robots, runs, t_end_s)), level)
+    table = run_figures(robots, runs, t_end_s, costs=costs)
+    return interval(figure, columns_of(table), level)
 
 
 def runs_that_count(store: Store, group: Group, precision: Precision) -> int:

@@ -23,6 +23,7 @@ from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import RunError
+from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.answers import Answer, answers_of
 from vibroswarm.study.baselines import References, reference_table
 from vibroswarm.study.cell_comparison import Compared, comparison_table, comparisons
@@ -135,7 +136,13 @@ def outcome_of(
         cell = result.study.cells[number]
         robots, runs = result.tables(number)
         settled = result.settled(number)
-        plain_figures = summary(robots, runs, cell.scenario.run.t_end_s, agreements=result.agreements(number))
+        plain_figures = summary(
+            robots,
+            runs,
+            cell.scenario.run.t_end_s,
+            agreements=result.agreements(number),
+            costs=costs_of(cell.scenario),
+        )
         figures = _with_corrected_interval(plain_figures, result, number, settled)
         failed, decidable = result.failed_runs(number), decidability(cell.scenario)
         cells.append(
@@ -190,8 +197,9 @@ def _with_corrected_interval(
     until = result.study.until
     if settled is None or until is None:
         return figures
-    t_end_s = result.study.cells[cell].scenario.run.t_end_s
-    interval = figure_of(result.rows(cell), until.figure, t_end_s, settled.level)
+    scenario = result.study.cells[cell].scenario
+    rows, costs = result.rows(cell), costs_of(scenario)
+    interval = figure_of(rows, until.figure, scenario.run.t_end_s, settled.level, costs)
     return replace(figures, figures={**figures.figures, until.figure: interval})
 
 

@@ -12,10 +12,14 @@ columns), top row first; ``floor.share_within(kind, asked.width_m, asked.height_
 strategies do not see the task: they decide by their own rule, and the task says which decision is right. A question
 with other answers than no and yes names them: the decision is an index into ``answers``, which may be a function of the
 number of kinds.
+
+A task may ask for a number instead, such as a share: ``estimated`` says which, ``truth`` returns it, and what counts is
+how near the robots' estimates are (``analysis.figures``, ``estimate_error`` and others). No decision is then right.
 """
 
 from __future__ import annotations
 
+import math
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -53,11 +57,15 @@ class Task(Plugin):
     Args:
         truth: the function ``truth`` of the module's docstring. about: the question, for messages and lists. answers:
             what the decisions 0, 1 and so on mean, or a function of the number of kinds that returns this;
-            ``{boundary}`` is replaced by the decision boundary in percent.
+            ``{boundary}`` is replaced by the decision boundary in percent. estimated: the number that is asked for, in
+            words, such as "share of tiles that vibrate"; empty: the task asks for a decision. check: optional, a
+            function like ``truth`` that raises an ``InputError`` if the question makes no sense on a floor.
     """
 
-    truth: Callable[[Floor, Asked, Any], int | None]
+    truth: Callable[[Floor, Asked, Any], Any]
     answers: tuple[str, ...] | Callable[[int], tuple[str, ...]] = ("no", "yes")
+    estimated: str = ""
+    check: Callable[[Floor, Asked, Any], None] | None = None
 
     def __post_init__(self) -> None:
         """Check the fields.
@@ -83,12 +91,9 @@ class Task(Plugin):
                 task was loaded from a user's file (``Plugin.code``). The message names the line.
             Exception: an error of any other task's ``truth``, unchanged.
         """
-        try:
-            answer = self.truth(floor, asked, params)
-        except Exception as error:  # a user's function may raise anything
-            if not self.code:  # not from a user's file: the whole traceback is more useful than one line
-                raise
-            raise CodeError(f"{self._place(error)}: {type(error).__name__}: {error}") from None
+        if self.estimated:
+            return None
+        answer = self._truth_on(floor, asked, params)
         count = len(self.answers_of(asked.kinds))
         if answer is not None and not (
             isinstance(answer, int | np.integer | np.bool_) and 0 <= int(answer) < count
@@ -96,6 +101,21 @@ class Task(Plugin):
             numbers = ", ".join(map(str, range(count)))
             raise CodeError(f"{self._place()}: returned {shown(answer)}; return {numbers} or None")
         return None if answer is None else int(answer)
+
+    def number(self, floor: Floor, asked: Asked, params: BaseModel) -> float:
+        """Return the number that a task with ``estimated`` asks for; arguments and errors are those of ``answer``."""
+        found = self._truth_on(floor, asked, params)
+        if not (isinstance(found, int | float | np.number) and math.isfinite(found)):
+            raise CodeError(f"{self._place()}: returned {shown(found)}; return a finite number")
+        return float(found)
+
+    def _truth_on(self, floor: Floor, asked: Asked, params: BaseModel) -> Any:
+        try:
+            return self.truth(floor, asked, params)
+        except Exception as error:  # a user's function may raise anything
+            if not self.code:  # not from a user's file: the whole traceback is more useful than one line
+                raise
+            raise CodeError(f"{self._place(error)}: {type(error).__name__}: {error}") from None
 
     def _place(self, error: Exception | None = None) -> str:
         """Return where ``truth`` is, for a message: file, line and function; or the task, if it is no plain function.

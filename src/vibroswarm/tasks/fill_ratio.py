@@ -16,6 +16,9 @@ from vibroswarm.tasks.base import Asked, Task, register
 ON_THE_BOUNDARY: Final = 1e-12
 """Fill ratios nearer than this to the boundary count as equal to it."""
 
+ANSWERS: Final = ("less than {boundary} vibrates", "more than {boundary} vibrates")
+"""What the decisions 0 and 1 mean."""
+
 
 def truth(floor: Floor, asked: Asked, p: Any) -> int | None:
     """Return 1 if the fill ratio in the arena lies above the decision boundary, 0 if below, None if on it.
@@ -32,6 +35,6 @@ fill_ratio = register(
         name="fill_ratio",
         truth=truth,
         about="do more than a share of the tiles vibrate?",
-        answers=("less than {boundary} vibrates", "more than {boundary} vibrates"),
+        answers=ANSWERS,
     )
 )

@@ -1,0 +1,220 @@
+"""Tasks: numbers that are estimated, sides of symmetric floors, and what mistakes cost, against sums by hand."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from vibroswarm import InputError, Study, preset, simulate
+from vibroswarm.analysis.figures import run_figures
+from vibroswarm.analysis.verdict import headline, verdict
+from vibroswarm.errors import CodeError
+from vibroswarm.inference.outcomes import costs_of, forced_errors
+from vibroswarm.optimize.costs import COSTS
+from vibroswarm.optimize.outcomes import outcomes_of
+from vibroswarm.study.answers import answers_of
+from vibroswarm.study.cell_comparison import comparisons
+from vibroswarm.study.detection import detect
+from vibroswarm.tasks import Task, base, register
+
+PAPER = preset("paper").with_values({"run.t_end_s": 300.0, "decision.min_observations": 40})
+SHARE = PAPER.with_values({"task.name": "share"})
+THREE: dict[str, Any] = {
+    "sensor.model": "confusion",
+    "floor.source": "random:0.4,0.36,0.24",
+    "task.name": "majority",
+    "strategy.name": "dirichlet",
+}
+
+
+# Numbers
+
+
+def test_estimates_are_scored_and_no_decision_is_right() -> None:
+    asked, paper = simulate(SHARE, 1, 20), simulate(PAPER, 1, 20)
+    assert asked.robots.drop("belief_in_truth").equals(paper.robots.drop("belief_in_truth"))
+    assert asked.runs["truth"].null_count() == 20
+    assert set(asked.runs["consensus"]) <= {"truth_undefined", "split", "incomplete"}
+    figures = run_figures(asked.robots, asked.runs, 300.0)
+    misses = (asked.robots["estimate"] - 0.48).abs().to_numpy().reshape(20, 5)
+    np.testing.assert_allclose(figures["estimate_error"].to_numpy(), misses.mean(axis=1), rtol=1e-12)
+    inside = misses <= 1.6448536269514722 * asked.robots["estimate_spread"].to_numpy().reshape(20, 5)
+    np.testing.assert_allclose(figures["estimate_coverage"].to_numpy(), inside.mean(axis=1))
+    assert 0 < inside.mean() < 1
+    found = verdict(asked, run=0)
+    assert found.estimate_error == pytest.approx(misses[0].mean())
+    assert headline(found).startswith("ESTIMATES: ")
+    assert "is 0.48" in headline(found)
+    assert verdict(paper, run=0).estimate_error is None
+
+
+def test_a_study_of_estimates_compares_their_errors() -> None:
+    study = Study.of(SHARE, 12, seed=1, strategy__name=["none", "mcp"], task__name=["share", "fill_ratio"])
+    result = study.run()
+    alone = simulate(SHARE.with_values({"strategy.name": "mcp"}), 1, 12)
+    of_cell = result.where(**{"strategy.name": "mcp", "task.name": "share"})
+    assert of_cell.runs()["fill_ratio"].to_list() == alone.runs["fill_ratio"].to_list()
+    assert of_cell.robots()["estimate"].to_list() == alone.robots["estimate"].to_list()
+    compared = comparisons(result.where(**{"task.name": "share"}))
+    assert [one.first.figure for one in compared] == ["estimate_error", "estimate_crps"]
+    (answer,) = answers_of(compared, {})
+    assert answer.faster_and_more_wrong is None
+    decided = comparisons(
+        result.where(**{"task.name": "fill_ratio"})
+    )  # control: decisions are compared as ever
+    assert "wrong_share" in [one.first.figure for one in decided]
+
+
+def test_a_task_of_ones_own_may_ask_for_another_number() -> None:
+    left = Task(
+        name="left", truth=lambda floor, asked, p: float(floor.tiles[:, :2].mean()), estimated="left share"
+    )
+    register(left)
+    try:
+        scenario = PAPER.with_values({"task.name": "left"})
+        result = simulate(scenario, 1, 8)
+        by_hand = [result.floor(run).tiles[:, :2].mean() for run in range(8)]
+        assert result.runs["fill_ratio"].to_list() == by_hand
+        assert len(set(by_hand)) > 2
+        outcomes = outcomes_of([scenario], 1, range(8))[0]
+        expected = np.abs(outcomes.estimate - np.array(by_hand)[:, None]).mean(axis=1)
+        np.testing.assert_allclose(COSTS["estimate_error"](outcomes)[:, 0], expected)
+        register(Task(name="odd", truth=lambda floor, asked, p: None, estimated="nothing"))
+        with pytest.raises(CodeError, match="returned None; return a finite number"):
+            simulate(PAPER.with_values({"task.name": "odd"}), 1, 1)
+    finally:
+        for name in ("left", "odd"):
+            base.forget(name)
+
+
+# Sides
+
+
+def test_on_a_symmetric_floor_no_side_is_right() -> None:
+    scenario = PAPER.with_values(
+        {"task.name": "agree", "floor.source": "random:0.5", "floor.rows": 10, "floor.columns": 10}
+    )
+    result = simulate(scenario, 1, 10)
+    assert result.runs["truth"].null_count() == 10
+    assert "truth_undefined" in result.runs["consensus"].to_list()
+    three = {**THREE, "task.name": "agree", "floor.source": "random:0.32,0.36,0.32"}
+    assert PAPER.with_values(three).task.name == "agree"  # 8, 9 and 8 of 25
+    with pytest.raises(InputError, match="10 of kind 0, 9 of kind 1, 6 of kind 2 tiles"):
+        PAPER.with_values({**three, "floor.source": "random:0.4,0.36,0.24"})
+    with pytest.raises(InputError, match="choose majority"):
+        PAPER.with_values({"task.name": "agree", "floor.source": "random:0.4"})
+
+
+# Costs
+
+
+def test_forced_errors_of_k_answers_are_those_of_a_guess() -> None:
+    decision, belief = np.array([-1, 0, 2, 1]), np.full(4, np.nan)
+    for k in (2, 3, 5):
+        found = forced_errors(decision, belief, np.array(1.0), 1.0 - np.eye(k)) if k > 2 else None
+        if found is not None:
+            np.testing.assert_allclose(found, [1 - 1 / k, 1, 1, 0])
+    assert forced_errors(decision[:1], belief[:1], np.array(1.0))[0] == 0.5
+    result = simulate(PAPER.with_values({**THREE, "run.t_end_s": 20.0}), 1, 4)  # too short to decide
+    assert (result.robots["decision"] == -1).all()
+    figures = run_figures(result.robots, result.runs, 20.0, costs=costs_of(result.scenario))
+    np.testing.assert_allclose(figures["forced_error"].to_numpy(), 2 / 3)
+
+
+def test_costs_are_those_of_every_combination_by_hand() -> None:
+    costs = np.array([[0.0, 1.0], [4.0, 0.0]])
+    given = PAPER.with_values({"task.costs": costs.tolist()})
+    relative = costs_of(given)
+    assert relative is not None
+    assert relative.max() == 1.0
+    for decision, belief, truth in product((-1, 0, 1), (np.nan, 0.2, 0.5, 0.8), (np.nan, 0.0, 1.0)):
+        found = forced_errors(np.array([decision]), np.array([belief]), np.array([truth]), relative)[0]
+        if np.isnan(truth):
+            assert np.isnan(found)
+            continue
+        t = int(truth)
+        dear = costs[t, 1 - t] / 4.0
+        undecided = dear / 2 if np.isnan(belief) or belief == 0.5 else dear * (belief < 0.5)
+        assert found == (undecided if decision == -1 else dear * (decision != t))
+
+
+def test_equal_costs_change_nothing_and_unequal_ones_do() -> None:
+    floors = ["random:0.44", "random:0.56"]
+    for source in floors:
+        scenario = PAPER.with_values({"floor.source": source, "run.t_end_s": 600.0})
+        tables = {
+            costs: simulate(scenario.with_values({"task.costs": [[0, costs], [1, 0]]}), 1, 30)
+            for costs in (1, 4)
+        }
+        figures = {
+            costs: run_figures(one.robots, one.runs, 600.0, costs=costs_of(one.scenario))
+            for costs, one in tables.items()
+        }
+        plain = run_figures(tables[1].robots, tables[1].runs, 600.0)
+        assert figures[1].equals(plain)
+        factor = (
+            1.0 if source == "random:0.44" else 0.25
+        )  # a false alarm is the dearest, a miss costs a quarter
+        np.testing.assert_allclose(
+            figures[4]["forced_error"].to_numpy(), factor * plain["forced_error"].to_numpy()
+        )
+        assert plain["forced_error"].sum() > 0
+        (outcomes,) = outcomes_of([tables[4].scenario], 1, range(30))
+        np.testing.assert_allclose(outcomes.mistakes, factor * outcomes.wrong)
+
+
+def test_a_study_of_tasks_with_different_costs_keeps_them_apart() -> None:
+    labels = {
+        "two": PAPER.with_values({"task.costs": [[0, 1], [4, 0]], "run.t_end_s": 600.0}),
+        "plain": PAPER.with_values({"task.costs": [[0, 1], [1, 0]], "run.t_end_s": 600.0}),
+        "three": PAPER.with_values({**THREE, "run.t_end_s": 20.0}),
+    }
+    from vibroswarm.study.equal_error import reached
+
+    for name, scenario in labels.items():
+        result = simulate(scenario, 1, 10)
+        table = run_figures(result.robots, result.runs, scenario.run.t_end_s, costs=costs_of(scenario))
+        (found,) = reached([scenario], 1, 10)
+        np.testing.assert_array_equal(found.error[0], table["forced_error"].to_numpy(), err_msg=name)
+    together = reached(list(labels.values())[:2], 1, 10)
+    np.testing.assert_allclose(together[0].error, together[1].error / 4)  # on .48 mistakes are false alarms
+
+
+def test_detection_tolerates_cheap_false_alarms_more_often() -> None:
+    scenario = PAPER.with_values({"task.costs": [[0, 1], [3, 0]], "run.t_end_s": 60.0})
+    few = {"robots": [2], "fills": [0.24, 0.76], "runs": 4}
+    assert detect(scenario, 0.1, **few).false_alarms == pytest.approx(0.3)
+    assert detect(scenario, 0.1, 0.02, **few).false_alarms == 0.02
+    assert detect(scenario.with_values({"task.costs": None}), 0.1, **few).false_alarms == 0.1
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"task.name": "share", "strategy.name": "dmvd"}, "'dmvd' estimates no number"),
+        ({"task.name": "share", "task.costs": [[0, 1], [1, 0]]}, "asks for a number; leave them out"),
+        ({"task.costs": [[0, 1, 1], [1, 0, 1]]}, "give 2 rows of 2 costs"),
+        ({"task.costs": [[0, 1], [1, 2]]}, "right answers cost 0"),
+        ({"task.costs": [[0, 0], [0, 0]]}, "at least one mistake costs more"),
+        ({"task.costs": [[0, -1], [1, 0]]}, "greater than or equal to 0"),
+        ({**THREE, "task.costs": [[0, 1], [1, 0]]}, "'majority' has 3 answers"),
+    ],
+)
+def test_what_does_not_fit_is_refused_before_any_run(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        PAPER.with_values(values)
+
+
+def test_costs_are_written_and_read() -> None:
+    given = PAPER.with_values({"task.costs": [[0, 1], [4, 0]]})
+    assert type(given).from_toml(given.to_toml()) == given
+    assert given.hash != PAPER.hash
+    assert PAPER.with_values({"task.costs": None}).hash == PAPER.hash
+    assert pl.Series([given.task.asks_number, SHARE.task.asks_number]).to_list() == [False, True]
