@@ -7,7 +7,7 @@ from pathlib import Path
 
 import tomli_w
 
-from vibroswarm.scenario import choices, fault_fields, fields, localisation_fields
+from vibroswarm.scenario import change_fields, choices, fault_fields, fields, localisation_fields
 from vibroswarm.scenario.presets import describe, preset_names
 from vibroswarm.scenario.scenario import Scenario
 
@@ -41,7 +41,7 @@ def field_docs() -> dict[str, dict[str, str]]:
     """The docstring below each field of each section, by class name."""
     texts = (
         Path(module.__file__).read_text(encoding="utf-8")
-        for module in (fields, choices, fault_fields, localisation_fields)
+        for module in (fields, choices, fault_fields, change_fields, localisation_fields)
     )
     found: dict[str, dict[str, str]] = {}
     for node in (node for text in texts for node in ast.parse(text).body):

@@ -24,6 +24,7 @@ from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, read_table, write_frame
 from vibroswarm.core.untrusted_files import entry, read_json, texts, words
 from vibroswarm.errors import InputError, RunError, check_format, path_of, shown, whole_number_of
+from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.floor import DIGITS, Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
 from vibroswarm.inference.replay import INFERENCE
@@ -53,7 +54,15 @@ FLOORS: Final[dict[str, Any]] = {
     "tiles": pl.String,
     "name": pl.String,
 }
-"""``tiles`` holds the rows from the top, as 0 and 1, without separators."""
+"""``tiles`` holds the rows from the top at time 0, as 0 and 1, without separators."""
+
+CHANGES: Final[dict[str, Any]] = {
+    "run": pl.UInt32,
+    "time_s": pl.Float64,
+    "tile": pl.Int32,
+    "kind": pl.UInt8,
+}
+"""Changes of floors during runs: which tile becomes which kind, and when; in this order of run, time and tile."""
 
 TABLES: Final[dict[str, dict[str, Any]]] = {
     "motion": MOTION,
@@ -67,6 +76,7 @@ TABLES: Final[dict[str, dict[str, Any]]] = {
     "robots": ROBOTS,
     "runs": RUNS,
     "floors": FLOORS,
+    "changes": CHANGES,
     "faults": FAULT_COLUMNS,
     "failures": FAILURES,
 }
@@ -87,14 +97,15 @@ NULLABLE: Final[dict[str, frozenset[str]]] = {
     ),
     "runs": frozenset({"consensus", "consensus_time_s", "truth", "right", "wrong", "undecided"}),
     "floors": frozenset(),
+    "changes": frozenset(),
     "faults": frozenset(),
     "failures": frozenset(),
 }  # fmt: skip
 """Columns that may be null: events that did not happen, and values that a recording cannot know."""
 
-OPTIONAL: Final = ("segments", "moves", "faults", "places", "reports", "failures")
-"""Tables that a result may lack; it has faults if its scenario lets robots fail, places if robots estimate them,
-reports if its strategy declares any, and failures if a simulator of physics gave up a run."""
+OPTIONAL: Final = ("segments", "moves", "changes", "faults", "places", "reports", "failures")
+"""Tables that a result may lack; it has changes if a floor changes, faults if its scenario lets robots fail, places if
+robots estimate them, reports if its strategy declares any, and failures if a simulator of physics gave up a run."""
 
 KEYS: Final[dict[str, tuple[str, ...]]] = {
     "motion": ("run", "robot", "sample"),
@@ -108,6 +119,7 @@ KEYS: Final[dict[str, tuple[str, ...]]] = {
     "robots": ("run", "robot"),
     "runs": ("run",),
     "floors": ("run",),
+    "changes": ("run", "time_s", "tile"),
     "faults": ("run", "robot", "fault"),
     "failures": ("run",),
 }
@@ -178,6 +190,8 @@ class Result(NotebookView):
     """What robots reported after each sample, and arrays at the end; None if the strategy declares no reports."""
     failures: pl.DataFrame | None = None
     """One row per failed run; None if no run failed."""
+    changes: pl.DataFrame | None = None
+    """One row per change of a tile; None if no floor changes."""
 
     def __eq__(self, other: object) -> bool:
         """Return whether scenario, seed, source, versions and all tables are the same."""
@@ -221,7 +235,7 @@ class Result(NotebookView):
         return True
 
     def floor(self, run: int = 0) -> Floor:
-        """Return the floor of a run.
+        """Return the floor of a run, with its changes.
 
         Args:
             run: number of the run.
@@ -240,7 +254,14 @@ class Result(NotebookView):
             [int(c, 16) for c in row["tiles"][i * columns : (i + 1) * columns]] for i in range(row["rows"])
         ]
         geometry = (row["tile_width_m"], row["tile_height_m"], row["left_m"], row["bottom_m"])
-        return Floor(tiles, *geometry, name=row["name"])  # type: ignore[arg-type]
+        return Floor(tiles, *geometry, name=row["name"], changes=self._changes_of(run))  # type: ignore[arg-type]
+
+    def _changes_of(self, run: int) -> Changes:
+        """Return the changes of a run's floor."""
+        if self.changes is None:
+            return NO_CHANGES
+        rows = self.changes.filter(pl.col("run") == run)
+        return Changes(*(rows[name].to_numpy() for name in Changes._fields))
 
     def write(self, path: str | Path, *, replace: bool = False) -> None:
         """Write the result as a folder, which appears complete or not at all.
@@ -367,3 +388,19 @@ def floor_frame(floors: Mapping[int, Floor]) -> pl.DataFrame:
     ]
     # The inner zip turns rows into columns.
     return pl.DataFrame(dict(zip(FLOORS, zip(*rows, strict=True), strict=True)), schema=FLOORS)
+
+
+def change_frame(floors: Mapping[int, Floor]) -> pl.DataFrame | None:
+    """Return the changes of floors as a table (``CHANGES``), run by run; None if no floor changes.
+
+    Args:
+        floors: the floor of each run, by run number; rows are in the order of this mapping.
+    """
+    changing = {run: floor.changes for run, floor in floors.items() if floor.is_changing}
+    if not changing:
+        return None
+    parts = [
+        pl.DataFrame({"run": np.full(changes.tile.size, run), **changes._asdict()}, schema=CHANGES)
+        for run, changes in changing.items()
+    ]
+    return pl.concat(parts)

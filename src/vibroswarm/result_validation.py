@@ -64,6 +64,7 @@ def check_result(frames: Frames, scenario: Scenario, folder: Path, *, simulated:
     _check_robots(tables, scenario, folder)
     _check_samples(tables, scenario, folder)
     _check_floors(tables, folder)
+    _check_changes(tables, scenario, folder)
     _check_kinds(tables, scenario, folder)
     _check_outcomes(tables, scenario, folder)
 
@@ -254,6 +255,30 @@ def _check_floors(tables: Mapping[str, pl.DataFrame], folder: Path) -> None:
         raise InputError(
             "column 'tile' names a tile that its floor does not have", field=_file(folder, "observations")
         )
+
+
+def _check_changes(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:
+    """Check that changes are ordered, after time 0, and of tiles that the floor of their run has."""
+    if "changes" not in tables:
+        return
+    changes, name = tables["changes"], _file(folder, "changes")
+    if not changes.select(pl.struct("run", "time_s", "tile").is_sorted()).item():
+        raise InputError("rows are not in the order of run, time and tile", field=name)
+    sizes = tables["floors"].select(
+        "run", size=pl.col("rows").cast(pl.Int64) * pl.col("columns").cast(pl.Int64)
+    )
+    of_floor = changes.join(sizes, on="run", how="left")
+    if (
+        of_floor["size"].null_count()
+        or (of_floor["tile"] < 0).any()
+        or (of_floor["tile"] >= of_floor["size"]).any()
+    ):
+        raise InputError("columns 'run' and 'tile' name a tile that is on no floor", field=name)
+    if not (changes["time_s"].is_finite() & (changes["time_s"] > 0)).all():
+        raise InputError("column 'time_s' holds a time that is not above 0", field=name)
+    kinds = scenario.sensor.kinds if scenario.sensor.model in sensors.known() else KIND_LIMIT
+    if (changes["kind"] >= kinds).any():
+        raise InputError(f"column 'kind' holds more than {kinds - 1}, the last of this scenario", field=name)
 
 
 def _check_kinds(tables: Mapping[str, pl.DataFrame], scenario: Scenario, folder: Path) -> None:

@@ -27,7 +27,7 @@ from vibroswarm.localisation.locate import is_estimated, place_frame
 from vibroswarm.motion.source import Motion, join, source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.observation.observe import observe
-from vibroswarm.result import Result, floor_frame
+from vibroswarm.result import Result, change_frame, floor_frame
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import fault_frame
 from vibroswarm.scenario.scenario import Scenario
@@ -94,7 +94,7 @@ def simulate(
 OF_MOTION = ("arena", "swarm", "robot", "motion_rays", "walk", "sample", "run", "motion_faults")
 """Sections that determine motion; a replay cannot change them (``motion_rays``, ``motion_faults``: the parts of
 ``rays`` and ``faults`` that do)."""
-OF_OBSERVATION = (*OF_MOTION, "floor", "sensor", "faults")
+OF_OBSERVATION = (*OF_MOTION, "floor", "change", "sensor", "faults")
 """Sections that determine what the sensors read."""
 
 
@@ -228,11 +228,11 @@ def check_scenario(scenario: object) -> None:
 
 
 def floors_of(scenario: Scenario, seed: int, runs: Sequence[int]) -> dict[int, Floor]:
-    """Return the floor of each run, by run number.
+    """Return the floor of each run, with its changes, by run number.
 
-    If floors are drawn for each run, each run has its own; else all runs share one object, that of run 0.
+    If floors or changes are drawn for each run, each run has its own; else all runs share one object, that of run 0.
     """
-    if scenario.floor.drawn_by_run:
+    if scenario.floors_differ:
         return {run: scenario.floor_for(seed, run) for run in runs}
     return dict.fromkeys(runs, scenario.floor_for(seed, 0))
 
@@ -311,6 +311,7 @@ def result_of(
         robots=robots,
         runs=of_runs,
         floors=floor_frame(floors),
+        changes=change_frame(floors),
         faults=fault_frame(scenario, seed, of_runs["run"].to_list()),
         source=source_name,
         versions=versions(),

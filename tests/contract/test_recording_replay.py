@@ -11,7 +11,6 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.observe import vibrating_at
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
@@ -190,7 +189,7 @@ def test_a_lost_row_without_an_energy_to_draw_from_is_refused(
     """Of the samples above vibrating tiles all are lost: no energy is known for those that are put back."""
     whole = recording_of([read_log(logs[0])], ground, described(told), RULES)
     on_vibrating = whole.observations.with_columns(
-        vibrates=pl.Series(vibrating_at(ground, whole.observations["tile"].to_numpy()))
+        vibrates=pl.Series(ground.tiles.ravel()[whole.observations["tile"].to_numpy()] == 1)
     )
     gone = set(whole.rows.filter(on_vibrating["vibrates"])["line"])
     lines = [line for k, line in enumerate(logs[0].read_text().splitlines(), start=1) if k not in gone]

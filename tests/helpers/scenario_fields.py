@@ -63,6 +63,10 @@ OTHERS = {
     "decision.assumed_false_negative": 0.2,
     "rays.side_m": (0.0, 0.007, -0.0075),
     "rays.angle_deg": (0.0, 27.0, -28.0),
+    "change.at_s": (100.0,),
+    "change.to": ("redraw",),
+    "change.rate_per_h": 3.0,
+    "change.shares": (0.4, 0.6),
     "camera.magnification": 1.03,
     "camera.shift_x_m": 0.003,
     "camera.shift_y_m": -0.006,
@@ -97,7 +101,14 @@ def chosen(kind: str, entry: str) -> dict[str, str]:
 
 
 def changed(name: str) -> Scenario:
-    needed = {"sensor.model": MODEL, "robot.speed_factors": {"robot.speed_redraw": "robot"}}
+    inverted = {"change.at_s": (50.0,), "change.to": ("invert",)}
+    needed = {
+        "sensor.model": MODEL,
+        "robot.speed_factors": {"robot.speed_redraw": "robot"},
+        "change.at_s": inverted,
+        "change.to": inverted,
+        "change.shares": {"change.rate_per_h": 2.0},
+    }
     part = name.split(".")
     if len(part) == 3:  # a parameter matters where its table is the chosen one
         needed[name] = chosen(part[0], part[1])

@@ -33,7 +33,7 @@ def test_a_folder_with_scenario_tables_and_page(tmp_path, capsys):
     assert files == {"scenario.toml", "result.json", "run.html"} | {
         f"{name}.parquet"
         for name in TABLES
-        if name not in ("moves", "faults", "places", "reports", "failures")
+        if name not in ("moves", "changes", "faults", "places", "reports", "failures")
     }
     assert str(out / "run.html") in said
     assert "5 robots, soft feedback" in said
@@ -68,6 +68,7 @@ def test_the_same_seed_gives_equal_tables_and_another_does_not(tmp_path):
     assert not first.same_tables(other)
     for name in set(TABLES) - {
         "moves",
+        "changes",
         "faults",
         "places",
         "reports",

@@ -33,7 +33,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scenario = preset("paper-empirical").with_values({
         "floor.tiles": ("01", "10"), "floor.source": "ours", "strategy.name": "positive", "swarm.robots": 3,
         "decision.min_observations": 10, "decision.gate": "own", "run.t_end_s": 100.0,
-        "faults.stuck_at_0": [1], "localisation.method": "mixture",
+        "faults.stuck_at_0": [1], "localisation.method": "mixture", "change.at_s": 50, "change.to": "invert",
     })  # fmt: skip
     result = simulate(scenario, 7, 2, segments=True, moves=True)
     failed = pl.DataFrame([(0, 40.0, "a warning")], schema=TABLES["failures"], orient="row")
@@ -134,6 +134,11 @@ KEYS: list[tuple[str, str, Change]] = [
     ("observations", "'sample'", lambda f: f.head(5)),
     ("observations", "'sample'", lambda f: f.reverse()),
     ("observations", "'tile'", put("tile", 4)),
+    ("changes", "'tile'", lambda f: f.with_columns(tile=pl.col("tile") + 1)),
+    ("changes", "'run'", lambda f: f.with_columns(run=(pl.col("run") + 1).cast(pl.UInt32))),
+    ("changes", "'kind'", put("kind", 2)),
+    ("changes", "'time_s'", put("time_s", 0.0)),
+    ("changes", "order", lambda f: f.reverse()),
     ("inference", "'sample'", lambda f: f.clear()),
     ("inference", "'messages_received'", put("messages_received", None)),
     ("ends", "rows", lambda f: f.head(5)),

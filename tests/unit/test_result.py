@@ -22,6 +22,8 @@ SHORT: dict[str, Any] = {
     "run.t_end_s": 60.0,
     "decision.min_observations": 10,
     "decision.credible_threshold": 0.7,
+    "change.at_s": 30,
+    "change.to": "invert",
 }
 
 
@@ -344,8 +346,8 @@ def test_robots_and_runs_sum_up_the_samples(result: Result) -> None:
         robots = result.robots.filter(pl.col("run") == run["run"])
         counts = [(robots["decision"] == d).sum() for d in (run["truth"], 1 - run["truth"], -1)]
         assert [run["right"], run["wrong"], run["undecided"]] == counts
-        assert run["fill_ratio"] == pytest.approx(0.48)
-        assert run["truth"] == 0
+        assert run["fill_ratio"] == pytest.approx(0.52)  # of the floor at the end
+        assert run["truth"] == 1
         expected = "wrong" if counts[1] else "right"
         expected = "split" if counts[0] and counts[1] else expected
         expected = "incomplete" if counts[2] else expected

@@ -129,13 +129,14 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
         error: wanted probability of a wrong majority of bits, for ``samples_needed``.
         floor: by default the floor of run 0 with seed 0, which stands for the scenario's other random floors, because
             all have the same fill ratio (unless the arena's border cuts tiles off). At least a part of the floor must
-            lie in the arena; this is always true of the scenario's own floors.
+            lie in the arena; this is always true of the scenario's own floors. Of a floor that changes, the one at the
+            end of the run counts.
     Raises:
         InputError: the floor lies outside the arena; ``readings_boundary`` refuses the scenario; or ``error`` is not
             between 0 and 0.5, and the verdict is "decidable".
         CodeError: a user's task raised an error, or returned something other than 0, 1 and None.
     """
-    floor, sensor = floor or scenario.floor_for(0, 0), scenario.sensor
+    floor, sensor = (floor or scenario.floor_for(0, 0)).at(scenario.run.t_end_s), scenario.sensor
     size = (scenario.arena.width_m, scenario.arena.height_m)
     fill, tiled = floor.fill_ratio_within(*size), tiled_share(floor.geometry, size)
     boundary, tested = scenario.decision.decision_boundary, readings_boundary(scenario)

@@ -51,7 +51,7 @@ from vibroswarm.analysis.intervals import Interval, mean_interval, plain, wilson
 from vibroswarm.analysis.tile_posterior import Prior, Values, log_prior, log_ratios, mirrored, sides_of
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor, sides_inside
+from vibroswarm.floors.floor import Floor, refuse_changes, sides_inside
 from vibroswarm.result import Result
 from vibroswarm.simulation import replay
 
@@ -221,6 +221,7 @@ def _exactly(
         low, high = np.searchsorted(run_of_sample, [run, run + 1])
         part = slice(int(low), int(high))
         floor = result.floor(run)
+        refuse_changes(floor)
         inside = tiles_inside(floor, scenario.arena.width_m, scenario.arena.height_m)
         sums = _sums_over_time(ratios[part], tile[part], taken_s[part], inside, times)
         # Posterior of either side of the boundary at each time, (times,) each.

@@ -55,7 +55,7 @@ from numpy.typing import ArrayLike, NDArray
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.observation.observe import vibrating_at
+from vibroswarm.observation.observe import kinds_at
 from vibroswarm.result import Result
 
 WALK: Final[dict[str, Any]] = {
@@ -372,9 +372,10 @@ def _values(result: Result, of: Of) -> NDArray[np.float64]:
         return result.observations["observation"].cast(pl.Float64).to_numpy()
     tile = result.observations["tile"].to_numpy()
     values = np.empty(tile.size)
-    run = result.motion["run"].to_numpy()
+    run, time_s = result.motion["run"].to_numpy(), result.motion["time_s"].to_numpy()
     for low, high in _bounds(result.motion):
-        values[low:high] = vibrating_at(result.floor(int(run[low])), tile[low:high])
+        floor = result.floor(int(run[low]))
+        values[low:high] = kinds_at(floor, tile[low:high], time_s[low:high]) == 1
     return values
 
 

@@ -81,8 +81,9 @@ class Verdict(NotebookView):
     decision: int | None
     """The decision of all robots if they agree, else None."""
     truth: int | None
-    """The right decision; None if neither decision is right."""
+    """The right decision at the end of the run; None if neither decision is right."""
     fill_ratio: float
+    """Fill ratio of the floor at the end of the run."""
     decision_boundary: float
     answers: tuple[str, ...]
     """The meaning of decisions 0, 1 and so on in words."""
@@ -173,7 +174,7 @@ def verdict(result: Result, run: int | None = None) -> Verdict:
         undecided=summary["undecided"],
         end_s=summary["end_s"],
         readings_boundary=readings_boundary(result.scenario),
-        share_of_ones_expected=expected_ones_on(result.scenario.sensor, result.floor(run), size),
+        share_of_ones_expected=_expected_ones(result, run, size, summary["end_s"]),
         presumed=presumed(result.scenario),
         share_of_ones_read=float((bits == 1).mean()) if bits.len() else None,  # type: ignore[arg-type]
         agreements=tuple(agreements_over_time(result, run)),
@@ -190,6 +191,24 @@ def _scores(result: Result, run: int) -> dict[str, Any]:
     of_run = pl.col("run") == run
     table = run_figures(result.robots.filter(of_run), result.runs.filter(of_run), result.scenario.run.t_end_s)
     return {"estimated": known.estimated, **{name: table[name][0] for name in ESTIMATES}}
+
+
+def _expected_ones(result: Result, run: int, size: tuple[float, float], end_s: float) -> float:
+    """Return the expected share of ones on a run's floor, as a mean over time if the floor changes.
+
+    Args:
+        size: width and height of the arena, m. end_s: end of the run.
+    """
+    sensor, floor = result.scenario.sensor, result.floor(run)
+    if not floor.is_changing:
+        return expected_ones_on(sensor, floor, size)
+    stages = [(since_s, stage) for since_s, stage in floor.stages() if since_s < end_s]
+    until_s = [*(since_s for since_s, _ in stages[1:]), end_s]
+    ones = (
+        (until - since_s) * expected_ones_on(sensor, stage, size)
+        for (since_s, stage), until in zip(stages, until_s, strict=True)
+    )
+    return sum(ones) / end_s
 
 
 def presumed(scenario: Scenario) -> str:

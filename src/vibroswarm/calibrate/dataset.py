@@ -19,7 +19,7 @@ from vibroswarm.calibrate.features import nearest_tile, sample_table
 from vibroswarm.calibrate.wall_approach import approach_tables
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import Floor, refuse_changes
 from vibroswarm.recordings.threshold import edge_distance
 from vibroswarm.result import Result
 
@@ -137,6 +137,8 @@ def dataset_of(results: Sequence[Result]) -> Dataset:
         numbered = pl.col("run").replace_strict(session_of, return_dtype=pl.UInt32)
         tables.append({name: frame.with_columns(numbered) for name, frame in frames.items()})
         floors += [result.floor(run) for run in runs]
+    for floor in floors:
+        refuse_changes(floor)
     return Dataset(
         **{name: pl.concat([of_result[name] for of_result in tables]) for name in tables[0]},
         floors=tuple(floors),

@@ -53,6 +53,7 @@ class Purpose(IntEnum):
     ODOMETRY = 20
     LOCALISATION = 21
     VEER = 22
+    CHANGE = 23
     VIDEO = 30
 
 
@@ -97,6 +98,9 @@ ODOMETRY: Final = _number(Purpose.ODOMETRY)
 LOCALISATION: Final = _number(Purpose.LOCALISATION)
 VEER: Final = _number(Purpose.VEER)
 """Purpose of the numbers by which a robot's misalignment varies (``robot_params``)."""
+
+CHANGE: Final = _number(Purpose.CHANGE)
+"""Purpose of the numbers by which a floor changes during a run (``floors.changes``)."""
 
 FIRST: Final = _number(0)
 """Index of a number of which there is only one."""

@@ -27,6 +27,7 @@ from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.run import run_figure
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
+from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column, Document, Figure, Part, Table, Text
@@ -51,7 +52,7 @@ def run_document(result: Result, run: int) -> Document:
         InputError: there is no such run.
     """
     found, scenario = verdict(result, run), result.scenario
-    decidable = decidability(scenario, floor=result.floor(run))
+    decidable = decidability(scenario, floor=result.floor(run).at(found.end_s))
     opinions = holds_opinions(scenario)
     parts: list[Part] = [Text(_what_ran(result, found, run)), *map(Text, _readings(result, run, found))]
     parts += map(Text, fault_sentences(result, run))
@@ -134,12 +135,14 @@ def _outcome(found: Verdict) -> tuple[str, ...]:
 
 
 def _what_ran(result: Result, found: Verdict, run: int) -> str:
-    floor = result.floor(run)
+    floor = result.floor(run).at(found.end_s)
     counts = np.bincount(floor.tiles.ravel(), minlength=result.scenario.sensor.kinds).tolist()
     tiles = f"{counts[1]} of {floor.tiles.size} tiles vibrate, fill ratio {found.fill_ratio:.4g}"
     if len(counts) > 2:
         tiles = f"{', '.join(f'{n} tiles of kind {kind}' for kind, n in enumerate(counts))}"
-    return f"{_swarm(result)}, on '{floor.name}' ({tiles}), {_origin(result)}."
+    changes = change_words(result.scenario.change)
+    at_end = " at the end" if changes else ""
+    return f"{_swarm(result)}, on '{floor.name}' ({tiles}{at_end}), {_origin(result)}. {changes}".rstrip()
 
 
 def _swarm(result: Result) -> str:
@@ -167,7 +170,9 @@ def _readings(result: Result, run: int, found: Verdict) -> list[str]:
     if max(sensor.kinds, sensor.readings) > 2:
         read = result.observations.filter(pl.col("run") == run)["observation"].to_numpy()
         counts = np.bincount(read, minlength=sensor.readings)
-        expected = expected_classes_on(sensor, result.floor(run), (arena.width_m, arena.height_m))
+        expected = expected_classes_on(
+            sensor, result.floor(run).at(found.end_s), (arena.width_m, arena.height_m)
+        )
         shares = [
             f"{kind}: {percent(round(n / max(read.size, 1), 4))} ({percent(round(share, 4))})"
             for kind, (n, share) in enumerate(zip(counts.tolist(), expected.tolist(), strict=True))

@@ -8,11 +8,14 @@
 
 x points right, y points up, the origin is the arena's lower left corner. A floor may be smaller than its arena; the
 border around it then has no tiles, and neither vibrates nor is still. A floor may also extend beyond the arena.
+
+A floor may change during a run: ``tiles`` are those at time 0, and ``Floor.at`` gives the floor at another time.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from numbers import Real
@@ -23,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, shown
+from vibroswarm.floors.changes import NO_CHANGES, Changes
 
 TILE_LIMIT: Final = 4_000_000
 """Maximum number of tiles of a floor."""
@@ -41,10 +45,11 @@ class Floor(NotebookView):
         tile_width_m, tile_height_m: size of one tile, m.
         left_m, bottom_m: the floor's lower left corner in the arena, m.
         name: name of the floor in titles and results; equality ignores it.
+        changes: tiles that become another kind during a run; by default the floor stays as it is.
 
     Raises:
-        InputError: there are no tiles, tiles that are no kinds, a size that is not finite and positive, or a position
-            that is not finite.
+        InputError: there are no tiles, tiles that are no kinds, a size that is not finite and positive, a position
+            that is not finite, or changes that are not in order of time or not of these tiles.
     """
 
     tiles: NDArray[np.uint8]
@@ -53,6 +58,7 @@ class Floor(NotebookView):
     left_m: float = 0.0
     bottom_m: float = 0.0
     name: str = ""
+    changes: Changes = NO_CHANGES
 
     def __post_init__(self) -> None:
         """Copy the tiles, so that they cannot be changed from outside, and check all fields except ``name``.
@@ -74,19 +80,37 @@ class Floor(NotebookView):
                 raise InputError(
                     f"{shown(getattr(self, field))} is not a finite number", field=f"floor.{field}"
                 )
+        if self.is_changing:
+            self._check_changes()
+
+    def _check_changes(self) -> None:
+        """Refuse changes that are not in order of time, or whose tiles or kinds do not exist.
+
+        Raises:
+            InputError: as said.
+        """
+        time_s, tile, kind = self.changes
+        if not (np.isfinite(time_s).all() and time_s[0] > 0 and (np.diff(time_s) >= 0).all()):
+            raise InputError("times of changes must be above 0 and ascend", field="floor.changes")
+        if tile.min() < 0 or tile.max() >= self.tiles.size or kind.max() >= KIND_LIMIT:
+            raise InputError("a change names a tile or a kind that does not exist", field="floor.changes")
 
     def __repr__(self) -> str:
-        """Return a summary on one line: name, number of tiles, size in m, fill ratio."""
+        """Return a summary on one line: name, number of tiles, size in m, fill ratio, number of changes."""
         rows, columns = self.tiles.shape
         name = f"{shown(self.name)}, " if self.name else ""
         size = f"{columns * self.tile_width_m:.4g} m x {rows * self.tile_height_m:.4g} m"
-        return f"Floor({name}{rows} x {columns} tiles, {size}, fill ratio {self.fill_ratio:.4g})"
+        changes = f", {self.changes.time_s.size} changes of tiles" if self.is_changing else ""
+        return f"Floor({name}{rows} x {columns} tiles, {size}, fill ratio {self.fill_ratio:.4g}{changes})"
 
     def __eq__(self, other: object) -> bool:
-        """Return whether both floors have equal tiles at equal places; names are ignored."""
+        """Return whether both floors have equal tiles at equal places, and equal changes; names are ignored."""
         if not isinstance(other, Floor):
             return NotImplemented
-        return self.geometry == other.geometry and np.array_equal(self.tiles, other.tiles)
+        if self.geometry != other.geometry or not np.array_equal(self.tiles, other.tiles):
+            return False
+        columns = zip(self.changes, other.changes, strict=True)
+        return all(np.array_equal(np.asarray(mine), np.asarray(theirs)) for mine, theirs in columns)
 
     def __hash__(self) -> int:
         """Return a hash of what ``__eq__`` compares."""
@@ -99,8 +123,44 @@ class Floor(NotebookView):
         return rows, columns, self.tile_width_m, self.tile_height_m, self.left_m, self.bottom_m
 
     @property
+    def is_changing(self) -> bool:
+        """Whether any tile changes."""
+        return self.changes.time_s.size > 0
+
+    def at(self, time_s: float) -> Floor:
+        """Return the floor as it is at a time, without changes; a change at this very time has happened."""
+        if not self.is_changing:
+            return self
+        until = int(np.searchsorted(self.changes.time_s, time_s, side="right"))
+        return self._with_tiles(self._after(self.tiles, slice(0, until)))
+
+    def stages(self) -> Iterator[tuple[float, Floor]]:
+        """Yield the floor between its changes: the time from which it is so (s, 0 first), and a floor that stays."""
+        if not self.is_changing:
+            yield 0.0, self
+            return
+        tiles, times_s = self.tiles, self.changes.times_s
+        yield 0.0, self._with_tiles(tiles)
+        bounds = np.searchsorted(self.changes.time_s, times_s).tolist()
+        for time_s, low, high in zip(
+            times_s.tolist(), bounds, [*bounds[1:], self.changes.time_s.size], strict=True
+        ):
+            tiles = self._after(tiles, slice(low, high))
+            yield time_s, self._with_tiles(tiles)
+
+    def _after(self, tiles: NDArray[np.uint8], which: slice) -> NDArray[np.uint8]:
+        """Return a copy of ``tiles`` after these changes, of which a later one of the same tile counts."""
+        changed = tiles.copy()
+        changed.ravel()[self.changes.tile[which]] = self.changes.kind[which]
+        return changed
+
+    def _with_tiles(self, tiles: NDArray[np.uint8]) -> Floor:
+        """Return a floor of the same position and name with these tiles, which does not change."""
+        return Floor(tiles, *self.geometry[2:], name=self.name)
+
+    @property
     def fill_ratio(self) -> float:
-        """Share of tiles that vibrate, f (Eq. 3): those of kind 1."""
+        """Share of tiles that vibrate, f (Eq. 3), at time 0: those of kind 1."""
         return float(np.count_nonzero(self.tiles == 1) / self.tiles.size)  # Eq. 3
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
@@ -160,6 +220,16 @@ class Floor(NotebookView):
         # Compared before the conversion to integers, so that a point at nan or infinity is on no tile.
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         return np.where(inside, row * columns + column, -1).astype(np.int32)
+
+
+def refuse_changes(floor: Floor) -> None:
+    """Refuse a floor that changes, for what presumes that tiles stay as they are.
+
+    Raises:
+        InputError: the floor changes.
+    """
+    if floor.is_changing:
+        raise InputError("changes during the run, and this presumes that it stays as it is", field="floor")
 
 
 def _is_finite(value: object) -> bool:

@@ -25,7 +25,7 @@ from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
 from vibroswarm.observation.energy_model import log_ratios
-from vibroswarm.observation.observe import SensedFloor, energies_at, read, reads_energies
+from vibroswarm.observation.observe import Ground, SensedFloor, energies_at, read, reads_energies
 from vibroswarm.robot.place_draws import width_of
 from vibroswarm.robot.pose_mixture import ESTIMATE
 from vibroswarm.scenario.scenario import Scenario
@@ -230,7 +230,7 @@ class ClosedLoop:
             now[:size] = before[:size]
         self.is_new = True
 
-    def begin(self, run: int, ground: SensedFloor) -> None:
+    def begin(self, run: int, ground: Ground) -> None:
         """Set the state to the start of a run.
 
         Args:
@@ -267,18 +267,19 @@ class ClosedLoop:
         needed = int(self.bounds[1]) + rows.size
         if needed > self.buffer.tick.size:  # a user's source may sample more often than the scenario says
             self._enlarge(needed)
-        arguments = (
-            rows,
-            self.ground,
-            self.buffer,
-            int(self.bounds[1]),
-            self.seed,
-            int(self.runs[0]),
-            self.tick_ms,
-        )
-        if self.entry is None:  # the compiled function for these types, which is faster to call
-            self.entry = entry_for(record_samples, *arguments)
-        self.bounds[1] = self.entry(*arguments)
+        for ground, part in self.ground.parts(rows["tick"] * self.tick_ms / 1000.0):
+            arguments = (
+                rows[part],
+                ground,
+                self.buffer,
+                int(self.bounds[1]),
+                self.seed,
+                int(self.runs[0]),
+                self.tick_ms,
+            )
+            if self.entry is None:  # the compiled function for these types, which is faster to call
+                self.entry = entry_for(record_samples, *arguments)
+            self.bounds[1] = self.entry(*arguments)
 
     def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:
         """Replay the samples that were added since the last call, after computing what their readings need.
@@ -313,9 +314,20 @@ class ClosedLoop:
 
     def _weigh_energies(self, new: slice) -> None:
         """Write the log likelihood ratios of the energies of the samples in the rows ``new``."""
-        buffer = self.buffer
-        columns = (buffer.robot[new], buffer.sample[new], buffer.x_m[new], buffer.y_m[new])
-        energy = energies_at(self.scenario, self.ground, self.seed, int(self.runs[0]), *columns)
+        buffer, run = self.buffer, int(self.runs[0])
+        robot, sample, x_m, y_m = (
+            buffer.robot[new],
+            buffer.sample[new],
+            buffer.x_m[new],
+            buffer.y_m[new],
+        )
+        parts = [
+            energies_at(
+                self.scenario, ground, self.seed, run, robot[part], sample[part], x_m[part], y_m[part]
+            )
+            for ground, part in self.ground.parts(buffer.time_s[new])
+        ]
+        energy = np.concatenate(parts)
         self.log_ratios[new] = log_ratios(self.scenario.sensor, buffer.observation[new], energy)
 
     def rewind_to(self, time_s: float) -> None:

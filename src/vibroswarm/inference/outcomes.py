@@ -5,7 +5,8 @@ runs); leading axes are cells (combinations of settings).
 
 | name | definition |
 |---|---|
-| truth | the right decision by the scenario's task, such as 0 or 1; nan if no decision is right |
+| truth | the right decision by the scenario's task, such as 0 or 1; nan if no decision is right. On a floor that
+changes it is that of the floor at the end of the run, and so are right, wrong and the fill ratio |
 | right, wrong | robots that decided and whose decision is, or is not, the truth; no robot if the truth is nan |
 | consensus | incomplete: a robot is undecided; split: decisions differ; else right, wrong, or truth_undefined (nan) |
 | consensus_time_s | time of the last decision of a swarm whose robots all made the same decision, else nan |
@@ -84,83 +85,81 @@ HALF: Final = 0.5
 # Floors and truth
 
 
-def fill_ratios(floors: Mapping[int, Floor], runs: list[int], width_m: float, height_m: float) -> list[float]:
-    """Return the fill ratio inside the arena of each run's floor, in the order of ``runs``.
-
-    Args:
-        floors: the floor of each run, by run number; a floor object that several runs share is measured once.
-        runs: the run numbers. width_m, height_m: size of the arena.
-    """
-    known: dict[int, float] = {}  # fill ratio of each floor object, by its id
-    for run in runs:
-        floor = floors[run]
-        if id(floor) not in known:
-            known[id(floor)] = floor.fill_ratio_within(width_m, height_m)
-    return [known[id(floors[run])] for run in runs]
-
-
-def truth_on(scenario: Scenario, floor: Floor, fill_ratio: float | None = None) -> int | None:
+def truth_on(
+    scenario: Scenario, floor: Floor, fill_ratio: float | None = None, *, time_s: float = math.inf
+) -> int | None:
     """Return the right decision on a floor by the scenario's task, such as 1 or 0, or None if no decision is right.
 
     Args:
-        fill_ratio: fill ratio of the floor inside the arena; None: it is computed.
+        fill_ratio: fill ratio of the floor inside the arena; None: it is computed. time_s: if the floor changes, the
+            time of which the truth is asked; by default after all changes.
     Raises:
         CodeError: a user's task raised an error, or returned something other than a decision and None.
     """
-    question = _asked(scenario, floor, fill_ratio)
-    return task(scenario.task.name).answer(floor, question, scenario.task.params)
+    now = floor.at(time_s)
+    question = _asked(scenario, now, floor.at(0.0), fill_ratio)
+    return task(scenario.task.name).answer(now, question, scenario.task.params)
 
 
-def _asked(scenario: Scenario, floor: Floor, fill_ratio: float | None) -> Asked:
-    """Return what the scenario's task may need beside the floor, whose fill ratio is computed if it is None."""
+def _asked(scenario: Scenario, floor: Floor, start: Floor, fill_ratio: float | None = None) -> Asked:
+    """Return what the scenario's task may need beside the floor, whose fill ratio is computed if it is None.
+
+    Args:
+        start: the floor at time 0.
+    """
     size = scenario.arena.width_m, scenario.arena.height_m
     fill_ratio = floor.fill_ratio_within(*size) if fill_ratio is None else fill_ratio
-    boundary = scenario.decision.decision_boundary
-    return Asked(*size, fill_ratio=fill_ratio, decision_boundary=boundary, kinds=scenario.sensor.kinds)
+    boundary, kinds = scenario.decision.decision_boundary, scenario.sensor.kinds
+    return Asked(*size, fill_ratio=fill_ratio, decision_boundary=boundary, kinds=kinds, start=start)
 
 
-def numbers_asked(
-    scenario: Scenario, floors: Mapping[int, Floor], runs: Sequence[int], fills: Array
-) -> Array:
-    """Return the number that the scenario's task asks for, (runs,); ``fills`` if it asks for a decision.
+def truth_over_time(scenario: Scenario, floor: Floor) -> tuple[Array, Array]:
+    """Return from when on which decision is right, (spans,) each: times (s), 0 first, and truths, nan for none.
+
+    Neighbouring spans have different truths, so a floor may change more often than its truth.
+    """
+    asks, start, since_s, truth = task(scenario.task.name), floor.at(0.0), list[float](), list[float]()
+    for time_s, now in floor.stages():
+        answer = asks.answer(now, _asked(scenario, now, start), scenario.task.params)
+        number = math.nan if answer is None else float(answer)
+        if not truth or not (number == truth[-1] or (math.isnan(number) and math.isnan(truth[-1]))):
+            since_s.append(time_s)
+            truth.append(number)
+    return np.array(since_s), np.array(truth)
+
+
+def fills_and_truth(
+    scenario: Scenario, floors: Mapping[int, Floor], runs: Sequence[int], end_s: Array | None = None
+) -> tuple[Array, Array]:
+    """Return fill ratio and truth about the floor of each run at its end, (runs,) each; nan where no answer is right.
+
+    The fill ratio is that inside the arena; with a task that asks for a number, that number takes its place.
 
     Args:
         floors: the floor of each run, by run number; a floor object that several runs share is judged once.
-        fills: (runs,): fill ratio inside the arena of each run's floor.
+        runs: the run numbers. end_s: (runs,): end of each run; None: after all changes.
     """
-    asks = task(scenario.task.name)
-    if not asks.estimated:
-        return fills
-    known: dict[int, float] = {}  # by the id of each floor object
-    for run, fill in zip(runs, fills, strict=True):
-        floor = floors[run]
-        if id(floor) not in known:
-            known[id(floor)] = asks.number(floor, _asked(scenario, floor, float(fill)), scenario.task.params)
-    return np.array([known[id(floors[run])] for run in runs])
+    ends = [math.inf] * len(runs) if end_s is None else end_s.tolist()
+    # What the truth of each run depends on: the floor object, and the end if the floor changes.
+    keys = [
+        (id(floors[run]), end if floors[run].is_changing else math.inf)
+        for run, end in zip(runs, ends, strict=True)
+    ]
+    known: dict[tuple[int, float], tuple[float, float]] = {}
+    for run, key in zip(runs, keys, strict=True):
+        if key not in known:
+            known[key] = _judged(scenario, floors[run], key[1])
+    found = np.array([known[key] for key in keys], dtype=np.float64).reshape(-1, 2)
+    return found[:, 0].copy(), found[:, 1].copy()
 
 
-def truths(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int], fills: Array) -> Array:
-    """Return the truth about the floor of each run, (runs,): the right decision, or nan where none is right.
-
-    Args:
-        floors: the floor of each run, by run number; a floor object that several runs share is judged once.
-        runs: the run numbers. fills: (runs,): fill ratio inside the arena of each run's floor.
-    """
-    known: dict[int, float] = {}  # truth about each floor object, by its id
-    for run, fill in zip(runs, fills, strict=True):
-        if id(floors[run]) not in known:
-            answer = truth_on(scenario, floors[run], float(fill))
-            known[id(floors[run])] = math.nan if answer is None else float(answer)
-    return np.array([known[id(floors[run])] for run in runs])
-
-
-def fills_and_truth(scenario: Scenario, floors: Mapping[int, Floor], runs: list[int]) -> tuple[Array, Array]:
-    """Return the fill ratio inside the arena of each run's floor, and the truth about it, (runs,) each.
-
-    With a task that asks for a number, that number is in the place of the fill ratio (``numbers_asked``).
-    """
-    fills = np.array(fill_ratios(floors, runs, scenario.arena.width_m, scenario.arena.height_m))
-    return numbers_asked(scenario, floors, runs, fills), truths(scenario, floors, runs, fills)
+def _judged(scenario: Scenario, floor: Floor, time_s: float) -> tuple[float, float]:
+    """Return the number that the scenario's task asks for, or the fill ratio, and the right decision, nan for none."""
+    asks, params, now = task(scenario.task.name), scenario.task.params, floor.at(time_s)
+    question = _asked(scenario, now, floor.at(0.0))
+    answer = asks.answer(now, question, params)
+    number = asks.number(now, question, params) if asks.estimated else question.fill_ratio
+    return number, math.nan if answer is None else float(answer)
 
 
 # Columns of robots and of runs
@@ -310,8 +309,8 @@ def outcome_tables(
         ends: the motion's table of ends, with a row for the same run and robot as each row of ``finals``.
     """
     robots = scenario.swarm.robots
-    fills, truth = fills_and_truth(scenario, floors, finals["run"].to_list()[::robots])
     end_s = ends["end_s"].to_numpy().reshape(-1, robots).max(axis=1)
+    fills, truth = fills_and_truth(scenario, floors, finals["run"].to_list()[::robots], end_s)
     return robot_table(finals, truth), run_table(finals, fills, truth, end_s, scenario.run.t_end_s)
 
 

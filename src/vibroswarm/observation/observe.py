@@ -19,7 +19,7 @@ loop read them.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -57,9 +57,29 @@ class SensedFloor(NamedTuple):
     """Faults of the sensors of this run alone: its arrays over runs have one entry."""
 
 
+class Ground(NamedTuple):
+    """The floor and the sensors of a run, from one change of the floor to the next; one stage if it does not change."""
+
+    since_s: NDArray[np.float64]
+    """(stages,): when each stage begins, s; 0 first."""
+    stages: list[SensedFloor]
+
+    def parts(self, time_s: NDArray[np.float64]) -> list[tuple[SensedFloor, slice]]:
+        """Return the stages in which samples were taken, and the samples of each.
+
+        Args:
+            time_s: (samples,), ascending.
+        """
+        if len(self.stages) == 1:
+            return [(self.stages[0], slice(0, time_s.size))]
+        bounds = np.append(np.searchsorted(time_s, self.since_s), time_s.size).tolist()
+        slices = (slice(low, high) for low, high in pairwise(bounds))
+        return [part for part in zip(self.stages, slices, strict=True) if part[1].start < part[1].stop]
+
+
 def sensed_floors(
     scenario: Scenario, seed: int, runs: Sequence[int], floors: Mapping[int, Floor]
-) -> list[SensedFloor]:
+) -> list[Ground]:
     """Return the floor and the sensors of each run, in the order of ``runs``.
 
     Args:
@@ -77,14 +97,12 @@ def sensed_floors(
         own_response = response._replace(
             first=response.first[r : r + 1], per_robot=response.per_robot[r : r + 1]
         )
-        result.append(
-            SensedFloor(
-                tiles=floor.tiles.ravel(),
-                place=place_of(floor),
-                response=own_response,
-                faults=of_run(faults, r),
-            )
-        )
+        faults_of_run = of_run(faults, r)
+        stages = [
+            (since_s, SensedFloor(stage.tiles.ravel(), place_of(stage), own_response, faults_of_run))
+            for since_s, stage in floor.stages()
+        ]
+        result.append(Ground(np.array([since_s for since_s, _ in stages]), [stage for _, stage in stages]))
     return result
 
 
@@ -144,14 +162,20 @@ OBSERVATIONS: Final[dict[str, Any]] = {
 """Columns of the table of observations."""
 
 
-def vibrating_at(floor: Floor, tile: NDArray[np.integer[Any]]) -> NDArray[np.bool_]:
-    """Return whether each of these tiles vibrates, in the shape of ``tile``.
+def kinds_at(floor: Floor, tile: NDArray[np.integer[Any]], time_s: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return the kind of each of these tiles at its time, (samples,); 0 for index -1, no tile.
 
     Args:
-        tile: indices of tiles; False is returned for index -1, no tile.
+        tile: (samples,), indices of tiles. time_s: (samples,), in any order.
     """
-    flat = np.append(floor.tiles.ravel(), 0)  # the entry 0 is added at the end, where index -1 reads it
-    return np.asarray(flat[tile] == 1)
+    kinds = np.zeros(tile.size, dtype=np.uint8)
+    stages = list(floor.stages())
+    stage = np.searchsorted([since_s for since_s, _ in stages], time_s, side="right") - 1
+    for k in np.unique(stage).tolist():
+        flat = np.append(stages[k][1].tiles.ravel(), 0)  # the entry 0 is at the end, where index -1 reads it
+        here = stage == k
+        kinds[here] = flat[tile[here]]
+    return kinds
 
 
 @kernel
@@ -264,6 +288,8 @@ class Places:
         self._sensed: dict[tuple[float, float, bytes], NDArray[np.int32]] = {}
         # Sensor responses, by all settings on which they depend, see ``_response``.
         self._responses: dict[Any, Response] = {}
+        # Parts of runs in which a floor stays as it is, by first row and last row + 1.
+        self._parts: dict[tuple[int, int], Places] = {}
 
     def read(self, scenario: Scenario, floors: Mapping[int, Floor], energies: bool = False) -> Readings:
         """Return the readings of all samples.
@@ -274,6 +300,8 @@ class Places:
         Returns: the readings. All calls with floors of the same geometry share the arrays ``tile`` and ``numbers``,
             which must not be changed.
         """
+        if any(floors[run].is_changing for run in self.runs.tolist()):
+            return self._read_stages(scenario, floors, energies)
         count = self.samples.height
         floor_of_each = [floors[run] for run in self.runs.tolist()]
         places, first_tiles, tiles = _laid_out(floor_of_each)
@@ -299,6 +327,26 @@ class Places:
             readings.observation, readings.kinds, readings.factors,
         )  # fmt: skip
         return readings
+
+    def _read_stages(self, scenario: Scenario, floors: Mapping[int, Floor], energies: bool) -> Readings:
+        """Return the readings on floors that change: those of each part of a run in which its floor stays as it is."""
+        parts = []
+        for r, run in enumerate(self.runs.tolist()):
+            low, high = self.bounds[r : r + 2].tolist()
+            stages = list(floors[run].stages())
+            # Rows are in the order of time. first: of each stage, the number of rows of the run before it.
+            first = np.searchsorted(self._time_s[low:high], [since_s for since_s, _ in stages]).tolist()
+            for (_, floor), begin, end in zip(stages, first, [*first[1:], high - low], strict=True):
+                if begin < end:
+                    rows = self._part(low + begin, low + end)
+                    parts.append(rows.read(scenario, {run: floor}, energies))
+        return Readings(*map(np.concatenate, zip(*parts, strict=True)))
+
+    def _part(self, low: int, high: int) -> Places:
+        """Return the cached ``Places`` of some rows of one run."""
+        if (low, high) not in self._parts:
+            self._parts[low, high] = Places(self.seed, self.samples[low:high])
+        return self._parts[low, high]
 
     def _sensed_tiles(
         self,

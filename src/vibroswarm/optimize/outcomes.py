@@ -292,7 +292,7 @@ class _ScenarioRuns:
         self.runs = runs
         self.grounds = sensed_floors(scenario, seed, runs, floors)
         """The floor and the sensors of each run, in the order of ``runs``."""
-        self.fills, self.truth = fills_and_truth(scenario, floors, list(runs))
+        self.floors = floors
         self.tiles = floors[runs[0]].tiles.size
         shape = (len(runs), scenario.swarm.robots)
         self.decision = np.empty(shape, dtype=np.int64)
@@ -351,14 +351,15 @@ class _ScenarioRuns:
 
     def outcomes(self) -> Outcomes:
         """Return the outcomes of all runs, once they are finished."""
+        fills, truth = fills_and_truth(self.scenario, self.floors, list(self.runs), self.end_s)
         return Outcomes(
             run=np.array(self.runs, dtype=np.int64),
             decision=self.decision,
             decision_time_s=self.decision_time_s,
             estimate=self.estimate,
             end_s=self.end_s,
-            fill_ratio=self.fills,
-            truth=self.truth,
+            fill_ratio=fills,
+            truth=truth,
             tiles=self.tiles,
             t_end_s=self.scenario.run.t_end_s,
             strategy=self.scenario.strategy.name,

@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
+from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import check_suffix
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.edge_response import edge_warnings
+from vibroswarm.observation.observe import kinds_at
 from vibroswarm.plots.style import FAINT, INK, LINE, MATPLOTLIB_LOCK, PAPER, RUN, kind_colours
 from vibroswarm.result import Result
 
@@ -138,24 +140,38 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     scale = 6.4 / max(width, height)  # inches per metre
     # Neither side of the arena gets less than 2.4 in, so that title and legend have room also with a narrow arena.
     # Labels add 0.4 in to the width; title, labels and legend add 1.2 in to the height.
+    summary = result.runs.filter(pl.col("run") == run).to_dicts()[0]
+    floor, end_s = result.floor(run), summary["end_s"]
+    small = _small_floors(floor, end_s)
     figure = Figure(
-        figsize=(max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + 1.2), layout="constrained"
+        figsize=(max(width * scale, 2.4) + 0.4, max(height * scale, 2.4) + (2.8 if small else 1.2)),
+        layout="constrained",
     )
-    axes = figure.add_subplot()
-    _draw_floor(axes, result, run)
+    grid = figure.add_gridspec(1 + bool(small), max(len(small), 1), height_ratios=[4, 1][: 1 + bool(small)])
+    axes = figure.add_subplot(grid[0, :])
+    _draw_floor(
+        axes,
+        floor.at(end_s),
+        _words_of_kinds(result, "tile vibrates", "tile is still", "tile of kind {kind}"),
+    )
+    for k, (since_s, stage) in enumerate(small):
+        below = figure.add_subplot(grid[1, k])
+        _draw_floor(below, stage, {})
+        below.set(xlim=(0, width), ylim=(0, height), aspect="equal", xticks=[], yticks=[])
+        below.set_title(f"from {since_s:.4g} s", fontsize=7.5)
     _draw_paths(axes, result, run)
     _draw_samples(axes, result, run)
     _draw_robots(axes, result, run)
     axes.set(xlim=(0, width), ylim=(0, height), aspect="equal", xlabel="x (m)", ylabel="y (m)")
-    summary = result.runs.filter(pl.col("run") == run).to_dicts()[0]
     origin = f"recorded, session {run + 1}" if result.seed is None else f"seed {result.seed}"
     outcome = (summary["consensus"] or "decisions not logged").replace("_", " ")
     feedback = FEEDBACK.get(scenario.strategy.name, scenario.strategy.name)
     # A dollar in a name does not begin a formula. It is escaped, since matplotlib ignores parse_math=False in a title
     # that it wraps.
-    floor_name = result.floor(run).name.replace("$", r"\$")
+    floor_name = floor.name.replace("$", r"\$")
     axes.set_title(
-        f"{scenario.swarm.robots} robots, {floor_name}, fill ratio {summary['fill_ratio']:.3g}, "
+        f"{scenario.swarm.robots} robots, {floor_name}, fill ratio {summary['fill_ratio']:.3g}"
+        f"{' at the end' if small else ''}, "
         f"{feedback}, {origin}: {outcome}" + "".join(f"\n({text})" for text in edge_warnings(scenario)),
         fontsize=9,
         wrap=True,
@@ -164,15 +180,35 @@ def run_figure(result: Result, run: int = 0) -> Figure:
     return figure
 
 
-def _draw_floor(axes: Axes, result: Result, run: int) -> None:
-    """Draw the tiles of the run's floor, vibrating ones hatched, and the outline of the floor."""
+MOST_SMALL: Final = 4
+"""Most small pictures of a floor that changes."""
+
+
+def _small_floors(floor: Floor, end_s: float) -> list[tuple[float, Floor]]:
+    """Return the floor at up to ``MOST_SMALL`` of its changes, evenly chosen; none if it does not change.
+
+    Returns: the time from which it is so, s, and the floor, which stays as it is.
+    """
+    if not floor.is_changing:
+        return []
+    stages = [stage for stage in floor.stages() if stage[0] <= end_s]
+    chosen = np.unique(np.linspace(0, len(stages) - 1, MOST_SMALL).round().astype(int)).tolist()
+    return [stages[k] for k in chosen]
+
+
+def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
+    """Draw the tiles of a floor, vibrating ones hatched, and the outline of the floor.
+
+    Args:
+        floor: does not change. labels: label of each kind of tile in the legend, of those that have one.
+    """
     from matplotlib import rc_context
     from matplotlib.patches import Rectangle
 
-    floor = result.floor(run)
     rows, columns, tile_w, tile_h, left, bottom = floor.geometry
-    # The first tile of each kind takes the label of its kind, so that the legend has each label once.
-    labels = _words_of_kinds(result, "tile vibrates", "tile is still", "tile of kind {kind}")
+    labels = dict(
+        labels
+    )  # the first tile of each kind takes the label, so that the legend has each label once
     # matplotlib 3.11 and later take the colour of a hatch from this setting, earlier versions from the edge
     with rc_context({"hatch.color": RUN["ripple"]}):
         for (row, column), kind in np.ndenumerate(floor.tiles):
@@ -218,7 +254,8 @@ def _draw_samples(axes: Axes, result: Result, run: int) -> None:
     )
     observation, tile = samples["observation"].to_numpy(), samples["tile"].to_numpy()
     # a sample beside the floor has tile -1, and cannot be misread
-    misread = (tile >= 0) & (result.floor(run).tiles.ravel()[tile] != observation)
+    kinds = kinds_at(result.floor(run), tile, samples["time_s"].to_numpy())
+    misread = (tile >= 0) & (kinds != observation)
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
     stroke = Outline([(-1.0, -1.0), (1.0, 1.0)])
     axes.plot(

@@ -21,7 +21,7 @@ from vibroswarm.recordings.infer_settings import infer_settings
 from vibroswarm.recordings.inferred import Inferred
 from vibroswarm.recordings.log import COUNTED, Log, gaps_of, in_order, knots_of, segments_of
 from vibroswarm.recordings.recording import PLACES, ROWS, Recording
-from vibroswarm.result import RECORDED, floor_frame
+from vibroswarm.result import RECORDED, change_frame, floor_frame
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions
 
@@ -87,6 +87,7 @@ def recording_of(
         robots=robot_frame,
         runs=runs,
         floors=floor_frame(floors),
+        changes=change_frame(floors),
         source=f"{RECORDED} ({', '.join(sorted({log.reader for log in ordered}))})",
         versions=versions(),
         names=names,
@@ -401,8 +402,8 @@ def _outcomes(
     """
     robots = scenario.swarm.robots
     runs = finals["run"].to_list()[::robots]  # there is a row for each run and robot
-    fills, truth = fills_and_truth(scenario, floors, runs)
     end_s = ends["end_s"].to_numpy().reshape(-1, robots).max(axis=1)
+    fills, truth = fills_and_truth(scenario, floors, runs, end_s)
     # The tables are computed with -1 for a decision that is not logged. Below, the table of robots gets the null back.
     known = finals.with_columns(pl.col("decision").fill_null(-1))
     # Sessions are ended by people, not by a decision.

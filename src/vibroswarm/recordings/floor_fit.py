@@ -134,10 +134,12 @@ def check_floor(floor: Floor, samples: pl.DataFrame) -> str:
     The sentence says that the floor fits, that it may be wrong, or that the test is inconclusive.
 
     Args:
-        samples: a table with the columns x_m, y_m and energy.
+        samples: a table with the columns x_m, y_m, time_s and energy; those after a change of the floor do not count.
     Raises:
         InputError: the floor fits clearly better if it is rotated or mirrored.
     """
+    if floor.is_changing:
+        samples = samples.filter(pl.col("time_s") < floor.changes.time_s[0])
     fits = floor_fits(floor, samples)
     if not fits:
         return (

@@ -38,7 +38,7 @@ from vibroswarm.inference.replayer import counts_only
 from vibroswarm.motion.pose import pose
 from vibroswarm.motion.source import Motion
 from vibroswarm.networks import network as network_of
-from vibroswarm.observation.observe import vibrating_at
+from vibroswarm.observation.observe import kinds_at
 from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -243,7 +243,8 @@ def _rows_of(recording: Recording, run: int) -> _Rows:
         observation=np.zeros(table.height, dtype=np.uint8),
     )
     energy = table["energy"].fill_null(float("nan")).to_numpy()
-    return _Rows(session, energy, vibrating_at(floor, table["tile"].to_numpy()))
+    kinds = kinds_at(floor, table["tile"].to_numpy(), table["time_s"].to_numpy())
+    return _Rows(session, energy, kinds == 1)
 
 
 def _restored(
@@ -297,8 +298,8 @@ def _outcome(
     """
     runs = recording.runs["run"].to_list()
     floors = {run: recording.floor(run) for run in runs}
-    fills, truth = fills_and_truth(scenario, floors, runs)
     end_s = recording.runs["end_s"].to_numpy()
+    fills, truth = fills_and_truth(scenario, floors, runs, end_s)
     robots = robot_table(finals.select(list(FINALS)), truth)
     # A session may end before t_end_s, but because people ended it, not by a decision: it did not stop early.
     of_runs = run_table(finals, fills, truth, end_s, scenario.run.t_end_s).with_columns(stopped_early=False)

@@ -32,7 +32,7 @@ from vibroswarm.analysis.sampling import effective_samples, effective_with_senso
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import Floor, refuse_changes
 from vibroswarm.recordings.assemble_recording import inside
 from vibroswarm.recordings.recording import Recording
 
@@ -163,6 +163,7 @@ def labelled(recording: Recording) -> Labelled:
     frame = frame.filter(pl.col("tile") >= 0)
     floor = recording.floor(int(recording.runs["run"][0]))  # all sessions have the same floor
     tile = frame["tile"].cast(pl.Int64).to_numpy()
+    refuse_changes(floor)
     vibrating = floor.tiles.ravel()[tile] == 1
     if vibrating.all() or not vibrating.any():
         raise InputError("has samples on one kind of tile only; both are needed", field="the recording")

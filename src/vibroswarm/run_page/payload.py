@@ -328,7 +328,7 @@ def fault_rows(faults: pl.DataFrame) -> tuple[tuple[int, str, float, bool], ...]
 
 
 def _floor(record: RunRecord) -> dict[str, Any]:
-    """Return the floor for the page; its tiles are text of 1 (vibrating) and 0, row by row from the top."""
+    """Return the floor for the page; its tiles at time 0 are text of 1 (vibrating) and 0, row by row from the top."""
     floor = record.floor
     rows, columns = floor.tiles.shape
     return {
@@ -340,7 +340,13 @@ def _floor(record: RunRecord) -> dict[str, Any]:
         "left_m": float(floor.left_m),
         "bottom_m": float(floor.bottom_m),
         "tiles": "".join(map(str, floor.tiles.ravel().tolist())),
+        **({"changes": _changes(floor)} if floor.is_changing else {}),
     }
+
+
+def _changes(floor: Floor) -> list[tuple[float, int, int]]:
+    """Return time (s), tile and new kind of each change, in the order of time."""
+    return list(zip(*(column.tolist() for column in floor.changes), strict=True))
 
 
 def _body(record: RunRecord) -> dict[str, Any]:

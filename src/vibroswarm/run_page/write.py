@@ -26,6 +26,7 @@ from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
 from vibroswarm.result import Result
 from vibroswarm.run_page.payload import MapsOverTime, RunRecord, fault_rows, payload
+from vibroswarm.scenario.change_fields import change_words
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.static_analysis import fields_read
 
@@ -191,7 +192,9 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         credible_threshold=decision.credible_threshold,
         decision_boundary=boundary,
         readings_boundary=tested,
-        expected_ones=expected_ones_on(scenario.sensor, floor, size) if tested != boundary else None,
+        expected_ones=expected_ones_on(scenario.sensor, floor.at(summary["end_s"]), size)
+        if tested != boundary
+        else None,
         prior_alpha=decision.prior_alpha,
         prior_beta=decision.prior_beta,
         tick_s=scenario.tick_s,
@@ -208,6 +211,7 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         details={
             "scenario": scenario.hash,
             "motion": result.source,
+            **({"change": changes} if (changes := change_words(scenario.change)) else {}),
             **{name: result.versions[name] for name in version_names if name in result.versions},
         },
     )

@@ -32,6 +32,7 @@ from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import DIGITS, TILE_LIMIT, Floor, as_tiles, words_of_kinds
 from vibroswarm.floors.source import is_random, named_tiles
+from vibroswarm.scenario.change_fields import Change
 from vibroswarm.scenario.choices import Choice, NetworkChoice, StrategyChoice, TaskChoice
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
 from vibroswarm.scenario.localisation_fields import Localisation, Odometry, PlaceMethod
@@ -408,6 +409,7 @@ class Sections(FrozenModel):
     decision: Decision = Decision()
     network: NetworkChoice = NetworkChoice()
     faults: Faults = Faults()
+    change: Change = Change()
     task: TaskChoice = TaskChoice()
     camera: CameraField = CameraField()
     run: Run = Run()

@@ -15,6 +15,7 @@ import json
 import math
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
@@ -209,7 +210,7 @@ class Scenario(Sections, NotebookView):
         return field_names()
 
     def floor_for(self, seed: int, run: int) -> Floor:
-        """Return the floor of ``run``: a fixed floor, or the random floor of (seed, run).
+        """Return the floor of ``run``: a fixed floor, or the random floor of (seed, run), with its changes.
 
         Raises:
             InputError: ``seed`` or ``run`` is not a whole number, or is out of range.
@@ -218,7 +219,18 @@ class Scenario(Sections, NotebookView):
             whole_number_of(seed, "seed", 0, SEED_LIMIT - 1),
             whole_number_of(run, "run", 0, 2**32 - 1),
         )
-        return self.floor.placed_in(self.arena, seed, run)
+        floor = self.floor.placed_in(self.arena, seed, run)
+        if not self.change.is_given:
+            return floor
+        # With redraw = "study" all runs share the floor of run 0, and its changes.
+        number = run if self.floor.redraw == "run" else 0
+        changes = self.change.changes(floor.tiles, self.run.t_end_s, seed, number)
+        return replace(floor, changes=changes)
+
+    @property
+    def floors_differ(self) -> bool:
+        """Whether a new floor, or new changes, are drawn for each run."""
+        return self.floor.drawn_by_run or (self.floor.redraw == "run" and self.change.is_random)
 
     @property
     def hash(self) -> str:

@@ -13,6 +13,7 @@ from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import is_random, random_shares, shadows
+from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
 from vibroswarm.tasks import Asked, Task
@@ -356,6 +357,34 @@ def _check_floor(s: Sections) -> None:
         )
 
 
+def _check_change(s: Sections) -> None:
+    """Refuse changes to what is no floor of this size or of the sensor's kinds, and more than memory holds."""
+    change, tiles = (
+        s.change,
+        s.floor.tiles_for(0, 0)[0],
+    )  # seed 0, run 0: sizes and kinds are those of all runs
+    if change.rate_per_h is not None:
+        expected = tiles.size * change.rate_per_h * s.run.t_end_s / 3600.0
+        if expected > MOST_CHANGES:
+            raise InputError(
+                f"{change.rate_per_h:g} makes some {expected:,.0f} changes of tiles in a run; at most {MOST_CHANGES:,}",
+                field="change.rate_per_h",
+            )
+        if change.shares is not None and len(change.shares) > s.sensor.kinds:
+            raise InputError(
+                f"has shares of {len(change.shares)} kinds, and the sensor '{s.sensor.model}' knows {s.sensor.kinds}",
+                field="change.shares",
+            )
+    elif change.is_given:
+        kinds = change.changes(tiles, math.inf, 0, 0).kind
+        if kinds.size and kinds.max() >= s.sensor.kinds:
+            raise InputError(
+                f"makes tiles of kind {kinds.max()}, and the sensor '{s.sensor.model}' knows {s.sensor.kinds} kinds, "
+                "from 0",
+                field="change.to",
+            )
+
+
 def _check_network(s: Sections) -> None:
     """Refuse what the network's own check refuses, such as more robots than it was fitted to."""
     chosen = networks.known().get(s.network.name)
@@ -396,6 +425,7 @@ ALL = (
     _check_boundary,
     _check_factors,
     _check_floor,
+    _check_change,
     _check_network,
     _check_faults,
     _check_strategy,

@@ -28,7 +28,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import final_columns
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
-from vibroswarm.inference.outcomes import fill_ratios, numbers_asked, robot_columns, run_columns, truths
+from vibroswarm.inference.outcomes import fills_and_truth, robot_columns, run_columns
 from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
 from vibroswarm.observation.observe import (
@@ -205,8 +205,7 @@ class _SharedMotion:
             name: np.stack([columns[name].reshape(shape) for columns in finals_by_scenario])
             for name in finals_by_scenario[0]
         }
-        fills = np.array(fill_ratios(floors, list(runs), common.arena.width_m, common.arena.height_m))
-        fills, truth = _asked_of(scenarios, floors, list(runs), fills)
+        fills, truth = _asked_of(scenarios, floors, list(runs), self.end_s)
         tiles = floors[runs[0]].tiles.size  # the same in all runs
         walk = self.walk.figures(readings.tile, readings.observation, tiles)
         decisions, times_s = finals["decision"], finals["decision_time_s"]
@@ -219,10 +218,11 @@ class _SharedMotion:
         return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples, failures, agreements)
 
     def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
-        """Return the floors by number of the run; cached by the scenario's floor, which several sensors may share."""
-        if scenario.floor not in self._floors:
-            self._floors[scenario.floor] = floors_of(scenario, self.request.seed, self.request.runs)
-        return self._floors[scenario.floor]
+        """Return the floors by number of the run; cached by floor and changes, which several sensors may share."""
+        key = scenario.floor, scenario.change, scenario.run.t_end_s
+        if key not in self._floors:
+            self._floors[key] = floors_of(scenario, self.request.seed, self.request.runs)
+        return self._floors[key]
 
     def _samples(
         self, scenarios: Sequence[Scenario], cells: Sequence[Sequence[int]], readings: Readings
@@ -244,7 +244,7 @@ class _SharedMotion:
 
 
 def _asked_of(
-    scenarios: Sequence[Scenario], floors: dict[int, Floor], runs: list[int], fills: NDArray[np.float64]
+    scenarios: Sequence[Scenario], floors: dict[int, Floor], runs: list[int], end_s: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the number that is asked for and the right decision for each scenario and run, (scenarios, runs) each.
 
@@ -252,7 +252,7 @@ def _asked_of(
     the same task, boundary and number of kinds have the same, which are computed once.
 
     Args:
-        floors: by number of the run. fills: fill ratio of each run's floor inside the arena, (runs,).
+        floors: by number of the run. end_s: end of each run, (runs,).
     """
     # By what determines both.
     found: dict[Any, tuple[NDArray[np.float64], NDArray[np.float64]]] = {}
@@ -261,8 +261,7 @@ def _asked_of(
     ]
     for scenario, key in zip(scenarios, keys, strict=True):
         if key not in found:
-            number = numbers_asked(scenario, floors, runs, fills)
-            found[key] = number, truths(scenario, floors, runs, fills)
+            found[key] = fills_and_truth(scenario, floors, runs, end_s)
     return np.stack([found[key][0] for key in keys]), np.stack([found[key][1] for key in keys])
 
 

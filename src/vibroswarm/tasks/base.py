@@ -48,6 +48,8 @@ class Asked(NamedTuple):
     """``decision.decision_boundary`` of the scenario: strategies decide whether the fill ratio is above it."""
     kinds: int = 2
     """Number of kinds of tile."""
+    start: Floor | None = None
+    """The floor at time 0; the floor itself, unless it has changed since."""
 
 
 @dataclass(frozen=True, kw_only=True)

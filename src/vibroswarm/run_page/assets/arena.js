@@ -1,6 +1,6 @@
 // The floor from above: three canvases on top of each other (floor, past samples, what moves).
 
-const arena = { view: null, context: null };
+const arena = { view: null, context: null, t: 0 };
 
 // From metres to CSS pixels; y points up in the arena and down on the screen.
 function arenaView(width) {
@@ -51,7 +51,9 @@ function layOutZoom() {
 }
 
 function drawArena(t, followed, speed) {
-  const { context, view } = arena;
+  const { context, view } = arena, before = changesBy(arena.t);
+  arena.t = t;
+  if (changesBy(t) !== before) drawFloor(byId("floor").getContext("2d"), view);
   byId("past").style.visibility = layers.samples ? "" : "hidden";
   drawPast(t);
   context.clearRect(0, 0, view.width, view.height);

@@ -37,7 +37,7 @@ function sampleNote(row) {
   const s = run.samples, tile = s.tile[row];
   const rows = [
     ["read as", s.observation[row] ? "vibrating" : "still"],
-    ["tile", tile < 0 ? "none" : tileIsVibrating(tile) ? "vibrating" : "still"],
+    ["tile", tile < 0 ? "none" : tileIsVibrating(tile, run.samples.time_s[row]) ? "vibrating" : "still"],
     ["bit sent", s.message[row] > 1 ? "not known" : String(s.message[row])], ["p after it", probability(s.belief_below[row])],
   ];
   if (!Number.isNaN(s.energy[row])) rows.splice(1, 0, ["RMS", s.energy[row].toFixed(2)]);
@@ -58,7 +58,7 @@ function tileNote(tile, t, followed) {
   const rows = [["samples so far", String(taken)]];
   if (taken) rows.push(["read as vibrating", `${shaking} (${percent(shaking / taken)})`]);
   rows.push(...mapNote(tile, t, followed));
-  return [`${tileIsVibrating(tile) ? "Vibrating" : "Still"} tile, row ${row + 1}, column ${column + 1}`, rows];
+  return [`${tileIsVibrating(tile, arena.t) ? "Vibrating" : "Still"} tile, row ${row + 1}, column ${column + 1}`, rows];
 }
 
 function arenaNote(place, t, followed) {

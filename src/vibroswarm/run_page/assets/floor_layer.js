@@ -1,4 +1,4 @@
-// The floor: drawn once, and again when its size or the colours change.
+// The floor: drawn once, and again when its size, the colours or its tiles change.
 
 function drawFloor(context, view) {
   context.clearRect(0, 0, view.width, view.height);
@@ -29,7 +29,7 @@ function drawTiles(context, view) {
   for (let tile = 0; tile < f.rows * f.columns; tile++) {
     const column = tile % f.columns, row = (tile - column) / f.columns;
     const box = [edges.x[column], edges.y[row], edges.x[column + 1] - edges.x[column], edges.y[row + 1] - edges.y[row]];
-    const shakes = tileIsVibrating(tile);
+    const shakes = tileIsVibrating(tile, arena.t);
     context.fillStyle = shakes ? colours["tile-vibrating"] : colours["tile-still"];
     context.fillRect(...box);
     if (!shakes) continue;

@@ -101,14 +101,27 @@ function decidedCount(t) {
   return robots.reduce((count, robot) => count + (mindAt(robot, t).decision >= 0 ? 1 : 0), 0);
 }
 
-function tileIsVibrating(tile) {
-  return run.floor.tiles.charCodeAt(tile) === 49;
+// Changes of each tile that changes, [time in s, kind] in the order of time.
+const tileChanges = new Map();
+for (const [time, tile, kind] of run.floor.changes ?? []) {
+  if (!tileChanges.has(tile)) tileChanges.set(tile, []);
+  tileChanges.get(tile).push([time, kind]);
 }
 
-// A reading is wrong when it is not what the tile under the robot is; without a tile it is neither.
+function tileIsVibrating(tile, t) {
+  const last = tileChanges.get(tile)?.findLast(([time]) => time <= t);
+  return last ? last[1] === 1 : run.floor.tiles.charCodeAt(tile) === 49;
+}
+
+// How many changes there were by a time: the floor looks the same as long as their number is the same.
+function changesBy(t) {
+  return (run.floor.changes ?? []).findLastIndex(([time]) => time <= t) + 1;
+}
+
+// A reading is wrong when it is not what the tile under the robot was then; without a tile it is neither.
 function isMisread(row) {
   const tile = run.samples.tile[row];
-  return tile >= 0 && (run.samples.observation[row] === 1) !== tileIsVibrating(tile);
+  return tile >= 0 && (run.samples.observation[row] === 1) !== tileIsVibrating(tile, run.samples.time_s[row]);
 }
 
 // Index of the tile at a place, -1 where there is none.

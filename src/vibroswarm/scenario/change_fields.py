@@ -1,0 +1,186 @@
+"""Fields of ``[change]``: how the floor changes during a run; by default it stays as it is.
+
+Either at given times, to another floor each, or at random, with a rate. ``floors.changes`` draws the changes, and
+docs/change.md says what a right answer is then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, field_validator, model_validator
+
+from vibroswarm.core.frozen_model import FrozenModel
+from vibroswarm.errors import InputError, nearest, shown
+from vibroswarm.floors.changes import Changes, changes_between, markov_changes, permuted
+from vibroswarm.floors.floor import DIGITS, as_tiles
+from vibroswarm.floors.source import SUM_TO_1, is_random, named_tiles
+
+INVERT: Final = "invert"
+"""What vibrates becomes still, and what is still vibrates."""
+REDRAW: Final = "redraw"
+"""The same tiles, at random places."""
+MOST_CHANGES: Final = 1_000_000
+"""Largest number of changes of tiles that is expected of a run."""
+
+Times = Annotated[
+    tuple[Annotated[float, Field(gt=0, le=1e7)], ...], Field(min_length=1, max_length=1000, strict=False)
+]
+Steps = Annotated[
+    tuple[Annotated[str, Field(min_length=1)], ...], Field(min_length=1, max_length=1000, strict=False)
+]
+Shares = Annotated[
+    tuple[Annotated[float, Field(ge=0, le=1)], ...], Field(min_length=2, max_length=16, strict=False)
+]
+
+
+class Change(FrozenModel):
+    """How the floor changes during a run, at given times or at random; it stays as it is by default."""
+
+    at_s: Times | None = None
+    """Times at which it changes, s, ascending: one, or a list. If this and ``rate_per_h`` are omitted, it does not."""
+    to: Steps | None = None
+    """What it becomes then, one for each time, or one for all: ``invert`` (vibrating tiles become still, still ones
+    vibrate), ``redraw`` (the same tiles at random places), another floor of the same size, such as ``diagonal:0.46`` or
+    ``random:0.6``, or its rows, such as ``0110/1001/1111``."""
+    rate_per_h: Annotated[float, Field(gt=0, le=1e5)] | None = None
+    """How often an hour each tile is drawn anew, at random times: a Markov chain for each tile."""
+    shares: Shares | None = None
+    """Probabilities of the kinds 0, 1 and so on when a tile is drawn anew; if omitted, the shares of the floor at time
+    0."""
+
+    @field_validator("at_s", "to", mode="before")
+    @classmethod
+    def _listed(cls, value: object) -> object:
+        """Turn one value into a list of it."""
+        return [value] if isinstance(value, str | int | float) and not isinstance(value, bool) else value
+
+    @model_validator(mode="after")
+    def _fit_together(self) -> Self:
+        """Refuse fields of which one lacks another, or contradicts it.
+
+        Raises:
+            InputError: as said.
+        """
+        if self.at_s is not None and self.rate_per_h is not None:
+            raise InputError(
+                "goes without change.at_s: change at given times, or at random", field="change.rate_per_h"
+            )
+        if (self.at_s is None) != (self.to is None):
+            given, lacks = ("at_s", "to") if self.to is None else ("to", "at_s")
+            what = (
+                'what the floor becomes, such as "invert"'
+                if lacks == "to"
+                else "the times at which it changes, s"
+            )
+            raise InputError(f"is required with change.{given}: {what}", field=f"change.{lacks}")
+        if self.at_s is not None and any(b <= a for a, b in zip(self.at_s, self.at_s[1:], strict=False)):
+            raise InputError(f"{shown(list(self.at_s))} must ascend, each time once", field="change.at_s")
+        if self.at_s is not None and self.to is not None and len(self.to) not in (1, len(self.at_s)):
+            raise InputError(
+                f"has {len(self.to)} entries for {len(self.at_s)} times; give one for all, or one for each",
+                field="change.to",
+            )
+        if self.shares is not None and self.rate_per_h is None:
+            raise InputError(
+                "is for tiles that change at random; give change.rate_per_h too", field="change.shares"
+            )
+        if self.shares is not None and abs(sum(self.shares) - 1.0) > SUM_TO_1:
+            raise InputError(
+                f"sum to {sum(self.shares):.6g}; give shares that sum to 1", field="change.shares"
+            )
+        return self
+
+    @property
+    def is_given(self) -> bool:
+        """Whether the floor changes."""
+        return self.at_s is not None or self.rate_per_h is not None
+
+    @property
+    def is_random(self) -> bool:
+        """Whether runs on the same floor may differ in its changes."""
+        return self.rate_per_h is not None or any(to == REDRAW or is_random(to) for to in self.to or ())
+
+    def steps(self) -> Iterator[tuple[float, str]]:
+        """Yield each time (s), and what the floor becomes then; nothing if it does not change at given times."""
+        times_s, to = self.at_s or (), self.to or ()
+        yield from zip(times_s, to * len(times_s) if len(to) == 1 else to, strict=True)
+
+    def changes(self, tiles: NDArray[np.uint8], until_s: float, seed: int, run: int) -> Changes:
+        """Return the changes of a run's floor.
+
+        Args:
+            tiles: those at time 0, (rows, columns). until_s: time up to which tiles are drawn anew. seed, run: select
+                random changes.
+        Raises:
+            InputError: ``to`` names no floor, or one of another size.
+        """
+        if self.rate_per_h is not None:
+            shares = self.shares or (np.bincount(tiles.ravel()) / tiles.size).tolist()
+            return markov_changes(tiles, self.rate_per_h, shares, until_s, seed, run)
+        later: list[tuple[float, NDArray[np.uint8]]] = []
+        before = tiles
+        for number, (time_s, to) in enumerate(self.steps()):
+            before = _next(to, before, number, seed, run)
+            later.append((time_s, before))
+        return changes_between(tiles, later)
+
+
+def _next(to: str, tiles: NDArray[np.uint8], number: int, seed: int, run: int) -> NDArray[np.uint8]:
+    """Return what tiles become at change ``number`` (from 0) of a run.
+
+    Raises:
+        InputError: ``to`` names no floor, a floor of another size, or inverts tiles of more than two kinds.
+    """
+    if to == INVERT:
+        if tiles.max() > 1:
+            raise InputError(
+                "inverts two kinds of tile, and this floor has more; name another floor", field="change.to"
+            )
+        return (1 - tiles).astype(np.uint8)
+    if to == REDRAW:
+        return permuted(tiles, number, seed, run)
+    found = _tiles_of(to, tiles.shape[0], tiles.shape[1], seed, run)
+    if found.shape != tiles.shape:
+        raise InputError(
+            f"'{to}' has {found.shape[0]}x{found.shape[1]} tiles, and the floor {tiles.shape[0]}x{tiles.shape[1]}; it "
+            "changes to one of the same size",
+            field="change.to",
+        )
+    # A random floor is drawn in the order of tiles of the run's first floor, which would keep most tiles as they are.
+    return permuted(found, number, seed, run) if is_random(to) else found
+
+
+def _tiles_of(to: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
+    """Return the tiles that ``to`` names or draws.
+
+    Raises:
+        InputError: it is neither a floor nor rows of tiles.
+    """
+    if set(to) <= {*DIGITS, "/"}:
+        grid = to.split("/")
+        if len({len(row) for row in grid}) > 1:
+            raise InputError(f"the rows of '{to}' differ in length", field="change.to")
+        return as_tiles([[int(tile, 16) for tile in row] for row in grid])
+    try:
+        return named_tiles(to, rows, columns, seed, run)
+    except InputError as error:
+        reason = str(error).removeprefix(f"{error.field}: ")
+        raise InputError(f"{reason}{nearest(to, (INVERT, REDRAW))}", field="change.to") from None
+
+
+def change_words(change: Change) -> str:
+    """Return a sentence on how the floor changes; empty if it does not."""
+    if change.rate_per_h is not None:
+        shares = (
+            "as the floor is at first"
+            if change.shares is None
+            else ", ".join(f"{s:.4g}" for s in change.shares)
+        )
+        return f"Each tile is drawn anew {change.rate_per_h:g} times an hour on average (shares of kinds: {shares})."
+    words = {INVERT: "it is inverted", REDRAW: "its tiles move to random places"}
+    steps = [f"{words.get(to, f'it becomes {to}')} at {time_s:g} s" for time_s, to in change.steps()]
+    return f"The floor changes: {', '.join(steps)}." if steps else ""

@@ -1,0 +1,344 @@
+"""Floors that change: the truth by hand, Markov chains against theory, and no change equal bit by bit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from vibroswarm import Scenario, preset, replay, simulate
+from vibroswarm.errors import InputError
+from vibroswarm.floors.changes import Changes, markov_changes
+from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.outcomes import truth_on, truth_over_time
+from vibroswarm.observation.observe import kinds_at
+from vibroswarm.recordings.assemble_recording import recording_of
+from vibroswarm.recordings.export import write_rugbot
+from vibroswarm.recordings.log_readers import read_log
+from vibroswarm.recordings.recording import Recording
+from vibroswarm.recordings.threshold import labelled
+from vibroswarm.result import Result
+from vibroswarm.testing.runs import in_pieces
+
+NAN = math.nan
+INVERTED = {"change.at_s": 600, "change.to": "invert"}
+SHORT = {"run.t_end_s": 120.0, "decision.min_observations": 10, "change.at_s": 60, "change.to": "invert"}
+
+
+def on(*rows: str, **values: Any) -> Scenario:
+    return preset("paper").with_values({"floor.tiles": list(rows), **values})
+
+
+def given(scenario: Scenario, run: int = 0) -> list[tuple[float, float]]:
+    since_s, truth = truth_over_time(scenario, scenario.floor_for(1, run))
+    return list(zip(since_s.tolist(), truth.tolist(), strict=True))
+
+
+# The truth, by hand: shares of vibrating tiles are named in the order of time.
+
+CASES: dict[str, tuple[Scenario, list[tuple[float, float]]]] = {
+    "3/4, still": (on("11", "10"), [(0, 1)]),
+    "3/4, 1/4": (on("11", "10", **INVERTED), [(0, 1), (600, 0)]),
+    "3/4, 1/4, 3/4": (
+        on("11", "10", **{"change.at_s": [300, 900], "change.to": "invert"}),
+        [(0, 1), (300, 0), (900, 1)],
+    ),
+    "3/4, other places": (on("11", "10", **{"change.at_s": 5, "change.to": "redraw"}), [(0, 1)]),
+    "1/2, 1/2": (on("11", "00", **INVERTED), [(0, NAN)]),
+    "1/2, 3/4": (on("11", "00", **{"change.at_s": 400, "change.to": "11/01"}), [(0, NAN), (400, 1)]),
+    "1/4, 0: the same side": (on("01", "00", **{"change.at_s": 1, "change.to": "00/00"}), [(0, 0)]),
+    "1/4, 1/2: boundary 0.3": (
+        on("01", "00", **{"change.at_s": 100, "change.to": "01/01", "decision.decision_boundary": 0.3}),
+        [(0, 0), (100, 1)],
+    ),
+    "0, 1/4, 1/2, 3/4: a patch grows": (
+        on("00", "00", **{"change.at_s": [100, 200, 300], "change.to": ["00/01", "00/11", "01/11"]}),
+        [(0, 0), (200, NAN), (300, 1)],
+    ),
+    "1/4, 3/4, 1/4: there and back": (
+        on("01", "00", **{"change.at_s": [10, 20], "change.to": ["10/11", "01/00"]}),
+        [(0, 0), (10, 1), (20, 0)],
+    ),
+    "1/1 inside the arena, 1/2 with what is outside": (
+        # two tiles of 1 m in an arena of 1 m: the right one lies outside
+        on("10", **{"floor.tile_width_m": 1.0, "change.at_s": [10, 20], "change.to": ["11", "01"]}),
+        [(0, 1), (20, 0)],
+    ),
+    "kinds: 3 of 0, 3 of 2, then one each": (
+        on(
+            "0001",
+            "0222",
+            **{
+                "sensor.model": "confusion",
+                "task.name": "majority",
+                "strategy.name": "dirichlet",
+                "change.at_s": [50, 60],
+                "change.to": ["0011/2222", "0011/2200"],
+            },
+        ),
+        [(0, 0), (50, 2), (60, 0)],
+    ),
+}
+
+
+@pytest.mark.parametrize("words", CASES)
+def test_the_truth_by_hand(words: str) -> None:
+    scenario, expected = CASES[words]
+    found = given(scenario)
+    assert [since for since, _ in found] == [since for since, _ in expected]
+    np.testing.assert_array_equal([truth for _, truth in found], [truth for _, truth in expected])
+    floor = scenario.floor_for(1, 0)
+    for k, (since_s, truth) in enumerate(expected):
+        until_s = expected[k + 1][0] if k + 1 < len(expected) else since_s + 1000.0
+        for time_s in (
+            since_s,
+            (since_s + until_s) / 2,
+            np.nextafter(until_s, 0.0),
+        ):  # a change is in force at once
+            assert truth_on(scenario, floor, time_s=time_s) == (None if math.isnan(truth) else truth)
+
+
+@pytest.mark.parametrize("to", ["redraw", "random:0.6"])
+def test_random_changes_are_new_floors_of_the_right_share(to: str) -> None:
+    base = {"floor.source": "random:0.4", "floor.rows": 10, "floor.columns": 10}
+    scenario = preset("paper").with_values({**base, "change.at_s": [10, 20], "change.to": to})
+    same = []
+    for run in range(50):
+        floor = scenario.floor_for(3, run)
+        first, then, last = (stage.tiles for _, stage in floor.stages())
+        assert then.mean() == last.mean() == (0.4 if to == "redraw" else 0.6)
+        same.append([np.mean(first == then), np.mean(then == last)])
+    # Two independent floors of shares f and g agree on a tile with probability f g + (1 - f)(1 - g).
+    expected = [0.52, 0.52] if to == "redraw" else [0.48, 0.52]
+    np.testing.assert_allclose(np.mean(same, axis=0), expected, atol=0.02)
+
+
+# A tile is a Markov chain.
+
+RATE_PER_H, SHARES, UNTIL_S = 6.0, (0.5, 0.3, 0.2), 36_000.0
+
+
+def chains(rate_per_h: float = RATE_PER_H) -> tuple[NDArray[np.uint8], Changes]:
+    start = np.zeros((40, 50), dtype=np.uint8)
+    return start, markov_changes(start, rate_per_h, SHARES, UNTIL_S, seed=5, run=2)
+
+
+def holding_times(start: NDArray[np.uint8], changes: Changes, kind: int) -> NDArray[np.float64]:
+    """How long tiles kept a kind, of spells that began in the first half, so that nearly none is cut off."""
+    spells = []
+    for tile in range(start.size):
+        mine = changes.tile == tile
+        times, kinds = changes.time_s[mine], changes.kind[mine]
+        begin = np.flatnonzero((kinds[:-1] == kind) & (times[:-1] < UNTIL_S / 2))
+        spells.append(times[begin + 1] - times[begin])
+    return np.concatenate(spells)
+
+
+def stationary_p(rate_per_h: float, shares: tuple[float, ...] = SHARES) -> float:
+    start, changes = chains(rate_per_h)
+    tiles = Floor(start, 1.0, 1.0, changes=changes).at(UNTIL_S).tiles
+    return float(
+        stats.chisquare(np.bincount(tiles.ravel(), minlength=3), start.size * np.array(shares)).pvalue
+    )
+
+
+def test_the_stationary_share_of_a_chain_is_that_of_theory() -> None:
+    assert stationary_p(RATE_PER_H) > 0.01
+    assert stationary_p(RATE_PER_H, (0.45, 0.35, 0.2)) < 1e-3  # negative control: other shares
+    assert stationary_p(0.05) < 1e-6  # negative control: too slow to be stationary after ten hours
+
+
+@pytest.mark.parametrize("kind", range(3))
+def test_holding_times_of_a_chain_are_exponential(kind: int) -> None:
+    held = holding_times(*chains(), kind)
+    mean_s = 3600.0 / (RATE_PER_H * (1.0 - SHARES[kind]))
+    assert len(held) > 1000
+    assert stats.kstest(held, "expon", args=(0.0, mean_s)).pvalue > 0.01
+    # Negative control: redraws to the same kind do not end a spell.
+    assert stats.kstest(held, "expon", args=(0.0, 3600.0 / RATE_PER_H)).pvalue < 1e-3
+
+
+def test_a_longer_run_has_the_changes_of_a_shorter_one_first() -> None:
+    start, long = chains()
+    short = markov_changes(start, RATE_PER_H, SHARES, UNTIL_S / 3, seed=5, run=2)
+    for name in Changes._fields:
+        np.testing.assert_array_equal(getattr(short, name), getattr(long, name)[: short.time_s.size])
+    other = markov_changes(start, RATE_PER_H, SHARES, UNTIL_S / 3, seed=5, run=3)
+    assert not np.array_equal(short.time_s, other.time_s)
+
+
+# Runs.
+
+
+def scenario(**values: Any) -> Scenario:
+    return preset("paper").with_values({"floor.source": "random:0.4", **SHORT, **values})
+
+
+def tables(result: Result) -> dict[str, pl.DataFrame]:
+    return {name: getattr(result, name) for name in ("motion", "observations", "inference", "robots")}
+
+
+def test_a_change_after_the_end_changes_nothing() -> None:
+    still = scenario(**{"change.at_s": None, "change.to": None})
+    later = simulate(scenario(**{"change.at_s": 120.5}), 2, 3)
+    assert later.changes is not None
+    assert replace(later, scenario=still, changes=None) == simulate(still, 2, 3)
+    within = simulate(scenario(), 2, 3)
+    assert within.motion.equals(later.motion)
+    assert not within.observations.equals(later.observations)  # negative control
+
+
+def test_samples_read_the_floor_as_it_is() -> None:
+    """With a sensor that does not err, bits are the kinds of the tiles at the time of the sample."""
+    exact = {"sensor.model": "confusion", "sensor.confusion.kinds": 2, "sensor.confusion.accuracy": 1.0}
+    for change in ({}, {"change.at_s": None, "change.to": None, "change.rate_per_h": 60.0}):
+        result = simulate(scenario(**exact, **change), 4, 2)
+        wrong = 0
+        for run in range(2):
+            samples = result.observations.filter(pl.col("run") == run)
+            time_s = result.motion.filter(pl.col("run") == run)["time_s"].to_numpy()
+            tile, floor = samples["tile"].to_numpy(), result.floor(run)
+            np.testing.assert_array_equal(samples["observation"].to_numpy(), kinds_at(floor, tile, time_s))
+            wrong += int((samples["observation"].to_numpy() != floor.tiles.ravel()[tile]).sum())
+        assert wrong > 20  # negative control: the floor at time 0 explains them badly
+
+
+@pytest.mark.parametrize(
+    "values",
+    [{}, {"change.at_s": None, "change.to": None, "change.rate_per_h": 120.0}],
+    ids=["inverted", "chain"],
+)
+@pytest.mark.parametrize("preset_name", ["paper", "calibrated"])
+def test_closed_loop_and_stages_are_equal(values: dict[str, Any], preset_name: str) -> None:
+    """With edges, factors of tiles and robots, energies and estimated places, too."""
+    one = preset(preset_name).with_values({"floor.source": "random:0.4", **SHORT, **values})
+    assert list(in_pieces([(preset_name, one.with_values({"strategy.name": "soft"}))])) == []
+    places = {"strategy.name": "places", "strategy.places.energies": True, "strategy.places.min_samples": 5}
+    assert list(in_pieces([("places", one.with_values(places))])) == []
+
+
+def test_the_closed_loop_would_differ_on_a_floor_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Negative control of the test before: the check sees a closed loop that ignores changes."""
+    monkeypatch.setattr(Result, "_changes_of", lambda self, run: Floor([[0]], 1.0, 1.0).changes)
+    early = {"floor.source": "random:0.2", "change.at_s": 20, "strategy.name": "soft"}
+    assert list(in_pieces([("soft", scenario(**early))])) != []
+
+
+def test_a_replay_with_a_change_is_a_simulation_with_it(tmp_path: Path) -> None:
+    still = simulate(scenario(**{"change.at_s": None, "change.to": None}), 2, 3)
+    changed = simulate(scenario(), 2, 3)
+    assert replay(still, changed.scenario) == changed
+    changed.write(tmp_path / "changed")
+    assert Result.read(tmp_path / "changed") == changed
+    assert replay(Result.read(tmp_path / "changed"), changed.scenario) == changed
+
+
+def test_runs_are_judged_by_the_floor_at_their_end() -> None:
+    still, changed = (
+        simulate(scenario(**{"floor.source": "random:0.2", "run.t_end_s": 400.0, **values}), 1, 5).runs
+        for values in ({"change.at_s": None, "change.to": None}, {"change.at_s": 399.0})
+    )
+    assert still["truth"].to_list() == [0] * 5
+    assert changed["truth"].to_list() == [1] * 5
+    assert changed["fill_ratio"].to_list() == [0.8] * 5
+    assert still["right"].to_list() == changed["wrong"].to_list()
+    assert still["right"].sum() > 10
+    # A run that ends with the last decision ends before the change.
+    early = scenario(**{"floor.source": "random:0.2", "change.at_s": 399.0, "run.t_end_s": 400.0})
+    runs = simulate(early.with_values({"run.stop": "all_decided"}), 1, 5).runs
+    ended = runs.filter("stopped_early")
+    assert ended.height > 0
+    assert ended["truth"].to_list() == [0] * ended.height
+
+
+# What is refused, in words, before any run.
+
+
+@pytest.mark.parametrize(
+    ("values", "field", "words"),
+    [
+        ({"change.at_s": 10}, "change.to", "is required with change.at_s"),
+        ({"change.to": "invert"}, "change.at_s", "the times at which it changes"),
+        ({"change.at_s": [20, 10], "change.to": "invert"}, "change.at_s", "must ascend"),
+        ({"change.at_s": [10, 20], "change.to": ["invert"] * 3}, "change.to", "3 entries for 2 times"),
+        ({"change.at_s": 10, "change.to": "inverted"}, "change.to", "did you mean 'invert'?"),
+        ({"change.at_s": 10, "change.to": "diagonal:0.46"}, "change.to", "10x10 tiles, and the floor 5x5"),
+        ({"change.at_s": 10, "change.to": "random:0.46"}, "change.to", "is 11.5 tiles"),
+        ({"change.at_s": 10, "change.to": "01/1"}, "change.to", "differ in length"),
+        ({"change.at_s": 10, "change.to": "22222/" * 4 + "22222"}, "change.to", "kind 2, and the sensor"),
+        ({"change.at_s": 0, "change.to": "invert"}, "change.at_s.0", "greater than 0"),
+        ({"change.rate_per_h": 0}, "change.rate_per_h", "greater than 0"),
+        ({**INVERTED, "change.rate_per_h": 1}, "change.rate_per_h", "goes without change.at_s"),
+        ({"change.shares": [0.5, 0.5]}, "change.shares", "give change.rate_per_h too"),
+        ({"change.rate_per_h": 1, "change.shares": [0.5, 0.6]}, "change.shares", "sum to 1.1"),
+        ({"change.rate_per_h": 1, "change.shares": [0.5, 0.3, 0.2]}, "change.shares", "3 kinds"),
+        (
+            {"change.rate_per_h": 1e5, "floor.rows": 100, "floor.columns": 100},
+            "change.rate_per_h",
+            "changes of tiles",
+        ),
+    ],
+)
+def test_what_does_not_fit_is_refused(values: dict[str, Any], field: str, words: str) -> None:
+    with pytest.raises(InputError) as caught:
+        preset("paper").with_values(
+            values | ({} if "floor.rows" in values else {"floor.source": "random:0.48"})
+        )
+    assert caught.value.field == field
+    assert words in str(caught.value)
+
+
+def test_changes_of_a_floor_are_checked() -> None:
+    def changes(time_s: float, tile: int, kind: int) -> Changes:
+        return Changes(np.array([time_s]), np.array([tile], dtype=np.int32), np.array([kind], dtype=np.uint8))
+
+    Floor([[0, 1]], 1.0, 1.0, changes=changes(1.0, 1, 0))
+    for wrong in (
+        changes(0.0, 1, 0),
+        changes(NAN, 1, 0),
+        changes(1.0, 2, 0),
+        changes(1.0, -1, 0),
+        changes(1.0, 1, 16),
+    ):
+        with pytest.raises(InputError):
+            Floor([[0, 1]], 1.0, 1.0, changes=wrong)
+
+
+def test_a_scenario_without_change_has_the_hash_that_it_had() -> None:
+    paper = preset("paper")
+    assert "change" not in paper.to_toml()
+    assert (
+        paper.with_values(INVERTED).with_values({"change.at_s": None, "change.to": None}).hash == paper.hash
+    )
+    changed = paper.with_values(INVERTED)
+    assert changed.hash != paper.hash
+    assert Scenario.from_toml(changed.to_toml()) == changed
+
+
+def test_the_floor_of_a_recording_may_change(tmp_path: Path) -> None:
+    """The log of a simulated run, imported with its floor: tiles, truths and replays are those of the run."""
+    simulated = simulate(
+        scenario(**{"floor.source": "diagonal:0.46", "run.t_end_s": 300.0}), 4, 1, segments=True
+    )
+    write_rugbot(simulated, tmp_path / "log.csv")
+    told = preset("paper").with_values({"floor.source": "diagonal:0.46", **INVERTED, "change.at_s": 60})
+    recorded = recording_of([read_log(tmp_path / "log.csv")], told.floor_for(0, 0), told)
+    assert recorded.floor_words.startswith("The floor fits")
+    assert recorded.floor(0) == simulated.floor(0)
+    assert recorded.runs["truth"].to_list() == simulated.runs["truth"].to_list() == [1]
+    recorded.write(tmp_path / "recording")
+    assert Recording.read(tmp_path / "recording") == recorded
+    sampled, read = recorded.observations["tile"].to_numpy(), recorded.observations["observation"].to_numpy()
+    kinds = kinds_at(recorded.floor(0), sampled, recorded.motion["time_s"].to_numpy())
+    at_first = recorded.floor(0).tiles.ravel()[sampled]
+    assert (kinds == read).mean() > 0.8
+    assert (at_first == read).mean() < 0.5  # negative control: five sixths of the run lie after the change
+    with pytest.raises(InputError, match="changes during the run"):
+        labelled(recorded)
