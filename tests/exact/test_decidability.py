@@ -23,8 +23,9 @@ from vibroswarm.analysis.intervals import generator
 from vibroswarm.analysis.verdict import verdict
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.place import place_of
 from vibroswarm.observation.decision_boundary import tiled_share
-from vibroswarm.observation.edge_response import place_of, vibration_probability
+from vibroswarm.observation.edge_response import vibration_probability
 from vibroswarm.observation.energy_model import error_rates
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate

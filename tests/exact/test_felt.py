@@ -12,9 +12,10 @@ from scipy import stats
 
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.place import Place
 from vibroswarm.motion.source import MOTION
 from vibroswarm.observation.decision_boundary import sensed_shares_on
-from vibroswarm.observation.edge_response import Place, nearest_of_kind, response_of
+from vibroswarm.observation.edge_response import nearest_of_kind, response_of
 from vibroswarm.observation.energy_model import error_rates, shares_below
 from vibroswarm.observation.observe import observe
 from vibroswarm.scenario.fields import Sensor

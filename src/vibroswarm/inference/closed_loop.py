@@ -24,8 +24,17 @@ from vibroswarm.localisation.online import OnlineLocalisation
 from vibroswarm.motion.kernel_run import KernelRun
 from vibroswarm.motion.recorder import SAMPLE_ROW
 from vibroswarm.motion.source import Motion, MotionState
-from vibroswarm.observation.energy_model import log_ratios
-from vibroswarm.observation.observe import Ground, SensedFloor, energies_at, read, reads_energies
+from vibroswarm.observation.energy_model import is_sensed, log_ratios
+from vibroswarm.observation.observe import (
+    Ground,
+    SensedFloor,
+    classes_of,
+    energies_at,
+    read,
+    reads_energies,
+    values_at,
+    with_stuck_sensors,
+)
 from vibroswarm.robot.place_draws import width_of
 from vibroswarm.robot.pose_mixture import ESTIMATE
 from vibroswarm.scenario.scenario import Scenario
@@ -280,6 +289,8 @@ class ClosedLoop:
             if self.entry is None:  # the compiled function for these types, which is faster to call
                 self.entry = entry_for(record_samples, *arguments)
             self.bounds[1] = self.entry(*arguments)
+        if is_sensed(self.scenario.sensor):
+            self._sense(slice(needed - rows.size, needed))
 
     def catch_up(self, known_tick: int, stop_tick: NDArray[np.int64]) -> None:
         """Replay the samples that were added since the last call, after computing what their readings need.
@@ -315,20 +326,28 @@ class ClosedLoop:
     def _weigh_energies(self, new: slice) -> None:
         """Write the log likelihood ratios of the energies of the samples in the rows ``new``."""
         buffer, run = self.buffer, int(self.runs[0])
-        robot, sample, x_m, y_m = (
-            buffer.robot[new],
-            buffer.sample[new],
-            buffer.x_m[new],
-            buffer.y_m[new],
-        )
+        columns = (buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s)
         parts = [
-            energies_at(
-                self.scenario, ground, self.seed, run, robot[part], sample[part], x_m[part], y_m[part]
-            )
+            energies_at(self.scenario, ground, self.seed, run, *(column[new][part] for column in columns))
             for ground, part in self.ground.parts(buffer.time_s[new])
         ]
         energy = np.concatenate(parts)
         self.log_ratios[new] = log_ratios(self.scenario.sensor, buffer.observation[new], energy)
+
+    def _sense(self, new: slice) -> None:
+        """Replace the readings in the rows ``new`` by those of a sensor that depends on the place."""
+        sensor, buffer, run = self.scenario.sensor, self.buffer, int(self.runs[0])
+        columns = (buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s)
+        for ground, part in self.ground.parts(buffer.time_s[new]):
+            own = [column[new][part] for column in columns]
+            values = values_at(sensor, ground.tiles, ground.place, self.seed, run, *own)
+            buffer.observation[new][part] = with_stuck_sensors(
+                classes_of(sensor, values),
+                ground.faults,
+                run_index=np.zeros(len(values), dtype=np.int64),
+                robot=buffer.robot[new][part],
+                time_s=buffer.time_s[new][part],
+            )
 
     def rewind_to(self, time_s: float) -> None:
         """Set the swarm to its state at the earlier time ``time_s``, by replaying the run from its start.

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.edge_response import FAR, Place, place_of, share_past, vibration_probability
+from vibroswarm.floors.place import Place, place_of
+from vibroswarm.observation.edge_response import FAR, share_past, vibration_probability
 from vibroswarm.observation.energy_model import error_rates, rates
 from vibroswarm.scenario.fields import Arena, FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario

@@ -29,8 +29,8 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import kernel
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
-from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.energy_model import factors_differ, shares_below
+from vibroswarm.floors.place import Place
+from vibroswarm.observation.energy_model import factors_differ, is_sensed, shares_below
 from vibroswarm.scenario.fields import FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -41,29 +41,6 @@ CLEAR: Final = 2.4
 CLEAR_SHARE: Final = 0.0083
 """At more than CLEAR blurs from the place where half of the samples sense vibration, at most CLEAR_SHARE of the samples
 sense the farther side: Phi(-2.4) = 0.0082."""
-
-
-class Place(NamedTuple):
-    """Grid and position of a floor."""
-
-    rows: int
-    """Number of rows of tiles."""
-    columns: int
-    """Number of columns of tiles."""
-    width_m: float
-    """Width of a tile."""
-    height_m: float
-    """Height of a tile."""
-    left_m: float
-    """Left end of the floor."""
-    top_m: float
-    """Upper end of the floor."""
-
-
-def place_of(floor: Floor) -> Place:
-    """Return the grid and the position of a floor in the form that kernels use."""
-    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
-    return Place(rows, columns, width_m, height_m, left_m, bottom_m + rows * height_m)
 
 
 class Response(NamedTuple):
@@ -87,21 +64,6 @@ class Response(NamedTuple):
     shares_below: NDArray[np.float64]
     """(rows, kinds, classes - 1): share of samples on each kind of tile that read as each class or a lower one, with
     values multiplied by the row's factor; for two kinds and classes F(theta_E) on still and on vibrating tiles."""
-
-
-@kernel
-def tile_below(x_m: float, y_m: float, place: Place) -> int:
-    """Return the index of the tile under a point; -1 if no tile is there.
-
-    A point on the edge between two tiles belongs to the tile on the right, or to the lower one. A point on the right or
-    on the lower border of the floor is on no tile.
-    """
-    column = np.floor((x_m - place.left_m) / place.width_m)
-    row = np.floor((place.top_m - y_m) / place.height_m)
-    if column >= 0 and row >= 0 and column < place.columns and row < place.rows:
-        index: int = int(row) * place.columns + int(column)
-        return index
-    return -1
 
 
 @kernel
@@ -246,7 +208,10 @@ def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: S
     count = len(tiles)
     if not factors_differ(sensor):  # one row, with factor 1, for all runs, robots and tiles
         first, per_robot, factors = np.zeros(count, np.int64), np.ones(count, np.int64), np.ones(1)
-        shares = shares_below(sensor)
+        # A sensor that depends on the place is read sample by sample (``observe``), so that no shares are needed.
+        shares = (
+            np.zeros((1, sensor.kinds, sensor.readings - 1)) if is_sensed(sensor) else shares_below(sensor)
+        )
     else:
         factors_of_runs = [
             _factors(scenario, seed, run, size) for run, size in zip(runs.tolist(), tiles, strict=True)

@@ -43,6 +43,11 @@ def model_of(sensor: Sensor) -> SensorModel:
     return sensors.sensor(sensor.model)
 
 
+def is_sensed(sensor: Sensor) -> bool:
+    """Return whether values depend on the place, so that samples are measured one by one (``SensorModel.sense``)."""
+    return model_of(sensor).sense is not None
+
+
 def shares_below(sensor: Sensor, factors: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
     """Return the share of samples on each kind of tile that read as each class or a lower one.
 

@@ -29,19 +29,14 @@ from numpy.typing import NDArray
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.edge_response import (
-    Place,
-    Response,
-    factor_row,
-    place_of,
-    response_of,
-    sensed_tile,
-    tile_below,
-)
-from vibroswarm.observation.energy_model import energies_of, factors_differ
+from vibroswarm.floors.place import Place, place_of, tile_below
+from vibroswarm.observation.edge_response import Response, factor_row, response_of, sensed_tile
+from vibroswarm.observation.energy_model import energies_of, factors_differ, is_sensed, model_of
 from vibroswarm.robot.sensing import SenseProgram
 from vibroswarm.scenario.fault_draws import SensorFaults, observation_of, of_run, sensor_faults
+from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.sensors import Samples
 
 
 class SensedFloor(NamedTuple):
@@ -241,6 +236,53 @@ def read_samples(
                 kinds[k], factors[k] = kind, response.factors[row]
 
 
+def values_at(
+    sensor: Sensor,
+    tiles: NDArray[np.uint8],
+    place: Place,
+    seed: int,
+    run: int,
+    robot: NDArray[np.uint16],
+    sample: NDArray[np.uint32],
+    x_m: NDArray[np.float64],
+    y_m: NDArray[np.float64],
+    time_s: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return what a sensor that depends on the place measures at samples of one run, (samples, numbers).
+
+    Args:
+        tiles: (tiles,), kinds of the floor's tiles. place: its grid and position. seed, run: address of chance.
+        robot, sample, x_m, y_m, time_s: (samples,), columns of the motion table.
+    """
+    samples = Samples(
+        place, tiles, x_m, y_m, time_s, robot.astype(np.int64), sample.astype(np.int64), seed, run
+    )
+    return model_of(sensor).sensed(samples, sensor.params)
+
+
+def classes_of(sensor: Sensor, values: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return the classes, (samples,), that robots read of values (samples, numbers)."""
+    return model_of(sensor).classes(values, sensor.params).astype(np.uint8)
+
+
+def with_stuck_sensors(
+    observation: NDArray[np.uint8],
+    faults: SensorFaults,
+    run_index: NDArray[np.int64],
+    robot: NDArray[np.uint16],
+    time_s: NDArray[np.float64],
+) -> NDArray[np.uint8]:
+    """Return readings, (samples,), with those of sensors that are stuck by then replaced.
+
+    Args:
+        run_index: (samples,), rows of the runs in ``faults``.
+    """
+    if faults.at_0_from_s.shape[0] == 0:  # no rows: no sensor can fail
+        return observation
+    at_0, at_1 = (since[run_index, robot] <= time_s for since in (faults.at_0_from_s, faults.at_1_from_s))
+    return np.where(at_1, 1, np.where(at_0, 0, observation)).astype(np.uint8)
+
+
 class Readings(NamedTuple):
     """Readings of samples, (rows,) each."""
 
@@ -254,6 +296,8 @@ class Readings(NamedTuple):
     """Kind of the sensed tile; empty unless energies were requested."""
     factors: NDArray[np.float64]
     """Factor of the energy on the sensed tile; empty unless energies were requested."""
+    values: NDArray[np.float64]
+    """(rows, numbers): what a sensor that depends on the place measured; without rows for other sensors."""
 
 
 class Places:
@@ -286,6 +330,8 @@ class Places:
         self._tiles_and_numbers: dict[bytes, tuple[NDArray[np.int32], NDArray[np.float64]]] = {}
         # Tiles sensed by all samples, by reach and blur of edges and the bytes of the floors.
         self._sensed: dict[tuple[float, float, bytes], NDArray[np.int32]] = {}
+        # What sensors that depend on the place measured, by their settings and the bytes of the floors.
+        self._sensed_values: dict[Any, NDArray[np.float64]] = {}
         # Sensor responses, by all settings on which they depend, see ``_response``.
         self._responses: dict[Any, Response] = {}
         # Parts of runs in which a floor stays as it is, by first row and last row + 1.
@@ -319,6 +365,7 @@ class Places:
             observation=np.empty(count, dtype=np.uint8),
             kinds=np.empty(with_energies, dtype=np.uint8),
             factors=np.empty(with_energies),
+            values=self._values(scenario, floor_of_each),
         )
         faults = sensor_faults(scenario, self.seed, self.runs.tolist())
         read_samples(
@@ -326,6 +373,11 @@ class Places:
             first_tiles, tiles, response, faults, known, readings.tile, readings.numbers, sensed_known, sensed,
             readings.observation, readings.kinds, readings.factors,
         )  # fmt: skip
+        if is_sensed(scenario.sensor):
+            run_index = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))
+            readings.observation[:] = with_stuck_sensors(
+                classes_of(scenario.sensor, readings.values), faults, run_index, self._robot, self._time_s
+            )
         return readings
 
     def _read_stages(self, scenario: Scenario, floors: Mapping[int, Floor], energies: bool) -> Readings:
@@ -347,6 +399,28 @@ class Places:
         if (low, high) not in self._parts:
             self._parts[low, high] = Places(self.seed, self.samples[low:high])
         return self._parts[low, high]
+
+    def _values(self, scenario: Scenario, floors: Sequence[Floor]) -> NDArray[np.float64]:
+        """Return what a sensor that depends on the place measures at all samples, (rows, numbers); cached.
+
+        Args:
+            floors: the floor of each run. Returns: for other sensors, an array without rows.
+        """
+        if not is_sensed(scenario.sensor):
+            return np.empty((0, 1))
+        key = (scenario.sensor, *((floor.tiles.tobytes(), floor.geometry) for floor in floors))
+        if key not in self._sensed_values:
+            parts = []
+            for run, floor, begin, end in zip(self.runs, floors, self.bounds, self.bounds[1:], strict=False):
+                rows = slice(begin, end)
+                parts.append(
+                    values_at(
+                        scenario.sensor, floor.tiles.ravel(), place_of(floor), self.seed, int(run), self._robot[rows],
+                        self._sample[rows], self._x_m[rows], self._y_m[rows], self._time_s[rows],
+                    )
+                )  # fmt: skip
+            self._sensed_values[key] = read_only(np.concatenate(parts)) if parts else np.empty((0, 1))
+        return self._sensed_values[key]
 
     def _sensed_tiles(
         self,
@@ -417,12 +491,19 @@ def energies_at(
     sample: NDArray[np.uint32],
     x_m: NDArray[np.float64],
     y_m: NDArray[np.float64],
+    time_s: NDArray[np.float64],
 ) -> NDArray[np.float32]:
     """Return the energies of samples of one run, (samples,), equal to those in the table of ``observe``.
 
     Args:
-        ground: floor and sensors of the run. robot, sample, x_m, y_m: (samples,), columns of the motion table.
+        ground: floor and sensors of the run.
+        robot, sample, x_m, y_m, time_s: (samples,), columns of the motion table.
     """
+    if is_sensed(scenario.sensor):
+        values = values_at(
+            scenario.sensor, ground.tiles, ground.place, seed, run, robot, sample, x_m, y_m, time_s
+        )
+        return values[:, 0].astype(np.float32)
     kinds = np.empty(robot.size, dtype=np.uint8)
     numbers, factors = np.empty(robot.size), np.empty(robot.size)
     for k in range(robot.size):
@@ -442,6 +523,8 @@ def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
     Args:
         read: readings for which energies were requested, so that ``kinds`` and ``factors`` are filled.
     """
+    if is_sensed(scenario.sensor):
+        return read.values[:, 0].astype(np.float32)
     factors = read.factors if factors_differ(scenario.sensor) else None  # None: all are 1
     return energies_of(scenario.sensor, read.kinds, read.numbers, factors)
 

@@ -196,6 +196,23 @@ def _check_sensor(s: Sections) -> None:
                 f"multiplies strengths, and '{sensor.model}' measures none; leave it out",
                 field=f"sensor.{field}",
             )
+    if known.sense is not None:
+        _check_options_of_laws(s)
+
+
+def _check_options_of_laws(s: Sections) -> None:
+    """Refuse what changes the law of a kind of tile, for a sensor that measures at each place."""
+    options = {
+        "sensor.edge_reach_m": s.sensor.edge_reach_m is not None,
+        "sensor.edge_blur_m": s.sensor.edge_blur_m is not None,
+        "faults.biased": bool(s.faults.biased),
+    }
+    for field, is_set in options.items():
+        if is_set:
+            raise InputError(
+                f"changes the law of a kind of tile, and '{s.sensor.model}' measures at each place; leave it out",
+                field=field,
+            )
 
 
 def _check_kinds(s: Sections) -> None:

@@ -18,6 +18,13 @@ A sensor is one file: parameters, and plain functions of NumPy arrays.
     def reading(value, p): ...             # (samples,) classes of values
     def likelihood(kind, value, p): ...    # optional: density (or share) of values under the law of one kind
 
+A sensor whose values depend on the place, as acceleration does, has in place of ``measure``
+
+    def sense(samples, p): ...             # (samples, numbers) values: of ``Samples``, each of up to 16 numbers
+
+and its ``reading`` gets all numbers of each value; the first is the energy of the tables. Its laws are those at
+uniformly random places on floors of ``REFERENCE``, with all kinds in equal shares (``reference_values``).
+
 ``measure`` must not fall as u grows, nor ``reading`` as the value grows: the share of samples that read as a class
 follows from this exactly, without random numbers (``shares_up_to``). What is measured and what robots claim are two
 things: ``likelihood`` may state another law than ``measure`` draws from, for robots that are wrong about their sensor.
@@ -27,15 +34,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from functools import lru_cache
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
 from vibroswarm.core.registry import Registry
+from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError, shown
+from vibroswarm.floors.place import Place
 from vibroswarm.strategies.base import Plugin
 
 MOST_KINDS: Final = 16
@@ -46,9 +56,41 @@ Values = NDArray[np.float64]
 """Measured values, of any shape."""
 
 
+MOST_NUMBERS: Final = 16
+"""Most numbers that a sample measures."""
+REFERENCE: Final = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
+"""Grid of the floors on which the laws of sensors that depend on the place are found: that of the study."""
+REFERENCE_RUNS: Final = 40
+REFERENCE_SAMPLES: Final = 250
+"""Number of these floors, and of samples on each."""
+
+
+class Samples(NamedTuple):
+    """Samples of one run: where and when they are taken, on what floor, and the address of their chance."""
+
+    place: Place
+    """Grid and position of the floor."""
+    tiles: NDArray[np.uint8]
+    """(tiles,): kinds of the tiles, top row first."""
+    x_m: Values
+    y_m: Values
+    time_s: Values
+    """(samples,): place and time of each sample."""
+    robot: NDArray[np.int64]
+    sample: NDArray[np.int64]
+    """(samples,): number of the robot, and of the sample among its own."""
+    seed: int
+    run: int
+
+
 def _two(p: Any) -> int:
     """Return 2, the number of kinds and of readings of a sensor that does not state another."""
     return 2
+
+
+def _one_energy(p: Any) -> tuple[str, ...]:
+    """Return the name of the one number of a sensor that does not state others."""
+    return ("energy",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,7 +98,10 @@ class SensorModel(Plugin):
     """A sensor, see the module's docstring.
 
     Args:
-        measure, reading, kinds, readings, likelihood: the functions of the module's docstring.
+        measure, sense, reading, kinds, readings, likelihood: the functions of the module's docstring.
+        has_threshold: whether the parameters, in a table of their own, have ``rms_threshold`` of the section beside.
+        numbers: names of the numbers of a value, a function of the parameters; the first is the energy of the tables.
+        warnings: optional, a function of the parameters that returns sentences on what robots cannot tell apart.
         share_at_most: optional, a function (kind, thresholds, p) for sensors whose reading is 1 above
             ``sensor.rms_threshold``: the share of values of a kind at or below each threshold, if that has a formula.
         check: optional, a function of the parameters that raises an ``InputError`` if they do not go together.
@@ -64,8 +109,9 @@ class SensorModel(Plugin):
         scales: whether values are strengths, which ``sensor.tile_spread`` and ``robot_spread`` may multiply.
     """
 
-    measure: Callable[[int, Values, Any], Values]
     reading: Callable[[Values, Any], NDArray[Any]]
+    measure: Callable[[int, Values, Any], Values] | None = None
+    sense: Callable[[Samples, Any], Values] | None = None
     kinds: Callable[[Any], int] = _two
     readings: Callable[[Any], int] = _two
     likelihood: Callable[[int, Values, Any], Values] | None = None
@@ -73,15 +119,18 @@ class SensorModel(Plugin):
     check: Callable[[Any], None] | None = None
     in_section: bool = False
     scales: bool = False
+    has_threshold: bool = False
+    numbers: Callable[[Any], tuple[str, ...]] = _one_energy
+    warnings: Callable[[Any], list[str]] | None = None
 
     def __post_init__(self) -> None:
         """Check the name and the functions, and replace the class of parameters (``Plugin``).
 
         Raises:
-            InputError: the name is invalid, or ``measure`` or ``reading`` is not a function.
+            InputError: the name is invalid, or ``measure`` (or ``sense``) or ``reading`` is not a function.
         """
         super().__post_init__()
-        for part in ("measure", "reading"):
+        for part in ("measure" if self.sense is None else "sense", "reading"):
             if not callable(getattr(self, part)):
                 raise InputError(f"has no function {part}", field=f"sensor '{self.name}'")
 
@@ -127,6 +176,8 @@ class SensorModel(Plugin):
         Raises:
             CodeError: ``measure`` raised an error, or returned another shape, or values that are not finite.
         """
+        if self.measure is None:
+            return np.quantile(self.reference_values(p)[kind][:, 0], u)
         with errors_in(self.code):
             values = np.asarray(self.measure(kind, u, p), dtype=np.float64)
         if values.shape != u.shape or not np.isfinite(values).all():
@@ -135,8 +186,28 @@ class SensorModel(Plugin):
             )
         return values
 
+    def sensed(self, samples: Samples, p: BaseModel) -> Values:
+        """Return what ``sense`` measures at samples of one run, (samples, numbers).
+
+        Raises:
+            CodeError: ``sense`` returned another shape, or numbers that are not finite.
+        """
+        assert self.sense is not None
+        with errors_in(self.code):
+            values = np.asarray(self.sense(samples, p), dtype=np.float64)
+        shape = (samples.x_m.size, len(self.numbers(p)))
+        if values.shape != shape or not np.isfinite(values).all():
+            raise CodeError(
+                f"sensor '{self.name}', sense: returned {shown(values)}; return finite numbers of the shape {shape}"
+            )
+        return values
+
+    def reference_values(self, p: BaseModel) -> tuple[Values, ...]:
+        """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each."""
+        return _reference_values(self, p)
+
     def classes(self, value: Values, p: BaseModel) -> NDArray[np.int64]:
-        """Return the readings of values, in the shape of ``value``.
+        """Return the readings of values, in the shape of ``value``; of ``sense``, one for each row.
 
         Raises:
             CodeError: ``reading`` raised an error, or returned another shape, or classes that do not exist.
@@ -146,7 +217,7 @@ class SensorModel(Plugin):
             found = np.asarray(self.reading(value, p))
             classes = found.astype(np.int64)
         if (
-            found.shape != value.shape
+            found.shape != (value.shape if self.sense is None else value.shape[:1])
             or (classes != found).any()
             or not ((classes >= 0) & (classes < count)).all()
         ):
@@ -167,12 +238,15 @@ class SensorModel(Plugin):
         Raises:
             CodeError: the reading falls as u grows.
         """
+        borders = range(1, self.number_of("readings", p))
+        if self.measure is None:
+            classes = self.classes(self.reference_values(p)[kind], p)
+            return np.array([[(classes < border).mean() for border in borders]] * factors.size)
         # ``check_sensor`` looks more closely; here what would make readings and values of a run contradict each other.
         if (np.diff(self.classes(self.values(kind, TRIED, p), p)) < 0).any():
             raise CodeError(
                 f"sensor '{self.name}': the reading falls as u grows; see the protocol of sensors"
             )
-        borders = range(1, self.number_of("readings", p))
         return np.stack([self._first_above(kind, factors, border, p) for border in borders], axis=-1)
 
     def _first_above(self, kind: int, factors: Values, border: int, p: BaseModel) -> Values:
@@ -188,6 +262,29 @@ class SensorModel(Plugin):
             is_below = below(middle)
             low, high = np.where(is_below, middle, low), np.where(is_below, high, middle)
         return np.where(high_is_below, 1.0, np.where(low_is_below, low, 0.0))
+
+
+@lru_cache(maxsize=16)
+def _reference_values(model: SensorModel, p: BaseModel) -> tuple[Values, ...]:
+    """Return ``SensorModel.reference_values``; cached, because every scenario with this sensor needs them."""
+    kinds, tiles = model.number_of("kinds", p), REFERENCE.rows * REFERENCE.columns
+    below: list[NDArray[np.uint8]] = []
+    found: list[Values] = []
+    number = np.arange(REFERENCE_SAMPLES)
+    for run in range(REFERENCE_RUNS):
+        # Kinds in turn, in random order; the first one is another in each run, as the shares cannot be quite equal.
+        order = np.argsort(uniforms(0, run, 0, Purpose.FLOOR, tiles), kind="stable")
+        floor = ((order + run) % kinds).astype(np.uint8)
+        x_m, y_m = (uniforms(0, run, axis, Purpose.PLACEMENT, REFERENCE_SAMPLES) for axis in (0, 1))
+        samples = Samples(
+            REFERENCE, floor, x_m, y_m, np.asarray(3.0 * number), np.zeros_like(number), number, seed=0, run=run
+        )  # fmt: skip
+        found.append(model.sensed(samples, p))
+        column = (x_m / REFERENCE.width_m).astype(np.int64)
+        row = REFERENCE.rows - 1 - (y_m / REFERENCE.height_m).astype(np.int64)
+        below.append(floor[row * REFERENCE.columns + column])
+    values, kind = np.concatenate(found), np.concatenate(below)
+    return tuple(values[kind == one] for one in range(kinds))
 
 
 _registry = Registry[SensorModel]("sensor", "sensor.model")
