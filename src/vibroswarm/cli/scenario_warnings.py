@@ -30,6 +30,7 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
     """
     from vibroswarm.motion.robot_params import scenario_warnings
     from vibroswarm.observation.edge_response import edge_warnings
+    from vibroswarm.observation.energy_model import sensor_warnings
     from vibroswarm.scenario.fault_fields import fault_warnings
 
     texts = dict.fromkeys(  # each different warning once, in order
@@ -39,6 +40,7 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
             *scenario_warnings(scenario),
             *fault_warnings(scenario.faults, scenario.swarm.robots),
             *edge_warnings(scenario),
+            *sensor_warnings(scenario.sensor),
         )
     )
     new = [text for text in texts if text not in _printed]

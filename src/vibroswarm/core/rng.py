@@ -54,6 +54,8 @@ class Purpose(IntEnum):
     LOCALISATION = 21
     VEER = 22
     CHANGE = 23
+    VIBRATION = 24
+    MOTOR = 25
     VIDEO = 30
 
 
@@ -98,6 +100,10 @@ ODOMETRY: Final = _number(Purpose.ODOMETRY)
 LOCALISATION: Final = _number(Purpose.LOCALISATION)
 VEER: Final = _number(Purpose.VEER)
 """Purpose of the numbers by which a robot's misalignment varies (``robot_params``)."""
+VIBRATION: Final = _number(Purpose.VIBRATION)
+"""Purpose of the numbers of one sample's acceleration: feet, contact, noise, phases (``sensors.acceleration``)."""
+MOTOR: Final = _number(Purpose.MOTOR)
+"""Purpose of the numbers by which motors below tiles vary in time, which all robots feel."""
 
 CHANGE: Final = _number(Purpose.CHANGE)
 """Purpose of the numbers by which a floor changes during a run (``floors.changes``)."""

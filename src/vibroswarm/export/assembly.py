@@ -90,9 +90,11 @@ def parts_of(scenario: Scenario) -> RobotParts:
         # The method "mixture" keeps several Gaussians, any other method one.
         count = scenario.localisation.components if scenario.place_method == "mixture" else 1
         mixture = empty_mixture(count, lag)
-    if not sensors.sensor(scenario.sensor.model).in_section:
+    reads_energy = sensors.sensor(scenario.sensor.model).in_section or scenario.sensor.model == "acceleration"
+    if not (reads_energy and scenario.sensor.readings == 2):
         raise InputError(
-            f"'{scenario.sensor.model}' cannot be exported: robots measure vibration, with gamma or energies",
+            f"'{scenario.sensor.model}' cannot be exported: robots measure vibration, with gamma, energies, or "
+            "acceleration of two kinds",
             field="sensor.model",
         )
     setup = setup_of(scenario)

@@ -326,7 +326,9 @@ class ClosedLoop:
     def _weigh_energies(self, new: slice) -> None:
         """Write the log likelihood ratios of the energies of the samples in the rows ``new``."""
         buffer, run = self.buffer, int(self.runs[0])
-        columns = (buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s)
+        columns: tuple[NDArray[Any], ...] = (
+            buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s
+        )  # fmt: skip
         parts = [
             energies_at(self.scenario, ground, self.seed, run, *(column[new][part] for column in columns))
             for ground, part in self.ground.parts(buffer.time_s[new])
@@ -337,7 +339,9 @@ class ClosedLoop:
     def _sense(self, new: slice) -> None:
         """Replace the readings in the rows ``new`` by those of a sensor that depends on the place."""
         sensor, buffer, run = self.scenario.sensor, self.buffer, int(self.runs[0])
-        columns = (buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s)
+        columns: tuple[NDArray[Any], ...] = (
+            buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s
+        )  # fmt: skip
         for ground, part in self.ground.parts(buffer.time_s[new]):
             own = [column[new][part] for column in columns]
             values = values_at(sensor, ground.tiles, ground.place, self.seed, run, *own)

@@ -48,6 +48,12 @@ def is_sensed(sensor: Sensor) -> bool:
     return model_of(sensor).sense is not None
 
 
+def sensor_warnings(sensor: Sensor) -> list[str]:
+    """Return what the sensor says of kinds that its robots cannot tell apart; nothing if its code is not loaded."""
+    known = sensors.known().get(sensor.model)
+    return [] if known is None or known.warnings is None else known.warnings(sensor.params)
+
+
 def shares_below(sensor: Sensor, factors: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
     """Return the share of samples on each kind of tile that read as each class or a lower one.
 

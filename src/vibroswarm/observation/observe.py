@@ -37,6 +37,7 @@ from vibroswarm.scenario.fault_draws import SensorFaults, observation_of, of_run
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples
+from vibroswarm.sensors.acceleration import sensing
 
 
 class SensedFloor(NamedTuple):
@@ -137,10 +138,14 @@ USUAL_MS = 500.0
 def sense_program(scenario: Scenario) -> SenseProgram:
     """Return the parameters with which a real robot's readings become an energy; simulated energies are drawn instead.
 
-    A stop has two parts: the robot stands until vibrations settle, then reads the signal until the stop ends. The
-    sampling rate and the filter have the defaults of ``SenseProgram``, as a scenario has no fields for them.
+    A stop has two parts: the robot stands until vibrations settle, then reads the signal until the stop ends. Rate,
+    filter and time of reading are those of the sensor ``acceleration``; for other sensors, rate and filter have the
+    defaults of ``SenseProgram``.
     """
     stop_ms = scenario.sample.stop_ms
+    if scenario.sensor.model == "acceleration":
+        program = sensing(scenario.sensor.params)
+        return program._replace(settle_ms=stop_ms - program.signal_ms)
     # If the time of reading is not given, it is the usual one, but at most half of the stop.
     signal_ms = scenario.sample.signal_ms or min(USUAL_MS, 0.5 * stop_ms)
     return SenseProgram(settle_ms=stop_ms - signal_ms, signal_ms=signal_ms)

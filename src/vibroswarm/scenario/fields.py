@@ -283,8 +283,8 @@ class Sensor(Choice):
     selector = "model"
     known = staticmethod(known_sensors)
     model: str = "gamma"
-    """Draw energies from Gamma distributions (gamma), or from measured ones (energies); or tell several kinds of
-    tile apart (confusion)."""
+    """Draw energies from Gamma distributions (gamma), or from measured ones (energies); tell several kinds of
+    tile apart (confusion), or compute the acceleration that a robot feels (acceleration)."""
     rms_threshold: Annotated[float, Field(ge=0, le=1e9)] = 1.33
     """theta_E: a sample reads as vibrating when E exceeds it."""
     vibrating_shape: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.33497
@@ -319,7 +319,14 @@ class Sensor(Choice):
     def params(self) -> Any:
         """Parameters of the selected sensor: its table, or this section, of which they are fields."""
         known = known_sensors().get(self.model)
-        return self if known is not None and known.in_section else self.table(self.model)
+        if known is None:
+            return self.table(self.model)
+        if known.in_section:
+            return self
+        table = self.table(self.model)
+        return (
+            table.model_copy(update={"rms_threshold": self.rms_threshold}) if known.has_threshold else table
+        )
 
     @property
     def kinds(self) -> int:

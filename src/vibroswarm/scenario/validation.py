@@ -181,6 +181,21 @@ def _check_signal(s: Sections) -> None:
         )
 
 
+def _check_time_of_reading(s: Sections) -> None:
+    """Refuse a time of reading that the stop does not have, or that two fields state."""
+    signal_ms = s.sensor.params.signal_ms
+    if s.sample.signal_ms is not None:
+        raise InputError(
+            "has no effect beside the sensor 'acceleration'; set sensor.acceleration.signal_ms",
+            field="sample.signal_ms",
+        )
+    if signal_ms > s.sample.stop_ms:
+        raise InputError(
+            f"{signal_ms:g} is longer than the stop, which is sample.stop_ms = {s.sample.stop_ms:g}",
+            field="sensor.acceleration.signal_ms",
+        )
+
+
 def _check_sensor(s: Sections) -> None:
     """Refuse what the sensor's own check refuses, and options that its readings do not have."""
     sensor = s.sensor
@@ -198,6 +213,8 @@ def _check_sensor(s: Sections) -> None:
             )
     if known.sense is not None:
         _check_options_of_laws(s)
+    if sensor.model == "acceleration":
+        _check_time_of_reading(s)
 
 
 def _check_options_of_laws(s: Sections) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibroswarm.sensors import confusion, energies, gamma  # noqa: F401  (they register themselves)
-from vibroswarm.sensors.base import SensorModel, forget, known, names, register, sensor
+from vibroswarm.sensors import acceleration, confusion, energies, gamma  # noqa: F401  (they register themselves)
+from vibroswarm.sensors.base import Samples, SensorModel, forget, known, names, register, sensor
 
-__all__ = ["SensorModel", "forget", "known", "names", "register", "sensor"]
+__all__ = ["Samples", "SensorModel", "forget", "known", "names", "register", "sensor"]

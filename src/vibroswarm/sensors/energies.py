@@ -11,6 +11,7 @@ Its parameters, ``vibrating_energies`` and ``still_energies``, are fields of the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -42,10 +43,18 @@ def share_at_most(kind: int, thresholds: Values, p: Any) -> Values:
 
 def likelihood(kind: int, value: Values, p: Any) -> Values:
     """Return the density of energies on a kind of tile, from a histogram; energies beyond it are in its outer bins."""
-    together = np.concatenate([measured_of(0, p), measured_of(1, p)])
+    return histogram_density([measured_of(0, p), measured_of(1, p)], kind, value)
+
+
+def histogram_density(measured: Sequence[Values], kind: int, value: Values) -> Values:
+    """Return the density of values on a kind of tile, from a histogram of those measured on each kind.
+
+    Values beyond the histogram are in its outer bins. Bins are the same for all kinds.
+    """
+    together = np.concatenate(measured)
     # If many energies are equal, some quantiles coincide; each is used once, so there are fewer bins.
     edges = np.unique(np.quantile(together, np.arange(1, BINS) / BINS))
-    counts = np.bincount(np.searchsorted(edges, measured_of(kind, p), side="right"), minlength=edges.size + 1)
+    counts = np.bincount(np.searchsorted(edges, measured[kind], side="right"), minlength=edges.size + 1)
     shares = (counts + 0.5) / (counts + 0.5).sum()  # 0.5: an empty bin must not have the share 0
     ends = np.concatenate([[together.min()], edges, [together.max()]])
     widths = np.maximum(np.diff(ends), 1e-9)  # a bin of equal energies has no width

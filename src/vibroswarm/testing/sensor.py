@@ -38,7 +38,13 @@ def _model_and_params(name: str) -> tuple[SensorModel, Any]:
     section = Scenario().sensor.model_copy(
         update={"model": name} | {field.partition(".")[2]: value for field, value in values.items()}
     )
-    return model, section if model.in_section else model.params()
+    # ``params`` also gives a table the threshold of the section, if the sensor has one.
+    return model, section if model.in_section else Scenario.model_construct(sensor=section).sensor.params
+
+
+def _values(model: SensorModel, kind: int, p: Any) -> NDArray[np.float64]:
+    """Return what samples on a kind of tile measure: at ``U``, or at reference places."""
+    return model.values(kind, U, p) if model.sense is None else model.reference_values(p)[kind]
 
 
 def _numbers_of_kinds(name: str) -> Iterator[str]:
@@ -59,8 +65,8 @@ def _readings(name: str) -> Iterator[str]:
     """
     model, p = _model_and_params(name)
     for kind in range(model.number_of("kinds", p)):
-        classes = model.classes(model.values(kind, U, p), p)
-        falls = np.flatnonzero(np.diff(classes) < 0)
+        classes = model.classes(_values(model, kind, p), p)
+        falls = np.flatnonzero(np.diff(classes) < 0) if model.sense is None else np.empty(0, dtype=np.int64)
         if falls.size:
             yield f"on kind {kind} the reading falls from {classes[falls[0]]} as u grows beyond {U[falls[0]]:.4g}"
 
@@ -82,7 +88,7 @@ def _shares(name: str) -> Iterator[str]:
     """Check that the shares of classes are those that are measured."""
     model, p = _model_and_params(name)
     for kind in range(model.number_of("kinds", p)):
-        classes = model.classes(model.values(kind, U, p), p)
+        classes = model.classes(_values(model, kind, p), p)
         measured = [(classes <= j).mean() for j in range(model.number_of("readings", p) - 1)]
         shares = _shares_up_to(model, kind, p)
         if np.abs(shares - measured).max() > MARGIN:

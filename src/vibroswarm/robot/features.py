@@ -1,0 +1,224 @@
+"""Features of a sample's signal: what a robot can compute of its readings beside their energy.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| signal | s_i | as measured | readings after the high-pass: of the magnitude, or of one axis |
+| band | B(f) | as measured, squared | 2 abs(X)^2 / n^2, X = sum of s_i exp(-2 pi j f i / rate): A^2 / 2 of a sine of amplitude A at f |
+| peak_hz | f_p | Hz | frequency of the largest bin of the Hann-windowed spectrum, by a parabola through three bins |
+| peak_height | - | as measured | amplitude of the sine at f_p |
+| crossings_hz | - | Hz | changes of sign a second, divided by 2: the frequency, for a sine |
+| variance, kurtosis | m_2, m_4 / m_2^2 | - | central moments; the kurtosis of a sine is 1.5, of a normal law 3 |
+| peak_magnitude | - | as measured | largest abs(s_i) |
+
+All take a fixed memory: moments are sums, a band is Goertzel's recursion of two numbers, and the spectrum needs
+``POINTS`` readings and as many numbers beside; later readings of a longer signal are not in it.
+"""  # noqa: E501
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vibroswarm.core.jit import kernel
+
+POINTS: Final = 256
+"""Number of points of the spectrum, a power of two. A shorter signal is padded with zeros."""
+
+
+class Moments(NamedTuple):
+    """What a robot keeps of its signal so far."""
+
+    taken: int
+    last: float
+    """The last reading, for the next change of sign."""
+    crossings: int
+    total: float
+    squares: float
+    cubes: float
+    fourths: float
+    """Sums of s_i, s_i^2, s_i^3 and s_i^4."""
+    largest: float
+    """Largest abs(s_i)."""
+
+
+@kernel
+def begin_moments() -> Moments:
+    """Return the state before the first reading."""
+    return Moments(0, 0.0, 0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@kernel
+def moments_step(state: Moments, value: float) -> Moments:
+    """Return the state after one more reading of the signal."""
+    square = value * value
+    crossed = 1 if state.taken > 0 and (value >= 0.0) != (state.last >= 0.0) else 0
+    return Moments(
+        state.taken + 1,
+        value,
+        state.crossings + crossed,
+        state.total + value,
+        state.squares + square,
+        state.cubes + square * value,
+        state.fourths + square * square,
+        max(state.largest, abs(value)),
+    )
+
+
+@kernel
+def signal_variance(state: Moments) -> float:
+    """Return m_2, the variance of the readings so far; 0 before the first."""
+    if state.taken == 0:
+        return 0.0
+    mean = state.total / state.taken
+    return max(state.squares / state.taken - mean * mean, 0.0)
+
+
+@kernel
+def kurtosis(state: Moments) -> float:
+    """Return m_4 / m_2^2 of the readings so far; 0 if they do not vary."""
+    m2 = signal_variance(state)
+    if m2 <= 0.0:
+        return 0.0
+    n, mean = state.taken, state.total / state.taken
+    m4 = (
+        state.fourths / n
+        - 4.0 * mean * state.cubes / n
+        + 6.0 * mean * mean * state.squares / n
+        - 3.0 * mean * mean * mean * mean
+    )
+    return m4 / (m2 * m2)
+
+
+@kernel
+def crossings_hz(state: Moments, rate_hz: float) -> float:
+    """Return half the number of changes of sign a second; 0 before the second reading."""
+    return 0.5 * state.crossings * rate_hz / (state.taken - 1) if state.taken > 1 else 0.0
+
+
+class Band(NamedTuple):
+    """Goertzel's recursion for one frequency: its last two numbers."""
+
+    last: float
+    before: float
+
+
+@kernel
+def band_coefficient(band_hz: float, rate_hz: float) -> float:
+    """Return 2 cos(2 pi f / rate), the coefficient of ``band_step``."""
+    return 2.0 * math.cos(2.0 * math.pi * band_hz / rate_hz)
+
+
+@kernel
+def band_step(band: Band, coefficient: float, value: float) -> Band:
+    """Return the recursion after one more reading of the signal."""
+    return Band(value + coefficient * band.last - band.before, band.last)
+
+
+@kernel
+def band_energy(band: Band, coefficient: float, taken: int) -> float:
+    """Return B(f) after ``taken`` readings, at least one."""
+    power = band.last * band.last + band.before * band.before - coefficient * band.last * band.before
+    return 2.0 * power / (float(taken) * float(taken))
+
+
+@kernel
+def transform(real: NDArray[np.float64], imaginary: NDArray[np.float64]) -> None:
+    """Replace complex numbers by their discrete Fourier transform, in place (radix 2, decimation in time).
+
+    Args:
+        real, imaginary: (points,) each; the number of points is a power of two.
+    """
+    n = real.shape[0]
+    j = 0
+    for i in range(1, n):  # numbers in the order of their indices' reversed bits
+        bit = n // 2
+        while j >= bit:
+            j -= bit
+            bit = bit // 2
+        j += bit
+        if i < j:
+            real_i, imaginary_i = real[i], imaginary[i]
+            real[i], imaginary[i] = real[j], imaginary[j]
+            real[j], imaginary[j] = real_i, imaginary_i
+    half = 1
+    while half < n:
+        for k in range(half):  # one rotation for all butterflies with the same place in their block
+            cosine, sine = math.cos(math.pi * k / half), -math.sin(math.pi * k / half)
+            for i in range(k, n, 2 * half):
+                m = i + half
+                turned_real = cosine * real[m] - sine * imaginary[m]
+                turned_imaginary = cosine * imaginary[m] + sine * real[m]
+                real[m], imaginary[m] = real[i] - turned_real, imaginary[i] - turned_imaginary
+                real[i], imaginary[i] = real[i] + turned_real, imaginary[i] + turned_imaginary
+        half *= 2
+
+
+@kernel
+def hann(i: int, count: int) -> float:
+    """Return the weight of reading ``i`` of ``count`` in Hann's window."""
+    return 0.5 - 0.5 * math.cos(2.0 * math.pi * (i + 0.5) / count)
+
+
+class Peak(NamedTuple):
+    """The largest peak of a spectrum."""
+
+    hz: float
+    height: float
+    """Amplitude of the sine at this frequency."""
+
+
+@kernel
+def spectrum_peak(
+    signal: NDArray[np.float64],
+    taken: int,
+    rate_hz: float,
+    real: NDArray[np.float64],
+    imaginary: NDArray[np.float64],
+) -> Peak:
+    """Return the largest peak of the spectrum of a signal.
+
+    Args:
+        signal: readings, of which the first ``taken`` are used, at most as many as there are points.
+        rate_hz: readings per second. real, imaginary: (points,), overwritten.
+    """
+    points = real.shape[0]
+    count = min(taken, points)
+    for i in range(points):
+        real[i], imaginary[i] = 0.0, 0.0
+    for i in range(count):
+        real[i] = hann(i, count) * signal[i]
+    transform(real, imaginary)
+    best, largest = 1, -1.0
+    for k in range(1, points // 2):
+        power = power_of(real, imaginary, k)
+        if power > largest:
+            best, largest = k, power
+    if largest <= 0.0:
+        return Peak(0.0, 0.0)
+    # The logarithm of a window's main lobe is nearly a parabola, whose top lies between bins.
+    low = math.log(max(power_of(real, imaginary, best - 1), 1e-300))
+    middle = math.log(largest)
+    high = math.log(max(power_of(real, imaginary, best + 1), 1e-300))
+    bend = low - 2.0 * middle + high
+    shift = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
+    shift = min(max(shift, -0.5), 0.5)
+    top = middle - 0.25 * (low - high) * shift
+    # Hann's window has the mean 1/2, so that a sine of amplitude A has a line of height A count / 4.
+    return Peak((best + shift) * rate_hz / points, 4.0 * math.exp(0.5 * top) / count)
+
+
+@kernel
+def power_of(real: NDArray[np.float64], imaginary: NDArray[np.float64], k: int) -> float:
+    """Return the squared magnitude of bin ``k``."""
+    power: float = real[k] * real[k] + imaginary[k] * imaginary[k]
+    return power
+
+
+@kernel
+def alias_hz(frequency_hz: float, rate_hz: float) -> float:
+    """Return the frequency, from 0 to half of the rate, at which readings at this rate show a frequency."""
+    folded = frequency_hz - rate_hz * math.floor(frequency_hz / rate_hz)
+    return min(folded, rate_hz - folded)

@@ -1,0 +1,553 @@
+"""The robots' accelerometer: tiles that motors shake, a robot on two feet, and the robot's own chain of sensing.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| tile | z_i | m/s^2 | (D + kappa L) z = D d: rigid tiles on springs, joined to their neighbours by the frame |
+| stiffness | D | - | 1 - r^2 + 2 j zeta r with r = f / ``tile_hz``: one tile's own, at the motor's frequency f |
+| neighbours | L | - | the grid's Laplacian: (L z)_i = sum of z_i - z_j over the tiles j beside i |
+| drive | d_s | m/s^2 | acceleration that the motor of tile s would give it alone: amplitude exp(jitter n_s) |
+| response | G_is | - | abs of the element (i, s) of D (D + kappa L)^-1 |
+| robot | a_s | m/s^2 | d_s sqrt(mean of G_is^2 over the tiles i below its two feet): heave and pitch together |
+| upwards | a(t) | m/s^2 | gravity + gain [contact * sum of a_s cos(2 pi f_s t + phase_s) + noise] |
+| value | - | - | features of the signal after the robot's high-pass (``robot.sensing``, ``robot.features``) |
+
+Kind 0 has no motor; kind k has one of ``motor_hz[k - 1]``. A motor's amplitude and frequency are drawn again every
+``WANDER_S``, the same for all robots; contact and phases are drawn for each sample. n is standard normal.
+Two kinds are read as energy > theta_E, as the paper's robots do. More are told apart by the peak's frequency: a sample
+with an energy above theta_E is of the kind whose motor, as the rate folds it, is nearest to the peak.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Annotated, Any, Final, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from vibroswarm.core.jit import inner, kernel, signed
+from vibroswarm.core.rng import ALONE, FIRST, HARDWARE, MOTOR, OF_SENSOR, VIBRATION, uniform
+from vibroswarm.errors import InputError
+from vibroswarm.floors.place import Place, tile_below
+from vibroswarm.robot.features import (
+    POINTS,
+    Band,
+    alias_hz,
+    band_coefficient,
+    band_energy,
+    band_step,
+    begin_moments,
+    crossings_hz,
+    kurtosis,
+    moments_step,
+    signal_variance,
+    spectrum_peak,
+)
+from vibroswarm.robot.sensing import (
+    SenseProgram,
+    begin_sense,
+    energy,
+    high_pass,
+    high_passed,
+    readings,
+    sense_step,
+)
+from vibroswarm.sensors.base import MOST_KINDS, MOST_NUMBERS, Samples, SensorModel, Values, register
+from vibroswarm.sensors.energies import histogram_density
+
+GRAVITY_M_S2: Final = 9.81
+WANDER_S: Final = 20.0
+"""Time for which a motor keeps its amplitude and frequency, s."""
+STEPS: Final = 2
+"""Motors are felt from at most this many rows and columns of tiles away."""
+SIDE: Final = 2 * STEPS + 1
+"""Tiles along a side of the square from which motors are felt."""
+MOST_TILES: Final = 1600
+"""Most tiles of a floor; the tiles' equations are solved together."""
+FAINT: Final = 1e-3
+"""Sinusoids of less than this share of the largest drive are left out."""
+AXES: Final = ("magnitude", "x", "y", "z")
+"""Signals that features may be of."""
+FEATURES: Final = (
+    "energy", "peak_hz", "peak_height", "crossings_hz", "variance", "kurtosis", "peak_magnitude",
+)  # fmt: skip
+"""Features by name, beside those of bands: ``band_82.5`` is the energy of the band at 82.5 Hz."""
+
+Hertz = Annotated[float, Field(gt=0, le=1e5)]
+
+
+class Params:
+    """Motors, tiles, frame, robot and accelerometer."""
+
+    motor_hz: Annotated[tuple[Hertz, ...], Field(min_length=1, max_length=MOST_KINDS - 1, strict=False)] = (
+        165.0,
+    )
+    """Frequency of the motor below tiles of kind 1, 2, ..., Hz; tiles of kind 0 have no motor."""
+    amplitude_m_s2: Annotated[float, Field(gt=0, le=1e4)] = 5.85
+    """Peak acceleration that a motor gives its tile alone (median)."""
+    motor_jitter: Annotated[float, Field(ge=0, le=2)] = 0.545
+    """Standard deviation of the logarithm of a motor's amplitude in time."""
+    frequency_jitter: Annotated[float, Field(ge=0, le=0.2)] = 0.005
+    """Standard deviation of a motor's frequency in time, as a share of it."""
+    coupling: Annotated[float, Field(ge=0, le=10)] = 0.1815
+    """kappa: stiffness of the frame between two tiles, as a share of a tile's own springs."""
+    tile_hz: Annotated[float, Field(gt=0, le=1e5)] = 400.0
+    """Frequency at which a tile would swing on its springs, alone."""
+    damping: Annotated[float, Field(gt=0, le=10)] = 0.05
+    """zeta: damping of a tile, as a share of the critical one."""
+    lateral: Annotated[float, Field(ge=0, le=10)] = 0.1
+    """Horizontal acceleration of a tile, as a share of the vertical one."""
+    feet_m: Annotated[float, Field(ge=0, le=1)] = 0.0425
+    """Distance between the robot's feet, which straddle edges."""
+    contact_jitter: Annotated[float, Field(ge=0, le=2)] = 0.245
+    """Standard deviation of the logarithm of how well a robot's feet take up vibration, from sample to sample."""
+    gain_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
+    """Standard deviation of the logarithm of the gain of a robot's accelerometer, drawn per robot and run."""
+    noise_m_s2: Annotated[float, Field(ge=0, le=1e4)] = 0.394
+    """Standard deviation of the accelerometer's noise, in each axis."""
+    rate_hz: Annotated[float, Field(gt=0, le=1e5)] = 350.0
+    """Readings of the accelerometer per second."""
+    signal_ms: Annotated[float, Field(gt=0, le=1e5)] = 500.0
+    """How long it is read for a sample."""
+    cutoff_hz: Annotated[float, Field(gt=0, le=1e5)] | None = None
+    """Where the high-pass has -3 dB; if omitted, the filter is that of the study's robots, with 65.5 Hz at 350 Hz."""
+    axis: Literal["magnitude", "x", "y", "z"] = "magnitude"
+    """Signal that the features are of. A magnitude shows horizontal vibration at twice its frequency."""
+    features: Annotated[tuple[str, ...], Field(max_length=MOST_NUMBERS - 1, strict=False)] = ()
+    """What a sample measures beside its energy: peak_hz, peak_height, crossings_hz, variance, kurtosis,
+    peak_magnitude, and energies of bands such as band_82.5 (Hz)."""
+
+
+def kinds(p: Any) -> int:
+    """Return the number of kinds of tile: without a motor, and with each motor."""
+    return 1 + len(p.motor_hz)
+
+
+def numbers(p: Any) -> tuple[str, ...]:
+    """Return the names of what a sample measures."""
+    chosen = ("energy", *p.features)
+    return chosen if len(p.motor_hz) == 1 or "peak_hz" in chosen else (*chosen, "peak_hz")
+
+
+def sensing(p: Any) -> SenseProgram:
+    """Return the program of the robot's chain, without the time that it stands before."""
+    usual = SenseProgram(rate_hz=p.rate_hz, settle_ms=0.0, signal_ms=p.signal_ms)
+    if p.cutoff_hz is None:
+        return usual
+    feedback, forward, before = high_pass(p.cutoff_hz, p.rate_hz)
+    return usual._replace(feedback=feedback, forward=forward, before=before)
+
+
+class Shaking(NamedTuple):
+    """Parameters of the physics, as kernels read them."""
+
+    place: Place
+    amplitude_m_s2: float
+    motor_jitter: float
+    frequency_jitter: float
+    lateral: float
+    feet_m: float
+    contact_jitter: float
+    gain_spread: float
+    noise_m_s2: float
+
+
+def response(tiles: tuple[int, int], frequency_hz: float, p: Any) -> Values:
+    """Return G, (tiles, tiles): motion of each tile (rows) per drive of each tile's motor, at one frequency.
+
+    Args:
+        tiles: rows and columns of the floor.
+    """
+    rows, columns = tiles
+    number = np.arange(rows * columns).reshape(rows, columns)
+    laplacian = np.zeros((number.size, number.size))
+    for one, other in ((number[:, :-1], number[:, 1:]), (number[:-1], number[1:])):
+        for a, b in ((one.ravel(), other.ravel()), (other.ravel(), one.ravel())):
+            laplacian[a, a] += 1.0
+            laplacian[a, b] -= 1.0
+    share = frequency_hz / p.tile_hz
+    own = complex(1.0 - share * share, 2.0 * p.damping * share)
+    return np.abs(own * np.linalg.inv(own * np.eye(number.size) + p.coupling * laplacian))
+
+
+@lru_cache(maxsize=16)
+def _near_responses(rows: int, columns: int, p: Any) -> Values:
+    """Return G^2 of the motors near each tile, (kinds - 1, tiles, SIDE x SIDE), rows and columns from -STEPS on."""
+    if rows * columns > MOST_TILES:
+        raise InputError(
+            f"a floor of {rows * columns} tiles is too large for the sensor 'acceleration', whose tiles' equations are "
+            f"solved together; at most {MOST_TILES}",
+            field="floor",
+        )
+    near = np.zeros((len(p.motor_hz), rows * columns, SIDE * SIDE))
+    for k, frequency_hz in enumerate(p.motor_hz):
+        square = response((rows, columns), frequency_hz, p) ** 2
+        for i in range(rows * columns):
+            for down in range(-STEPS, STEPS + 1):
+                for across in range(-STEPS, STEPS + 1):
+                    row, column = i // columns + down, i % columns + across
+                    if 0 <= row < rows and 0 <= column < columns:
+                        near[k, i, (down + STEPS) * SIDE + across + STEPS] = square[i, row * columns + column]
+    return near
+
+
+@inner
+def normal(seed: int, run: int, robot: int, purpose: int, index: int, peer: int) -> float:
+    """Return a standard normal number, from the pair of uniform numbers at ``peer`` and the next."""
+    u = uniform(seed, run, robot, purpose, index, peer)
+    v = uniform(seed, run, robot, purpose, index, peer + 1)
+    return math.sqrt(-2.0 * math.log(u)) * math.cos(2.0 * math.pi * v)
+
+
+@kernel
+def shake(
+    shaking: Shaking, motors_hz: Values, near: Values, tiles: NDArray[np.uint8], rate_hz: float,
+    x_m: float, y_m: float, time_s: float, seed: int, run: int, robot: int, sample: int, out: Values,
+) -> None:  # fmt: skip
+    """Write the accelerations that a robot reads at a place, without gravity, (3, readings): x, y and z.
+
+    Args:
+        motors_hz, near: (kinds - 1,), frequencies of the motors, and their ``_near_responses``.
+        tiles: kinds of the floor's tiles. rate_hz: readings per second.
+        x_m, y_m, time_s: place and time of the sample. seed, run, robot, sample: address of its chance.
+    """
+    place = shaking.place
+    out[:] = 0.0
+    direction = 2.0 * math.pi * uniform(seed, run, robot, VIBRATION, sample, ALONE)
+    cosine, sine = math.cos(direction), math.sin(direction)
+    half_m = 0.5 * shaking.feet_m
+    one = tile_below(x_m + half_m * cosine, y_m + half_m * sine, place)
+    other = tile_below(x_m - half_m * cosine, y_m - half_m * sine, place)
+    contact = math.exp(shaking.contact_jitter * normal(seed, run, robot, VIBRATION, sample, 1))
+    gain = math.exp(shaking.gain_spread * normal(seed, run, robot, HARDWARE, FIRST, OF_SENSOR))
+    slot = int(time_s / WANDER_S)
+    for down in range(-STEPS - 1, STEPS + 2):  # one more than ``STEPS``, as feet may be on two tiles
+        for across in range(-STEPS - 1, STEPS + 2):
+            source = source_at(max(one, other), down, across, place)
+            if source < 0 or tiles[source] == 0:
+                continue
+            k = signed(tiles[source]) - 1
+            square = 0.5 * (
+                near_square(near, k, one, source, place) + near_square(near, k, other, source, place)
+            )
+            if square < FAINT * FAINT:
+                continue
+            drive = shaking.amplitude_m_s2 * math.exp(
+                shaking.motor_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source)
+            )
+            amplitude = gain * contact * drive * math.sqrt(square)
+            frequency_hz = motors_hz[k] * (
+                1.0 + shaking.frequency_jitter * normal(seed, run, 0, MOTOR, slot, 4 * source + 2)
+            )
+            phase = 2.0 * math.pi * uniform(seed, run, robot, VIBRATION, sample, 8 + source)
+            add_sine(
+                out, amplitude, shaking.lateral, cosine, sine, 2.0 * math.pi * frequency_hz / rate_hz, phase
+            )
+    if shaking.noise_m_s2 > 0.0:
+        # The address of a sample's noise is one number; readings follow from it by a cheaper generator.
+        word = np.uint64(uniform(seed, run, robot, VIBRATION, sample, 3) * 2.0**52)
+        add_noise(out, gain * shaking.noise_m_s2, word)  # type: ignore[arg-type]
+
+
+@inner
+def source_at(tile: int, down: int, across: int, place: Place) -> int:
+    """Return the tile so many rows and columns from another; -1 if there is none."""
+    if tile < 0:
+        return -1
+    row, column = tile // place.columns + down, tile % place.columns + across
+    if row < 0 or column < 0 or row >= place.rows or column >= place.columns:
+        return -1
+    return row * place.columns + column
+
+
+@inner
+def near_square(near: Values, k: int, tile: int, source: int, place: Place) -> float:
+    """Return G^2 of a motor of kind ``k`` + 1 below ``source``, at a tile; 0 if it is -1 (none) or too far."""
+    if tile < 0:
+        return 0.0
+    down = source // place.columns - tile // place.columns + STEPS
+    across = source % place.columns - tile % place.columns + STEPS
+    if down < 0 or across < 0 or down >= SIDE or across >= SIDE:
+        return 0.0
+    square: float = near[k, tile, down * SIDE + across]
+    return square
+
+
+@inner
+def add_sine(
+    out: Values, amplitude: float, lateral: float, cosine: float, sine: float, step: float, phase: float
+) -> None:
+    """Add a sinusoid: upwards, and by a share and a quarter of a turn later across, in the robot's direction.
+
+    The cosine and sine of the phase are turned by ``step`` (rad) from reading to reading.
+    """
+    real, imaginary = amplitude * math.cos(phase), amplitude * math.sin(phase)
+    turn_real, turn_imaginary = math.cos(step), math.sin(step)
+    along, across = lateral * cosine, lateral * sine
+    for i in range(out.shape[1]):
+        out[0, i] += along * imaginary
+        out[1, i] += across * imaginary
+        out[2, i] += real
+        real, imaginary = (
+            turn_real * real - turn_imaginary * imaginary,
+            turn_real * imaginary + turn_imaginary * real,
+        )
+
+
+@inner
+def add_noise(out: Values, spread: float, word: int) -> None:
+    """Add noise of the standard deviation ``spread``, from a state of SplitMix64 (Steele et al., OOPSLA 2014).
+
+    Each number is the sum of the four 16-bit parts of a word, which is nearly normal.
+    """
+    state, mask = np.uint64(word), np.uint64(0xFFFF)
+    scale = (
+        spread * math.sqrt(3.0) / 65536.0
+    )  # the sum of four numbers uniform on [0, 1) has the variance 1/3
+    for axis in range(3):
+        for i in range(out.shape[1]):
+            state += np.uint64(0x9E3779B97F4A7C15)
+            mixed = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+            mixed = (mixed ^ (mixed >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+            mixed = mixed ^ (mixed >> np.uint64(31))
+            total = (
+                (mixed & mask)
+                + ((mixed >> np.uint64(16)) & mask)
+                + ((mixed >> np.uint64(32)) & mask)
+                + (mixed >> np.uint64(48))
+            )
+            out[axis, i] += scale * (float(total) - 131070.0)
+
+
+@kernel
+def measure_signal(
+    acceleration: Values, axis: int, program: SenseProgram, codes: NDArray[np.int64], bands_hz: Values,
+    signal: Values, spectrum: Values, out: Values,
+) -> None:  # fmt: skip
+    """Write the features of one sample, as the robot computes them.
+
+    Args:
+        acceleration: (3, readings), without gravity. axis: index in ``AXES`` of the features' signal.
+        codes: (numbers,), index of each feature in ``FEATURES``; -1 a band, of the frequency ``bands_hz`` (numbers,).
+        signal: (readings,), overwritten. spectrum: (2, POINTS), overwritten. out: (numbers,), written.
+    """
+    count = acceleration.shape[1]
+    state = begin_sense()
+    for i in range(count):
+        ax, ay, az = acceleration[0, i], acceleration[1, i], acceleration[2, i] + GRAVITY_M_S2
+        state = sense_step(state, program, ax, ay, az)
+        signal[i] = state.filtered
+    out[0] = energy(state)
+    if codes.size == 1:
+        return
+    moments = begin_moments()
+    for i in range(count):
+        if axis > 0:
+            before = max(i - 1, 0)
+            last = acceleration[axis - 1, before]
+            signal[i] = high_passed(
+                program, signal[before] if i > 0 else 0.0, acceleration[axis - 1, i], last
+            )
+        moments = moments_step(moments, signal[i])
+    hz, height = -1.0, 0.0
+    for n in range(1, codes.size):
+        code = codes[n]
+        if code < 0:
+            coefficient, band = band_coefficient(bands_hz[n], program.rate_hz), Band(0.0, 0.0)
+            for i in range(count):
+                band = band_step(band, coefficient, signal[i])
+            out[n] = band_energy(band, coefficient, count)
+        elif code == 1 or code == 2:
+            if hz < 0.0:
+                peak = spectrum_peak(signal, count, program.rate_hz, spectrum[0], spectrum[1])
+                hz, height = peak.hz, peak.height
+            out[n] = hz if code == 1 else height
+        elif code == 3:
+            out[n] = crossings_hz(moments, program.rate_hz)
+        elif code == 4:
+            out[n] = signal_variance(moments)
+        elif code == 5:
+            out[n] = kurtosis(moments)
+        else:
+            out[n] = moments.largest
+
+
+@kernel
+def sense_samples(
+    shaking: Shaking, motors_hz: Values, near: Values, tiles: NDArray[np.uint8],
+    axis: int, program: SenseProgram, codes: NDArray[np.int64], bands_hz: Values,
+    x_m: Values, y_m: Values, time_s: Values, robot: NDArray[np.int64], sample: NDArray[np.int64],
+    seed: int, run: int, acceleration: Values, signal: Values, spectrum: Values, out: Values,
+) -> None:  # fmt: skip
+    """Write what all samples of a run measure, (samples, numbers); see ``shake`` and ``measure_signal``."""
+    for k in range(x_m.size):
+        shake(
+            shaking, motors_hz, near, tiles, program.rate_hz, x_m[k], y_m[k], time_s[k], seed, run, robot[k], sample[k],
+            acceleration,
+        )  # fmt: skip
+        measure_signal(acceleration, axis, program, codes, bands_hz, signal, spectrum, out[k])
+
+
+def shaking_of(place: Place, p: Any) -> Shaking:
+    """Return the parameters of the physics on a floor."""
+    return Shaking(place, *(float(getattr(p, name)) for name in Shaking._fields[1:]))
+
+
+def sense(samples: Samples, p: Any) -> Values:
+    """Return what samples of a run measure, (samples, numbers)."""
+    names, program = numbers(p), sensing(p)
+    codes = np.array([FEATURES.index(name) if name in FEATURES else -1 for name in names], dtype=np.int64)
+    bands_hz = np.array([band_of(name) if name not in FEATURES else 0.0 for name in names])
+    count = readings(program)
+    out = np.empty((samples.x_m.size, len(names)))
+    sense_samples(
+        shaking_of(samples.place, p), np.array(p.motor_hz), _near(samples.place, p), samples.tiles,
+        AXES.index(p.axis), program, codes, bands_hz,
+        samples.x_m, samples.y_m, samples.time_s, samples.robot, samples.sample, samples.seed, samples.run,
+        np.empty((3, count)), np.empty(count), np.empty((2, POINTS)), out,
+    )  # fmt: skip
+    return out
+
+
+def _near(place: Place, p: Any) -> Values:
+    return _near_responses(place.rows, place.columns, p)
+
+
+def accelerations(samples: Samples, p: Any) -> Values:
+    """Return what the accelerometer reads at samples of a run, gravity included, (samples, 3, readings)."""
+    program = sensing(p)
+    out = np.empty((samples.x_m.size, 3, readings(program)))
+    fixed = (
+        shaking_of(samples.place, p),
+        np.array(p.motor_hz),
+        _near(samples.place, p),
+        samples.tiles,
+        p.rate_hz,
+    )
+    for k in range(samples.x_m.size):
+        place = (float(samples.x_m[k]), float(samples.y_m[k]), float(samples.time_s[k]))
+        shake(
+            *fixed, *place, samples.seed, samples.run, int(samples.robot[k]), int(samples.sample[k]), out[k]
+        )
+    out[:, 2] += GRAVITY_M_S2
+    return out
+
+
+def band_of(name: str) -> float:
+    """Return the frequency in the name of a band's feature, Hz.
+
+    Raises:
+        InputError: there is no such feature.
+    """
+    start, _, number = name.partition("_")
+    try:
+        if start == "band":
+            return float(number)
+    except ValueError:
+        pass
+    raise InputError(
+        f"there is no feature '{name}' (there are {', '.join(FEATURES)}, and bands such as band_82.5)",
+        field="sensor.acceleration.features",
+    )
+
+
+def reading(value: Values, p: Any) -> NDArray[np.int64]:
+    """Return the kinds that robots read: without vibration, or with the motor nearest to the peak's frequency."""
+    above = value[:, 0] > p.rms_threshold
+    if len(p.motor_hz) == 1:
+        return np.asarray(above.astype(np.int64))
+    seen_hz = np.array([alias_hz(frequency_hz, p.rate_hz) for frequency_hz in p.motor_hz])
+    peak_hz = value[:, numbers(p).index("peak_hz")]
+    return np.asarray(np.where(above, 1 + np.abs(peak_hz[:, None] - seen_hz).argmin(axis=1), 0))
+
+
+def likelihood(kind: int, value: Values, p: Any) -> Values:
+    """Return the density of energies on a kind of tile, from a histogram of those at reference places."""
+    return histogram_density([own[:, 0] for own in acceleration.reference_values(p)], kind, value)
+
+
+HARMONICS: Final = (1, 2, 3)
+"""Multiples of a motor's frequency that may be seen as another motor's."""
+
+
+def aliases(p: Any) -> list[str]:
+    """Return a sentence for each motor, or harmonic of it, that the rate shows at another motor's frequency.
+
+    Frequencies that differ by less than two lines of the spectrum, 2 / time, cannot be told apart.
+    """
+    apart_hz = 2000.0 / p.signal_ms
+    found = []
+    for one, frequency_hz in enumerate(p.motor_hz):
+        for other, against_hz in enumerate(p.motor_hz):
+            if one == other:
+                continue
+            for multiple in HARMONICS:
+                seen_hz, its_hz = (
+                    alias_hz(multiple * frequency_hz, p.rate_hz),
+                    alias_hz(against_hz, p.rate_hz),
+                )
+                if abs(seen_hz - its_hz) < apart_hz and (multiple > 1 or one < other):
+                    line = (
+                        ""
+                        if multiple == 1
+                        else f", {multiple} times the {frequency_hz:g} Hz of kind {one + 1},"
+                    )
+                    found.append(
+                        f"readings at {p.rate_hz:g} Hz show {multiple * frequency_hz:g} Hz{line} at {seen_hz:.4g} Hz, "
+                        f"within {apart_hz:.3g} Hz of kind {other + 1} ({its_hz:.4g} Hz): they look alike"
+                    )
+    return found
+
+
+def check(p: Any) -> None:
+    """Refuse bands beyond half of the rate, a time shorter than a period, and features that do not exist."""
+    field = "sensor.acceleration"
+    if p.cutoff_hz is not None and p.cutoff_hz >= 0.5 * p.rate_hz:
+        raise InputError(
+            f"{p.cutoff_hz:g} is not below half of the rate, {p.rate_hz:g} Hz", field=f"{field}.cutoff_hz"
+        )
+    for name in p.features:
+        if name in FEATURES:
+            continue
+        band_hz = band_of(name)
+        if not 0.0 < band_hz < 0.5 * p.rate_hz:
+            raise InputError(
+                f"'{name}' needs a rate above {2.0 * band_hz:g} Hz, and rate_hz is {p.rate_hz:g}; choose a band below "
+                f"{0.5 * p.rate_hz:g} Hz, or a higher rate",
+                field=f"{field}.features",
+            )
+        if p.signal_ms * band_hz < 1000.0:
+            raise InputError(
+                f"{p.signal_ms:g} ms is shorter than a period of '{name}', {1000.0 / band_hz:.4g} ms",
+                field=f"{field}.signal_ms",
+            )
+    if p.signal_ms * min(p.motor_hz) < 1000.0:
+        raise InputError(
+            f"{p.signal_ms:g} ms is shorter than a period of the motor at {min(p.motor_hz):g} Hz, "
+            f"{1000.0 / min(p.motor_hz):.4g} ms",
+            field=f"{field}.signal_ms",
+        )
+    if readings(sensing(p)) < 8:
+        raise InputError(
+            f"{p.signal_ms:g} ms at {p.rate_hz:g} Hz are fewer than 8 readings", field=f"{field}.signal_ms"
+        )
+
+
+acceleration = register(
+    SensorModel(
+        name="acceleration",
+        params=Params,
+        kinds=kinds,
+        readings=kinds,
+        sense=sense,
+        reading=reading,
+        likelihood=likelihood,
+        numbers=numbers,
+        warnings=aliases,
+        check=check,
+        has_threshold=True,
+        about="tiles shaken by motors, felt by an accelerometer: the physics, through the robot's own filter",
+    )
+)

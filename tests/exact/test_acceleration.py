@@ -1,0 +1,238 @@
+"""The physics of vibration against closed solutions, and its sensor against what every sensor must do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import polars as pl
+import pytest
+
+import vibroswarm as v
+from vibroswarm.errors import InputError
+from vibroswarm.floors.place import Place
+from vibroswarm.inference.closed_loop import ClosedLoop, sample_rows
+from vibroswarm.observation.energy_model import error_rates, sensor_warnings
+from vibroswarm.observation.observe import sense_program, sensed_floors
+from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.sensors import Samples, sensor
+from vibroswarm.sensors.acceleration import GRAVITY_M_S2, accelerations, response, sensing
+from vibroswarm.testing.runs import feed
+from vibroswarm.testing.sensor import check_sensor
+
+QUIET = {
+    f"sensor.acceleration.{name}": 0.0
+    for name in ("motor_jitter", "frequency_jitter", "contact_jitter", "noise_m_s2", "lateral", "feet_m")
+}
+"""Settings without chance: each sample of a tile is the same sine, but for its phase."""
+MODEL = sensor("acceleration")
+
+
+def scenario(**fields: object) -> Scenario:
+    values = {f"sensor.acceleration.{name}": value for name, value in fields.items()}
+    return Scenario().with_values({"sensor.model": "acceleration"} | values)
+
+
+def quiet(**fields: object) -> Scenario:
+    return scenario().with_values(
+        QUIET | {f"sensor.acceleration.{name}": value for name, value in fields.items()}
+    )
+
+
+def samples_at(x_m: list[float], tiles: list[int], columns: int = 2, run: int = 0) -> Samples:
+    """Samples in the middle of a row of tiles of 0.2 m."""
+    rows = len(tiles) // columns
+    number = np.arange(len(x_m))
+    return Samples(
+        Place(rows, columns, 0.2, 0.2, 0.0, 0.2 * rows), np.array(tiles, dtype=np.uint8), np.array(x_m),
+        np.full(len(x_m), 0.1), np.zeros(len(x_m)), np.zeros_like(number), number, 1, run,
+    )  # fmt: skip
+
+
+def gain(frequency_hz: float, rate_hz: float, feedback: float, forward: float) -> float:
+    turn = np.exp(-2j * np.pi * frequency_hz / rate_hz)
+    return float(abs(forward * (1 - turn) / (1 - feedback * turn)))
+
+
+@pytest.mark.parametrize("rate_hz", [350.0, 1000.0, 6000.0])
+@pytest.mark.parametrize("share", [0.02, 0.1, 0.2, 0.33, 0.45])
+def test_a_sine_has_the_energy_that_theory_says(rate_hz: float, share: float) -> None:
+    """Five frequencies at three rates: A / sqrt(2) times the filter's gain."""
+    frequency_hz, amplitude = share * rate_hz, 2.0
+    program = sensing(scenario(rate_hz=rate_hz, cutoff_hz=rate_hz * 0.15, signal_ms=500.0).sensor.params)
+    state, count = begin_sense(), 20_000
+    for i in range(count):
+        wave = amplitude * math.cos(2 * math.pi * share * i + 0.3)
+        state = sense_step(state, program, 0.0, 0.0, GRAVITY_M_S2 + wave)
+    feedback, forward, _ = high_pass(rate_hz * 0.15, rate_hz)
+    right = amplitude / math.sqrt(2) * gain(frequency_hz, rate_hz, feedback, forward)
+    assert energy(state) == pytest.approx(right, rel=1e-3)
+    # Negative control: the study's filter, which has another cutoff, gives another energy.
+    assert energy(state) != pytest.approx(amplitude / math.sqrt(2), rel=1e-3)
+
+
+@pytest.mark.parametrize("frequency_hz", [60.0, 165.0, 390.0, 500.0])
+def test_a_coupled_pair_moves_as_its_closed_solution(frequency_hz: float) -> None:
+    """(D + kappa) z_1 - kappa z_2 = D d_1 and (D + kappa) z_2 - kappa z_1 = 0."""
+    p = quiet(coupling=0.3, damping=0.1).sensor.params
+    r = frequency_hz / p.tile_hz
+    own = complex(1 - r * r, 2 * p.damping * r)
+    determinant = own * own + 2 * own * p.coupling
+    driven, beside = abs(own * (own + p.coupling) / determinant), abs(own * p.coupling / determinant)
+    assert response((1, 2), frequency_hz, p) == pytest.approx(
+        np.array([[driven, beside], [beside, driven]]), rel=1e-12
+    )
+
+
+def test_robots_feel_the_pair() -> None:
+    """Without chance a sample on either tile is the sine of the closed solution."""
+    p = quiet(motor_hz=(100.0,)).sensor.params
+    found = accelerations(samples_at([0.1, 0.3], [1, 0]), p)
+    right = p.amplitude_m_s2 * response((1, 2), 100.0, p)[:, 0]
+    t = np.arange(found.shape[2]) / p.rate_hz
+    wave = np.exp(-2j * np.pi * 100.0 * t)
+    amplitudes = 2 * np.abs((found[:, 2] - GRAVITY_M_S2) @ wave) / t.size
+    assert amplitudes == pytest.approx(right, rel=1e-9)  # 50 periods: the window holds whole ones
+    assert np.abs(found[:, :2]).max() == 0.0
+
+
+def test_straddling_robots_feel_the_root_mean_square_of_both_tiles() -> None:
+    p = quiet(feet_m=0.04, coupling=0.0).sensor.params
+    found = accelerations(samples_at([0.2] * 200, [1, 0]), p)
+    heights = np.abs(found[:, 2] - GRAVITY_M_S2).max(axis=1)
+    assert heights == pytest.approx(p.amplitude_m_s2 * math.sqrt(0.5), rel=0.01)
+
+
+def test_noise_has_its_standard_deviation_and_no_memory() -> None:
+    p = quiet(noise_m_s2=0.5).sensor.params
+    noise = accelerations(samples_at([0.1] * 200, [0, 0]), p) - np.array([0, 0, GRAVITY_M_S2])[:, None]
+    assert noise.std(axis=(0, 2)) == pytest.approx([0.5] * 3, rel=0.01)
+    lagged = (noise[..., 1:] * noise[..., :-1]).mean()
+    assert abs(lagged) < 4 * 0.25 / math.sqrt(noise.size)
+    assert abs((noise[:, 0] * noise[:, 2]).mean()) < 4 * 0.25 / math.sqrt(noise[:, 0].size)
+
+
+def test_motors_vary_alike_for_all_robots_and_contact_does_not() -> None:
+    p = quiet(motor_jitter=0.5).sensor.params
+    same = MODEL.sensed(samples_at([0.1] * 20, [1, 0]), p)[:, 0]
+    assert np.ptp(same) < 0.02 * same.mean()  # all in one time slot; only phases differ
+    other = MODEL.sensed(samples_at([0.1] * 20, [1, 0], run=1), p)[:, 0]
+    assert abs(other.mean() / same.mean() - 1) > 0.05
+    contact = MODEL.sensed(samples_at([0.1] * 500, [1, 0]), quiet(contact_jitter=0.3).sensor.params)[:, 0]
+    assert np.log(contact).std() == pytest.approx(0.3, rel=0.1)
+
+
+def test_the_window_is_the_chains() -> None:
+    ours = scenario()
+    program = sense_program(ours)
+    assert (program.rate_hz, program.signal_ms, program.settle_ms) == (350.0, 500.0, 500.0)
+    faster = scenario(rate_hz=1000.0, cutoff_hz=40.0, signal_ms=250.0)
+    program = sense_program(faster)
+    assert cutoff_hz(program.feedback, 1000.0) == pytest.approx(40.0)
+    assert (program.rate_hz, program.signal_ms, program.settle_ms) == (1000.0, 250.0, 750.0)
+
+
+def test_it_is_a_sensor() -> None:
+    assert [finding for finding in check_sensor("acceleration") if not finding.holds] == []
+
+
+def test_the_energies_are_near_the_recordings() -> None:
+    """Rates of the study's robots at theta_E 1.55 (issue and docs/vibration.md), on floors at random."""
+    positive, negative = error_rates(scenario().with_values({"sensor.rms_threshold": 1.55}).sensor)
+    assert positive == pytest.approx(0.11, abs=0.03)
+    assert negative == pytest.approx(0.22, abs=0.05)
+
+
+def test_closed_loop_and_tables_are_equal() -> None:
+    for faults in ({}, {"faults.stuck_at_1": 0.4, "faults.sensor_from_s": 60.0}):
+        one = scenario().with_values({"run.t_end_s": 200.0, "sensor.rms_threshold": 1.2, **faults})
+        result = v.simulate(one, 3, 1, moves=True)
+        (ground,) = sensed_floors(one, 3, [0], {0: result.floor(0)})
+        rows = sample_rows(result.motion, one.run.control_period_ms)
+        loop = ClosedLoop(one, 3)
+        loop.begin(0, ground)
+        feed(loop, rows, result, 7.0)
+        filled = int(loop.bounds[1])
+        key = ["robot", "sample"]
+        buffer = pl.DataFrame({name: getattr(loop.buffer, name)[:filled] for name in (*key, "observation")})
+        assert (
+            buffer.sort(key)["observation"].to_list()
+            == result.observations.sort(key)["observation"].to_list()
+        )
+    stuck = result.observations.join(result.motion.select(*key, "time_s"), on=key).filter(
+        pl.col("time_s") > 60
+    )
+    shares = stuck.group_by("robot").agg(pl.col("observation").mean())["observation"]
+    assert (shares == 1.0).sum() == 2
+
+
+def test_strategies_of_energies_use_its_law() -> None:
+    one = scenario().with_values({"run.t_end_s": 300.0})
+    ratios = v.simulate(one, 1, 1).observations
+    assert ratios["energy"].null_count() == 0
+    p = one.sensor.params
+    values = np.linspace(0.2, 6.0, 30)
+    still, vibrating = (MODEL.likelihood(kind, values, p) for kind in (0, 1))  # type: ignore[misc]
+    assert vibrating[-1] > 20 * still[-1]
+    assert still[2] > 5 * vibrating[2]
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"features": ("band_200",)}, "needs a rate above 400 Hz"),
+        ({"features": ("band_1.5",)}, "shorter than a period of 'band_1.5'"),
+        ({"features": ("loudness",)}, "no feature 'loudness'"),
+        ({"motor_hz": ()}, "motor_hz"),
+        ({"motor_hz": (1.0,)}, "shorter than a period of the motor"),
+        ({"cutoff_hz": 175.0}, "not below half of the rate"),
+        ({"signal_ms": 1500.0}, "longer than the stop"),
+        ({"signal_ms": 10.0}, "fewer than 8 readings"),
+    ],
+)
+def test_bad_input_is_refused_in_words(fields: dict[str, object], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        scenario(**fields)
+
+
+@pytest.mark.parametrize(
+    "field", [{"sensor.edge_reach_m": 0.01}, {"sensor.tile_spread": 0.1}, {"sample.signal_ms": 300.0}]
+)
+def test_options_of_laws_are_refused(field: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=next(iter(field)).replace(".", r"\.")):
+        scenario().with_values(field)
+
+
+ALIASED = [
+    ((165.0, 185.0), 350.0, 500.0),  # folds onto it
+    ((100.0, 450.0), 350.0, 500.0),  # one rate higher
+    ((60.0, 120.0), 350.0, 500.0),  # twice
+    ((50.0, 150.0), 1000.0, 500.0),  # three times
+    ((120.0, 122.0), 350.0, 500.0),  # too near for half a second
+    ((90.0, 170.0), 350.0, 500.0),  # twice 90 folds onto it: 350 - 180
+]
+APART = [
+    ((165.0, 185.0), 1000.0, 500.0),
+    ((90.0, 140.0), 350.0, 500.0),
+    ((60.0, 105.0), 350.0, 500.0),
+    ((120.0, 122.0), 350.0, 2000.0),
+    ((80.0, 130.0), 1000.0, 500.0),
+    ((165.0,), 350.0, 500.0),
+]
+
+
+@pytest.mark.parametrize(
+    ("case", "warned"), [*((case, True) for case in ALIASED), *((case, False) for case in APART)]
+)
+def test_aliases_are_warned_of(case: tuple[tuple[float, ...], float, float], warned: bool) -> None:
+    motor_hz, rate_hz, signal_ms = case
+    base = {"strategy.name": "dirichlet", "task.name": "majority", "sample.stop_ms": 2500.0}
+    if len(motor_hz) == 1:
+        base = {"sample.stop_ms": 2500.0}
+    one = Scenario().with_values(
+        base
+        | {"sensor.model": "acceleration", "sensor.acceleration.motor_hz": motor_hz}
+        | {"sensor.acceleration.rate_hz": rate_hz, "sensor.acceleration.signal_ms": signal_ms}
+    )
+    assert bool(sensor_warnings(one.sensor)) == warned
