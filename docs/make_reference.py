@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import re
+from collections.abc import Iterable
 from pathlib import Path
 
 import tomli_w
@@ -43,6 +45,11 @@ def field_docs() -> dict[str, dict[str, str]]:
         Path(module.__file__).read_text(encoding="utf-8")
         for module in (fields, choices, fault_fields, change_fields, localisation_fields)
     )
+    return described_fields(texts)
+
+
+def described_fields(texts: Iterable[str]) -> dict[str, dict[str, str]]:
+    """The docstring below each field of each class of some sources, by class name."""
     found: dict[str, dict[str, str]] = {}
     for node in (node for text in texts for node in ast.parse(text).body):
         if not isinstance(node, ast.ClassDef):
@@ -61,9 +68,9 @@ def default_words(value: object) -> str:
     """A default as TOML writes it."""
     if value is None:
         return ""
-    return f"`{tomli_w.dumps({'x': value}, multiline_strings=False).strip().removeprefix('x = ')}`".replace(
-        "\n", " "
-    )
+    text = tomli_w.dumps({"x": value}, multiline_strings=False).strip().removeprefix("x = ")
+    one_line = re.sub(r"\s*\n\s*", " ", text).replace("[ ", "[").replace(", ]", "]")
+    return f"`{one_line}`"
 
 
 def tables_of(kind: type[choices.Choice]) -> list[str]:
@@ -74,8 +81,13 @@ def tables_of(kind: type[choices.Choice]) -> list[str]:
             continue  # without parameters, or from a user's file
         lines += ["", f"### [{kind.kind}.{name}]", "", f"{one.about[:1].upper()}{one.about[1:]}.", ""]
         lines += ["| field | default | what it is |", "|---|---|---|"]
+        file = Path(choices.__file__).parents[1] / f"{kind.kind}s" / f"{name}.py"
+        words = (
+            described_fields([file.read_text(encoding="utf-8")]).get("Params", {}) if file.exists() else {}
+        )
         for field, info in one.params.model_fields.items():
-            lines.append(f"| `{field}` | {default_words(info.default)} | {info.description or ''} |")
+            told = info.description or words.get(field, "")
+            lines.append(f"| `{field}` | {default_words(info.default)} | {told} |")
     return lines
 
 
