@@ -5,7 +5,7 @@
 | signal | s_i | as measured | readings after the high-pass: of the magnitude, or of one axis |
 | band | B(f) | as measured, squared | 2 abs(X)^2 / n^2, X = sum of s_i exp(-2 pi j f i / rate): A^2 / 2 of a sine of amplitude A at f |
 | peak_hz | f_p | Hz | frequency of the largest bin of the Hann-windowed spectrum, by a parabola through three bins |
-| peak_height | - | as measured | amplitude of the sine at f_p |
+| peak_height | - | as measured | amplitude of the sine at f_p, to 4 % |
 | crossings_hz | - | Hz | changes of sign a second, divided by 2: the frequency, for a sine |
 | variance, kurtosis | m_2, m_4 / m_2^2 | - | central moments; the kurtosis of a sine is 1.5, of a normal law 3 |
 | peak_magnitude | - | as measured | largest abs(s_i) |
@@ -147,12 +147,13 @@ def transform(real: NDArray[np.float64], imaginary: NDArray[np.float64]) -> None
     while half < n:
         for k in range(half):  # one rotation for all butterflies with the same place in their block
             cosine, sine = math.cos(math.pi * k / half), -math.sin(math.pi * k / half)
-            for i in range(k, n, 2 * half):
-                m = i + half
-                turned_real = cosine * real[m] - sine * imaginary[m]
-                turned_imaginary = cosine * imaginary[m] + sine * real[m]
-                real[m], imaginary[m] = real[i] - turned_real, imaginary[i] - turned_imaginary
-                real[i], imaginary[i] = real[i] + turned_real, imaginary[i] + turned_imaginary
+            for block in range(n // (2 * half)):
+                upper = 2 * half * block + k
+                lower = upper + half
+                turned_real = cosine * real[lower] - sine * imaginary[lower]
+                turned_imaginary = cosine * imaginary[lower] + sine * real[lower]
+                real[lower], imaginary[lower] = real[upper] - turned_real, imaginary[upper] - turned_imaginary
+                real[upper], imaginary[upper] = real[upper] + turned_real, imaginary[upper] + turned_imaginary
         half *= 2
 
 

@@ -1,0 +1,197 @@
+"""Features of a signal against NumPy and SciPy, and their C against Python bit by bit."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy import stats
+
+from helpers.exported_robots import STRICT
+from vibroswarm.export.c_functions import Program
+from vibroswarm.export.c_library import ASSETS
+from vibroswarm.export.c_types import INT, REAL, CArray, struct_of_class, typedef
+from vibroswarm.robot.features import (
+    POINTS,
+    Band,
+    Moments,
+    Peak,
+    alias_hz,
+    band_coefficient,
+    band_energy,
+    band_step,
+    begin_moments,
+    crossings_hz,
+    kurtosis,
+    moments_step,
+    signal_variance,
+    spectrum_peak,
+    transform,
+)
+
+Floats = NDArray[np.float64]
+RATE_HZ = 350.0
+
+
+def noisy(seed: int = 1, count: int = 175, hz: float = 61.3) -> Floats:
+    rng = np.random.default_rng(seed)
+    t = np.arange(count) / RATE_HZ
+    return np.asarray(2.0 * np.sin(2 * np.pi * hz * t + 0.4) + 0.3 * rng.standard_normal(count) + 0.1)
+
+
+def band_of(signal: Floats, hz: float, rate_hz: float = RATE_HZ) -> float:
+    band, coefficient = Band(0.0, 0.0), band_coefficient(hz, rate_hz)
+    for value in signal.tolist():
+        band = band_step(band, coefficient, value)
+    return band_energy(band, coefficient, signal.size)
+
+
+def moments_of(signal: Floats) -> Moments:
+    state = begin_moments()
+    for value in signal.tolist():
+        state = moments_step(state, value)
+    return state
+
+
+def test_goertzels_bands_are_those_of_numpys_transform() -> None:
+    signal = noisy(count=200)
+    right = 2 * np.abs(np.fft.rfft(signal)) ** 2 / signal.size**2
+    found = [band_of(signal, k * RATE_HZ / signal.size) for k in range(1, 100)]
+    assert found == pytest.approx(right[1:100], rel=1e-9, abs=1e-12)
+    assert band_of(signal, 61.25) == pytest.approx(2.0, rel=0.1)  # A^2 / 2
+
+
+@pytest.mark.parametrize("points", [2, 8, 64, POINTS])
+def test_the_transform_is_numpys(points: int) -> None:
+    rng = np.random.default_rng(points)
+    real, imaginary = rng.standard_normal(points), rng.standard_normal(points)
+    right = np.fft.fft(real + 1j * imaginary)
+    transform(real, imaginary)
+    assert np.abs(real + 1j * imaginary - right).max() < 1e-12 * points
+
+
+@pytest.mark.parametrize("hz", [20.0, 61.3, 97.7, 140.2, 165.0])
+@pytest.mark.parametrize("count", [100, 175, POINTS])
+def test_the_peak_is_the_sine(hz: float, count: int) -> None:
+    signal = 3.0 * np.sin(2 * np.pi * hz * np.arange(count) / RATE_HZ + 1.0)
+    peak = spectrum_peak(signal, count, RATE_HZ, np.empty(POINTS), np.empty(POINTS))
+    assert abs(peak.hz - hz) < 0.15 * RATE_HZ / count  # a seventh of what the time resolves
+    assert peak.height == pytest.approx(3.0, rel=0.04)  # as its documentation says
+
+
+def test_moments_are_scipys() -> None:
+    signal = noisy()
+    state = moments_of(signal)
+    assert signal_variance(state) == pytest.approx(signal.var(), rel=1e-12)
+    assert kurtosis(state) == pytest.approx(stats.kurtosis(signal, fisher=False), rel=1e-9)
+    assert state.largest == np.abs(signal).max()
+    crossings = np.count_nonzero(np.diff(signal >= 0)) / 2 * RATE_HZ / (signal.size - 1)
+    assert crossings_hz(state, RATE_HZ) == pytest.approx(crossings)
+    sine = moments_of(np.sin(2 * np.pi * 35.0 * np.arange(1000) / RATE_HZ + 0.1))
+    assert kurtosis(sine) == pytest.approx(1.5, rel=1e-6)
+    assert abs(crossings_hz(sine, RATE_HZ) - 35.0) < 0.5 * RATE_HZ / 999  # at most one change of sign
+
+
+def test_a_signal_that_does_not_vary_has_no_features() -> None:
+    still = moments_of(np.zeros(20))
+    assert (signal_variance(still), kurtosis(still), crossings_hz(still, RATE_HZ)) == (0.0, 0.0, 0.0)
+    assert spectrum_peak(np.zeros(20), 20, RATE_HZ, np.empty(POINTS), np.empty(POINTS)) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("hz", "seen"), [(165.0, 165.0), (185.0, 165.0), (350.0, 0.0), (360.0, 10.0), (515.0, 165.0)]
+)
+def test_readings_fold_frequencies(hz: float, seen: float) -> None:
+    assert alias_hz(hz, RATE_HZ) == pytest.approx(seen)
+    i = np.arange(50)
+    same = np.cos(2 * np.pi * seen * i / RATE_HZ)
+    assert np.cos(2 * np.pi * hz * i / RATE_HZ) == pytest.approx(same, abs=1e-9)
+
+
+STRUCTS = {kind: struct_of_class(f"vs_{kind.__name__}", kind) for kind in (Moments, Band, Peak)}
+MOMENTS, BAND, PEAK = STRUCTS.values()
+
+
+@pytest.fixture(scope="module", params=[3, 1], ids=["double", "single"])
+def exported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The features in C: a function from a signal to its numbers."""
+    if shutil.which("gcc") is None:
+        pytest.skip("gcc is not installed")
+    folder: Path = tmp_path_factory.mktemp("features")
+    program = Program(STRUCTS, {}, {}, {}, "no template", {})
+    wave, spectrum = CArray("vs_stored", (POINTS,)), CArray("vs_stored", (POINTS,))
+    made = {
+        "begin": program.function(begin_moments, []),
+        "step": program.function(moments_step, [MOMENTS, REAL]),
+        "variance": program.function(signal_variance, [MOMENTS]),
+        "kurtosis": program.function(kurtosis, [MOMENTS]),
+        "crossings": program.function(crossings_hz, [MOMENTS, REAL]),
+        "coefficient": program.function(band_coefficient, [REAL, REAL]),
+        "band": program.function(band_step, [BAND, REAL, REAL]),
+        "energy": program.function(band_energy, [BAND, REAL, INT]),
+        "peak": program.function(spectrum_peak, [wave, INT, REAL, spectrum, spectrum]),
+    }
+    name = {key: item.name for key, item in made.items()}
+    lines = [f"#define VS_PRECISION {request.param}", '#include "vibroswarm_runtime.h"']
+    lines += [typedef(kind) for kind in (*STRUCTS.values(), *program.tuples.values())]
+    lines += [item.text for item in program.compiled.values() if item is not None]
+    lines.append(
+        f"""
+static vs_stored wave[{POINTS}], re[{POINTS}], im[{POINTS}];
+void call(const double *signal, int32_t count, double rate, double hz, double *out) {{
+  vs_Moments m = {name["begin"]}();
+  vs_Band b = {{0, 0}};
+  const vs_real c = {name["coefficient"]}((vs_real)hz, (vs_real)rate);
+  for (int32_t i = 0; i < count; i++) {{
+    wave[i] = (vs_stored)signal[i];
+    m = {name["step"]}(&m, (vs_real)signal[i]);
+    b = {name["band"]}(&b, c, (vs_real)signal[i]);
+  }}
+  const vs_Peak p = {name["peak"]}(wave, count, (vs_real)rate, re, im);
+  out[0] = (double){name["variance"]}(&m); out[1] = (double){name["kurtosis"]}(&m);
+  out[2] = (double){name["crossings"]}(&m, (vs_real)rate);
+  out[3] = (double){name["energy"]}(&b, c, count);
+  out[4] = (double)p.hz; out[5] = (double)p.height; out[6] = (double)m.largest;
+}}"""
+    )
+    (folder / "f.c").write_text("\n".join(lines))
+    shutil.copy(ASSETS / "vibroswarm_runtime.h", folder)
+    shutil.copy(ASSETS / "vibroswarm_mathematics.h", folder)
+    command = ["gcc", *STRICT, "-Wno-unused-function", "-fPIC", "-shared", "f.c", "-o", "f.so", "-lm"]
+    subprocess.run(command, cwd=folder, check=True)
+    call = ctypes.CDLL(str(folder / "f.so")).call
+
+    def numbers(signal: Floats, hz: float) -> list[float]:
+        out = (ctypes.c_double * 7)()
+        values = (ctypes.c_double * signal.size)(*signal.tolist())
+        call(values, ctypes.c_int32(signal.size), ctypes.c_double(RATE_HZ), ctypes.c_double(hz), out)
+        return list(out)
+
+    return numbers, request.param == 3
+
+
+def by_python(signal: Floats, hz: float) -> list[float]:
+    state = moments_of(signal)
+    peak = spectrum_peak(signal, signal.size, RATE_HZ, np.empty(POINTS), np.empty(POINTS))
+    return [
+        signal_variance(state), kurtosis(state), crossings_hz(state, RATE_HZ), band_of(signal, hz), *peak,
+        state.largest,
+    ]  # fmt: skip
+
+
+def test_c_is_as_python(exported: Any) -> None:
+    """In double precision bit by bit; in single precision to five digits (kurtosis: four)."""
+    numbers, is_double = exported
+    for seed in range(5):
+        signal = noisy(seed, count=175, hz=40.0 + 20.0 * seed)
+        right = by_python(signal, 60.0)
+        if is_double:
+            assert numbers(signal, 60.0) == right
+        else:
+            assert numbers(signal, 60.0) == pytest.approx(right, rel=2e-4, abs=2e-5)
