@@ -187,7 +187,9 @@ def log_ratios(
 
 def readings_of(sensor: Sensor, energy: NDArray[Any]) -> NDArray[np.uint8]:
     """Return what the sensor reads, without a fault, where it measures each energy."""
-    return model_of(sensor).classes(energy, sensor.params).astype(np.uint8)
+    model = model_of(sensor)
+    value = energy if model.sense is None else energy[:, None]
+    return model.classes(value, sensor.params).astype(np.uint8)
 
 
 def log_ratios_of_bits(sensor: Sensor, observation: NDArray[Any]) -> NDArray[np.float64]:
