@@ -88,7 +88,7 @@ def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def nothing_of_others_stays() -> Iterator[None]:
-    """What a test makes known, of strategies, networks, tasks and sources of motion, is unknown again after it."""
+    """What a test makes known, of strategies, networks, sensors, tasks and sources of motion, is unknown again after it."""
     os.environ.pop("COLUMNS", None)  # of the terminal in which tests run; those about widths set their own
     with forgotten_afterwards():
         yield
@@ -106,10 +106,11 @@ def forgotten_afterwards() -> Iterator[None]:
     """Context manager: what is made known inside it is unknown again after it."""
     from vibroswarm.motion import source
     from vibroswarm.networks import base as networks
+    from vibroswarm.sensors import base as sensors
     from vibroswarm.strategies import base as strategies
     from vibroswarm.tasks import base as tasks
 
-    before = {room: set(room.known()) for room in (strategies, networks, tasks, source)}
+    before = {room: set(room.known()) for room in (strategies, networks, sensors, tasks, source)}
     try:
         yield
     finally:

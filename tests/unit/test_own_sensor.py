@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from vibroswarm.cli import main
-from vibroswarm.sensors import forget
 
 GOOD = """
 import numpy as np
@@ -50,10 +48,8 @@ BAD = {
 
 
 @pytest.fixture(autouse=True)
-def _own_sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def _in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    yield
-    forget("mine")
 
 
 def run(text: str) -> int:
