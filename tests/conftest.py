@@ -88,7 +88,7 @@ def one_picture(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def nothing_of_others_stays() -> Iterator[None]:
-    """What a test makes known, of strategies, networks, sensors, tasks and sources of motion, is unknown again after it."""
+    """What a test makes known, of strategies, sensors, networks, tasks and motion, is unknown again after it."""
     os.environ.pop("COLUMNS", None)  # of the terminal in which tests run; those about widths set their own
     with forgotten_afterwards():
         yield

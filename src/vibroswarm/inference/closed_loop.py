@@ -248,7 +248,8 @@ class ClosedLoop:
         self.ground, self.runs[0], self.bounds[1] = ground, run, 0
         self.buffer.latest[:], self.buffer.own[:], self.buffer.first[:] = -1, 0, -1
         self.walked_tick[:], self.known_tick[0] = 0, 0
-        self.moves, self.tracks = list[NDArray[np.void]](), NO_TRACKS
+        self.moves: list[NDArray[np.void]] = []
+        self.tracks = NO_TRACKS
         # is_new: whether the next ``catch_up`` replays the run from its start: in a new run, or after ``_enlarge``.
         # located: number of samples that ``catch_up`` has handled.
         self.is_new, self.located = True, 0

@@ -289,6 +289,11 @@ class _ScenarioRuns:
         """
         floors = floors_of(scenario, seed, runs)
         self.scenario, self.loop = scenario, _take_loop(scenario, seed)
+        self.tick_s, self.t_end_s, self.may_change = (
+            scenario.tick_s,
+            scenario.run.t_end_s,
+            self.loop.may_change,
+        )
         self.runs = runs
         self.grounds = sensed_floors(scenario, seed, runs, floors)
         """The floor and the sensors of each run, in the order of ``runs``."""
@@ -310,13 +315,12 @@ class _ScenarioRuns:
         run. At the start (``now_s`` 0) the decisions of the closed loop are not read: ``ClosedLoop.begin`` leaves those
         of the run before, until the first replay of the new run.
         """
-        t_end_s = self.scenario.run.t_end_s
-        if now_s > 0.0 and not self.loop.may_change:
+        if now_s > 0.0 and not self.may_change:
             decided_s = self.loop.all_decided_s
             if decided_s is not None:
                 # one tick more, so that the samples taken at the very end are included
-                return min(end_s(decided_s, t_end_s) + self.scenario.tick_s, t_end_s)
-        return min(self.next_check_s(now_s), t_end_s)
+                return min(end_s(decided_s, self.t_end_s) + self.tick_s, self.t_end_s)
+        return min(self.next_check_s(now_s), self.t_end_s)
 
     def next_check_s(self, now_s: float) -> float:
         """Choose when to check next whether all robots have decided, s; no result depends on the choice.
@@ -327,15 +331,13 @@ class _ScenarioRuns:
         check is not before the earliest end of these recent runs. If there are none, the next check is ``PIECE_S`` from
         now.
         """
-        tick_s = self.scenario.tick_s
-        after_s = now_s + tick_s
-        longer = self.ends_s[bisect_right(self.ends_s, after_s) :]
+        longer = self.ends_s[bisect_right(self.ends_s, now_s + self.tick_s) :]
         if not longer:
             return now_s + PIECE_S
         remaining_s = sum(longer) / len(longer) - now_s
         step_s = math.sqrt(2.0 * MARGIN_S * remaining_s)
         # ``math.inf``: the caller limits the time to T_end
-        return max(end_s(longer[0], t_end_s=math.inf) + tick_s, now_s + step_s)
+        return max(end_s(longer[0], t_end_s=math.inf) + self.tick_s, now_s + step_s)
 
     def finish(self, r: int) -> None:
         """Store the outcome of the run that the closed loop has just simulated, at index ``r`` of the arrays."""

@@ -78,6 +78,7 @@ class EventRun(KernelRun):
     def start(self, seed: int, run: int) -> None:
         """Reset this state to time 0 of a run: all robots stand, and their first event is the step at tick 1."""
         super().start(seed, run)
+        self.made_world: World | None = None
         swarm = self.swarm
         swarm["self_event_tick"], swarm["lookahead_tick"] = 1, NEVER  # only the robot's own event wakes it
         swarm["sin_h"], swarm["cos_h"] = np.sin(swarm["heading_rad"]), np.cos(swarm["heading_rad"])
@@ -97,17 +98,20 @@ class EventRun(KernelRun):
         ``new_lists`` to the next.
         """
         branch = super().copy()
+        branch.made_world = None
         branch.wakes, branch.near, branch.places = self.wakes.copy(), self.near.copy(), self.places.copy()
         branch.awake, branch.apart, branch.stops = self.awake.copy(), self.apart.copy(), self.stops.copy()
         return branch
 
     def world(self) -> World:
         """Return the arrays and parameters of this run as the argument of the kernels; arrays are not copied."""
-        return World(
-            planners=self.swarm, stops=self.stops, wakes=self.wakes, near=self.near, places=self.places[0],
-            apart=self.apart, awake=self.awake, setup=self.setup, speeds=self.speeds, record=self.record,
-            seed=self.seed, run=self.run,
-        )  # fmt: skip
+        if self.made_world is None or self.made_world.record is not self.record:
+            self.made_world = World(
+                planners=self.swarm, stops=self.stops, wakes=self.wakes, near=self.near, places=self.places[0],
+                apart=self.apart, awake=self.awake, setup=self.setup, speeds=self.speeds, record=self.record,
+                seed=self.seed, run=self.run,
+            )  # fmt: skip
+        return self.made_world
 
     def move_on(self, until: int) -> int:
         """Process all events before the tick ``until``, or until the buffers might overflow; return the tick reached.
