@@ -247,6 +247,8 @@ class Result(NotebookView):
         rows = self.floors.filter(pl.col("run") == run).to_dicts()
         if not rows:
             raise InputError(f"there is no run {run} in this result", field="run")
+        if self.scenario.floor.has_surface:  # which the scenario says; the table has kinds of tile
+            return self.scenario.floor_for(self.seed or 0, run)
         row = rows[0]
         columns = row["columns"]
         # The text ``tiles`` has a hexadecimal digit for each tile, row after row from the top.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fractions import Fraction
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vibroswarm import Scenario, preset, simulate
+from vibroswarm import Result, Scenario, preset, simulate
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import named_tiles
@@ -244,3 +245,13 @@ def test_robots_may_decide_for_any_kind() -> None:
     assert 2 in result.robots["decision"].to_list()
     assert set(result.runs["truth"]) == {2}
     assert result.runs["right"].sum() > result.runs["wrong"].sum()
+
+
+def test_files_of_digits_keep_their_kinds(tmp_path: Path) -> None:
+    from vibroswarm.cli import main
+
+    (tmp_path / "three.txt").write_text("012\n210\n", encoding="utf-8")
+    command = ["run", "--floor", str(tmp_path / "three.txt"), "--task", "majority", "--strategy", "dirichlet"]
+    more = ["--set", "sensor.model=confusion", "--set", "run.t_end_s=20", "--out", str(tmp_path / "out")]
+    assert main([*command, *more]) == 0
+    assert Result.read(tmp_path / "out").floor(0).tiles.tolist() == [[0, 1, 2], [2, 1, 0]]

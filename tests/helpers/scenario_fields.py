@@ -27,6 +27,7 @@ OTHERS = {
     "task.name": "another_task",
     "floor.source": "stripe:0.46",
     "floor.tiles": ("101", "010"),
+    "floor.values": ((0.0, 0.5), (1.0, 0.25)),
     "floor.image_threshold": 0.4,
     "floor.tile_width_m": 0.1,
     "floor.tile_height_m": 0.1,

@@ -46,9 +46,11 @@ from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.inference.outcomes import truth_on
 from vibroswarm.observation.decision_boundary import (
     expected_classes_on,
+    expected_ones_on,
     readings_boundary,
     sensed_shares_on,
     tiled_share,
@@ -148,12 +150,15 @@ def decidability(scenario: Scenario, error: float = 0.05, floor: Floor | None = 
     # The three areas are shares of the arena's area.
     spillover = (sensed.detected + sensed.spillover - sensed.vibrating) / tiled
     share = expected_share(sensor, fill, tiled, spillover)
-    asks_fill_ratio = scenario.task.name == "fill_ratio"
+    if floor.surface is not PLAIN:
+        share = expected_ones_on(sensor, floor, size)
+    asks_fill_ratio = scenario.task.name == "fill_ratio" and floor.surface is PLAIN
     verdict = _side(share, tested, truth) if asks_fill_ratio else "not assessed"
     says = (
         _words(verdict, share, boundary, tested, truth)
         if asks_fill_ratio
-        else f"Whether the task '{scenario.task.name}' is decidable cannot be computed from the share of ones."
+        else f"Whether the task '{scenario.task.name}' is decidable on this floor cannot be computed from the share of "
+        "ones."
     )
     low, high, mend = None, None, ""
     has_threshold = model_of(sensor).share_at_most is not None

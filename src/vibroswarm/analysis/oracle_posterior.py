@@ -125,6 +125,8 @@ def could_be_known(
             below; energies that the result does not hold, or whose densities are not known; no tile in the arena, or
             tiles that its border cuts.
     """
+    if result.scenario.floor.has_surface:
+        raise InputError("the posterior is that of tiles that vibrate or not", field="floor.source")
     if result.runs["stopped_early"].any():
         raise InputError(
             "runs that stopped early lack the samples after they stopped; run to t_end", field="result"
@@ -334,6 +336,8 @@ def on_both_sides(result: Result) -> Result:
             ratio is the boundary, or the runs cannot be replayed.
     """
     scenario = result.scenario
+    if scenario.floor.has_surface:
+        raise InputError("no floor of values or patches mirrors another", field="floor.source")
     if not scenario.floor.drawn_by_run:
         raise InputError(
             "only floors that are drawn for each run can be mirrored; give a random floor such as random:0.55",

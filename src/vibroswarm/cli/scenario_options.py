@@ -9,9 +9,10 @@ from typing import Any
 from vibroswarm.cli.options import ScenarioBase, ScenarioOptions
 from vibroswarm.cli.scenario_warnings import warn_of
 from vibroswarm.errors import InputError, nearest, share_from
+from vibroswarm.floors.floor import rows_of
 from vibroswarm.floors.grid_text import parse_tiles
 from vibroswarm.floors.io import THRESHOLD, check_threshold, is_picture
-from vibroswarm.floors.source import is_random, resolve
+from vibroswarm.floors.source import is_generated, resolve, values_in
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.scenario import plugins
 from vibroswarm.scenario.presets import preset_names
@@ -66,7 +67,7 @@ def check_one_floor(scenario: Scenario) -> None:
     Raises:
         InputError: the floor of the scenario is random.
     """
-    if scenario.floor.tiles is None and is_random(scenario.floor.source):
+    if scenario.floor.is_named and is_generated(scenario.floor.source):
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
 
 
@@ -196,26 +197,34 @@ def _floor_values(
     """
     size = None if tiles is None else parse_tiles(tiles)
     if spec is None:
-        if base.floor.tiles is not None or not is_random(base.floor.source):
+        if not (base.floor.is_named and is_generated(base.floor.source)):
             raise InputError(
                 "applies to a random floor, coordinate list or picture; add --floor", field="--tiles"
             )
         spec = base.floor.source
-    if is_random(spec) and size is None:
+    if is_generated(spec) and size is None:
         size = (base.floor.rows, base.floor.columns)
+    if (found := values_in(spec, size)) is not None:
+        return {"floor.source": _printable(found[1]), "floor.tiles": None, "floor.values": found[0]}
     # A random floor is drawn when it is simulated: here, only the size of its grid counts.
     grid, name = resolve(spec, size, threshold=THRESHOLD if threshold is None else threshold)
-    name = "".join(c if c.isprintable() else "?" for c in name)  # file names may contain anything
-    if is_random(spec):
+    name = _printable(name)
+    if is_generated(spec):
         return {
             "floor.source": spec,
             "floor.tiles": None,
+            "floor.values": None,
             "floor.rows": grid.shape[0],
             "floor.columns": grid.shape[1],
         }
-    rows = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
+    rows = rows_of(grid)
     # For a pattern, `resolve` returns its standard name, such as diagonal:0.46. A pattern whose fill ratio is written
     # in another way, such as diagonal:.46, is not recognised here, so its tiles are stored too. For a file, `resolve`
     # returns the name of the file, which is assumed to have no colon.
     is_pattern = ":" in name and name == spec.strip().lower().replace("_", "-")
-    return {"floor.source": name, "floor.tiles": None if is_pattern else rows}
+    return {"floor.source": name, "floor.tiles": None if is_pattern else rows, "floor.values": None}
+
+
+def _printable(name: str) -> str:
+    """Return the name of a file, which may contain anything, with printable characters only."""
+    return "".join(c if c.isprintable() else "?" for c in name)

@@ -57,6 +57,7 @@ class Purpose(IntEnum):
     VIBRATION = 24
     MOTOR = 25
     VIDEO = 30
+    PATCH = 31
 
 
 def _number(value: int) -> int:
@@ -107,6 +108,8 @@ MOTOR: Final = _number(Purpose.MOTOR)
 
 CHANGE: Final = _number(Purpose.CHANGE)
 """Purpose of the numbers by which a floor changes during a run (``floors.changes``)."""
+PATCH: Final = _number(Purpose.PATCH)
+"""Purpose of the numbers of a floor's patches and values."""
 
 FIRST: Final = _number(0)
 """Index of a number of which there is only one."""

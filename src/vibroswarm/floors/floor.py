@@ -3,7 +3,7 @@
 | name | symbol | unit | shape |
 |---|---|---|---|
 | tiles | E (Eq. 1) | kind: 0 still, 1 vibrating, others as the sensor tells | (rows, columns), top row first |
-| fill ratio | f (Eq. 3) | - | scalar |
+| fill ratio | f (Eq. 3) | - | scalar; of values and patches the mean contrast |
 | tile index | - | row * columns + column | -1: on no tile |
 
 x points right, y points up, the origin is the arena's lower left corner. A floor may be smaller than its arena; the
@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, shown
 from vibroswarm.floors.changes import NO_CHANGES, Changes
+from vibroswarm.floors.surfaces import PLAIN, STEPS, Surface
 
 TILE_LIMIT: Final = 4_000_000
 """Maximum number of tiles of a floor."""
@@ -46,6 +47,7 @@ class Floor(NotebookView):
         left_m, bottom_m: the floor's lower left corner in the arena, m.
         name: name of the floor in titles and results; equality ignores it.
         changes: tiles that become another kind during a run; by default the floor stays as it is.
+        surface: values of tiles, and patches; by default kinds of tile say all.
 
     Raises:
         InputError: there are no tiles, tiles that are no kinds, a size that is not finite and positive, a position
@@ -59,6 +61,7 @@ class Floor(NotebookView):
     bottom_m: float = 0.0
     name: str = ""
     changes: Changes = NO_CHANGES
+    surface: Surface = PLAIN
 
     def __post_init__(self) -> None:
         """Copy the tiles, so that they cannot be changed from outside, and check all fields except ``name``.
@@ -107,10 +110,14 @@ class Floor(NotebookView):
         """Return whether both floors have equal tiles at equal places, and equal changes; names are ignored."""
         if not isinstance(other, Floor):
             return NotImplemented
-        if self.geometry != other.geometry or not np.array_equal(self.tiles, other.tiles):
+        mine, theirs = self.surface, other.surface
+        if self.geometry != other.geometry or mine.patches != theirs.patches:
             return False
-        columns = zip(self.changes, other.changes, strict=True)
-        return all(np.array_equal(np.asarray(mine), np.asarray(theirs)) for mine, theirs in columns)
+        if (mine.values is None) != (theirs.values is None):
+            return False
+        values = [] if mine.values is None else [(mine.values, theirs.values)]
+        pairs = [(self.tiles, other.tiles), *values, *zip(self.changes, other.changes, strict=True)]
+        return all(np.array_equal(np.asarray(one), np.asarray(another)) for one, another in pairs)
 
     def __hash__(self) -> int:
         """Return a hash of what ``__eq__`` compares."""
@@ -160,7 +167,11 @@ class Floor(NotebookView):
 
     @property
     def fill_ratio(self) -> float:
-        """Share of tiles that vibrate, f (Eq. 3), at time 0: those of kind 1."""
+        """Share of tiles that vibrate, f (Eq. 3), at time 0: kind 1; of values and patches the mean contrast."""
+        if self.surface is not PLAIN:
+            patches, (rows, columns, width_m, height_m, _, _) = self.surface.patches, self.geometry
+            patched_m2 = sum(patch.contrast * patch.area_m2 for patch in patches)
+            return float(self._mean_value + patched_m2 / (rows * columns * width_m * height_m))
         return float(np.count_nonzero(self.tiles == 1) / self.tiles.size)  # Eq. 3
 
     def fill_ratio_within(self, width_m: float, height_m: float) -> float:
@@ -178,14 +189,69 @@ class Floor(NotebookView):
         """
         width_m, height_m = _size_of(width_m, "width_m"), _size_of(height_m, "height_m")
         sides = sides_inside(self.geometry, width_m, height_m)
-        of_kind = self.tiles == kind
-        if sides is None:
+        if sides is None and self.surface is PLAIN:
+            of_kind = self.tiles == kind
             return float(np.count_nonzero(of_kind) / of_kind.size)
-        across, up = sides  # the width of each column and the height of each row inside the arena, m
-        tiled_m2 = up.sum() * across.sum()  # tiled area inside the arena
-        if not tiled_m2:
+        if sides is not None and not sides[0].sum() * sides[1].sum():
             raise InputError(f"lies outside the arena of {width_m:g} m x {height_m:g} m", field="floor")
-        return float(up @ of_kind @ across / tiled_m2)
+        if self.surface is not PLAIN:
+            if sides is None and not self.surface.patches and kind < 2:  # exactly, as of kinds
+                return self._mean_value if kind == 1 else 1.0 - self._mean_value
+            contrast, share = self.contrast_shares(width_m, height_m)
+            return float(share @ (contrast if kind == 1 else 1.0 - contrast)) if kind < 2 else 0.0
+        assert sides is not None
+        across, up = sides  # the width of each column and the height of each row inside the arena, m
+        return float(up @ (self.tiles == kind) @ across / (up.sum() * across.sum()))
+
+    def contrast_shares(
+        self, width_m: float, height_m: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return contrasts, from 0 (still) to 1 (vibrating), and which share of the floor inside an arena has each.
+
+        Contrasts may occur several times. Patches lie on still tiles, so their shares are taken off those of contrast
+        0, one by one.
+
+        Args:
+            width_m, height_m: size of the arena, m.
+        """
+        rows, columns, tile_width_m, tile_height_m, _, _ = self.geometry
+        sides = sides_inside(self.geometry, width_m, height_m)
+        across, up = (
+            sides if sides is not None else (np.full(columns, tile_width_m), np.full(rows, tile_height_m))
+        )
+        area_m2 = np.outer(up, across)
+        whole_m2, patches = area_m2.sum(), self.surface.patches
+        patched = np.array([patch.area_m2 for patch in patches]) / whole_m2
+        of_patches = np.array([patch.contrast for patch in patches])
+        contrast = np.concatenate([self._contrasts.ravel(), of_patches, np.zeros(len(patches))])
+        return contrast, np.concatenate([area_m2.ravel() / whole_m2, patched, -patched])
+
+    @property
+    def _mean_value(self) -> float:
+        """The mean contrast of the tiles, without patches; correctly rounded."""
+        values = self.surface.values
+        if values is None:
+            return float(np.count_nonzero(self.tiles == 1) / self.tiles.size)
+        return int(values.sum(dtype=np.int64)) / (STEPS * values.size)
+
+    @property
+    def _contrasts(self) -> NDArray[np.float64]:
+        """The contrast of each tile, (rows, columns)."""
+        values = self.surface.values
+        return (self.tiles == 1).astype(np.float64) if values is None else np.asarray(values / STEPS)
+
+    def contrast_at(self, x_m: ArrayLike, y_m: ArrayLike) -> NDArray[np.float64]:
+        """Return the contrast at each point, 0 (still, or no tile) to 1 (vibrating), in the shape of the points.
+
+        Args:
+            x_m, y_m: coordinates of the points in the arena, m, in two arrays of the same shape.
+        """
+        tile = self.tile_at(x_m, y_m)
+        found = np.append(self._contrasts, 0.0)[tile]  # -1, no tile, reads the last entry
+        x, y = np.asarray(x_m, dtype=np.float64), np.asarray(y_m, dtype=np.float64)
+        for patch in self.surface.patches:
+            found = np.where(patch.distance_m(x, y) < 0.0, patch.contrast, found)
+        return np.asarray(found)
 
     @classmethod
     def filling(cls, tiles: ArrayLike, width_m: float = 1.0, height_m: float = 1.0, name: str = "") -> Floor:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TextIO
@@ -24,6 +25,7 @@ from vibroswarm.core.untrusted_files import read_bytes
 from vibroswarm.errors import InputError, number_of, warn_once
 from vibroswarm.floors.floor import TILE_LIMIT, as_tiles, rows_of
 from vibroswarm.floors.grid_text import MAX_LINES, Size, read_text
+from vibroswarm.floors.surfaces import steps_of
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -84,6 +86,37 @@ def read_tiles(
             field=name,
         ) from None
     return read_text(text, name, tiles)
+
+
+def read_values(path: Path | str, size: Size | None = None) -> NDArray[np.float64]:
+    """Read a value for each tile, from 0 to 1: numbers of a text or CSV, or grey levels of a PNG picture.
+
+    Args:
+        size: rows and columns, into which a picture is divided; None: each pixel is a tile. Numbers must be of this
+            size.
+    Raises:
+        InputError: the file cannot be read, or is no rectangle of numbers from 0 to 1.
+    """
+    name = str(path)
+    data = read_bytes(Path(path), FILE_LIMIT, "a floor")
+    if data.startswith(PNG):
+        return brightness_of(data, name, size)
+    try:
+        lines = data.decode("utf-8-sig").splitlines()
+        rows = [
+            [float(cell) for cell in re.split(r"\s*[,;\t]\s*|\s+", line.strip())]
+            for line in lines
+            if line.strip() and not line.startswith("#")
+        ]
+        values = np.array(rows, dtype=np.float64)
+    except ValueError:  # other text, or rows of different lengths
+        raise InputError("is no rectangle of numbers; give one row of tiles per line", field=name) from None
+    steps_of(values, name)  # which checks it
+    if size is not None and values.shape != size:
+        raise InputError(
+            f"holds {values.shape[0]} x {values.shape[1]} tiles, not {size[0]} x {size[1]}", field=name
+        )
+    return values
 
 
 def write_tiles(path: Path | str, tiles: NDArray[np.uint8], *, replace: bool = False) -> None:
@@ -190,6 +223,23 @@ def read_png(
             ``threshold`` is out of range.
     """
     check_threshold(threshold)
+    brightness = brightness_of(data, name, size, most_pixels)
+    near = int((np.abs(brightness - threshold) < NEAR).sum())
+    if near:
+        warn_once(
+            f"{name}: the brightness of {near:,} of {brightness.size:,} tiles is within {100 * NEAR:g} percentage "
+            f"points of the threshold, {100 * threshold:.4g} %; 'vibroswarm floors show' draws the floor"
+        )
+    return (brightness >= threshold).astype(np.uint8)
+
+
+def brightness_of(
+    data: bytes, name: str, size: Size | None = None, most_pixels: int = TILE_LIMIT
+) -> NDArray[np.float64]:
+    """Return the mean brightness of each tile of a PNG picture, as a share of white, (rows, columns).
+
+    Arguments and errors are those of ``read_png``.
+    """
     levels, full = _grey_levels(data, name)
     if size is None:
         if levels.size > most_pixels:
@@ -205,14 +255,7 @@ def read_png(
             "--tiles; give at most as many tiles as pixels",
             field=name,
         )
-    brightness = _means(levels, size) / full  # of each tile
-    near = int((np.abs(brightness - threshold) < NEAR).sum())
-    if near:
-        warn_once(
-            f"{name}: the brightness of {near:,} of {brightness.size:,} tiles is within {100 * NEAR:g} percentage "
-            f"points of the threshold, {100 * threshold:.4g} %; 'vibroswarm floors show' draws the floor"
-        )
-    return (brightness >= threshold).astype(np.uint8)
+    return np.asarray(_means(levels, size) / full)
 
 
 def check_threshold(threshold: float, field: str = "--image-threshold") -> None:

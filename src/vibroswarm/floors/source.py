@@ -5,7 +5,9 @@
 | ``diagonal:0.46`` | a pattern of the paper, 10 x 10 tiles, top row first |
 | ``random:0.48`` | a share of vibrating tiles at random places: a new floor for each run |
 | ``random:0.4,0.35,0.25`` | shares of the kinds 0, 1, 2 of tile at random places, likewise |
+| ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2`` | patches and values, see ``surfaces`` |
 | ``floors/mine.csv`` | a file, see ``io`` |
+| ``values:floors/mine.csv`` | a file of numbers from 0 to 1, or a grey picture |
 
 Random floors have an exact number of tiles of each kind.
 
@@ -30,7 +32,8 @@ from vibroswarm.core.rng import SEED_LIMIT, shuffled
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import KIND_LIMIT, as_tiles, check_size
 from vibroswarm.floors.grid_text import Size
-from vibroswarm.floors.io import THRESHOLD, read_tiles
+from vibroswarm.floors.io import THRESHOLD, read_tiles, read_values
+from vibroswarm.floors.surfaces import PATCHES, kind_of_name, kinds_of, named_values
 
 _DIAGONAL: Final = (
     "1111000000 1111000000 1111100000 1111110000 0011111000 "
@@ -155,15 +158,15 @@ def resolve(
             read or is no floor, the fill ratio of a random floor is impossible, the floor does not fit ``tiles``, or
             it has too many tiles without ``tiles``.
     """
-    if is_random(spec) or family(spec) is not None:
-        rows, columns = tiles or DEFAULT_SIZE  # the size of a random floor; a pattern has its own
+    if is_generated(spec) or family(spec) is not None:
+        rows, columns = tiles or DEFAULT_SIZE  # the size of a generated floor; a pattern has its own
         grid = named_tiles(spec, rows, columns, seed, run)
         if tiles is not None and grid.shape != tiles:
             raise InputError(
                 f"'{spec}' has {grid.shape[0]}x{grid.shape[1]} tiles, not {rows}x{columns}; omit --tiles",
                 field="--tiles",
             )
-        return grid, spec if is_random(spec) else canonical(spec)
+        return grid, spec if is_generated(spec) else canonical(spec)
     # If the text looks like a file, ``read_tiles`` reports that the file is missing. Else it is more likely a misspelt
     # pattern.
     if not _is_there(spec) and not _looks_like_a_file(spec):
@@ -179,17 +182,41 @@ def resolve(
     return grid, Path(spec).name
 
 
+VALUES_OF: Final = "values:"
+"""What the name of a file with values of tiles begins with, as a floor."""
+
+
+def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, ...], ...], str] | None:
+    """Return the values of the tiles in a file, row by row, and its name; None if ``spec`` names no file of values.
+
+    Args:
+        spec: such as ``values:floors/mine.csv``, or a grey picture. size: rows and columns, as in ``io.read_values``.
+    Raises:
+        InputError: there is no such file, or it has no values.
+    """
+    if not spec.strip().lower().startswith(VALUES_OF):
+        return None
+    path = spec.strip()[len(VALUES_OF) :]
+    values = read_values(path, size)
+    return tuple(tuple(row) for row in values.round(6).tolist()), Path(path).name
+
+
 def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
     """Return the tiles of a pattern or of a random floor.
 
     Args:
-        source: a pattern with its fill ratio (``diagonal:0.46``), or a random floor (``random:0.48``).
-        rows, columns: size of a random floor. seed, run: select one random floor. All four are not used for patterns,
-            which are 10 x 10.
+        source: a pattern with its fill ratio (``diagonal:0.46``), a random floor (``random:0.48``), or one of
+            ``surfaces``, whose tiles stand for its values, and are still below its patches.
+        rows, columns: size of a floor that is no pattern. seed, run: select one random floor. All four are not used for
+            patterns, which are 10 x 10.
     Raises:
         InputError: there is no such pattern (the message names the most similar name), or a floor of this size cannot
             have this fill ratio.
     """
+    if surface := kind_of_name(source):
+        if surface == PATCHES:
+            return np.zeros((rows, columns), dtype=np.uint8)
+        return kinds_of(named_values(source, rows, columns, seed, run))
     if is_random(source):
         shares = random_shares(source)
         return random_tiles(rows, columns, shares[1] if len(shares) == 2 else shares, seed, run)
@@ -203,12 +230,22 @@ def is_random(spec: str) -> bool:
     return spec.partition(":")[0].strip().lower() == RANDOM
 
 
+def is_redrawn(spec: str) -> bool:
+    """Return whether ``spec`` names a floor that is another one in each run."""
+    return is_random(spec) or kind_of_name(spec) in (PATCHES, "field")
+
+
+def is_generated(spec: str) -> bool:
+    """Return whether ``spec`` names a floor of any size: a random one, patches, or values."""
+    return is_random(spec) or bool(kind_of_name(spec))
+
+
 def shadows(name: str, tiles: NDArray[np.uint8]) -> bool:
     """Return whether ``name`` is the name of a pattern or of random floors, but ``tiles`` is not that pattern.
 
     A floor with these tiles must then not get this name, since the name would be read as the pattern or random floors.
     """
-    if is_random(name):
+    if is_generated(name):
         return True
     if family(name) is None:
         return False

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from vibroswarm.core.displayed import html_view
+from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values
 from vibroswarm.observation.energy_model import energy_of, readings_of
 from vibroswarm.scenario.fields import Sensor
@@ -68,7 +69,7 @@ def values_at(
     if inside is False:
         return still
     vibrating = np.interp(u, table.u, table.vibrating)
-    return np.where(inside, (1.0 - contrast) * still + contrast * vibrating, still)
+    return np.where(inside, mixed(still, vibrating, contrast), still)
 
 
 def ratios_at(law: Law, value: Floats, *, bits: bool = False) -> Floats:
@@ -101,7 +102,7 @@ def _contrast_table(law: Law, contrast: float) -> Floats:
     at = np.linspace(0, POINTS - 1, 200).round().astype(np.int64)
     logs = []
     for share in (0.0, contrast):
-        quantile = ((1.0 - share) * table.still + share * table.vibrating)[at]
+        quantile = mixed(table.still, table.vibrating, share)[at]
         middle = 0.5 * (quantile[1:] + quantile[:-1])
         density = np.diff(table.u[at]) / np.maximum(np.diff(quantile), 1e-9)
         total = sum(
@@ -110,22 +111,6 @@ def _contrast_table(law: Law, contrast: float) -> Floats:
         )
         logs.append(np.log(np.maximum(total, 1e-12)))
     return np.asarray(np.clip(logs[1] - logs[0], -8.0, 8.0))
-
-
-class Patch(NamedTuple):
-    """Damage: rectangles or discs, several replicates at once; (replicates,) each."""
-
-    x_m: Floats
-    y_m: Floats
-    """Its centre."""
-    width_m: Floats
-    height_m: Floats
-    """Of a disc both are the diameter."""
-    contrast: Floats
-    is_disc: bool = False
-
-    def _repr_html_(self) -> str:
-        return html_view(self)
 
 
 def patch_of(
@@ -140,7 +125,7 @@ def random_places(
     random: np.random.Generator, side_m: Floats, size_m: tuple[float, float]
 ) -> tuple[Floats, Floats]:
     """Return centres at which squares of these sides lie within the surface, uniformly."""
-    x, y = (0.5 * side_m + random.random(side_m.size) * (whole - side_m) for whole in size_m)
+    x, y = (place_within(random.random(side_m.size), side_m, 0.0, whole) for whole in size_m)
     return x, y
 
 
@@ -152,12 +137,7 @@ def sensed(
     Args:
         x_m, y_m: true places, (samples, 1) or (samples, replicates).
     """
-    dx, dy = np.abs(x_m - patch.x_m), np.abs(y_m - patch.y_m)
-    if patch.is_disc:
-        beyond = np.hypot(dx, dy) - 0.5 * patch.width_m
-    else:
-        dx, dy = dx - 0.5 * patch.width_m, dy - 0.5 * patch.height_m
-        beyond = np.hypot(np.maximum(dx, 0.0), np.maximum(dy, 0.0)) + np.minimum(np.maximum(dx, dy), 0.0)
+    beyond = patch.distance_m(x_m, y_m)
     reach_m, blur_m = sensor.edge_reach_m or 0.0, sensor.edge_blur_m or 0.0
     if blur_m == 0.0:
         return np.asarray(beyond < reach_m)

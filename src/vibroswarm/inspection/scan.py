@@ -29,8 +29,8 @@ from vibroswarm.analysis.intervals import generator, wilson_limits
 from vibroswarm.core.displayed import html_view
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
+from vibroswarm.floors.patches import Patch
 from vibroswarm.inspection.damage import (
-    Patch,
     contrast_ratios,
     drawn_values,
     patch_of,

@@ -31,8 +31,9 @@ from vibroswarm.core.jit import allocating_kernel, inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place, place_of
+from vibroswarm.floors.surfaces import PLAIN
 from vibroswarm.observation.edge_response import FAR, share_past, vibration_probability
-from vibroswarm.observation.energy_model import error_rates, rates
+from vibroswarm.observation.energy_model import error_rates, mean_shares_below, rates
 from vibroswarm.scenario.fields import Arena, FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.scenario.validation import is_neutral_at_half_only
@@ -103,7 +104,7 @@ def expected_ones_on(sensor: Sensor, floor: Floor, size: Size) -> float:
     Args:
         size: width and height of the arena, m.
     """
-    if max(sensor.kinds, sensor.readings) > 2:
+    if max(sensor.kinds, sensor.readings) > 2 or floor.surface is not PLAIN:
         return float(expected_classes_on(sensor, floor, size)[1])
     # The bit is 1 if the place is sensed as vibrating and the bit is no false negative, or if the place is sensed as
     # still and the bit is a false positive.
@@ -119,6 +120,13 @@ def expected_classes_on(sensor: Sensor, floor: Floor, size: Size) -> NDArray[np.
     Args:
         size: width and height of the arena, m, with this floor.
     """
+    if floor.surface is not PLAIN:
+        contrasts, shares_of_them = floor.contrast_shares(*size)
+        below = mean_shares_below(sensor, np.unique(contrasts))[sensor.kinds :, 0]  # of two classes
+        ones = shares_of_them @ (1.0 - below)[np.searchsorted(np.unique(contrasts), contrasts)]
+        tiled, beside = tiled_share(floor.geometry, size), rates(sensor)[0, 1]
+        ones = tiled * ones + (1.0 - tiled) * beside
+        return np.array([1.0 - ones, ones])
     shares = [floor.share_within(kind, *size) for kind in range(sensor.kinds)]
     tiled, by_kind = tiled_share(floor.geometry, size), rates(sensor)
     return np.asarray(tiled * (shares @ by_kind) + (1.0 - tiled) * by_kind[0])

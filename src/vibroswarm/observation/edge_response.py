@@ -20,16 +20,19 @@ The edges of preset `calibrated` were fitted to tiles of one size. On smaller ti
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vibroswarm.core.jit import kernel
+from vibroswarm.core.jit import inner, kernel
 from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, uniform
+from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.patches import edge_distance
 from vibroswarm.floors.place import Place
+from vibroswarm.floors.surfaces import STEPS
 from vibroswarm.observation.energy_model import factors_differ, is_sensed, shares_below
 from vibroswarm.scenario.fields import FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario, preset
@@ -63,7 +66,14 @@ class Response(NamedTuple):
     """(rows,): factors of the energy."""
     shares_below: NDArray[np.float64]
     """(rows, kinds, classes - 1): share of samples on each kind of tile that read as each class or a lower one, with
-    values multiplied by the row's factor; for two kinds and classes F(theta_E) on still and on vibrating tiles."""
+    values multiplied by the row's factor; for two kinds and classes F(theta_E) on still and on vibrating tiles. Places
+    between still and vibrating are further kinds."""
+    contrasts: NDArray[np.float64]
+    """Contrast of each of these further kinds."""
+    patches: NDArray[np.float64]
+    """(patches, 6): x, y, width, height (m) of each patch, 1 if it is a disc, and its kind."""
+    first_patch: NDArray[np.int64]
+    """(runs + 1,): run r has the patches from ``first_patch[r]`` to ``first_patch[r + 1]``."""
 
 
 @kernel
@@ -182,6 +192,38 @@ def sensed_tile(
     return at if vibrates == (at >= 0 and tiles[at] == 1) else edge_tile
 
 
+@inner
+def patched_kind(
+    x_m: float,
+    y_m: float,
+    kind: int,
+    response: Response,
+    r: int,
+    seed: int,
+    run: int,
+    robot: int,
+    sample: int,
+) -> int:
+    """Return the kind of the patch that a sample senses; ``kind``, that of the tile, if it senses none.
+
+    Near the edge of a patch a sample senses it with the probability of edges of tiles (``share_past``).
+
+    Args:
+        r: index of the run in ``response.first_patch``. seed, run, robot, sample: address of the sample's numbers.
+    """
+    for k in range(response.first_patch[r], response.first_patch[r + 1]):
+        patch = response.patches[k]
+        beyond = edge_distance(abs(x_m - patch[0]), abs(y_m - patch[1]), patch[2], patch[3], patch[4] > 0.0)
+        if not response.edges:
+            if beyond < 0.0:
+                return int(patch[5])
+        elif beyond < response.reach_m + FAR * response.blur_m:
+            u = uniform(seed, run, robot, SENSING, sample, OF_EDGE)
+            if u < share_past(response.reach_m - beyond, response.blur_m):
+                return int(patch[5])
+    return kind
+
+
 @kernel
 def factor_row(response: Response, r: int, robot: int, sensed: int) -> int:
     """Return the index of the row of ``response.factors`` and ``shares_below`` that a sample uses.
@@ -198,19 +240,62 @@ def factor_row(response: Response, r: int, robot: int, sensed: int) -> int:
     return row
 
 
-def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: Sequence[int]) -> Response:
+def contrasts_of(floors: Iterable[Floor]) -> NDArray[np.float64]:
+    """Return the contrasts between still and vibrating that occur on floors, ascending."""
+    steps: set[int] = set()
+    for surface in {id(floor): floor.surface for floor in floors}.values():
+        if surface.values is not None:
+            steps |= set(np.unique(surface.values).tolist())
+        steps |= {round(patch.contrast * STEPS) for patch in surface.patches}
+    return np.array(sorted(steps - {0, STEPS})) / STEPS
+
+
+def kinds_with(floor: Floor, contrasts: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return the kinds of a floor's tiles as kernels read them, (tiles,); contrasts are kinds from 2 on."""
+    values = floor.surface.values
+    if values is None:
+        return floor.tiles.ravel()
+    return np.array([_kind_with(step / STEPS, contrasts) for step in range(STEPS + 1)], dtype=np.uint8)[
+        values.ravel()
+    ]
+
+
+def _kind_with(contrast: float, contrasts: NDArray[np.float64]) -> int:
+    if contrast in (0.0, 1.0):
+        return int(contrast)
+    return 2 + int(np.searchsorted(contrasts, contrast - 0.5 / STEPS))
+
+
+def _patches_of(
+    floors: Sequence[Floor], contrasts: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return ``Response.patches`` and ``first_patch``."""
+    rows = [
+        (p.x_m, p.y_m, p.width_m, p.height_m, float(p.is_disc), float(_kind_with(p.contrast, contrasts)))
+        for floor in floors
+        for p in floor.surface.patches
+    ]
+    counts = [len(floor.surface.patches) for floor in floors]
+    return np.array(rows, dtype=np.float64).reshape(-1, 6), np.cumsum([0, *counts], dtype=np.int64)
+
+
+def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], floors: Sequence[Floor]) -> Response:
     """Return the response of the sensors in some runs.
 
     Args:
-        runs: (runs,): the run numbers. tiles: number of tiles of each run's floor, in the order of ``runs``.
+        runs: (runs,): the run numbers. floors: of each run, in the order of ``runs``.
     """
-    sensor = scenario.sensor
+    sensor, tiles = scenario.sensor, [floor.tiles.size for floor in floors]
     count = len(tiles)
+    contrasts = contrasts_of(floors)
+    patches, first_patch = _patches_of(floors, contrasts)
     if not factors_differ(sensor):  # one row, with factor 1, for all runs, robots and tiles
         first, per_robot, factors = np.zeros(count, np.int64), np.ones(count, np.int64), np.ones(1)
         # A sensor that depends on the place is read sample by sample (``observe``), so that no shares are needed.
         shares = (
-            np.zeros((1, sensor.kinds, sensor.readings - 1)) if is_sensed(sensor) else shares_below(sensor)
+            np.zeros((1, sensor.kinds, sensor.readings - 1))
+            if is_sensed(sensor)
+            else shares_below(sensor, contrasts=contrasts)
         )
     else:
         factors_of_runs = [
@@ -221,7 +306,7 @@ def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: S
         first = np.cumsum([0, *(len(of_run) for of_run in factors_of_runs)])[:count]
         # If tiles differ, a robot has one row for places on no tile and one for each tile.
         per_robot = np.array([size + 1 if sensor.tile_spread else 1 for size in tiles], dtype=np.int64)
-        shares = shares_below(sensor, factors)
+        shares = shares_below(sensor, factors, contrasts)
     return Response(
         edges=sensor.edge_reach_m is not None or sensor.edge_blur_m is not None,
         reach_m=sensor.edge_reach_m or 0.0,
@@ -231,6 +316,9 @@ def response_of(scenario: Scenario, seed: int, runs: NDArray[np.int64], tiles: S
         per_robot=per_robot,
         factors=factors,
         shares_below=np.ascontiguousarray(shares),
+        contrasts=contrasts,
+        patches=patches,
+        first_patch=first_patch,
     )
 
 

@@ -54,16 +54,29 @@ def sensor_warnings(sensor: Sensor) -> list[str]:
     return [] if known is None or known.warnings is None else known.warnings(sensor.params)
 
 
-def shares_below(sensor: Sensor, factors: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
+NO_CONTRASTS: Final = np.empty(0)
+"""Contrasts of places of which none is between still and vibrating."""
+
+
+def shares_below(
+    sensor: Sensor,
+    factors: NDArray[np.float64] | None = None,
+    contrasts: NDArray[np.float64] = NO_CONTRASTS,
+) -> NDArray[np.float64]:
     """Return the share of samples on each kind of tile that read as each class or a lower one.
 
     The reading of a sample with the uniform number u is the number of these shares below u.
 
     Args:
         factors: (rows,): factors that the values are multiplied by; None: one row with factor 1.
-    Returns: (rows, kinds, classes - 1), rising along the last axis; for two kinds and classes F(theta_E) of both.
+        contrasts: (contrasts,): places between still and vibrating, which count as further kinds.
+    Returns: (rows, kinds + contrasts, classes - 1), rising along the last axis; for two kinds and classes F(theta_E) of
+        both.
     """
     model, p = model_of(sensor), sensor.params
+    if contrasts.size:
+        rows = np.ones(1) if factors is None else factors
+        return np.concatenate([shares_below(sensor, factors), model.shares_at(contrasts, rows, p)], axis=1)
     kinds = range(sensor.kinds)
     if model.share_at_most is None:
         rows = np.ones(1) if factors is None else factors
@@ -85,12 +98,12 @@ def rates(sensor: Sensor) -> NDArray[np.float64]:
     return np.diff(whole, axis=1)
 
 
-def mean_shares_below(sensor: Sensor) -> NDArray[np.float64]:
-    """Return ``shares_below`` averaged over the factors of tiles and robots, (kinds, classes - 1)."""
+def mean_shares_below(sensor: Sensor, contrasts: NDArray[np.float64] = NO_CONTRASTS) -> NDArray[np.float64]:
+    """Return ``shares_below`` averaged over the factors of tiles and robots, (kinds + contrasts, classes - 1)."""
     if not factors_differ(sensor):
-        return np.asarray(shares_below(sensor)[0])
+        return np.asarray(shares_below(sensor, contrasts=contrasts)[0])
     factors, weights = typical_factors(sensor)
-    shares = shares_below(sensor, factors)
+    shares = shares_below(sensor, factors, contrasts)
     means = [weights @ np.ascontiguousarray(shares[:, kind, j]) for kind, j in np.ndindex(shares.shape[1:])]
     return np.array(means).reshape(shares.shape[1:])
 
@@ -128,16 +141,21 @@ def energies_of(
     kind: NDArray[np.uint8],
     u: NDArray[np.float64],
     factors: NDArray[np.float64] | None = None,
+    contrasts: NDArray[np.float64] = NO_CONTRASTS,
 ) -> NDArray[np.float32]:
     """Return what each sample measures, (samples,): the quantile, at its uniform number, of its tile kind's law.
 
     Args:
         kind: (samples,): the kind of the tile sensed. u: (samples,): uniform numbers in (0, 1). factors: (samples,):
-            factors of the values; None: all 1.
+            factors of the values; None: all 1. contrasts: of kinds beyond those of the sensor, as in ``shares_below``.
     """
     energy = np.empty(u.size, dtype=np.float32)
     for one in range(sensor.kinds):
         energy[kind == one] = energy_of(sensor, one, u[kind == one])
+    if contrasts.size:
+        between = kind >= sensor.kinds
+        contrast = contrasts[kind[between] - sensor.kinds]
+        energy[between] = model_of(sensor).values_at(contrast, u[between], sensor.params)
     return energy if factors is None else (energy * factors).astype(np.float32)
 
 

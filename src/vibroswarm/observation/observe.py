@@ -30,7 +30,15 @@ from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place, place_of, tile_below
-from vibroswarm.observation.edge_response import Response, factor_row, response_of, sensed_tile
+from vibroswarm.floors.surfaces import PLAIN
+from vibroswarm.observation.edge_response import (
+    Response,
+    factor_row,
+    kinds_with,
+    patched_kind,
+    response_of,
+    sensed_tile,
+)
 from vibroswarm.observation.energy_model import energies_of, factors_differ, is_sensed, model_of
 from vibroswarm.robot.sensing import SenseProgram
 from vibroswarm.scenario.fault_draws import SensorFaults, observation_of, of_run, sensor_faults
@@ -82,20 +90,25 @@ def sensed_floors(
         runs: run numbers. floors: the floor of each run, by run number.
     """
     floor_of_each = [floors[run] for run in runs]
-    response = response_of(
-        scenario, seed, np.array(runs, dtype=np.int64), [floor.tiles.size for floor in floor_of_each]
-    )
+    response = response_of(scenario, seed, np.array(runs, dtype=np.int64), floor_of_each)
     faults = sensor_faults(scenario, seed, runs)
     result = []
     for r, floor in enumerate(floor_of_each):
         # ``first`` and ``per_robot`` have one entry per run: keep that of this run. They index the rows of ``factors``
         # and ``shares_below``, which stay those of all runs.
         own_response = response._replace(
-            first=response.first[r : r + 1], per_robot=response.per_robot[r : r + 1]
+            first=response.first[r : r + 1],
+            per_robot=response.per_robot[r : r + 1],
+            first_patch=response.first_patch[r : r + 2],
         )
         faults_of_run = of_run(faults, r)
         stages = [
-            (since_s, SensedFloor(stage.tiles.ravel(), place_of(stage), own_response, faults_of_run))
+            (
+                since_s,
+                SensedFloor(
+                    kinds_with(stage, response.contrasts), place_of(stage), own_response, faults_of_run
+                ),
+            )
             for since_s, stage in floor.stages()
         ]
         result.append(Ground(np.array([since_s for since_s, _ in stages]), [stage for _, stage in stages]))
@@ -119,6 +132,8 @@ def read(
         x_m, y_m, tile, ground.place, ground.tiles, ground.response, seed, run, robot, sample
     )
     kind = kind_of(ground.tiles, sensed)
+    if ground.response.patches.shape[0] > 0:
+        kind = patched_kind(x_m, y_m, kind, ground.response, 0, seed, run, robot, sample)
     row = factor_row(ground.response, 0, robot, sensed)  # 0: ``ground`` holds a single run
     u = uniform(seed, run, robot, SENSING, sample, ALONE)
     shares = ground.response.shares_below
@@ -217,7 +232,7 @@ def read_samples(
         observation: (rows,), written. kinds, factors: (rows,): kind of the sensed tile, and the value's factor,
             written; if they are empty, they are not computed.
     """
-    with_kinds = kinds.size > 0
+    with_kinds, with_patches = kinds.size > 0, response.patches.shape[0] > 0
     for r in range(runs.size):
         rows, columns, width_m, height_m, left_m, bottom_m = places[r]
         place = Place(int(rows), int(columns), width_m, height_m, left_m, bottom_m + rows * height_m)
@@ -234,6 +249,8 @@ def read_samples(
                 at = sensed_tile(x_m[k], y_m[k], at, place, own, response, seed, runs[r], i, number)
                 sensed[k] = at
             kind, row = kind_of(own, at), factor_row(response, r, i, at)
+            if with_patches:
+                kind = patched_kind(x_m[k], y_m[k], kind, response, r, seed, runs[r], i, number)
             observation[k] = observation_of(
                 faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row
             )
@@ -303,6 +320,8 @@ class Readings(NamedTuple):
     """Factor of the energy on the sensed tile; empty unless energies were requested."""
     values: NDArray[np.float64]
     """(rows, numbers): what a sensor that depends on the place measured; without rows for other sensors."""
+    contrasts: NDArray[np.float64]
+    """Contrasts of kinds beyond those of the sensor (``Response.contrasts``)."""
 
 
 class Places:
@@ -355,8 +374,8 @@ class Places:
             return self._read_stages(scenario, floors, energies)
         count = self.samples.height
         floor_of_each = [floors[run] for run in self.runs.tolist()]
-        places, first_tiles, tiles = _laid_out(floor_of_each)
-        response = self._response(scenario, [floor.tiles.size for floor in floor_of_each])
+        response = self._response(scenario, floor_of_each)
+        places, first_tiles, tiles = _laid_out(floor_of_each, response.contrasts)
         tiles_and_numbers, known = self._tiles_and_numbers.get(places.tobytes()), True
         if tiles_and_numbers is None:  # ``read_samples`` fills these new arrays
             tiles_and_numbers, known = (np.empty(count, dtype=np.int32), np.empty(count)), False
@@ -371,6 +390,7 @@ class Places:
             kinds=np.empty(with_energies, dtype=np.uint8),
             factors=np.empty(with_energies),
             values=self._values(scenario, floor_of_each),
+            contrasts=response.contrasts,
         )
         faults = sensor_faults(scenario, self.seed, self.runs.tolist())
         read_samples(
@@ -452,12 +472,15 @@ class Places:
         self._sensed[key] = np.empty(self.samples.height, dtype=np.int32)
         return self._sensed[key], False
 
-    def _response(self, scenario: Scenario, tiles: Sequence[int]) -> Response:
-        """Return the cached sensor response of a scenario; ``tiles``: number of tiles of each run's floor."""
+    def _response(self, scenario: Scenario, floors: Sequence[Floor]) -> Response:
+        """Return the cached sensor response of a scenario; ``floors``: of each run."""
         # ``redraw`` is part of the key because it determines whether each run has its own factors of tiles.
-        key = (scenario.sensor, scenario.floor.redraw, scenario.swarm.robots, *tiles)
+        tiles = [floor.tiles.size for floor in floors]
+        key: tuple[Any, ...] = (scenario.sensor, scenario.floor.redraw, scenario.swarm.robots, *tiles)
+        if any(floor.surface is not PLAIN for floor in floors):
+            key = (*key, scenario.floor, scenario.arena)
         if key not in self._responses:
-            self._responses[key] = response_of(scenario, self.seed, self.runs, tiles)
+            self._responses[key] = response_of(scenario, self.seed, self.runs, floors)
         return self._responses[key]
 
 
@@ -519,7 +542,10 @@ def energies_at(
         numbers[k] = uniform(seed, run, i, SENSING, number, ALONE)
         factors[k] = ground.response.factors[row]
     # None stands for factors that are all 1.
-    return energies_of(scenario.sensor, kinds, numbers, factors if factors_differ(scenario.sensor) else None)
+    differ = factors_differ(scenario.sensor)
+    return energies_of(
+        scenario.sensor, kinds, numbers, factors if differ else None, ground.response.contrasts
+    )
 
 
 def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
@@ -531,7 +557,7 @@ def energies_read(scenario: Scenario, read: Readings) -> NDArray[np.float32]:
     if is_sensed(scenario.sensor):
         return read.values[:, 0].astype(np.float32)
     factors = read.factors if factors_differ(scenario.sensor) else None  # None: all are 1
-    return energies_of(scenario.sensor, read.kinds, read.numbers, factors)
+    return energies_of(scenario.sensor, read.kinds, read.numbers, factors, read.contrasts)
 
 
 def observation_frame(
@@ -558,10 +584,12 @@ def observation_frame(
 
 
 def _laid_out(
-    floors: Sequence[Floor],
+    floors: Sequence[Floor], contrasts: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
     """Convert floors to arrays for kernels; the tiles of a floor object that occurs several times are stored once.
 
+    Args:
+        contrasts: those that occur (``contrasts_of``).
     Returns: geometry of each floor, (floors, 6); index of each floor's first tile, (floors,); tiles of all distinct
         floors, concatenated.
     """
@@ -572,7 +600,7 @@ def _laid_out(
     first = dict(
         zip(distinct, accumulate((f.tiles.size for f in distinct.values()), initial=0), strict=False)
     )
-    tiles = [floor.tiles.ravel() for floor in distinct.values()]
+    tiles = [kinds_with(floor, contrasts) for floor in distinct.values()]
     return (
         places,
         np.array([first[id(floor)] for floor in floors], dtype=np.int64),

@@ -297,13 +297,13 @@ Costs = Annotated[
 class TaskChoice(Choice):
     """The question about the floor; by name: ``fill_ratio``: does more than ``decision_boundary`` vibrate?;
     ``majority``: which kind of tile is most common?; ``agree``: on a symmetric floor, on which side?; ``share``: which
-    share vibrates?"""
+    share vibrates?; ``mean``: what is the mean value of the tiles?"""
 
     kind = "task"
     known = staticmethod(known_tasks)
     name: str = "fill_ratio"
     """The right decision is given by the share of tiles that vibrate (fill_ratio), or by the most common kind of tile
-    (majority). None is right where a swarm only has to agree (agree), or is asked for a number (share)."""
+    (majority). None is right where a swarm only has to agree (agree), or is asked for a number (share, mean)."""
     costs: Costs | None = None
     """What mistakes cost, such as ``[[0, 1], [4, 0]]``: a row for each truth, in it the cost of each answer. None: all
     cost the same. Leagues, detection and searches count a mistake by its cost relative to the dearest."""

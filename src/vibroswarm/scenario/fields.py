@@ -21,6 +21,7 @@ Field to paper:
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -31,7 +32,17 @@ from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.core.ticks import tick_at
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import DIGITS, TILE_LIMIT, Floor, as_tiles, words_of_kinds
-from vibroswarm.floors.source import is_random, named_tiles
+from vibroswarm.floors.source import is_redrawn, named_tiles
+from vibroswarm.floors.surfaces import (
+    PATCHES,
+    PLAIN,
+    Surface,
+    kind_of_name,
+    kinds_of,
+    named_patches,
+    named_values,
+    steps_of,
+)
 from vibroswarm.scenario.change_fields import Change
 from vibroswarm.scenario.choices import Choice, NetworkChoice, StrategyChoice, TaskChoice
 from vibroswarm.scenario.fault_fields import Faults, MotionFaults
@@ -67,12 +78,19 @@ class Arena(FrozenModel):
     """Inner height, m."""
 
 
+ValueRow = Annotated[
+    tuple[Annotated[float, Field(ge=0, le=1)], ...], Field(min_length=1, max_length=2000, strict=False)
+]
+"""Values of a row of tiles."""
+
+
 class FloorField(FrozenModel):
     """The tiles in the arena, and their position."""
 
     source: str = Field(default="random:0.48", min_length=1)
     """A pattern with its fill (``diagonal:0.46``), ``random:0.48``, ``random:0.4,0.35,0.25`` (shares of the kinds 0, 1
-    and 2), or the name of the floor in ``tiles``."""
+    and 2), ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2``, or the name of the floor in
+    ``tiles`` or ``values``."""
     rows: Annotated[int, Field(ge=1, le=2000)] = 5
     """Rows of a random floor; patterns and `tiles` have their own."""
     columns: Annotated[int, Field(ge=1, le=2000)] = 5
@@ -80,6 +98,9 @@ class FloorField(FrozenModel):
     tiles: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
     """The floor itself, one string of 0 and 1 per row, top row first; other kinds of tile are 2 to 9 and a to f. It
     takes precedence over ``source``."""
+    values: Annotated[tuple[ValueRow, ...], Field(min_length=1, strict=False)] | None = None
+    """The floor itself as values, one row of numbers from 0 (still) to 1 (vibrating) per row of tiles, top row first,
+    in place of ``tiles``."""
     redraw: Literal["run", "study"] = "run"
     """Draw a new random floor for each run, or once (that of run 0) for all."""
     image_threshold: Annotated[float, Field(gt=0, lt=1)] | None = None
@@ -101,14 +122,26 @@ class FloorField(FrozenModel):
 
         Values that are no table (a ``FloorField``, or a wrong type) are left to Pydantic.
         """
-        if isinstance(values, dict) and values.get("tiles") is not None and "source" not in values:
+        if not isinstance(values, dict):
+            return values
+        if any(values.get(name) is not None for name in ("tiles", "values")) and "source" not in values:
             return values | {"source": UNNAMED}
         return values
 
     @property
     def drawn_by_run(self) -> bool:
         """Whether a new floor is drawn for each run."""
-        return self.tiles is None and self.redraw == "run" and is_random(self.source)
+        return self.is_named and self.redraw == "run" and is_redrawn(self.source)
+
+    @property
+    def is_named(self) -> bool:
+        """Whether ``source`` says which floor it is, and neither tiles nor values are given."""
+        return self.tiles is None and self.values is None
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether the floor has values of tiles, or patches."""
+        return self.values is not None or (self.tiles is None and bool(kind_of_name(self.source)))
 
     def placed_in(self, arena: Arena, seed: int, run: int) -> Floor:
         """Return the floor of ``run`` in an arena: a fixed floor, or the random floor of (seed, run).
@@ -116,13 +149,35 @@ class FloorField(FrozenModel):
         Tiles without a width or height are stretched so that all columns or rows fill the arena.
         """
         # With redraw = "study" all runs share the floor of run 0.
-        tiles, name = self.tiles_for(seed, run if self.redraw == "run" else 0)
+        run = run if self.redraw == "run" else 0
+        tiles, name = self.tiles_for(seed, run)
         rows, columns = tiles.shape
         width_m, height_m = (
             self.tile_width_m or arena.width_m / columns,
             self.tile_height_m or arena.height_m / rows,
         )
-        return Floor(tiles, width_m, height_m, self.left_m, self.bottom_m, name)
+        plain = Floor(tiles, width_m, height_m, self.left_m, self.bottom_m, name)
+        surface = self._surface(plain, arena, seed, run)
+        return plain if surface is PLAIN else replace(plain, surface=surface)
+
+    def _surface(self, plain: Floor, arena: Arena, seed: int, run: int) -> Surface:
+        """Return values and patches of (seed, run); patches lie inside floor and arena."""
+        if self.values is not None:
+            return Surface(values=steps_of(self.values))
+        kind = kind_of_name(self.source) if self.tiles is None else ""
+        rows, columns, width_m, height_m, left_m, bottom_m = plain.geometry
+        if kind == PATCHES:
+            right_m, top_m = left_m + columns * width_m, bottom_m + rows * height_m
+            box_m = (
+                max(left_m, 0.0),
+                max(bottom_m, 0.0),
+                min(right_m, arena.width_m),
+                min(top_m, arena.height_m),
+            )
+            return Surface(patches=named_patches(self.source, box_m, seed, run))
+        if kind:
+            return Surface(values=named_values(self.source, rows, columns, seed, run))
+        return PLAIN
 
     def tiles_for(self, seed: int, run: int) -> tuple[NDArray[np.uint8], str]:
         """Return the tiles of (seed, run) (uint8, (rows, columns), kinds, top row first), and the floor's name.
@@ -132,6 +187,10 @@ class FloorField(FrozenModel):
         Raises:
             InputError: ``tiles`` is not a grid of kinds, or ``source`` names no floor.
         """
+        if self.values is not None:
+            if self.tiles is not None:
+                raise InputError("give either tiles or values", field="floor.values")
+            return kinds_of(steps_of(self.values)), self.source
         if self.tiles is not None:
             if sum(map(len, self.tiles)) > TILE_LIMIT:
                 raise InputError(f"is too large; at most {TILE_LIMIT:,} tiles", field="floor.tiles")

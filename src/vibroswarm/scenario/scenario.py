@@ -26,9 +26,9 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.untrusted_files import check_keys, parsed_toml, read_text
 from vibroswarm.errors import InputError, check_kind, nearest, path_of, shown, whole_number_of
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.floors.io import THRESHOLD, is_picture
-from vibroswarm.floors.source import family, is_random, resolve
+from vibroswarm.floors.source import VALUES_OF, family, is_generated, resolve, values_in
 from vibroswarm.scenario import plugins, validation
 from vibroswarm.scenario.choices import Choice, field_error
 from vibroswarm.scenario.fields import Sections
@@ -113,7 +113,8 @@ class Scenario(Sections, NotebookView):
             if isinstance(fields, dict) and isinstance(merged.get(section), dict):
                 # Tiles replace the preset's floor, so its name goes too. If the preset has tiles as well, the name is
                 # that of tiles, and stays.
-                if section == "floor" and fields.get("tiles") is not None and "tiles" not in merged[section]:
+                own = any(fields.get(name) is not None for name in ("tiles", "values"))
+                if section == "floor" and own and "tiles" not in merged[section]:
                     merged[section].pop("source")
                 merged[section] = _merged(merged[section], fields)
             else:
@@ -178,9 +179,9 @@ class Scenario(Sections, NotebookView):
             else:
                 parent[last] = value
         if (
-            values.get("floor.tiles") is not None
+            (values.get("floor.tiles") is not None or values.get("floor.values") is not None)
             and "floor.source" not in values
-            and self.floor.tiles is None
+            and self.floor.is_named
         ):
             # Tiles replace this scenario's floor, so its name goes too; a name of earlier tiles stays.
             data["floor"].pop("source")
@@ -397,18 +398,23 @@ def _read_floor_file(values: dict[str, Any], folder: Path) -> str | None:
     if not isinstance(floor, dict) or "tiles" in floor or not isinstance(floor.get("source"), str):
         return None
     source = floor["source"]
-    if is_random(source) or family(source) is not None:
+    if is_generated(source) or family(source) is not None:
         return None
     # Numbers of rows and columns: a file of coordinates needs them, and a picture is divided into them.
     size = (floor.get("rows"), floor.get("columns"))
     shape = size if isinstance(size[0], int) and isinstance(size[1], int) else None
+    if source.lower().startswith(VALUES_OF):
+        beside = folder / source[len(VALUES_OF) :]
+        named = f"{VALUES_OF}{beside}" if beside.is_file() else source
+        floor["values"], floor["source"] = values_in(named, shape)  # type: ignore[misc, arg-type]
+        return None
     path = folder / source
     # If the folder has no such file, the source is taken as a path from the working directory; ``resolve`` raises the
     # error if there is no such file either.
     file = str(path) if path.is_file() else source
     grid, name = resolve(file, shape, threshold=threshold_of(floor))  # type: ignore[arg-type]
     floor["source"] = name
-    floor["tiles"] = tuple("".join("1" if tile else "0" for tile in row) for row in grid)
+    floor["tiles"] = rows_of(grid)
     return file if shape is None and is_picture(file) else None
 
 

@@ -13,6 +13,7 @@ from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import is_random, random_shares, shadows
+from vibroswarm.floors.surfaces import kind_of_name
 from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
@@ -245,7 +246,7 @@ def _check_kinds(s: Sections) -> None:
             f"'{s.sensor.model}' knows {kinds} kinds, from 0; give it a law, as with sensor.model = \"confusion\"",
             field="floor.source" if s.floor.tiles is None else "floor.tiles",
         )
-    shares = random_shares(name) if s.floor.tiles is None and is_random(name) else ()
+    shares = random_shares(name) if s.floor.is_named and is_random(name) else ()
     if len(shares) > 2 and len(shares) < kinds:
         raise InputError(
             f"'{name}' has shares of {len(shares)} kinds, and the sensor '{s.sensor.model}' knows {kinds}; give a "
@@ -254,6 +255,8 @@ def _check_kinds(s: Sections) -> None:
         )
     if max(kinds, readings) > 2:
         _check_options_of_two(s)
+    if s.floor.has_surface:
+        _check_surface(s)
     strategy, task = strategies.known().get(s.strategy.name), tasks.known().get(s.task.name)
     if strategy is None or task is None:  # its code is not loaded
         return
@@ -306,6 +309,22 @@ def _check_task(s: Sections, task: Task) -> None:
         boundary, fill = s.decision.decision_boundary, floor.fill_ratio_within(*size)
         asked = Asked(*size, fill_ratio=fill, decision_boundary=boundary, kinds=s.sensor.kinds)
         task.check(floor, asked, s.task.params)
+
+
+def _check_surface(s: Sections) -> None:
+    """Refuse what values of tiles and patches do not go with, and what is wrong with those of run 0."""
+    surface = s.floor.placed_in(s.arena, 0, 0).surface
+    sensor, what = s.sensor, "values of tiles" if surface.values is not None else "patches"
+    if max(sensor.kinds, sensor.readings) > 2 or not sensors.sensor(sensor.model).scales:
+        raise InputError(
+            f"{what} need a sensor of strengths with two kinds of tile, such as gamma, and '{sensor.model}' is none",
+            field="sensor.model",
+        )
+    edges = sensor.edge_reach_m is not None or sensor.edge_blur_m is not None
+    if surface.values is not None and edges:
+        raise InputError(
+            "edges are those of kinds of tile, and this floor has values", field="sensor.edge_reach_m"
+        )
 
 
 def _check_options_of_two(s: Sections) -> None:
@@ -374,7 +393,7 @@ def _check_factors(s: Sections) -> None:
 def _check_floor(s: Sections) -> None:
     """Refuse tiles that have the name of another floor, and a floor that lies outside of the arena."""
     tiles = s.floor.tiles_for(0, 0)[0]  # those of seed 0 and run 0: the size is that of all runs
-    if s.floor.tiles is not None and shadows(s.floor.source, tiles):
+    if not s.floor.is_named and shadows(s.floor.source, tiles):
         raise InputError(
             f"'{s.floor.source}' is the name of a pattern or of a random floor, and floor.tiles gives another; "
             "give the tiles a name of their own",
@@ -397,6 +416,10 @@ def _check_change(s: Sections) -> None:
         s.change,
         s.floor.tiles_for(0, 0)[0],
     )  # seed 0, run 0: sizes and kinds are those of all runs
+    if change.is_given and (s.floor.has_surface or any(kind_of_name(to) for _, to in change.steps())):
+        raise InputError(
+            "is defined for kinds of tile, and not for patches and values; leave it out", field="change"
+        )
     if change.rate_per_h is not None:
         expected = tiles.size * change.rate_per_h * s.run.t_end_s / 3600.0
         if expected > MOST_CHANGES:

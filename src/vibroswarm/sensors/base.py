@@ -45,6 +45,7 @@ from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import CodeError, InputError, shown
+from vibroswarm.floors.patches import mixed
 from vibroswarm.floors.place import Place
 from vibroswarm.strategies.base import Plugin
 
@@ -206,6 +207,14 @@ class SensorModel(Plugin):
         """Return what samples at reference places measure, by kind of the tile below: (samples, numbers) each."""
         return _reference_values(self, p)
 
+    def values_at(self, contrast: Values | float, u: Values, p: BaseModel) -> Values:
+        """Return what samples measure at a contrast between the kinds 0 and 1 (``floors.patches``), in the shape of u.
+
+        Args:
+            contrast: one, or one for each of ``u``. u: uniform numbers in (0, 1). p: the parameters.
+        """
+        return mixed(self.values(0, u, p), self.values(1, u, p), contrast)
+
     def classes(self, value: Values, p: BaseModel) -> NDArray[np.int64]:
         """Return the readings of values, in the shape of ``value``; of ``sense``, one for each row.
 
@@ -247,15 +256,33 @@ class SensorModel(Plugin):
             raise CodeError(
                 f"sensor '{self.name}': the reading falls as u grows; see the protocol of sensors"
             )
-        return np.stack([self._first_above(kind, factors, border, p) for border in borders], axis=-1)
+        return self._shares_up_to(lambda u: self.values(kind, u, p) * factors, factors.shape, p)
 
-    def _first_above(self, kind: int, factors: Values, border: int, p: BaseModel) -> Values:
-        """Return the largest u whose reading is below ``border``, (rows,), found by bisection to the last bit."""
+    def shares_at(self, contrasts: Values, factors: Values, p: BaseModel) -> Values:
+        """Return the same at contrasts between the kinds 0 and 1, (rows, contrasts, readings - 1).
+
+        Args:
+            contrasts: (contrasts,). factors: (rows,): the values are multiplied by these.
+        """
+        shape = factors.size, contrasts.size
+        level = np.broadcast_to(contrasts, shape)
+        return self._shares_up_to(lambda u: self.values_at(level, u, p) * factors[:, None], shape, p)
+
+    def _shares_up_to(
+        self, measured: Callable[[Values], Values], shape: tuple[int, ...], p: BaseModel
+    ) -> Values:
+        borders = range(1, self.number_of("readings", p))
+        return np.stack([self._first_above(measured, shape, border, p) for border in borders], axis=-1)
+
+    def _first_above(
+        self, measured: Callable[[Values], Values], shape: tuple[int, ...], border: int, p: BaseModel
+    ) -> Values:
+        """Return the largest u whose reading is below ``border``, of a shape, found by bisection to the last bit."""
 
         def below(u: Values) -> NDArray[np.bool_]:
-            return self.classes(self.values(kind, u, p) * factors, p) < border
+            return self.classes(measured(u), p) < border
 
-        low, high = np.full(factors.shape, 2.0**-53), np.full(factors.shape, 1.0 - 2.0**-53)
+        low, high = np.full(shape, 2.0**-53), np.full(shape, 1.0 - 2.0**-53)
         low_is_below, high_is_below = below(low), below(high)
         for _ in range(64):  # each halves the interval; doubles in (0, 1) are 2^-53 apart at most
             middle = 0.5 * (low + high)

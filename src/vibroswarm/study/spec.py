@@ -36,8 +36,9 @@ from vibroswarm.errors import (
     shown,
     whole_number_of,
 )
+from vibroswarm.floors.floor import rows_of
 from vibroswarm.floors.io import is_picture
-from vibroswarm.floors.source import family, is_random, resolve
+from vibroswarm.floors.source import family, is_generated, resolve
 from vibroswarm.motion.source import source
 from vibroswarm.observation.decision_boundary import readings_boundary
 from vibroswarm.scenario import plugins
@@ -270,7 +271,7 @@ class Study(NotebookView):
         floors = {
             scenario.floor.source: scenario.floor.tiles
             for scenario in scenarios.values()
-            if scenario.floor.tiles is not None and not is_random(scenario.floor.source)
+            if scenario.floor.tiles is not None and not is_generated(scenario.floor.source)
         }
         study = cls(sections, {"list": points}, runs, seed=seed, motion=motion, floors=floors, name=name)
         for cell, (label, scenario) in zip(study.cells, scenarios.items(), strict=True):
@@ -481,14 +482,19 @@ class Study(NotebookView):
         # A point with tiles of its own needs no floor of that name.
         of_points = [point.get(SOURCE) for point in self._points if "floor.tiles" not in point]
         for name in [floor_section.get("source"), *of_points]:
-            if isinstance(name, str) and name not in floors and not is_random(name) and family(name) is None:
+            if (
+                isinstance(name, str)
+                and name not in floors
+                and not is_generated(name)
+                and family(name) is None
+            ):
                 # The shape that the floor must have, if the base gives it; None: any shape.
                 rows, columns = floor_section.get("rows"), floor_section.get("columns")
                 shape = (rows, columns) if isinstance(rows, int) and isinstance(columns, int) else None
                 path = (self.folder or Path()) / name
                 file = str(path) if path.is_file() else name
                 tiles, _ = resolve(file, shape, threshold=threshold_of(floor_section))
-                floors[name] = tuple("".join("1" if tile else "0" for tile in row) for row in tiles)
+                floors[name] = rows_of(tiles)
                 if shape is None and is_picture(file):
                     check_pixel_tiles(self._with_floor(floors[name]), file)
         return floors

@@ -9,7 +9,7 @@ from typing import Any
 
 import vibroswarm.simulation  # noqa: F401  (makes the engines known)
 from vibroswarm.errors import InputError
-from vibroswarm.floors.source import family, is_random
+from vibroswarm.floors.source import family, is_generated
 from vibroswarm.study.factors import BLOCKS, flat
 
 
@@ -76,7 +76,7 @@ def _checked_floors(values: Any) -> dict[str, tuple[str, ...]]:
     if not isinstance(values, Mapping):
         raise InputError("must be a table of floors by name", field="floors")
     for name, rows in values.items():
-        if is_random(name) or family(name) is not None:
+        if is_generated(name) or family(name) is not None:
             raise InputError(
                 "is the name of a pattern or of a random floor; give this one a name of its own",
                 field=f"floors.{name}",
