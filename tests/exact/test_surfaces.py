@@ -304,3 +304,12 @@ def test_the_mean_is_asked_of_values_and_the_share_of_kinds() -> None:
     three = {"sensor.model": "confusion", "task.name": "mean", "strategy.name": "dirichlet"}
     with pytest.raises(InputError, match="3 kinds without values"):
         PAPER.with_values({**three, "floor.source": "random:0.4,0.36,0.24"})
+
+
+def test_floors_of_patches_and_values_do_not_change() -> None:
+    for values in (
+        {"floor.source": "field:2", "change.at_s": [100.0], "change.to": ["invert"]},
+        {"floor.source": "random:0.48", "change.at_s": [100.0], "change.to": ["patch:0.1"]},
+    ):
+        with pytest.raises(InputError, match="defined for kinds of tile"):
+            PAPER.with_values(values)
