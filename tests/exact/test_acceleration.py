@@ -7,6 +7,8 @@ import math
 import numpy as np
 import polars as pl
 import pytest
+from scipy.signal import lfilter
+from scipy.stats import kurtosis
 
 import vibroswarm as v
 from vibroswarm.errors import InputError
@@ -17,6 +19,7 @@ from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, 
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples, sensor
 from vibroswarm.sensors.acceleration import GRAVITY_M_S2, accelerations, response, sensing
+from vibroswarm.sensors.base import REFERENCE
 from vibroswarm.testing.runs import in_pieces
 from vibroswarm.testing.sensor import check_sensor
 
@@ -244,3 +247,87 @@ def test_aliases_are_warned_of(case: tuple[tuple[float, ...], float, float], war
         | {"sensor.acceleration.rate_hz": rate_hz, "sensor.acceleration.signal_ms": signal_ms}
     )
     assert bool(sensor_warnings(one.sensor)) == warned
+
+
+def confusion(
+    motor_hz: tuple[float, ...], kinds: tuple[int, ...], threshold: float
+) -> tuple[float, float, int]:
+    """Shares of samples read right, at least 3 cm and less than 1 cm from tiles of other kinds, and their number."""
+    base = {"strategy.name": "dirichlet", "task.name": "majority", "sensor.rms_threshold": threshold}
+    one = scenario().with_values(base | {"sensor.acceleration.motor_hz": motor_hz})
+    rng, count = np.random.default_rng(3), 200
+    right: dict[bool, list[bool]] = {True: [], False: []}
+    for run in range(20):
+        tiles = rng.permutation(np.resize(kinds, 25)).reshape(5, 5).astype(np.uint8)
+        x_m, y_m, number = rng.random(count), rng.random(count), np.arange(count)
+        samples = Samples(
+            REFERENCE, tiles.ravel(), x_m, y_m, 3.0 * number, np.zeros_like(number), number, 5, run
+        )
+        read = MODEL.classes(MODEL.sensed(samples, one.sensor.params), one.sensor.params)
+        column, row = (x_m / 0.2).astype(int), 4 - (y_m / 0.2).astype(int)
+        from_edge_m = np.minimum(*(np.minimum(z % 0.2, 0.2 - z % 0.2) for z in (x_m, y_m)))
+        is_right = read == tiles[row, column]
+        right[True] += is_right[from_edge_m >= 0.03].tolist()
+        right[False] += is_right[from_edge_m < 0.01].tolist()
+    return float(np.mean(right[True])), float(np.mean(right[False])), len(right[True])
+
+
+def test_three_motors_are_told_apart_by_their_frequency() -> None:
+    far, near, count = confusion((70.0, 105.0, 150.0), (1, 2, 3), 0.0)
+    assert far - 2 * math.sqrt(far * (1 - far) / count) > 0.95
+    assert near < 0.85  # a robot on an edge feels both tiles
+    alike, _, _ = confusion(
+        (70.0, 105.0, 245.0), (1, 2, 3), 0.0
+    )  # negative control: 245 Hz folds onto 105 Hz
+    assert alike < 0.75
+
+
+def test_the_most_common_kind_is_decided() -> None:
+    values = {
+        "sensor.acceleration.motor_hz": (90.0, 140.0),
+        "sensor.rms_threshold": 1.0,
+        "strategy.name": "dirichlet",
+        "task.name": "majority",
+        "floor.source": "random:0.2,0.6,0.2",
+    }
+    result = v.simulate(scenario().with_values(values), 1, 3)
+    decided = result.robots.filter(pl.col("decision") >= 0)["decision"]
+    assert decided.len() >= 10
+    assert (decided == 1).all()
+
+
+def test_an_axis_shows_a_horizontal_frequency_and_a_magnitude_twice_it() -> None:
+    for axis, seen_hz in (("x", 60.0), ("magnitude", 120.0)):
+        p = quiet(
+            motor_hz=(60.0,), lateral=3.0, axis=axis, features=("peak_hz",), cutoff_hz=10.0
+        ).sensor.params
+        # Upwards is no vibration here, so that only the horizontal part is left.
+        found = accelerations(samples_at([0.1] * 5, [1, 0]), p)
+        found[:, 2] = GRAVITY_M_S2
+        signal = np.sqrt((found**2).sum(axis=1)) if axis == "magnitude" else found[:, 0]
+        power = np.abs(np.fft.rfft(signal - signal.mean(axis=1, keepdims=True), axis=1)) ** 2
+        peak_hz = np.fft.rfftfreq(found.shape[2], 1 / p.rate_hz)[power.mean(axis=0).argmax()]
+        assert peak_hz == pytest.approx(seen_hz, abs=2.0)
+
+
+def test_a_sample_measures_the_features_that_are_asked_for() -> None:
+    names = ("peak_hz", "peak_height", "crossings_hz", "variance", "kurtosis", "peak_magnitude", "band_100")
+    p = quiet(motor_hz=(100.0,), features=names, axis="z").sensor.params
+    samples, program = samples_at([0.1], [1, 0]), sensing(p)
+    found = dict(zip(("energy", *names), MODEL.sensed(samples, p)[0], strict=True))
+    z = accelerations(samples, p)[0, 2]
+    filtered = lfilter([program.forward, program.before], [1.0, -program.feedback], z - z[0])
+    turns = np.exp(-2j * np.pi * 100.0 / 350.0 * np.arange(z.size))
+    assert found["band_100"] == pytest.approx(2 * abs(filtered @ turns) ** 2 / z.size**2, rel=1e-9)
+    assert found["variance"] == pytest.approx(filtered.var(), rel=1e-9)
+    assert found["kurtosis"] == pytest.approx(kurtosis(filtered, fisher=False), rel=1e-9)
+    assert found["peak_magnitude"] == pytest.approx(np.abs(filtered).max(), rel=1e-12)
+    assert found["energy"] == pytest.approx(math.sqrt((filtered**2).mean()), rel=1e-3)
+    own = (
+        p.amplitude_m_s2
+        * response((1, 2), 100.0, p)[0, 0]
+        * gain(100.0, 350.0, program.feedback, program.forward)
+    )
+    assert found["peak_hz"] == pytest.approx(100.0, abs=0.3)
+    assert found["peak_height"] == pytest.approx(own, rel=0.05)
+    assert found["crossings_hz"] == pytest.approx(100.0, abs=2.0)

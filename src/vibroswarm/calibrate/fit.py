@@ -22,7 +22,8 @@ from vibroswarm.calibrate.fit_avoidance import AvoidanceFit, fit_avoidance
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
 from vibroswarm.calibrate.fit_rays import fit_rays
-from vibroswarm.calibrate.fit_sensor import SPREADS, fit_sensor
+from vibroswarm.calibrate.fit_sensor import SPREADS, SensorFit, fit_sensor
+from vibroswarm.calibrate.fit_vibration import VibrationFit, fit_vibration
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
@@ -75,6 +76,8 @@ class Fit(NotebookView):
     """Number of recorded sessions."""
     camera: Camera
     """How positions were seen in the recordings; the scenario uses corrected positions."""
+    vibration: VibrationFit | None = None
+    """The fit of the physics of vibration, if the base has the sensor ``acceleration``; else laws are fitted."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return all results but the scenario as nested plain values for JSON, with ``LACKS``.
@@ -100,6 +103,7 @@ def fit(
     base: Scenario,
     *,
     candidates: int | None = None,
+    folds: bool = False,
     progress: Callable[[float], None] | None = None,
 ) -> Fit:
     """Fit a scenario to the sessions of a dataset.
@@ -109,6 +113,7 @@ def fit(
         base: scenario of what the robots were programmed to do, and of all that is not fitted. Its fields of individual
             robots and of variations are reset where the fit gives none.
         candidates: number of parameter vectors that the fit of avoidance simulates; None: its default.
+        folds: whether the physics of vibration is also fitted to all sessions but one in turn, and judged on that one.
         progress: called with the share of the avoidance simulations that is done, 0 to 1.
     Raises:
         InputError: too few robots or drives, or all samples lie on one kind of tile.
@@ -117,7 +122,9 @@ def fit(
     found = found.corrected(camera.camera)
     # The base may have been fitted to other recordings, with another camera.
     base = base.with_values({f"camera.{name}": None for name in Camera.__dataclass_fields__})
-    drive, sensor, rays = fit_drive(found, base), fit_sensor(found), fit_rays(found, base)
+    drive, rays = fit_drive(found, base), fit_rays(found, base)
+    vibration = fit_vibration(found, base, folds=folds) if base.sensor.model == "acceleration" else None
+    sensor = fit_sensor(found) if vibration is None else SensorFit({}, {})
     loss = fit_loss(found)
     # The fitted fields, by dotted name; None for what these robots do not have.
     changed: dict[str, Any] = drive.fields(base)
@@ -129,6 +136,10 @@ def fit(
         rounded = round(value, 5)  # the scenario holds fitted values with five digits after the point
         # A spread field must be positive, and is absent without a spread.
         changed[f"sensor.{name}"] = rounded if name not in SPREADS or rounded > 0 else None
+    if vibration is not None:
+        changed |= {
+            f"sensor.acceleration.{name}": round(value, 5) for name, value in vibration.values.items()
+        }
     changed["sample.interrupts_avoidance"] = avoidance_beyond(found, base).value < INTERRUPTED_BELOW
     changed |= rays.fields(base)
     changed.setdefault("rays.forward_each_m", None)  # without it, ``fit_avoidance`` fits the rays
@@ -156,6 +167,7 @@ def fit(
             ("camera.", camera_values, camera.draws),
             ("", drive.values, drive.draws),
             ("sensor.", sensor.values, sensor.draws),
+            *([] if vibration is None else [("sensor.acceleration.", vibration.values, vibration.draws)]),
             ("", rays.values, rays.draws),
         )
         for name, value in values.items()
@@ -169,6 +181,7 @@ def fit(
         motion_runs=avoidance.runs,
         sessions=len(found.sessions),
         camera=camera.camera,
+        vibration=vibration,
     )
 
 

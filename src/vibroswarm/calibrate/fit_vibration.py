@@ -82,7 +82,7 @@ class VibrationFit(NotebookView):
     """(features,): over all sessions."""
     misfit: float
     folds: tuple[FoldMisfit, ...]
-    """Empty for fewer than three sessions."""
+    """Empty if they were not requested, and for fewer than three sessions."""
 
 
 @dataclass(frozen=True)
@@ -208,12 +208,13 @@ def _simplex(start: Floats) -> Floats:
     return np.vstack([start, start + 0.25 * np.eye(start.size)])
 
 
-def fit_vibration(found: Dataset, base: Scenario, draws: int = DRAWS) -> VibrationFit:
-    """Fit the physics to all sessions, and to all but one in turn, if there are three or more.
+def fit_vibration(found: Dataset, base: Scenario, draws: int = DRAWS, folds: bool = True) -> VibrationFit:
+    """Fit the physics to all sessions.
 
     Args:
         found: sessions, with positions corrected for the camera. base: its sensor is ``acceleration``.
-        draws: number of bootstrap resamples.
+        draws: number of bootstrap resamples. folds: whether to fit also to all sessions but one in turn, if there are
+            three or more.
     Raises:
         InputError: all samples lie on one kind of tile.
     """
@@ -240,7 +241,7 @@ def fit_vibration(found: Dataset, base: Scenario, draws: int = DRAWS) -> Vibrati
         recorded_error=scattered.std(axis=0, ddof=1),
         simulated=simulated,
         misfit=relative_misfit(simulated, recorded),
-        folds=_folds(simulator, best, draws),
+        folds=_folds(simulator, best, draws) if folds else (),
     )
 
 

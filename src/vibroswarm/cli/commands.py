@@ -88,6 +88,11 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
             "lab replay", "what each strategy would have decided on a recording's readings", "lab:replay"
         ),
         Command("lab threshold", "estimate theta_E from recordings on a known floor", "lab:threshold"),
+        Command(
+            "lab spectrum",
+            "at which frequencies a surface vibrates, from recorded acceleration",
+            "lab_spectrum:spectrum",
+        ),
         Command("lab track", "track robots with ArUco markers in the video of a camera", "lab_track:track"),
         Command("calibrate", "compare a simulation with recordings, and fit it to them", ""),
         Command("calibrate compare", "how similar recordings and simulations are", "calibrate:compare"),

@@ -44,6 +44,7 @@ def fit_document(found: Fit, judged: Sequence[Fold] = ()) -> Document:
         Section("Fields of the scenario", (Text(fields, "code"),)),
         Table(pl.DataFrame(estimates), columns, "Estimates behind them.", "figures"),
         *_predicted(found),
+        *_vibration(found),
         Section("What the model lacks", tuple(map(Text, LACKS))),
         *_held_out(judged),
     ]
@@ -100,6 +101,48 @@ def _predicted(found: Fit) -> list[Table]:
     return [
         Table(pl.DataFrame(rows), {"verdict": Column(tones={"outside": "bad"})}, caption, "predictive_check")
     ]
+
+
+def _vibration(found: Fit) -> list[Table]:
+    """Return how the physics of vibration agrees with the energies of the sessions, and of those it has not seen."""
+    fitted = found.vibration
+    if fitted is None:
+        return []
+    rows = [
+        {
+            "feature": name,
+            "recorded": f"{number(recorded, 2)} +- {number(error, 2)}",
+            "simulated": number(simulated, 2),
+            "difference": percent(simulated / recorded - 1.0, 0, sign=True),
+        }
+        for name, recorded, error, simulated in zip(
+            fitted.names, fitted.recorded, fitted.recorded_error, fitted.simulated, strict=True
+        )
+    ]
+    caption = (
+        f"Energies at the recorded places, with one standard error; relative RMS of the differences: "
+        f"{percent(fitted.misfit)}."
+    )
+    tables = [Table(pl.DataFrame(rows), {}, caption, "vibration")]
+    if fitted.folds:
+        folds = [
+            {
+                "session": fold.session + 1,
+                "inside": percent(fold.inside),
+                "outside": f"{percent(fold.outside)} +- {percent(fold.outside_error)}",
+                "forecast": percent(fold.forecast),
+            }
+            for fold in fitted.folds
+        ]
+        columns = {
+            "session": Column("session left out"),
+            "inside": Column("misfit to the others"),
+            "outside": Column("misfit to it"),
+            "forecast": Column("misfit of the others as its forecast"),
+        }
+        words = "The physics fitted to all sessions but one, and judged on that one; +- one standard error."
+        tables.append(Table(pl.DataFrame(folds), columns, words, "vibration_folds"))
+    return tables
 
 
 def _accuracies(judged: Sequence[Fold]) -> tuple[float, float]:

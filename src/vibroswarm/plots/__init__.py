@@ -14,6 +14,7 @@ from vibroswarm.plots.front import draw_front
 from vibroswarm.plots.heat import draw_density, draw_heat
 from vibroswarm.plots.picture import Picture, write_picture
 from vibroswarm.plots.search import draw_parameters, draw_search
+from vibroswarm.plots.spectrum import draw_spectrum
 
 __all__ = [
     "Picture",
@@ -29,5 +30,6 @@ __all__ = [
     "draw_outcomes",
     "draw_parameters",
     "draw_search",
+    "draw_spectrum",
     "write_picture",
 ]

@@ -97,8 +97,11 @@ def chain_energy(acceleration: NDArray[np.float64], program: SenseProgram) -> fl
     return energy(state)
 
 
-def read_acceleration(path: Path) -> pl.DataFrame:
+def read_acceleration(path: Path, optional: Sequence[str] = ()) -> pl.DataFrame:
     """Read a file of acceleration: its ``COLUMNS`` as numbers, and ``line``, the line of the file.
+
+    Args:
+        optional: columns that are read too, if they are there.
 
     Raises:
         InputError: a column is missing, a cell is not a number, or a robot's number is not a whole number from 0 on;
@@ -107,7 +110,8 @@ def read_acceleration(path: Path) -> pl.DataFrame:
     name = str(path)
     lines, table = table_of(text_of(path, "the acceleration of one session"), name)
     check_columns({f"'{column}'": column for column in COLUMNS}, table.columns, name)
-    numbers = {column: numbers_of(table[column], lines, name, column, missing=()) for column in COLUMNS}
+    there = [*COLUMNS, *(column for column in optional if column in table.columns)]
+    numbers = {column: numbers_of(table[column], lines, name, column, missing=()) for column in there}
     check_values(numbers["robot"], lines, name, use="robot", column="robot")
     return pl.DataFrame({"line": lines, **numbers})
 

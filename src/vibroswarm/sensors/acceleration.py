@@ -85,13 +85,13 @@ class Params:
         165.0,
     )
     """Frequency of the motor below tiles of kind 1, 2, ..., Hz; tiles of kind 0 have no motor."""
-    amplitude_m_s2: Annotated[float, Field(gt=0, le=1e4)] = 5.85
+    amplitude_m_s2: Annotated[float, Field(gt=0, le=1e4)] = 6.05
     """Peak acceleration that a motor gives its tile alone (median)."""
-    motor_jitter: Annotated[float, Field(ge=0, le=2)] = 0.545
+    motor_jitter: Annotated[float, Field(ge=0, le=2)] = 0.582
     """Standard deviation of the logarithm of a motor's amplitude in time."""
     frequency_jitter: Annotated[float, Field(ge=0, le=0.2)] = 0.005
     """Standard deviation of a motor's frequency in time, as a share of it."""
-    coupling: Annotated[float, Field(ge=0, le=10)] = 0.1815
+    coupling: Annotated[float, Field(ge=0, le=10)] = 0.184
     """kappa: stiffness of the frame between two tiles, as a share of a tile's own springs."""
     tile_hz: Annotated[float, Field(gt=0, le=1e5)] = 400.0
     """Frequency at which a tile would swing on its springs, alone."""
@@ -99,13 +99,13 @@ class Params:
     """zeta: damping of a tile, as a share of the critical one."""
     lateral: Annotated[float, Field(ge=0, le=10)] = 0.1
     """Horizontal acceleration of a tile, as a share of the vertical one."""
-    feet_m: Annotated[float, Field(ge=0, le=1)] = 0.0425
+    feet_m: Annotated[float, Field(ge=0, le=1)] = 0.0395
     """Distance between the robot's feet, which straddle edges."""
-    contact_jitter: Annotated[float, Field(ge=0, le=2)] = 0.245
+    contact_jitter: Annotated[float, Field(ge=0, le=2)] = 0.172
     """Standard deviation of the logarithm of how well a robot's feet take up vibration, from sample to sample."""
     gain_spread: Annotated[float, Field(ge=0, le=2)] = 0.0
     """Standard deviation of the logarithm of the gain of a robot's accelerometer, drawn per robot and run."""
-    noise_m_s2: Annotated[float, Field(ge=0, le=1e4)] = 0.394
+    noise_m_s2: Annotated[float, Field(ge=0, le=1e4)] = 0.33
     """Standard deviation of the accelerometer's noise, in each axis."""
     rate_hz: Annotated[float, Field(gt=0, le=1e5)] = 350.0
     """Readings of the accelerometer per second."""

@@ -41,6 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
+from vibroswarm.core.displayed import html_view
 from vibroswarm.core.registry import Registry
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.core.user_code import errors_in
@@ -82,6 +83,9 @@ class Samples(NamedTuple):
     """(samples,): number of the robot, and of the sample among its own."""
     seed: int
     run: int
+
+    def _repr_html_(self) -> str:
+        return html_view(self)
 
 
 def _two(p: Any) -> int:

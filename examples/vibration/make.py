@@ -1,0 +1,50 @@
+"""Make ``acceleration.csv`` in this folder: ``python examples/vibration/make.py``; simulated, it stands for yours.
+
+Three robots on a floor of 5 x 5 tiles whose motors run at 90 and 140 Hz: what their accelerometers read in 16 stops.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.floors.place import place_of
+from vibroswarm.recordings.spectrum import acceleration_frame
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.sensors import Samples
+from vibroswarm.sensors.acceleration import accelerations
+from vibroswarm.simulation import simulate
+
+
+def make(file: Path) -> None:
+    """Write the file."""
+    scenario = Scenario().with_values(
+        {
+            "swarm.robots": 3,
+            "floor.source": "random:0.4,0.36,0.24",
+            "sensor.model": "acceleration",
+            "sensor.acceleration.motor_hz": (90.0, 140.0),
+            "sensor.rms_threshold": 1.0,
+            "strategy.name": "dirichlet",
+            "task.name": "majority",
+            "run.t_end_s": 30.0,
+        }
+    )
+    run = simulate(scenario, seed=1, runs=1)
+    rows, floor = run.motion.filter(pl.col("sample") < 8), run.floor(0)
+    x_m, y_m, time_s = (rows[name].to_numpy() for name in ("x_m", "y_m", "time_s"))
+    robot, sample = (rows[name].to_numpy().astype(np.int64) for name in ("robot", "sample"))
+    samples = Samples(place_of(floor), floor.tiles.ravel(), x_m, y_m, time_s, robot, sample, seed=1, run=0)
+    readings = accelerations(samples, scenario.sensor.params)
+    frame = acceleration_frame(robot, time_s, readings, scenario.sensor.params.rate_hz)
+    places = {name: np.repeat(values, readings.shape[2]) for name, values in (("x_m", x_m), ("y_m", y_m))}
+    frame = frame.with_columns(**places).sort("robot", "time_s")
+    digits = {"time_s": 4, "ax": 2, "ay": 2, "az": 2, "x_m": 3, "y_m": 3}
+    frame.with_columns(pl.col(name).round(count) for name, count in digits.items()).write_csv(file)
+
+
+if __name__ == "__main__":
+    make(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).with_name("acceleration.csv"))

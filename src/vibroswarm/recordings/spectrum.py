@@ -1,0 +1,401 @@
+"""Spectra of recorded acceleration: by robot, tile, place and time, with the lines in them and what may be behind each.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| sample | - | - | the last N readings of a stop, N = rate x time: those of which a robot makes an energy |
+| power | P(f) | m^2/s^4 | mean over samples of the Hann-windowed periodogram: A^2 / 2 at a sine of amplitude A |
+| line | f | Hz | a peak of P that stands ``STANDS_OUT`` times above the median of its spectrum; its top by a parabola |
+| interval | - | Hz | of the line's frequency: 95 % of resamples of samples, but at least +- resolution / 10 |
+| resolution | - | Hz | 2 / time, as two lines nearer than that are one |
+
+A robot records while it stands; a pause of more than ``GAP`` periods of the rate ends a stop. A recording without
+pauses needs a column ``sample`` that numbers them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+import polars as pl
+from numpy.typing import NDArray
+
+from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.errors import InputError
+from vibroswarm.recordings.acceleration import COLUMNS, RATE_TOLERANCE, read_acceleration
+from vibroswarm.recordings.threshold import resample
+from vibroswarm.robot.features import alias_hz
+
+Floats = NDArray[np.float64]
+Axis = Literal["magnitude", "x", "y", "z"]
+Group = Literal["robot", "tile", "place", "time"]
+M_S2: Final = {"m/s2": 1.0, "mm/s2": 1e-3, "g": 9.80665}
+"""Units of acceleration."""
+GAP: Final = 1.6
+"""A longer pause, in periods of the rate, ends a stop."""
+LONGEST_STOP: Final = 20
+"""A stop of more than so many times a sample's readings is no stop."""
+STANDS_OUT: Final = 12.0
+"""How far a line stands above the median of its spectrum."""
+MOST_LINES: Final = 8
+"""Lines of one spectrum; the highest are kept."""
+FEWEST: Final = 5
+"""Fewest samples of a group."""
+DRAWS: Final = 200
+_SEED: Final = 41
+
+
+class Line(NamedTuple):
+    """A line of a spectrum."""
+
+    hz: float
+    low: float
+    high: float
+    amplitude: float
+    """Amplitude of its sine, m/s^2 (root mean square over samples)."""
+    words: str
+    """What else it may be: a multiple of another line, folded or not, or a known motor; empty: nothing known."""
+    folds_from: tuple[float, ...]
+    """The lowest frequencies above half of the rate that readings show here, Hz."""
+
+
+@dataclass(frozen=True)
+class Spectrum(NotebookView):
+    """The mean spectrum of some samples."""
+
+    group: str
+    """What they have in common: "all", "robot", "tile", "place" or "time"."""
+    name: str
+    samples: int
+    power: Floats
+    """(frequencies,): P(f)."""
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True)
+class Spectra(NotebookView):
+    """Spectra of a recording."""
+
+    hz: Floats
+    """(frequencies,)."""
+    rate_hz: float
+    signal_s: float
+    axis: str
+    samples: int
+    """Number of samples."""
+    stops: int
+    """Number of stops found; those shorter than a sample are not used."""
+    spectra: tuple[Spectrum, ...]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def whole(self) -> Spectrum:
+        """The spectrum of all samples."""
+        return self.spectra[0]
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """The readings of one sample."""
+
+    robot: int
+    time_s: float
+    x_m: float
+    """nan: not recorded."""
+    y_m: float
+    readings: Floats
+    """(readings, 3), m/s^2."""
+
+
+def spectra_of(
+    path: Path,
+    *,
+    rate_hz: float | None = None,
+    signal_ms: float = 500.0,
+    unit: str = "m/s2",
+    axis: Axis = "magnitude",
+    by: Sequence[Group] = ("robot",),
+    size_m: tuple[float, float] = (1.0, 1.0),
+    tiles: tuple[int, int] = (5, 5),
+    motors_hz: Sequence[float] = (),
+) -> Spectra:
+    """Return the spectra of a file of acceleration.
+
+    Args:
+        path: CSV with the columns of ``acceleration.COLUMNS``, and if known x_m and y_m (place) and sample (a number).
+        rate_hz: readings per second; None: as the times say. signal_ms: the part of each stop that is used, its end.
+        unit: of the acceleration, one of ``M_S2``. axis: what spectra are of.
+        by: groups of samples that get spectra of their own, beside all. size_m, tiles: width and height of the surface,
+            and rows and columns of its tiles, for tiles and places.
+        motors_hz: frequencies that are known, by kind of tile from 1 on.
+    Raises:
+        InputError: the file or the rate is wrong, no stop holds a sample, or places are missing.
+    """
+    if unit not in M_S2:
+        raise InputError(f"'{unit}' is no unit of acceleration; give {', '.join(M_S2)}", field="--unit")
+    table = read_acceleration(path, optional=("x_m", "y_m", "sample"))
+    stops = [
+        stop for robot in table.partition_by("robot", maintain_order=True) for stop in _stops_of(robot, path)
+    ]
+    rate_hz = _rate(stops, rate_hz, path)
+    count = round(rate_hz * signal_ms / 1000.0)
+    if count < 16:
+        raise InputError(
+            f"{signal_ms:g} ms at {rate_hz:.4g} Hz are {count} readings; a spectrum needs 16",
+            field="--signal-ms",
+        )
+    samples = [_sample_of(stop, count, M_S2[unit]) for stop in stops if stop.height >= count]
+    if len(samples) < FEWEST:
+        raise InputError(
+            f"{len(samples)} of {len(stops)} stops have the {count} readings of a sample ({signal_ms:g} ms at "
+            f"{rate_hz:.4g} Hz); at least {FEWEST} are needed",
+            field=str(path),
+        )
+    signals = np.array([_signal(sample.readings, axis) for sample in samples])
+    hz, powers = periodograms(signals, rate_hz)
+    across_hz = _lines_across(samples, rate_hz) if axis == "magnitude" else ()
+    known = _Known(rate_hz, signal_ms / 1000.0, tuple(motors_hz), across_hz)
+    groups = [("all", "", np.arange(len(samples)))]
+    for group in by:
+        groups += [(group, name, rows) for name, rows in _groups(samples, group, size_m, tiles, path)]
+    found = tuple(
+        Spectrum(group, name, rows.size, powers[rows].mean(axis=0), _lines(hz, powers[rows], known))
+        for group, name, rows in groups
+        if rows.size >= FEWEST
+    )
+    return Spectra(
+        hz,
+        rate_hz,
+        signal_ms / 1000.0,
+        axis,
+        len(samples),
+        len(stops),
+        found,
+        tuple(_warnings(motors_hz, known)),
+    )
+
+
+def periodograms(signals: Floats, rate_hz: float) -> tuple[Floats, Floats]:
+    """Return frequencies, (frequencies,), and the power of each signal at them, (samples, frequencies).
+
+    Args:
+        signals: (samples, readings).
+    """
+    from scipy.signal import periodogram
+
+    hz, power = periodogram(signals, rate_hz, window="hann", detrend="constant", scaling="spectrum", axis=-1)
+    return np.asarray(hz), np.asarray(power)
+
+
+def _stops_of(rows: pl.DataFrame, path: Path) -> Iterator[pl.DataFrame]:
+    """Yield the readings of each stop of one robot, by its column ``sample``, or between pauses."""
+    if "sample" in rows.columns:
+        yield from rows.partition_by("sample", maintain_order=True)
+        return
+    spacing_s = np.diff(rows["time_s"].to_numpy())
+    if spacing_s.size and spacing_s.min() <= 0.0:
+        k = int(np.flatnonzero(spacing_s <= 0.0)[0])
+        raise InputError("time does not rise", field=f"{path}, row {rows['line'][k + 1]}")
+    ends = (
+        np.flatnonzero(spacing_s > GAP * float(np.median(spacing_s))) + 1 if spacing_s.size else np.array([0])
+    )
+    for low, high in zip([0, *ends], [*ends, rows.height], strict=True):
+        yield rows[int(low) : int(high)]
+
+
+def _rate(stops: Sequence[pl.DataFrame], stated_hz: float | None, path: Path) -> float:
+    """Return the rate of the readings in stops; refuse another one than is stated."""
+    periods = [np.diff(stop["time_s"].to_numpy()) for stop in stops if stop.height > 1]
+    if not periods:
+        raise InputError("no two readings follow each other", field=str(path))
+    seconds = sum(float(one.sum()) for one in periods)
+    found_hz = sum(one.size for one in periods) / seconds if seconds > 0.0 else np.inf
+    if stated_hz is not None and abs(found_hz / stated_hz - 1.0) > RATE_TOLERANCE:
+        raise InputError(
+            f"readings come at {found_hz:.4g} Hz, and {stated_hz:g} Hz is stated", field="--rate"
+        )
+    return stated_hz if stated_hz is not None else found_hz
+
+
+def _sample_of(stop: pl.DataFrame, count: int, factor: float) -> _Sample:
+    """Return the last ``count`` readings of a stop, as a robot takes them."""
+    if stop.height > LONGEST_STOP * count:
+        raise InputError(
+            f"robot {stop['robot'][0]:g} has {stop.height} readings without a pause, more than {LONGEST_STOP} samples; "
+            "add a column 'sample' that numbers them",
+            field=f"row {stop['line'][0]}",
+        )
+    end = stop[-count:]
+    x_m, y_m = (float(end[name].mean()) if name in end.columns else np.nan for name in ("x_m", "y_m"))  # type: ignore[arg-type]
+    return _Sample(
+        robot=int(end["robot"][0]),
+        time_s=float(end["time_s"][-1]),
+        x_m=x_m,
+        y_m=y_m,
+        readings=factor * end.select("ax", "ay", "az").to_numpy().astype(np.float64),
+    )
+
+
+def _signal(readings: Floats, axis: str) -> Floats:
+    """Return the signal of an axis, or the magnitude, (readings,)."""
+    if axis == "magnitude":
+        return np.asarray(np.sqrt((readings**2).sum(axis=1)))
+    return readings[:, "xyz".index(axis)]
+
+
+def _groups(
+    samples: Sequence[_Sample], group: Group, size_m: tuple[float, float], tiles: tuple[int, int], path: Path
+) -> list[tuple[str, NDArray[np.int64]]]:
+    """Return the name and the samples of each group, in order."""
+    if group == "robot":
+        keys: list[str] = [f"robot {sample.robot}" for sample in samples]
+        order = sorted(set(keys), key=lambda key: int(key.split()[1]))
+    elif group == "time":
+        times = np.array([sample.time_s for sample in samples])
+        edges = np.linspace(times.min(), times.max(), 7)
+        part = np.clip(np.searchsorted(edges, times, side="right") - 1, 0, 5)
+        names = [f"{edges[k]:.0f} to {edges[k + 1]:.0f} s" for k in range(6)]
+        keys, order = [names[k] for k in part], names
+    else:
+        x_m, y_m = (np.array([getattr(sample, name) for sample in samples]) for name in ("x_m", "y_m"))
+        if np.isnan(x_m).any() or np.isnan(y_m).any():
+            raise InputError(f"has no columns x_m and y_m, which --by {group} needs", field=str(path))
+        rows, columns = tiles if group == "tile" else (4, 4)
+        column = np.clip((x_m / size_m[0] * columns).astype(np.int64), 0, columns - 1)
+        row = rows - 1 - np.clip((y_m / size_m[1] * rows).astype(np.int64), 0, rows - 1)
+        word = "tile" if group == "tile" else "field"
+        keys = [f"{word} {r + 1}, {c + 1}" for r, c in zip(row, column, strict=True)]
+        order = sorted(set(keys), key=lambda key: [int(part) for part in key.removeprefix(word).split(",")])
+    found = np.array(keys)
+    return [(key, np.flatnonzero(found == key)) for key in order]
+
+
+class _Known(NamedTuple):
+    """What lines are compared with."""
+
+    rate_hz: float
+    signal_s: float
+    motors_hz: tuple[float, ...]
+    across_hz: tuple[float, ...]
+    """Lines of the horizontal axes, which a magnitude shows at twice their frequency."""
+
+    @property
+    def resolution_hz(self) -> float:
+        return 2.0 / self.signal_s
+
+
+def _peaks(hz: Floats, power: Floats) -> NDArray[np.int64]:
+    """Return the bins of the lines of a spectrum, the highest first."""
+    from scipy.signal import find_peaks
+
+    least = STANDS_OUT * float(np.median(power[1:]))
+    padded = np.append(power, 0.0)  # so that the last bin may be a peak
+    found, _ = find_peaks(padded, height=least, distance=3)
+    inside = found[(found > 0) & (found < hz.size)]
+    return np.asarray(inside[np.argsort(-power[inside])][:MOST_LINES])
+
+
+def _top(hz: Floats, power: Floats, k: int) -> float:
+    """Return the frequency of the top of the highest of the bins ``k`` - 1 to ``k`` + 1, by a parabola."""
+    near = np.clip(np.arange(k - 1, k + 2), 1, hz.size - 1)
+    best = int(near[np.argmax(power[near])])
+    if best in (1, hz.size - 1):
+        return float(hz[best])
+    low, middle, high = np.log(np.maximum(power[best - 1 : best + 2], 1e-300))
+    bend = low - 2.0 * middle + high
+    shift = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
+    return float(hz[best] + np.clip(shift, -0.5, 0.5) * (hz[1] - hz[0]))
+
+
+def _lines(hz: Floats, powers: Floats, known: _Known) -> tuple[Line, ...]:
+    """Return the lines of the mean of some powers (samples, frequencies), with intervals from resampled samples."""
+    mean = powers.mean(axis=0)
+    bins = _peaks(hz, mean).tolist()
+    again = [powers[resample(_SEED, draw, 0, len(powers))].mean(axis=0) for draw in range(DRAWS)]
+    least_hz = 0.1 * known.resolution_hz
+    lines: list[Line] = []
+    for k in bins:
+        at_hz = _top(hz, mean, k)
+        low, high = np.quantile([_top(hz, power, k) for power in again], [0.025, 0.975])
+        amplitude = float(
+            np.sqrt(2.0 * mean[max(k - 1, 0) : k + 2].sum() / 1.5)
+        )  # Hann's line spreads 1.5 bins' power
+        folds = (known.rate_hz - at_hz, known.rate_hz + at_hz)
+        lines.append(
+            Line(
+                at_hz, min(float(low), at_hz - least_hz), max(float(high), at_hz + least_hz), amplitude,
+                _words(at_hz, [line.hz for line in lines], known), folds,
+            )
+        )  # fmt: skip
+    return tuple(lines)
+
+
+def _words(hz: float, higher: Sequence[float], known: _Known) -> str:
+    """Return what a line may be: a known motor, or a multiple of a line that is higher."""
+    near_hz = known.resolution_hz
+    said = []
+    for kind, motor_hz in enumerate(known.motors_hz, start=1):
+        for multiple in (1, 2, 3):
+            folded = alias_hz(multiple * motor_hz, known.rate_hz)
+            if abs(folded - hz) < near_hz:
+                line = f"{multiple * motor_hz:g} Hz" if multiple == 1 else f"{multiple} x {motor_hz:g} Hz"
+                said.append(f"motor of kind {kind}: {line}{_folded(multiple * motor_hz, known)}")
+    for other_hz in () if said else higher:
+        for multiple in (2, 3):
+            if abs(alias_hz(multiple * other_hz, known.rate_hz) - hz) < near_hz:
+                said.append(f"{multiple} x {other_hz:.1f} Hz{_folded(multiple * other_hz, known)}")
+    for across_hz in known.across_hz:
+        if abs(alias_hz(2.0 * across_hz, known.rate_hz) - hz) < near_hz:
+            said.append(f"twice the horizontal {across_hz:.1f} Hz, as a magnitude shows it")
+    return "; ".join(said)
+
+
+def _folded(hz: float, known: _Known) -> str:
+    return ", folded" if hz > 0.5 * known.rate_hz else ""
+
+
+def _lines_across(samples: Sequence[_Sample], rate_hz: float) -> tuple[float, ...]:
+    """Return the frequencies of the lines of the two horizontal axes together."""
+    powers = []
+    for axis in ("x", "y"):
+        hz, power = periodograms(np.array([_signal(sample.readings, axis) for sample in samples]), rate_hz)
+        powers.append(power.mean(axis=0))
+    total = np.asarray(powers[0] + powers[1])
+    return tuple(_top(hz, total, int(k)) for k in _peaks(hz, total))
+
+
+def _warnings(motors_hz: Sequence[float], known: _Known) -> Iterator[str]:
+    """Say which of the known motors the rate shows at one frequency, or beyond half of the rate."""
+    seen = [alias_hz(motor_hz, known.rate_hz) for motor_hz in motors_hz]
+    for one, motor_hz in enumerate(motors_hz):
+        if motor_hz > 0.5 * known.rate_hz:
+            yield (
+                f"{motor_hz:g} Hz is above half of the rate, {known.rate_hz:.4g} Hz: it is seen at {seen[one]:.4g} Hz"
+            )
+        for other in range(one):
+            if abs(seen[one] - seen[other]) < known.resolution_hz:
+                yield (
+                    f"{motors_hz[other]:g} and {motor_hz:g} Hz look alike: both are seen within "
+                    f"{known.resolution_hz:.3g} Hz of {seen[one]:.4g} Hz"
+                )
+
+
+def acceleration_frame(
+    robots: NDArray[np.int64], ends_s: Floats, readings: Floats, rate_hz: float
+) -> pl.DataFrame:
+    """Return readings of samples as the table of a file of acceleration.
+
+    Args:
+        robots, ends_s: (samples,), robot and time of each sample's end. readings: (samples, 3, readings).
+    """
+    count = readings.shape[2]
+    before_s = np.arange(count - 1, -1, -1) / rate_hz
+    columns = [
+        np.repeat(robots, count),
+        (ends_s[:, None] - before_s).ravel(),
+        *readings.transpose(1, 0, 2).reshape(3, -1),
+    ]
+    return pl.DataFrame(dict(zip(COLUMNS, columns, strict=True)))

@@ -1,0 +1,142 @@
+"""Spectra of recorded acceleration: lines whose frequency is known, what folds onto them, and bad files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+from numpy.typing import NDArray
+
+from vibroswarm.cli import main
+from vibroswarm.errors import InputError
+from vibroswarm.recordings.spectrum import acceleration_frame, periodograms, spectra_of
+
+RATE_HZ = 350.0
+Floats = NDArray[np.float64]
+
+
+def recorded(
+    vertical: list[tuple[float, float]],
+    across: list[tuple[float, float]],
+    count: int = 40,
+    noise: float = 0.2,
+) -> pl.DataFrame:
+    """A recording of two robots: stops of 0.8 s, with sines (Hz, amplitude) upwards and across, and gravity."""
+    rng, readings = np.random.default_rng(5), 280
+    t = np.arange(readings) / RATE_HZ
+    values = noise * rng.standard_normal((count, 3, readings))
+    values[:, 2] += 9.81
+    for axis, sines in ((2, vertical), (0, across)):
+        for hz, amplitude in sines:
+            phases = rng.uniform(0, 2 * np.pi, (count, 1))
+            values[:, axis] += amplitude * np.cos(2 * np.pi * hz * t + phases)
+    ends_s = 5.0 + 3.0 * np.arange(count)
+    frame = acceleration_frame(np.arange(count) % 2, ends_s, values, RATE_HZ)
+    x_m = np.repeat(np.where(np.arange(count) % 2, 0.1, 0.9), readings)
+    return frame.with_columns(x_m=x_m, y_m=np.full(frame.height, 0.5)).sort("robot", "time_s")
+
+
+def file_of(frame: pl.DataFrame, folder: Path) -> Path:
+    path = folder / "acceleration.csv"
+    frame.write_csv(path)
+    return path
+
+
+def test_lines_are_where_the_sines_are(tmp_path: Path) -> None:
+    path = file_of(recorded([(61.3, 1.0), (120.0, 0.5)], []), tmp_path)
+    found = spectra_of(path, axis="z", by=("robot", "tile", "time"))
+    assert (found.samples, found.stops) == (40, 40)
+    assert found.rate_hz == pytest.approx(RATE_HZ, rel=1e-6)
+    lines = found.whole.lines
+    assert [round(line.hz) for line in lines] == [61, 120]
+    for line, hz, amplitude in zip(lines, (61.3, 120.0), (1.0, 0.5), strict=True):
+        assert line.low < hz < line.high
+        assert line.high - line.low < 2.0
+        assert line.amplitude == pytest.approx(amplitude, rel=0.1)
+        assert line.folds_from[0] == pytest.approx(RATE_HZ - line.hz)
+    groups = [(one.group, one.name, one.samples) for one in found.spectra]
+    assert groups[:5] == [
+        ("all", "", 40), ("robot", "robot 0", 20), ("robot", "robot 1", 20), ("tile", "tile 3, 1", 20),
+        ("tile", "tile 3, 5", 20),
+    ]  # fmt: skip
+    assert sum(one.samples for one in found.spectra if one.group == "time") == 40
+
+
+def test_noise_has_no_lines(tmp_path: Path) -> None:
+    assert spectra_of(file_of(recorded([], []), tmp_path), axis="z").whole.lines == ()
+
+
+def test_the_power_of_a_sine_is_half_its_squared_amplitude() -> None:
+    hz, power = periodograms(3.0 * np.sin(2 * np.pi * 40.0 * np.arange(350) / RATE_HZ)[None], RATE_HZ)
+    assert power[0, hz == 40.0] == pytest.approx(4.5)
+
+
+def test_folded_motors_and_multiples_are_marked(tmp_path: Path) -> None:
+    path = file_of(recorded([(185.0, 1.0), (60.0, 2.0), (120.0, 0.6)], []), tmp_path)
+    found = spectra_of(path, axis="z", motors_hz=(185.0, 165.0))
+    words = {round(line.hz): line.words for line in found.whole.lines}
+    assert words[165] == "motor of kind 1: 185 Hz, folded; motor of kind 2: 165 Hz"
+    assert words[60] == ""
+    assert words[120] == "2 x 60.0 Hz"
+    assert any("look alike" in words for words in found.warnings)
+    apart = spectra_of(path, axis="z", motors_hz=(60.0, 120.0))
+    assert apart.warnings == ()
+
+
+def test_a_magnitude_doubles_horizontal_frequencies(tmp_path: Path) -> None:
+    path = file_of(recorded([], [(40.0, 6.0)]), tmp_path)
+    (line, *_) = spectra_of(path).whole.lines
+    assert line.hz == pytest.approx(80.0, abs=0.5)
+    assert "twice the horizontal 40.0 Hz" in line.words
+    (line, *_) = spectra_of(path, axis="x").whole.lines
+    assert line.hz == pytest.approx(40.0, abs=0.5)
+
+
+def test_units_and_numbered_samples(tmp_path: Path) -> None:
+    frame = recorded([(61.3, 1.0)], [])
+    number = np.repeat(np.arange(40), 280)
+    order = frame.with_row_index().sort("robot", "time_s")["index"].to_numpy()
+    path = file_of(frame.with_columns(sample=number[np.argsort(order)]), tmp_path)
+    by_number = spectra_of(path, axis="z")
+    in_g = spectra_of(path, axis="z", unit="g")
+    assert in_g.whole.power == pytest.approx(9.80665**2 * by_number.whole.power)
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "words"),
+    [
+        (lambda frame: frame.drop("az"), {}, "has no column 'az'"),
+        (lambda frame: frame.drop("x_m"), {"by": ("tile",)}, "no columns x_m and y_m"),
+        (lambda frame: frame, {"unit": "ft/s2"}, "no unit of acceleration"),
+        (lambda frame: frame, {"rate_hz": 500.0}, "readings come at 350 Hz, and 500 Hz is stated"),
+        (lambda frame: frame, {"signal_ms": 20.0}, "a spectrum needs 16"),
+        (lambda frame: frame, {"signal_ms": 900.0}, "0 of 40 stops have the 315 readings"),
+        (lambda frame: frame.with_columns(time_s=-pl.col("time_s")), {}, "time does not rise"),
+        (
+            lambda frame: frame.head(5000).with_columns(time_s=pl.int_range(5000) / 350.0, robot=pl.lit(1)),
+            {"signal_ms": 500.0},
+            "without a pause",
+        ),
+    ],
+)
+def test_bad_files_are_refused_in_words(
+    change: object, options: dict[str, object], words: str, tmp_path: Path
+) -> None:
+    path = file_of(change(recorded([(61.3, 1.0)], [])), tmp_path)  # type: ignore[operator]
+    with pytest.raises(InputError, match=words):
+        spectra_of(path, **options)  # type: ignore[arg-type]
+
+
+def test_the_command_prints_saves_and_refuses(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = file_of(recorded([(61.3, 1.0)], []), tmp_path)
+    assert main(["lab", "spectrum", str(path), "--axis", "z", "--out", str(tmp_path / "out")]) == 0
+    assert "The strongest line is at 61." in capsys.readouterr().out
+    assert (tmp_path / "out" / "spectra.csv").exists()
+    assert "<svg" in (tmp_path / "out" / "report.html").read_text()
+    assert main(["lab", "spectrum", str(path), "--axis", "z", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)
+    assert main(["lab", "spectrum", str(path), "--by", "colour"]) == 2
+    assert "'colour' is not one of robot" in capsys.readouterr().err
