@@ -170,6 +170,8 @@ class Source:
     """What the source is, in a few words."""
     tolerance: Tolerance = field(default=Tolerance(), compare=False)
     """Deviations that the checks of ``vibroswarm.testing`` accept."""
+    footprint_m: tuple[float, float] | None = field(default=None, compare=False)
+    """Length, along the heading, and width of its robots; None: they are discs of ``robot.body_radius_m``."""
     robot_s: float = field(default=ROBOT_S, compare=False)
     """Rough processor time to simulate one robot for 1200 s, s. By it a study plans batches of some 10 s, after each of
     which it saves its results."""

@@ -21,10 +21,11 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.errors import InputError, RunError
+from vibroswarm.motion.footprint import half_extents, overlap
 from vibroswarm.motion.source import Motion, Source
 from vibroswarm.motion.source import source as source_of
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.testing.motion_cases import CASES, SHORT_CASE, Check, motion_of, ticks_of
+from vibroswarm.testing.motion_cases import CASES, SHORT_CASE, Case, Check, fitted, motion_of, ticks_of
 from vibroswarm.testing.motion_tables import KINDS, TABLE_CHECKS, check_runs_differ
 from vibroswarm.testing.runs import Finding, require, run_check
 
@@ -135,7 +136,7 @@ def check_time_accounts(source: Source) -> None:
 
     These columns of a sample are the times that the robot has spent in each kind of segment since its last sample.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         s, motion = case.scenario, motion_of(source, case)
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
@@ -161,7 +162,7 @@ def check_segments_join(source: Source) -> None:
 
     The first segment begins at time 0.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         motion = motion_of(source, case)
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
@@ -181,7 +182,7 @@ def check_poses_at_samples(source: Source) -> None:
     One tick before the stop it does not stand: the sample timer must exceed the interval between samples, and does not
     run in stops, so that a robot moves before each of them. Headings of samples are from -pi to pi.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         motion = motion_of(source, case)
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
@@ -211,9 +212,17 @@ def check_poses_at_samples(source: Source) -> None:
 def check_bodies(source: Source) -> None:
     """No two bodies overlap and none leaves the arena, at every control period.
 
-    Bodies are discs of ``robot.body_radius_m``; ``Tolerance.overlap_m`` is allowed.
+    Bodies are discs of ``robot.body_radius_m``, or rectangles if the source gives its robots' footprint, within which
+    all their parts are; ``Tolerance.overlap_m`` is allowed.
     """
-    for case in CASES:
+    if source.footprint_m is not None:
+        for case in fitted(CASES, source):
+            for run in case.runs:
+                _check_rectangles(
+                    case, motion_of(source, case), run, source.footprint_m, source.tolerance.overlap_m
+                )
+        return
+    for case in fitted(CASES, source):
         s, motion = case.scenario, motion_of(source, case)
         radius, allowed_m = s.robot.body_radius_m, NEAR_M + source.tolerance.overlap_m
         for run in case.runs:
@@ -231,12 +240,31 @@ def check_bodies(source: Source) -> None:
                 require(over < allowed_m, f"{case.name}: bodies overlap by {over:.2g} m")
 
 
+def _check_rectangles(
+    case: Case, motion: Motion, run: int, size_m: tuple[float, float], allowed_m: float
+) -> None:
+    """Require that robots of a run, rectangles of a size, overlap neither walls nor each other by more than allowed."""
+    s = case.scenario
+    poses, _ = at_all_ticks(motion, s, run)  # (robots, ticks, 3)
+    reach, arena = half_extents(poses[..., 2], size_m), np.array([s.arena.width_m, s.arena.height_m])
+    beyond = float(np.maximum(reach - poses[..., :2], poses[..., :2] + reach - arena).max())
+    require(beyond < NEAR_M + allowed_m, f"{case.name}: a body is {beyond:.2g} m beyond a wall")
+    for i in range(s.swarm.robots - 1):
+        for other in poses[i + 1 :]:
+            near = np.hypot(*(other - poses[i])[:, :2].T) < math.hypot(
+                *size_m
+            )  # farther apart they cannot touch
+            depth, _ = overlap(poses[i][near], other[near], size_m)
+            over = float(depth.max(initial=0.0))
+            require(over < NEAR_M + allowed_m, f"{case.name}: bodies overlap by {over:.2g} m")
+
+
 def check_ends(source: Source) -> None:
     """The ends are where and when the segments end, and say which stop is under way.
 
     ``stop_start_s`` of an end is when the robot's last stop began, or null if the robot does not stand at the end.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         s, motion = case.scenario, motion_of(source, case)
         expected = len(case.runs) * s.swarm.robots
         require(
@@ -301,7 +329,7 @@ def check_moves_lead_to_the_next(source: Source) -> None:
     The last move ends where the table of ends puts the robot. ``turned_rad`` of a move is compared with the angle that
     the robot's segments turn during the move.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         motion = motion_of(source, case)
         for run in case.runs:
             for robot, track in tracks(motion, run).items():
@@ -350,7 +378,7 @@ def check_moves_account_for_time(source: Source) -> None:
 
     The first move begins at time 0, and the last move lasts until the end of the run.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         s, motion = case.scenario, motion_of(source, case)
         for run in case.runs:
             for robot in range(s.swarm.robots):

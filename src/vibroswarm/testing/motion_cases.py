@@ -6,8 +6,9 @@ are given only if they are requested; they are None otherwise. The table ``failu
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Final
 
@@ -134,6 +135,20 @@ CASES: Final = (
 robot."""
 SHORT_CASE: Final = CASES[2]
 """The crowd, in which much happens: for checks that need only one case."""
+
+
+def fitted(cases: Sequence[Case], source: Source) -> list[Case]:
+    """Return cases with arenas that two robots of the source fit into, however they are turned.
+
+    Cases are for discs; a source whose robots have a footprint gets wider arenas where these are narrow.
+    """
+    if source.footprint_m is None:
+        return list(cases)
+    sides, least_m = ("arena.width_m", "arena.height_m"), 2.05 * math.hypot(*source.footprint_m)
+    wider = [
+        {side: max(case.values[side], least_m) for side in sides if side in case.values} for case in cases
+    ]
+    return [replace(case, values=case.values | values) for case, values in zip(cases, wider, strict=True)]
 
 
 @lru_cache(maxsize=64)

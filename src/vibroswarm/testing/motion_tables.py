@@ -13,7 +13,16 @@ import polars as pl
 
 from vibroswarm.motion.source import ENDS, MOTION, MOVES, SEGMENTS, Motion, Source, join
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.testing.motion_cases import CASES, SHORT_CASE, Check, motion_of, part_of, same, ticks_of
+from vibroswarm.testing.motion_cases import (
+    CASES,
+    SHORT_CASE,
+    Check,
+    fitted,
+    motion_of,
+    part_of,
+    same,
+    ticks_of,
+)
 from vibroswarm.testing.runs import require
 
 KINDS: Final = ("drive", "turn", "avoid", "stop")
@@ -26,7 +35,7 @@ def check_schema(source: Source) -> None:
     ``stop_start_s`` of an end is null if the robot walks, ``ray_m`` of a move if no avoidance begins with the move.
     Floating-point columns are finite. No table is empty. Segments and moves are given only if they are requested.
     """
-    for case in CASES[:3]:  # three cases are enough: columns and types are the same in all
+    for case in fitted(CASES[:3], source):  # three cases are enough: columns and types are the same in all
         motion = motion_of(source, case)
         for name, schema, nullable in (
             ("samples", MOTION, []),
@@ -61,7 +70,7 @@ def check_order(source: Source) -> None:
 
     Ends are sorted by run and robot.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         motion = motion_of(source, case)
         for name, by in (
             ("samples", ["run", "time_s", "robot"]),
@@ -79,7 +88,7 @@ def check_order(source: Source) -> None:
 
 def check_sample_numbers(source: Source) -> None:
     """Samples are numbered 0, 1, 2, ... for each run and robot, in the order of time."""
-    for case in CASES:
+    for case in fitted(CASES, source):
         samples = motion_of(source, case).samples
         # Rows are in order of time, so the expected number of a sample is the index of its row within its run and
         # robot.
@@ -92,7 +101,7 @@ def check_accounts_add_up(source: Source) -> None:
 
     A stop does not begin after its sample.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         s = case.scenario
         for (run, robot), rows in motion_of(source, case).samples.group_by(
             "run", "robot", maintain_order=True
@@ -114,7 +123,7 @@ def check_whole_runs(source: Source) -> None:
 
     All samples are of runs that were requested.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         s, motion = case.scenario, motion_of(source, case)
         for run in case.runs:
             ends = motion.ends.filter(pl.col("run") == run)
@@ -147,7 +156,7 @@ def check_pieces(source: Source) -> None:
 
     After each piece the state is at the first tick at or after the time requested, and its ends are of that time.
     """
-    for case in CASES:
+    for case in fitted(CASES, source):
         s = case.scenario
         for run in case.runs:
             label = f"{case.name}, run {run}, in pieces and in one"

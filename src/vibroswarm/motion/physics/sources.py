@@ -7,6 +7,7 @@ from typing import Final
 
 from vibroswarm.motion.kernel_run import batch_of
 from vibroswarm.motion.physics.planar import PlanarRun
+from vibroswarm.motion.physics.wheels_model import LENGTH_M, WIDTH_M
 from vibroswarm.motion.physics.wheels_run import WheelsRun
 from vibroswarm.motion.source import Source, Tolerance, register
 
@@ -27,7 +28,8 @@ WHEELS: Final = register(
         WheelsRun,
         partial(batch_of, WheelsRun),
         "robots on magnetic wheels in MuJoCo, with cones of rays",
-        tolerance=Tolerance(overlap_m=0.0005, arc=0.001, stop_m=0.02, stop_rad=0.15),
+        tolerance=Tolerance(overlap_m=0.001, arc=0.001, stop_m=0.02, stop_rad=0.15),
+        footprint_m=(LENGTH_M, WIDTH_M),
         robot_s=1.1,
         is_ours=True,
     )

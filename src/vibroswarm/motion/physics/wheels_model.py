@@ -4,13 +4,14 @@
 |---|---|---|---|
 | chassis, wheel | kg | 0.032, 0.002 | a robot of 25 x 33 x 35 mm with a battery; assumed |
 | wheel base, track | m | BASE_M, TRACK_M | between the points where wheels touch; assumed |
-| friction | - | DRIVEN, PASSIVE | on the floor; driven assumed, passive fitted: 0.59 +- 0.19 (docs/mujoco.md) |
+| friction | - | DRIVEN, PASSIVE | on the floor; driven assumed, passive fitted: 0.10 +- 0.05 (docs/mujoco.md) |
 | adhesion | N | 0.3 | of each magnetic wheel; assumed |
 | rotor | kg m^2 | 3e-5 | inertia of a motor behind its gears; assumed: it starts and stops within two periods |
 
 One front and one rear wheel, on opposite sides, are driven, as in the robot of the paper; the others roll freely. The
-magnets are MuJoCo's adhesion actuators. Wheels are spheres, so that each touches the floor in one point. The chassis is
-a sphere too, whose centre is at the height of the axles; it touches walls and other chassis without friction.
+magnets are MuJoCo's adhesion actuators. Wheels are ellipsoids, so that each touches the floor in one point. The chassis
+is a box that touches walls and other chassis with friction. The wheels lie within its outline, so that they touch
+nothing but the floor. The size is the paper's, whatever ``robot.body_radius_m`` is.
 
 MuJoCo tests only the pairs of geoms that may touch. Contact between wheels and floor is softer than between bodies: so
 robots come to rest, and the solver needs one iteration for a robot that drives straight, not several.
@@ -35,14 +36,24 @@ WHEEL_M: Final = 0.006
 """Radius of a wheel."""
 ROLLING_M: Final = 0.00586
 """Effective radius of a rolling wheel, as the magnets press it a little into the soft floor. Fitted to the speed."""
-BASE_M: Final = 0.018
+HALF_WHEEL_M: Final = 0.002
+"""Half of the width of a wheel."""
+LENGTH_M, WIDTH_M, HEIGHT_M = 0.033, 0.025, 0.035
+"""Size of the robot, with its wheels; the paper does not say which is which."""
+CLEARANCE_M: Final = 0.002
+"""Height of the chassis above the floor."""
+CORNER_M: Final = math.hypot(LENGTH_M / 2, WIDTH_M / 2)
+"""Distance of a robot's corners from its middle."""
+BASE_M: Final = LENGTH_M - 2 * WHEEL_M
 """Distance from front to rear between the points in which wheels touch the floor."""
-TRACK_M: Final = 0.036
+TRACK_M: Final = WIDTH_M - 2 * HALF_WHEEL_M
 """Distance from left to right between the points in which wheels touch the floor."""
 DRIVEN: Final = 0.8
 """Coefficient of friction on the floor, of driven wheels."""
-PASSIVE: Final = 0.6
+PASSIVE: Final = 0.1
 """Coefficient of friction on the floor, of wheels that roll freely."""
+SIDES: Final = 0.3
+"""Coefficient of friction of chassis on walls and on each other; assumed."""
 IMPRATIO: Final = 1.0
 """MuJoCo's ratio of the impedance of friction to that of normal forces."""
 ADHESION_N: Final = 0.3
@@ -118,7 +129,7 @@ def wheels_xml(scenario: Scenario, step_s: float, group: int | None = None) -> s
   <default>
     <geom contype="0" conaffinity="0"/>
     <pair solimp="0.95 0.99 0.0005"/>
-    <default class="wheel"><geom type="sphere" size="{WHEEL_M}" mass="0.002"/></default>
+    <default class="wheel"><geom type="ellipsoid" size="{WHEEL_M} {HALF_WHEEL_M} {WHEEL_M}" mass="0.002"/></default>
   </default>
   <worldbody>
     <geom name="floor" type="plane" size="0 0 1" group="{BODIES}"/>
@@ -132,10 +143,11 @@ def wheels_xml(scenario: Scenario, step_s: float, group: int | None = None) -> s
 
 def _contacts(robots: int, step_s: float) -> str:
     """Return MJCF of the pairs of geoms that may touch: wheels and floor, chassis and walls, two chassis."""
-    # condim: 3 for contacts with friction, whose first two coefficients are those of sliding; 1 for contacts without.
-    # solref: time constant of a contact, s, and its damping ratio.
+    # condim 3: contacts with friction, whose first two coefficients are those of sliding. solref: time constant of a
+    # contact, s, and its damping ratio.
     floor = f'condim="3" solref="{FLOOR_STEPS * step_s!r} 1"'
-    others = f'condim="1" margin="{MARGIN_M}" solref="{BODY_STEPS * step_s!r} 1"'
+    sides = f'friction="{SIDES} {SIDES} 0 0 0"'
+    others = f'condim="3" {sides} margin="{MARGIN_M}" solref="{BODY_STEPS * step_s!r} 1"'
     pairs = []
     for i in range(robots):
         for name, _, _, driven in WHEELS:
@@ -157,7 +169,6 @@ def _others(i: int) -> list[str]:
 
 def _robot(scenario: Scenario, i: int) -> str:
     """Return MJCF of robot ``i``: chassis, target of other robots' rays, inertial sensors and wheels."""
-    radius_m = scenario.robot.body_radius_m
     wheels = "".join(
         f"""<body pos="{x * BASE_M / 2} {y * TRACK_M / 2} {WHEEL_M}" name="{name}{i}">
           <joint name="{name}{i}" type="hinge" axis="0 1 0" armature="{ROTOR_KG_M2 if driven else 1e-7}"/>
@@ -165,12 +176,15 @@ def _robot(scenario: Scenario, i: int) -> str:
         for name, x, y, driven in WHEELS
     )
     # The origin of a robot's frame is on the floor below its centre; the centre of mass of the chassis is 10 mm higher.
-    # The moment of inertia is that of a disc of 15 mm radius with the mass of the chassis, whatever the body's radius.
-    # The armature, the inertia of a motor behind its gears, is almost 0 for wheels that roll freely.
-    spin = 0.5 * 0.032 * 0.015**2
+    # The moments of inertia are those of a box. The armature, the inertia of a motor behind its
+    # gears, is almost 0 for wheels that roll freely. MuJoCo wants half of the sizes.
+    squares = np.array([LENGTH_M, WIDTH_M, HEIGHT_M]) ** 2
+    spins = " ".join(map(str, (0.032 / 12 * (squares.sum() - squares)).tolist()))
+    half_m = (HEIGHT_M - CLEARANCE_M) / 2
     return f"""<body><freejoint/>
-      <inertial pos="0 0 0.01" mass="0.032" diaginertia="{spin!r} {spin!r} {spin!r}"/>
+      <inertial pos="0 0 0.01" mass="0.032" diaginertia="{spins}"/>
       <site name="imu{i}" pos="0 0 {SENSOR_HEIGHT_M}"/>
-      <geom name="chassis{i}" type="sphere" size="{radius_m!r}" pos="0 0 {WHEEL_M}" group="{BODIES}"/>
+      <geom name="chassis{i}" type="box" size="{LENGTH_M / 2} {WIDTH_M / 2} {half_m}"
+        pos="0 0 {CLEARANCE_M + half_m}" group="{BODIES}"/>
       {target_xml(scenario)}{wheels}
     </body>"""

@@ -7,17 +7,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vibroswarm.motion.footprint import with_room
 from vibroswarm.motion.physics.groups import LARGEST, Model
 from vibroswarm.motion.physics.library import mujoco
 from vibroswarm.motion.physics.mujoco_run import MujocoRun
 from vibroswarm.motion.physics.wheels_model import (
     CONE_RAD,
+    CORNER_M,
+    LENGTH_M,
     MARGIN_M,
     ROLLING_M,
     SENSOR_HEIGHT_M,
     STEP_MS,
     SUNK_M,
     WHEELS,
+    WIDTH_M,
     wheels_xml,
 )
 from vibroswarm.motion.physics.wheels_step import Wheels, wheels_steps
@@ -57,7 +61,7 @@ class WheelsRun(MujocoRun):
         # length; the gap includes four times this length, to be safe.
         step_m = factor * robot.full_speed_m_s * self.scenario.tick_s
         self.wheels = Wheels(
-            rolling_m=ROLLING_M, gap_m=2.0 * robot.body_radius_m + MARGIN_M + 4.0 * step_m,
+            rolling_m=ROLLING_M, gap_m=2.0 * CORNER_M + MARGIN_M + 4.0 * step_m,
             first=np.zeros(robots, dtype=np.int64), members=np.zeros(robots, dtype=np.int64),
             all=_views(self.model, self.data, robots), groups=(one, two, three),
         )  # fmt: skip
@@ -71,8 +75,15 @@ class WheelsRun(MujocoRun):
         return SENSOR_HEIGHT_M
 
     def place(self) -> None:
-        """Set MuJoCo's state, which has just been reset, to the robots' poses, with magnets on and all velocities 0."""
-        robots = self.scenario.swarm.robots
+        """Set MuJoCo's state, which has just been reset, to the robots' poses, with magnets on and all velocities 0.
+
+        Starts are those of all sources of motion, for discs. Robots whose corners would be in a wall or in each other
+        are moved apart.
+        """
+        robots, arena = self.scenario.swarm.robots, self.scenario.arena
+        poses = np.column_stack([self.swarm[name] for name in ("x_m", "y_m", "heading_rad")])
+        apart = with_room(poses, (LENGTH_M, WIDTH_M), (arena.width_m, arena.height_m))
+        self.swarm["x_m"], self.swarm["y_m"] = apart[:, 0], apart[:, 1]
         # Views with one row per robot. A row of poses: x, y, z, heading as a quaternion (w, x, y, z), angles of wheels.
         # A row of controls: two motors, four magnets.
         poses, controls = (values.reshape(robots, -1) for values in (self.data.qpos, self.data.ctrl))
