@@ -8,6 +8,7 @@ import socket
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from vibroswarm.view.scene import (
     Playback,
     colour_of,
     floor_picture,
+    robot_parts,
     words_of,
 )
 from vibroswarm.view.server import HOST, Server, free_port, write_html
@@ -102,6 +104,19 @@ def test_the_picture_of_the_floor_lies_as_the_floor(result: Result) -> None:
         assert tuple(pixel) == (VIBRATING if kind else STILL)
         kinds.add(kind)
     assert kinds == {0, 1}
+
+
+def test_robots_on_wheels_are_drawn_as_mujoco_has_them(result: Result) -> None:
+    body, front, *wheels = robot_parts(replace(result, source="mujoco"))
+    assert (body.kind, body.size_m) == ("box", (0.033, 0.025, 0.033))
+    assert body.at_m[2] + body.size_m[2] / 2 == pytest.approx(0.035)
+    assert front.at_m[0] > 0.0
+    assert len(wheels) == 4
+    for part in wheels:
+        assert part.at_m[2] - part.size_m[2] / 2 == pytest.approx(0.0)
+        assert abs(part.at_m[0]) + part.size_m[0] / 2 < 0.0165
+        assert abs(part.at_m[1]) + part.size_m[1] / 2 <= 0.0125 + 1e-12
+    assert [part.kind for part in robot_parts(result)] == ["cylinder", "box"]
 
 
 def test_colours_and_words_of_beliefs() -> None:
@@ -210,7 +225,9 @@ def test_the_file_is_whole_or_not_there(
 ) -> None:
     page = tmp_path / "run.html"
     assert main(["view", str(folder), "--html", str(page), "--speed", "10"]) == 0
-    assert "Saved:" in capsys.readouterr().out
+    said = capsys.readouterr()
+    assert "Saved:" in said.out
+    assert "preparing its scene" in said.err
     assert [path.name for path in tmp_path.iterdir()] == ["run.html"]
     assert main(["view", str(folder), "--html", str(page)]) == 2
     assert "add --force to replace it" in capsys.readouterr().err

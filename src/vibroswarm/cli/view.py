@@ -32,6 +32,7 @@ def view(
       vibroswarm view first --html first.html
       vibroswarm view first --picture first.png --at 300
     """
+    from vibroswarm.cli.terminal import report
     from vibroswarm.errors import InputError
     from vibroswarm.view.server import Server, viser, write_html
 
@@ -50,6 +51,7 @@ def view(
             raise InputError("exists; add --force to replace it", field=str(file))
     if picture is None:
         viser()  # raises an error before any work if this package is missing; only pictures do not need it
+    report(f"reading {folder} and preparing its scene ...")
     result = read_result(folder)
     number = int(result.runs["run"][0]) if run is None else run
     if picture is not None:

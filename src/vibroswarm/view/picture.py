@@ -26,12 +26,12 @@ from vibroswarm.view.scene import (
     INK,
     LESS,
     MORE,
-    ROBOT_HEIGHT_M,
     SAMPLE_M,
     WALL_M,
     Playback,
     colour_of,
     floor_picture,
+    robot_parts,
 )
 
 WIDTH, HEIGHT = 1280, 960
@@ -185,25 +185,23 @@ def _walls(width_m: float, height_m: float) -> list[str]:
 
 
 def _robot(playback: Playback, robot: int, time_s: float) -> list[str]:
-    """Return a robot as MJCF: a cylinder in the colour of its belief, and a small box on its front.
+    """Return a robot as MJCF: its body in the colour of its belief, and its dark parts.
 
     The list is empty if the robot's place is not known at this time.
     """
     x_m, y_m, heading_rad = playback.poses(robot, time_s)[0].tolist()
     if not math.isfinite(x_m):
         return []
-    radius_m = playback.result.scenario.robot.body_radius_m
-    colour = colour_of(playback.belief(robot, time_s)[0])
-    front = (
-        x_m + radius_m / 2 * math.cos(heading_rad),
-        y_m + radius_m / 2 * math.sin(heading_rad),
-        ROBOT_HEIGHT_M,
-    )
-    size = (radius_m / 2, radius_m / 6, ROBOT_HEIGHT_M / 6)
-    return [
-        _geom("cylinder", (radius_m, ROBOT_HEIGHT_M / 2), (x_m, y_m, ROBOT_HEIGHT_M / 2), colour),
-        _geom("box", size, front, INK, turned_deg=math.degrees(heading_rad)),
-    ]
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    body_colour = colour_of(playback.belief(robot, time_s)[0])
+    geoms = []
+    for k, (kind, size_m, (ahead, left, up)) in enumerate(robot_parts(playback.result)):
+        at = (x_m + ahead * cos - left * sin, y_m + ahead * sin + left * cos, up)
+        # MJCF has half lengths of boxes; of cylinders the radius, and half of the height.
+        halves = tuple(length / 2 for length in size_m) if kind == "box" else (size_m[0], size_m[1] / 2)
+        colour = INK if k else body_colour
+        geoms.append(_geom(kind, halves, at, colour, turned_deg=math.degrees(heading_rad)))
+    return geoms
 
 
 def _geom(

@@ -6,13 +6,25 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
 from vibroswarm.errors import InputError
+from vibroswarm.motion.physics.sources import WHEELS
+from vibroswarm.motion.physics.wheels_model import (
+    BASE_M,
+    CLEARANCE_M,
+    HALF_WHEEL_M,
+    HEIGHT_M,
+    LENGTH_M,
+    TRACK_M,
+    WHEEL_M,
+    WIDTH_M,
+)
+from vibroswarm.motion.physics.wheels_model import WHEELS as WHEELS_AT
 from vibroswarm.motion.pose import pose
 from vibroswarm.result import Result
 
@@ -122,13 +134,51 @@ INK: Final = (60, 60, 60)
 WALL_M: Final = 0.03
 """Height of the walls."""
 ROBOT_HEIGHT_M: Final = 0.025
-"""Height of a robot."""
+"""Height of a robot that is a disc."""
 SAMPLE_M: Final = 0.008
 """Diameter of a sample."""
 CHUNK: Final = 64
 """Samples in one cloud of points: only the latest cloud changes when a sample is added."""
 PIXELS: Final = 400
 """Pixels of the floor's picture along the longer side of the arena."""
+
+
+class Part(NamedTuple):
+    """A part of a robot as it is drawn."""
+
+    kind: str
+    """"box" or "cylinder"."""
+    size_m: tuple[float, ...]
+    """Lengths of a box along the robot's axes (ahead, to the left, up), or radius and height of a cylinder."""
+    at_m: tuple[float, float, float]
+    """Its middle in the robot's frame, whose origin is on the floor."""
+
+
+def robot_parts(result: Result) -> list[Part]:
+    """Return the parts of a robot: its body, which has the colour of its belief, and dark ones.
+
+    A robot on wheels is the one that MuJoCo moves, with what its wheels stick out below; every other one is a disc. A
+    dark bar on top shows the front.
+    """
+    if result.source == WHEELS.name:
+        length, width, height = LENGTH_M, WIDTH_M, HEIGHT_M
+        middle = (height + CLEARANCE_M) / 2
+        body = Part("box", (length, width, height - CLEARANCE_M), (0.0, 0.0, middle))
+        chord = 2 * math.sqrt(WHEEL_M**2 - (WHEEL_M - CLEARANCE_M) ** 2)  # of a wheel, at the chassis
+        wheels = [
+            Part(
+                "box",
+                (chord, 2 * HALF_WHEEL_M, CLEARANCE_M),
+                (x * BASE_M / 2, y * TRACK_M / 2, CLEARANCE_M / 2),
+            )
+            for _, x, y, _ in WHEELS_AT
+        ]
+    else:
+        length = 2 * result.scenario.robot.body_radius_m
+        height, wheels = ROBOT_HEIGHT_M, []
+        body = Part("cylinder", (length / 2, height), (0.0, 0.0, height / 2))
+    front = Part("box", (length / 2, length / 6, height / 3), (length / 4, 0.0, height))
+    return [body, front, *wheels]
 
 
 def colour_of(belief: float) -> tuple[int, int, int]:
@@ -175,7 +225,7 @@ class Scene:
 
     def __init__(self, api: Any, playback: Playback) -> None:
         self.api, self.playback = api, playback
-        arena, body = playback.result.scenario.arena, playback.result.scenario.robot
+        arena = playback.result.scenario.arena
         width_m, height_m = arena.width_m, arena.height_m
         api.set_up_direction("+z")
         api.configure_environment_map(None)  # no surroundings, only the ambient light of the next line
@@ -195,23 +245,17 @@ class Scene:
         ):
             place = (*at, WALL_M / 2)
             api.add_box(f"/walls/{name}", INK, (*size, WALL_M), opacity=0.35, position=place)
-        radius_m = body.body_radius_m
+        parts = robot_parts(playback.result)
+        top_m = 2 * parts[0].at_m[2]
         self.frames, self.bodies, self.labels = [], [], []
         for robot in range(playback.robots):
             path = f"/robots/{robot}"
             self.frames.append(api.add_frame(path, show_axes=False))
-            self.bodies.append(
-                api.add_cylinder(
-                    f"{path}/body", radius_m, ROBOT_HEIGHT_M, UNSURE, position=(0.0, 0.0, ROBOT_HEIGHT_M / 2)
-                )
-            )
-            api.add_box(
-                f"{path}/front", INK, (radius_m, radius_m / 3, ROBOT_HEIGHT_M / 3),
-                position=(radius_m / 2, 0.0, ROBOT_HEIGHT_M),
-            )  # fmt: skip
+            drawn = [self._draw(f"{path}/{k}", part, INK if k else UNSURE) for k, part in enumerate(parts)]
+            self.bodies.append(drawn[0])
             self.labels.append(
                 api.add_label(
-                    f"{path}/belief", "", position=(0.0, 0.0, 2.2 * ROBOT_HEIGHT_M), anchor="bottom-center",
+                    f"{path}/belief", "", position=(0.0, 0.0, top_m + 0.03), anchor="bottom-center",
                     font_screen_scale=0.7,
                 )
             )  # fmt: skip
@@ -222,6 +266,12 @@ class Scene:
         # By robot: the pose and the text that are shown.
         self._poses: dict[int, tuple[float, ...]] = {}
         self._words: dict[int, str] = {}
+
+    def _draw(self, path: str, part: Part, colour: tuple[int, int, int]) -> Any:
+        """Add a part of a robot; return viser's handle of it."""
+        if part.kind == "box":
+            return self.api.add_box(path, colour, part.size_m, position=part.at_m)
+        return self.api.add_cylinder(path, *part.size_m, colour, position=part.at_m)
 
     def set_time(self, time_s: float) -> None:
         """Show the state of the run at a time, s; only what differs from the state shown is sent to the browser."""
