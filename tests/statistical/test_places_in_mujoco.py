@@ -21,8 +21,8 @@ ROBOTS = Scenario().with_values(
     {"strategy.name": "places", "localisation.method": "mixture", "run.t_end_s": 600.0}
 )
 RUNS = {"event": 24, "mujoco-planar": 12, "mujoco": 24}
-MARGIN = {"mujoco-planar": 0.2, "mujoco": 0.6}
-"""How much larger than the event engine's the median error may be: robots on wheels roll out, and see by cones."""
+MARGIN = {"mujoco-planar": 0.2, "mujoco": 1.6}
+"""How much larger than the event engine's the median error may be: no point of a robot on wheels is held in turns."""
 
 
 @cache

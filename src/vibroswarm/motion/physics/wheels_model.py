@@ -39,7 +39,7 @@ ROLLING_M: Final = 0.00586
 HALF_WHEEL_M: Final = 0.002
 """Half of the width of a wheel."""
 LENGTH_M, WIDTH_M, HEIGHT_M = 0.033, 0.025, 0.035
-"""Size of the robot, with its wheels; the paper does not say which is which."""
+"""Size of the robot, with its wheels; the paper does not say which is which (docs/mujoco.md)."""
 CLEARANCE_M: Final = 0.002
 """Height of the chassis above the floor."""
 CORNER_M: Final = math.hypot(LENGTH_M / 2, WIDTH_M / 2)
