@@ -32,8 +32,8 @@ from vibroswarm.core.rng import HARDWARE, OF_EDGE, OF_SENSOR, OF_TILE, SENSING, 
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.patches import edge_distance
 from vibroswarm.floors.place import Place
-from vibroswarm.floors.surfaces import STEPS
-from vibroswarm.observation.energy_model import factors_differ, is_sensed, shares_below
+from vibroswarm.floors.surfaces import PLAIN, STEPS
+from vibroswarm.observation.energy_model import NO_CONTRASTS, factors_differ, is_sensed, shares_below
 from vibroswarm.scenario.fields import FloorField, Sensor
 from vibroswarm.scenario.scenario import Scenario, preset
 
@@ -242,8 +242,11 @@ def factor_row(response: Response, r: int, robot: int, sensed: int) -> int:
 
 def contrasts_of(floors: Iterable[Floor]) -> NDArray[np.float64]:
     """Return the contrasts between still and vibrating that occur on floors, ascending."""
+    surfaces = [floor.surface for floor in floors if floor.surface is not PLAIN]
+    if not surfaces:
+        return NO_CONTRASTS
     steps: set[int] = set()
-    for surface in {id(floor): floor.surface for floor in floors}.values():
+    for surface in surfaces:
         if surface.values is not None:
             steps |= set(np.unique(surface.values).tolist())
         steps |= {round(patch.contrast * STEPS) for patch in surface.patches}
@@ -270,6 +273,8 @@ def _patches_of(
     floors: Sequence[Floor], contrasts: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return ``Response.patches`` and ``first_patch``."""
+    if all(floor.surface is PLAIN for floor in floors):
+        return np.empty((0, 6)), np.zeros(len(floors) + 1, dtype=np.int64)
     rows = [
         (p.x_m, p.y_m, p.width_m, p.height_m, float(p.is_disc), float(_kind_with(p.contrast, contrasts)))
         for floor in floors

@@ -232,7 +232,7 @@ def read_samples(
         observation: (rows,), written. kinds, factors: (rows,): kind of the sensed tile, and the value's factor,
             written; if they are empty, they are not computed.
     """
-    with_kinds, with_patches = kinds.size > 0, response.patches.shape[0] > 0
+    with_kinds = kinds.size > 0
     for r in range(runs.size):
         rows, columns, width_m, height_m, left_m, bottom_m = places[r]
         place = Place(int(rows), int(columns), width_m, height_m, left_m, bottom_m + rows * height_m)
@@ -249,8 +249,6 @@ def read_samples(
                 at = sensed_tile(x_m[k], y_m[k], at, place, own, response, seed, runs[r], i, number)
                 sensed[k] = at
             kind, row = kind_of(own, at), factor_row(response, r, i, at)
-            if with_patches:
-                kind = patched_kind(x_m[k], y_m[k], kind, response, r, seed, runs[r], i, number)
             observation[k] = observation_of(
                 faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row
             )
@@ -303,6 +301,40 @@ def with_stuck_sensors(
         return observation
     at_0, at_1 = (since[run_index, robot] <= time_s for since in (faults.at_0_from_s, faults.at_1_from_s))
     return np.where(at_1, 1, np.where(at_0, 0, observation)).astype(np.uint8)
+
+
+@kernel
+def read_patches(
+    seed: int,
+    bounds: NDArray[np.int64],
+    runs: NDArray[np.int64],
+    robot: NDArray[np.uint16],
+    sample: NDArray[np.uint32],
+    x_m: NDArray[np.float64],
+    y_m: NDArray[np.float64],
+    time_s: NDArray[np.float64],
+    tile: NDArray[np.int32],
+    numbers: NDArray[np.float64],
+    response: Response,
+    faults: SensorFaults,
+    observation: NDArray[np.uint8],
+    kinds: NDArray[np.uint8],
+) -> None:
+    """Write the readings of samples that sense a patch, over those of the still tiles on which patches lie.
+
+    Arguments are those of ``read_samples``. It is a kernel of its own, since floors without patches need none of it.
+    """
+    for r in range(runs.size):
+        for k in range(bounds[r], bounds[r + 1]):
+            i, number = signed(robot[k]), signed(sample[k])
+            kind = patched_kind(x_m[k], y_m[k], 0, response, r, seed, runs[r], i, number)
+            if kind > 0:
+                row = factor_row(response, r, i, signed(tile[k]))
+                observation[k] = observation_of(
+                    faults, r, i, time_s[k], kind, numbers[k], response.shares_below, row
+                )
+                if kinds.size > 0:
+                    kinds[k] = kind
 
 
 class Readings(NamedTuple):
@@ -398,6 +430,11 @@ class Places:
             first_tiles, tiles, response, faults, known, readings.tile, readings.numbers, sensed_known, sensed,
             readings.observation, readings.kinds, readings.factors,
         )  # fmt: skip
+        if response.patches.size:
+            read_patches(
+                self.seed, self.bounds, self.runs, self._robot, self._sample, self._x_m, self._y_m, self._time_s,
+                readings.tile, readings.numbers, response, faults, readings.observation, readings.kinds,
+            )  # fmt: skip
         if is_sensed(scenario.sensor):
             run_index = np.repeat(np.arange(self.runs.size), np.diff(self.bounds))
             readings.observation[:] = with_stuck_sensors(
