@@ -245,3 +245,37 @@ def test_many_beliefs_are_a_band_and_one_line_under_the_pointer(open_page: Open,
     page.check("#layer-lines")
     assert page.evaluate(shown) != before
     assert "Band" not in open_page().inner_text("#belief-lead")
+
+
+def test_kinds_of_tile_and_patches_are_shown(open_page: Open, tmp_path: Path) -> None:
+    """Decisions, legend and marks of three kinds; a patch is painted over still tiles."""
+    from vibroswarm import preset, simulate
+    from vibroswarm.run_page.write import write_run_page
+
+    short = preset("paper").with_values({"run.t_end_s": 200.0, "decision.min_observations": 20})
+    three = short.with_values(
+        {
+            "sensor.model": "confusion",
+            "floor.source": "random:0.2,0.2,0.6",
+            "task.name": "majority",
+            "strategy.name": "dirichlet",
+        }
+    )
+    result = simulate(three, 2, 1, segments=True)
+    assert set(result.robots["decision"]) == {2}
+    write_run_page(result, tmp_path / "three.html")
+    page = open_page("#t=150", tmp_path / "three.html")
+    assert "it says \u201ckind 2 is most common\u201d" in page.inner_text("#verdict-line")
+    assert "kind 0 is most common" in page.inner_text("#task")
+    assert "read kind 2" in page.inner_text("body")
+    assert "of 5 say: \u201ckind 2" in page.inner_text("#facts")
+    read = result.observations["observation"].to_numpy()
+    kind = result.floor(0).tiles.ravel()[result.observations["tile"].to_numpy()]
+    assert f"{round(100 * (read != kind).mean(), 1):g} % misread" in page.inner_text("#facts")
+    patched = simulate(short.with_values({"floor.source": "patch:0.4"}), 1, 1, segments=True)
+    write_run_page(patched, tmp_path / "patch.html")
+    page = open_page("#t=150", tmp_path / "patch.html")
+    on = patched.floor(0).contrast_at(patched.motion["x_m"], patched.motion["y_m"]) > 0
+    bits = patched.observations["observation"].to_numpy()
+    assert f"{round(100 * (bits != on).mean(), 1):g} % misread" in page.inner_text("#facts")
+    assert not page.evaluate(BLANK, "floor")

@@ -683,3 +683,44 @@ def test_odd_numbers_and_names_are_drawn(rows, title, style):
     pictures.append(draw_heat(grid, best="low", title=title, style=style))
     for picture in pictures:
         assert faults_of(picture.figure) == []
+
+
+def test_reports_over_time_have_a_line_for_each_robot_and_quartiles_of_many() -> None:
+    from vibroswarm.plots import draw_reports
+
+    def reports(robots: int) -> pl.DataFrame:
+        rows = [
+            {"name": name, "robot": robot, "time_s": float(t), "value": t * 0.1 + robot}
+            for name in ("estimate", "trust")
+            for robot in range(robots)
+            for t in range(robot % 3, 20)
+        ]
+        return pl.DataFrame(rows)
+
+    few, many = draw_reports(reports(4), truth=0.4), draw_reports(reports(40))
+    panels = [axes for axes in few.figure.axes if axes.get_title()]
+    assert [axes.get_title() for axes in panels] == ["estimate", "trust"]
+    assert [len(axes.lines) for axes in panels] == [5, 4]  # and the truth
+    assert [len(axes.lines) for axes in many.figure.axes[:2]] == [1, 1]
+    assert "dashed" in few.caption
+    assert "dashed" not in many.caption
+    assert few.numbers.height == reports(4).height
+    # the median at the end is that of the last values of all robots
+    last = (
+        reports(40).filter(pl.col("name") == "trust").group_by("robot").agg(pl.col("value").last())["value"]
+    )
+    assert many.figure.axes[1].lines[0].get_ydata()[-1] == pytest.approx(last.median())
+    with pytest.raises(InputError):
+        draw_reports(reports(1).clear())
+
+
+def test_borders_and_words_of_tiles_know_all_kinds() -> None:
+    frame = pl.DataFrame({"x_m": [0.1, 0.9], "y_m": [0.1, 0.9]})
+    two = draw_density(frame, tiles=np.array([[0, 1], [1, 0]], dtype=np.uint8))
+    three = draw_density(frame, tiles=np.array([[0, 1], [2, 0]], dtype=np.uint8))
+    assert "vibrating (dots) and still tiles" in two.caption
+    assert "circles: kind 1, squares: kind 2" in three.caption
+    of_kind = [line for line in three.figure.axes[0].lines if line.get_marker() in ("o", "s")]
+    assert [len(line.get_xdata()) for line in of_kind] == [1, 1]
+    # each of the tiles (0, 1) and (1, 0) has four sides, of which they share none
+    assert len(three.figure.axes[0].collections[-1].get_segments()) == 8

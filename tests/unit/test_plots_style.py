@@ -305,3 +305,14 @@ def test_more_series_than_marks_are_refused():
     frame = pl.DataFrame({"cell": ["a"] * 13, "series": [str(i) for i in range(13)], "value": [1.0] * 13})
     with pytest.raises(InputError, match="13 series cannot be distinguished; at most 12"):
         draw_boxes(frame)
+
+
+def test_the_page_has_the_colours_of_further_kinds() -> None:
+    import json
+    from importlib.resources import files
+
+    from vibroswarm.plots.style import KINDS
+
+    text = files("vibroswarm.run_page").joinpath("assets", "theme.js").read_text(encoding="utf-8")
+    listed = text.partition("KIND_COLOURS = ")[2].partition(";")[0]
+    assert json.loads(listed) == [colour for _, colour in KINDS[2:]]

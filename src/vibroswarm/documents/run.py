@@ -24,6 +24,7 @@ from vibroswarm.analysis.verdict import (
 from vibroswarm.documents.knowledge import told
 from vibroswarm.observation.decision_boundary import expected_classes_on
 from vibroswarm.plots.picture import Picture
+from vibroswarm.plots.reports import draw_reports
 from vibroswarm.plots.run import run_figure
 from vibroswarm.plots.style import MATPLOTLIB_LOCK
 from vibroswarm.result import Result
@@ -60,6 +61,7 @@ def run_document(result: Result, run: int) -> Document:
     parts += robot_tables(found, "opinion" if opinions else "share of ones" if _counts(found) else "estimate")
     parts += _reports(result, run)
     parts += _map(result, run)
+    parts += _reports_over_time(result, run)
     parts.append(Figure("run", lambda style: _picture(result, run)))
     return Document(
         title=f"Run {run}: {strategy_name(scenario.strategy.name)}",
@@ -238,6 +240,24 @@ def _reports(result: Result, run: int) -> list[Part]:
     last = fields.group_by("robot", "name", maintain_order=True).last()
     caption = "What robots reported last (after each sample: table reports)."
     return [Table(last.pivot("name", index="robot", values="value"), caption=caption, name="reports")]
+
+
+def _reports_over_time(result: Result, run: int) -> list[Part]:
+    """Return the figure of what robots reported after their samples; none if they report nothing but arrays."""
+    if result.reports is None:
+        return []
+    of_run = result.reports.filter(pl.col("run") == run)
+    arrays = of_run.filter(pl.col("index") > 0)["name"].unique().to_list()
+    fields = of_run.filter(~pl.col("name").is_in(arrays), pl.col("value").is_not_null())
+    if fields.is_empty():
+        return []
+    times = result.motion.select("run", "robot", "sample", "time_s")
+    timed = fields.join(times, on=["run", "robot", "sample"], maintain_order="left")
+    timed = timed.select("name", "robot", "time_s", "value")
+    truth = result.runs.filter(pl.col("run") == run)["fill_ratio"][0]
+    return [
+        Figure("reports", lambda style: draw_reports(timed, truth=truth, style=style), "Reports over time")
+    ]
 
 
 def robot_tables(found: Verdict, posterior: str) -> list[Table]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -305,8 +305,8 @@ def draw_density(
 ) -> Picture:
     """Draw the density of samples (samples per area) over the arena, with the tiles on top.
 
-    The density is relative to that of uniform sampling, which is 1 everywhere. Vibrating tiles have a dot; a double
-    line separates them from still tiles and from what lies outside the floor.
+    The density is relative to that of uniform sampling, which is 1 everywhere. Vibrating tiles have a dot, and tiles of
+    further kinds other marks; a double line separates kinds, and what lies outside the floor.
 
     Args:
         frame: one row per sample with the columns ``x_m, y_m``; or one row per place, with the number of samples there
@@ -354,9 +354,25 @@ def draw_density(
         f"Samples per area over the arena, {int(counts.sum())} samples in {shape[0]} x {shape[1]} bins; "
         f"1 is what even sampling gives; least {number(float(density.min()))}, most {number(float(density.max()))}."
         + (f" {above} bins lie above the colours' end at {number(top)}." if above else "")
-        + (" Double line: border between vibrating (dots) and still tiles." if tiles is not None else "")
+        + ("" if tiles is None else f" Double line: border between {_words_of_tiles(tiles)}.")
     )
     return Picture(figure, _bins(counts, density, x_edges, y_edges), caption)
+
+
+KIND_MARKERS: Final = {
+    "o": "circles", "s": "squares", "^": "triangles", "D": "diamonds", "v": "triangles down", "P": "plus signs",
+}  # fmt: skip
+"""Markers of tiles of kind 1, 2 and so on, and what they are called; further kinds have them again."""
+
+
+def _words_of_tiles(tiles: NDArray[np.uint8]) -> str:
+    """Return which kinds of tile the double line separates, and how they are marked."""
+    most = int(tiles.max(initial=0))
+    if most < 2:
+        return "vibrating (dots) and still tiles"
+    names = list(KIND_MARKERS.values())
+    marks = [f"{names[(kind - 1) % len(names)]}: kind {kind}" for kind in range(1, most + 1)]
+    return f"kinds of tile (no mark: kind 0, {', '.join(marks)})"
 
 
 def _bins(
@@ -440,10 +456,10 @@ def _tiles(
     corner_m: tuple[float, float],
     arena_m: tuple[float, float],
 ) -> None:
-    """Draw a line around each area of vibrating tiles, and a dot in each vibrating tile.
+    """Draw a line around each area of tiles of a kind above 0, and a mark in each of these tiles.
 
     Args:
-        tiles: (rows, columns), 1 vibrating and 0 still, row 0 at the top.
+        tiles: (rows, columns) of kinds, such as 1 vibrating and 0 still, row 0 at the top.
         size_m: width and height of a tile; None: the tiles fill the arena.
         corner_m: lower left corner of the floor in the arena. arena_m: width and height of the arena.
     """
@@ -451,7 +467,12 @@ def _tiles(
 
     rows, columns = tiles.shape
     wide, high = size_m or (arena_m[0] / columns, arena_m[1] / rows)  # size of a tile
-    lines = _borders(tiles[::-1] == 1)  # rows in reverse order, since ``_borders`` has row 0 at the bottom
+    kinds = range(1, max(int(tiles.max()), 1) + 1)
+    of_kind = [
+        tiles[::-1] == kind for kind in kinds
+    ]  # rows in reverse order: ``_borders`` has row 0 at the bottom
+    # Two kinds share a border, which is drawn once.
+    lines = list(dict.fromkeys(tuple(line) for chosen in of_kind for line in _borders(chosen)))
     # from units of tiles to m: (segments, 2 ends, x and y)
     placed = np.array(lines, dtype=float).reshape(-1, 2, 2) * (wide, high) + np.asarray(corner_m)
     for colour, width in ((ON_DARK, 2.6), (ON_LIGHT, 1.2)):
@@ -461,9 +482,11 @@ def _tiles(
                 rasterized=len(lines) > MARKS_UP_TO,
             )
         )  # fmt: skip
-    centres = (np.argwhere(tiles[::-1] == 1)[:, ::-1] + 0.5) * (wide, high) + np.asarray(corner_m)
-    axes.plot(
-        centres[:, 0], centres[:, 1], ls="", marker="o", markersize=style.marker_pt * 0.8,
-        markerfacecolor=ON_DARK, markeredgecolor=ON_LIGHT, markeredgewidth=style.line_pt * 0.7,
-        rasterized=len(centres) > MARKS_UP_TO,
-    )  # fmt: skip
+    markers = list(KIND_MARKERS)
+    for kind, chosen in zip(kinds, of_kind, strict=True):
+        centres = (np.argwhere(chosen)[:, ::-1] + 0.5) * (wide, high) + np.asarray(corner_m)
+        axes.plot(
+            centres[:, 0], centres[:, 1], ls="", marker=markers[(kind - 1) % len(markers)],
+            markersize=style.marker_pt * 0.8, markerfacecolor=ON_DARK, markeredgecolor=ON_LIGHT,
+            markeredgewidth=style.line_pt * 0.7, rasterized=len(centres) > MARKS_UP_TO,
+        )  # fmt: skip

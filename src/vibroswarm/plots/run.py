@@ -19,6 +19,8 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.io import check_suffix
+from vibroswarm.floors.patches import Patch
+from vibroswarm.floors.surfaces import STEPS
 from vibroswarm.motion.pose import pose
 from vibroswarm.observation.edge_response import edge_warnings
 from vibroswarm.observation.observe import kinds_at
@@ -206,8 +208,9 @@ def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
     from matplotlib.patches import Rectangle
 
     rows, columns, tile_w, tile_h, left, bottom = floor.geometry
-    labels = dict(
-        labels
+    values = floor.surface.values
+    labels = (
+        {} if values is not None else dict(labels)
     )  # the first tile of each kind takes the label, so that the legend has each label once
     # matplotlib 3.11 and later take the colour of a hatch from this setting, earlier versions from the edge
     with rc_context({"hatch.color": RUN["ripple"]}):
@@ -221,9 +224,39 @@ def _draw_floor(axes: Axes, floor: Floor, labels: dict[int, str]) -> None:
                     "lw": 0,
                     "hatch": "////",
                 }
+            if values is not None and 0 < values[row, column] < STEPS:
+                looks = {
+                    "facecolor": _between(float(values[row, column]) / STEPS),
+                    "edgecolor": LINE,
+                    "lw": 0.4,
+                }
             axes.add_patch(Rectangle(corner, tile_w, tile_h, label=labels.pop(int(kind), None), **looks))
+        for patch in floor.surface.patches:
+            axes.add_patch(_patch_artist(patch))
     outline = Rectangle((left, bottom), columns * tile_w, rows * tile_h, fill=False, edgecolor=FAINT, lw=0.8)
     axes.add_patch(outline)
+
+
+def _between(contrast: float) -> tuple[float, ...]:
+    """Return the colour of a tile of a value, between those of still and of vibrating tiles."""
+    from matplotlib.colors import to_rgb
+
+    ends = (np.array(to_rgb(RUN[name])) for name in ("tile-still", "ripple"))
+    still, vibrating = ends
+    return tuple((still + contrast * (vibrating - still)).tolist())
+
+
+def _patch_artist(patch: Patch) -> Any:
+    """Return a patch of damage as matplotlib draws it, hatched as a vibrating tile, on the colour of its contrast."""
+    from matplotlib.patches import Ellipse, Rectangle
+
+    looks: dict[str, Any] = {
+        "facecolor": _between(patch.contrast), "edgecolor": RUN["vibrating"], "lw": 0.6, "hatch": "////"
+    }  # fmt: skip
+    if patch.is_disc:
+        return Ellipse((patch.x_m, patch.y_m), patch.width_m, patch.height_m, **looks)
+    corner = patch.x_m - patch.width_m / 2, patch.y_m - patch.height_m / 2
+    return Rectangle(corner, patch.width_m, patch.height_m, **looks)
 
 
 def _draw_paths(axes: Axes, result: Result, run: int) -> None:
@@ -257,6 +290,9 @@ def _draw_samples(axes: Axes, result: Result, run: int) -> None:
     kinds = kinds_at(result.floor(run), tile, samples["time_s"].to_numpy())
     misread = (tile >= 0) & (kinds != observation)
     x, y = samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
+    if result.scenario.floor.has_surface:  # what lies between still and vibrating is not misread
+        contrast = result.floor(run).contrast_at(x, y)
+        misread = (tile >= 0) & (np.abs(contrast - observation) == 1.0)
     stroke = Outline([(-1.0, -1.0), (1.0, 1.0)])
     axes.plot(
         x[misread], y[misread], ls="", marker=stroke, ms=6, color=INK, mew=0.8, zorder=2.9, label="misread"

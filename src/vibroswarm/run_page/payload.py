@@ -26,7 +26,7 @@ from scipy.special import betainc
 
 from vibroswarm.analysis.message_log import MessageLog
 from vibroswarm.errors import InputError
-from vibroswarm.floors.floor import Floor
+from vibroswarm.floors.floor import Floor, rows_of
 from vibroswarm.run_page.trajectory_thinning import Track, tracks
 from vibroswarm.scenario.fault_draws import fault_words
 from vibroswarm.scenario.fault_fields import MOTION_FAULTS
@@ -158,8 +158,10 @@ class RunRecord:
     """The right decision, None if neither is; used only with ``answers``, since else the fill ratio gives it."""
     notes: tuple[str, ...] = ()
     """Sentences to be read before the question, such as that robots knew their true places."""
-    answers: tuple[str, str] | None = None
-    """Meaning of decisions 0 and 1, if the question is not about the fill ratio."""
+    answers: tuple[str, ...] | None = None
+    """Meaning of decisions 0, 1 and so on, if the question is not about the fill ratio."""
+    kinds: int = 2
+    """Number of kinds of tile, or of classes of readings if they are more."""
     faults: tuple[tuple[int, str, float, bool], ...] = ()
     """For each fault: robot, kind in words, time at which it begins (s), whether it stops the robot for good."""
     details: dict[str, str] = field(default_factory=dict)
@@ -292,6 +294,7 @@ def payload(record: RunRecord) -> dict[str, Any]:
         "run": int(record.run),
         "arena": {"width_m": float(record.arena_width_m), "height_m": float(record.arena_height_m)},
         "floor": _floor(record),
+        **({"kinds": record.kinds} if record.kinds > 2 else {}),
         "body": _body(record),
         "time": {"tick_s": float(record.tick_s), "end_s": float(record.t_end_s)},
         "rule": _rule(record),
@@ -328,7 +331,7 @@ def fault_rows(faults: pl.DataFrame) -> tuple[tuple[int, str, float, bool], ...]
 
 
 def _floor(record: RunRecord) -> dict[str, Any]:
-    """Return the floor for the page; its tiles at time 0 are text of 1 (vibrating) and 0, row by row from the top."""
+    """Return the floor for the page; its tiles at time 0 are text of their kinds, row by row from the top."""
     floor = record.floor
     rows, columns = floor.tiles.shape
     return {
@@ -339,9 +342,15 @@ def _floor(record: RunRecord) -> dict[str, Any]:
         "tile_height_m": float(floor.tile_height_m),
         "left_m": float(floor.left_m),
         "bottom_m": float(floor.bottom_m),
-        "tiles": "".join(map(str, floor.tiles.ravel().tolist())),
+        "tiles": "".join(rows_of(floor.tiles)),
+        **({"patches": _patches(floor)} if floor.surface.patches else {}),
         **({"changes": _changes(floor)} if floor.is_changing else {}),
     }
+
+
+def _patches(floor: Floor) -> list[tuple[float, float, float, float, bool, float]]:
+    """Return centre, width and height (m) of each patch, whether it is a disc, and its contrast."""
+    return [(p.x_m, p.y_m, p.width_m, p.height_m, p.is_disc, p.contrast) for p in floor.surface.patches]
 
 
 def _changes(floor: Floor) -> list[tuple[float, int, int]]:

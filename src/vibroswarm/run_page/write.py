@@ -21,6 +21,7 @@ from vibroswarm.analysis.true_places import true_places_notes
 from vibroswarm.analysis.verdict import answers_of
 from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.errors import InputError, check_kind, path_of
+from vibroswarm.floors.floor import Floor
 from vibroswarm.localisation.locate import is_estimated
 from vibroswarm.networks import network as network_of
 from vibroswarm.observation.decision_boundary import expected_ones_on, readings_boundary
@@ -206,8 +207,9 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
         ray_disc_radius_m=rays.disc_radius_m,
         avoidance_threshold_m=scenario.walk.avoidance_threshold_mm / 1000.0,
         truth=summary["truth"],
-        notes=tuple(true_places_notes([scenario])),
-        answers=None if scenario.task.name == "fill_ratio" else (answers[0], answers[1]),
+        notes=(*true_places_notes([scenario]), *_surface_notes(floor)),
+        answers=None if scenario.task.name == "fill_ratio" else answers,
+        kinds=max(scenario.sensor.kinds, scenario.sensor.readings),
         details={
             "scenario": scenario.hash,
             "motion": result.source,
@@ -215,6 +217,13 @@ def record_of(result: Result, run: int = 0, *, title: str = "") -> RunRecord:
             **{name: result.versions[name] for name in version_names if name in result.versions},
         },
     )
+
+
+def _surface_notes(floor: Floor) -> tuple[str, ...]:
+    """Return what the page does not show of a floor's values, as a sentence; nothing if it has none."""
+    if floor.surface.values is None:
+        return ()
+    return ("Tiles have values between still and vibrating; they are drawn as vibrating from one half on.",)
 
 
 MAP_TIMES: Final = 41
@@ -260,9 +269,6 @@ def why_no_page(result: Result) -> str | None:
     """Return why no page can show the runs of a result, as a clause; None if one can."""
     if result.segments is None:
         return "no positions between samples were kept (segments=True keeps those of a source that has them)"
-    sensor = result.scenario.sensor
-    if max(sensor.kinds, sensor.readings) > 2:
-        return "a page shows two kinds of tile and two readings"
     return None
 
 

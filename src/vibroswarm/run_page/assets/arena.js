@@ -82,12 +82,16 @@ function drawArena(t, followed, speed) {
 
 // The legend, drawn with the same brushes as the floor.
 const LEGEND = [
-  ["vibrates", (c) => legendTile(c, true)],
-  ["still", (c) => legendTile(c, false)],
-  ["read vibrating", (c) => drawSampleMark(c, 11, 9, 4, VIBRATING, false)],
-  ["read still", (c) => drawSampleMark(c, 11, 9, 4, STILL, false)],
+  ...(KIND_COUNT > 2 ? KINDS.flatMap((kind) => [
+    [`kind ${kind}`, (c) => legendTile(c, kind)], [`read kind ${kind}`, (c) => drawSampleMark(c, 11, 9, 4, kind, false)],
+  ]) : [
+    ["vibrates", (c) => legendTile(c, VIBRATING)],
+    ["still", (c) => legendTile(c, STILL)],
+    ["read vibrating", (c) => drawSampleMark(c, 11, 9, 4, VIBRATING, false)],
+    ["read still", (c) => drawSampleMark(c, 11, 9, 4, STILL, false)],
+  ]),
   ["misread", (c) => drawSampleMark(c, 11, 9, 4, STILL, true)],
-  ["bit sent", (c) => drawPip(c, 11, 9, 7.5, VIBRATING, "1")],
+  ...(KIND_COUNT > 2 ? [] : [["bit sent", (c) => drawPip(c, 11, 9, 7.5, VIBRATING, "1")]]),
   ["too near", (c) => legendRay(c)],
   ...(run.places ? [["believes it is here", (c) => legendGhost(c)]] : []),
   ...(run.maps ? [["believed of a tile; larger: surer", (c) => drawMapMark(c, 11, 9, 6, 1)]] : []),
@@ -95,10 +99,9 @@ const LEGEND = [
   ...(radio ? [["heard", (c) => drawLink(c, 2, 9, 20, 9, false)], ["lost", (c) => drawLink(c, 2, 9, 22, 9, true)]] : []),
 ];
 
-function legendTile(context, shakes) {
-  context.fillStyle = shakes ? colours["tile-vibrating"] : colours["tile-still"];
-  context.fillRect(2, 1, 18, 16);
-  if (shakes) {
+function legendTile(context, kind) {
+  fillTile(context, kind, [2, 1, 18, 16]);
+  if (kind === VIBRATING) {
     context.fillStyle = wavePattern(context, colours.ripple, 10, 4.5, 1.1);
     context.fillRect(2, 1, 18, 16);
   }

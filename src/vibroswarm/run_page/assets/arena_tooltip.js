@@ -36,8 +36,9 @@ function robotNote({ robot, pose }, t) {
 function sampleNote(row) {
   const s = run.samples, tile = s.tile[row];
   const rows = [
-    ["read as", s.observation[row] ? "vibrating" : "still"],
-    ["tile", tile < 0 ? "none" : tileIsVibrating(tile, run.samples.time_s[row]) ? "vibrating" : "still"],
+    ["read as", kindWord(s.observation[row])],
+    ["tile", tile < 0 ? "none" : kindWord(tileKind(tile, s.time_s[row]))],
+    ...(isPatched(s.x_m[row], s.y_m[row]) ? [["on", "a patch"]] : []),
     ["bit sent", s.message[row] > 1 ? "not known" : String(s.message[row])], ["p after it", probability(s.belief_below[row])],
   ];
   if (!Number.isNaN(s.energy[row])) rows.splice(1, 0, ["RMS", s.energy[row].toFixed(2)]);
@@ -47,18 +48,22 @@ function sampleNote(row) {
 
 function tileNote(tile, t, followed) {
   if (tile < 0) return ["No tile here", []];
-  let taken = 0, shaking = 0;
+  const read = Array(KIND_COUNT).fill(0);
   for (let i = lastAtMost(sampleTimes, t, 0, sampleTimes.length); i >= 0; i--) {
     const row = samplesByTime[i];
     if (run.samples.tile[row] !== tile) continue;
-    taken++;
-    shaking += run.samples.observation[row];
+    read[run.samples.observation[row]]++;
   }
+  const taken = read.reduce((sum, count) => sum + count, 0);
   const column = tile % run.floor.columns, row = (tile - column) / run.floor.columns;
   const rows = [["samples so far", String(taken)]];
-  if (taken) rows.push(["read as vibrating", `${shaking} (${percent(shaking / taken)})`]);
+  read.forEach((count, kind) => {
+    if (taken && kind !== STILL) rows.push([`read as ${kindWord(kind)}`, `${count} (${percent(count / taken)})`]);
+  });
   rows.push(...mapNote(tile, t, followed));
-  return [`${tileIsVibrating(tile, arena.t) ? "Vibrating" : "Still"} tile, row ${row + 1}, column ${column + 1}`, rows];
+  const word = kindWord(tileKind(tile, arena.t));
+  const name = KIND_COUNT > 2 ? `Tile of ${word}` : `${word[0].toUpperCase()}${word.slice(1)} tile`;
+  return [`${name}, row ${row + 1}, column ${column + 1}`, rows];
 }
 
 function arenaNote(place, t, followed) {

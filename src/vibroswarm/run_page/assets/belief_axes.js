@@ -160,6 +160,7 @@ function quietPlace(box, width, y, until = box.left + box.width) {
 function beliefWords(context, box) {
   const limit = run.rule.credible_threshold;
   context.font = WORDS_FONT;
+  if (KIND_COUNT > 2) return tooEarlyWords(context, box); // beliefs are those of two kinds
   const words = [
     [`above ${limit}: ${DECISION_WORDS[STILL]}`, box.y(limit) + 12, STILL],
     [`below ${Number((1 - limit).toFixed(6))}: ${DECISION_WORDS[VIBRATING]}`, box.y(1 - limit) - 12, VIBRATING],

@@ -22,6 +22,10 @@ function buildLeads() {
   const { boundary, credible_threshold: limit } = run.rule;
   const claim = ANSWERS ? `the answer is ${DECISION_WORDS[STILL]}`
     : boundary === 0.5 ? "most of the floor is still" : `less than ${percent(boundary)} of the floor vibrates`;
+  if (KIND_COUNT > 2) {
+    say(byId("belief-lead"), "Beliefs are those of two kinds of tile; flags show when robots decided.");
+    return;
+  }
   say(byId("belief-lead"), `p: its probability that ${claim}. Above ${limit} it decides ${DECISION_WORDS[STILL]}, `
     + `below ${Number((1 - limit).toFixed(6))} ${DECISION_WORDS[VIBRATING]}.${gateSentence()}${bandSentence()}`);
   const { tested } = run.rule, moved = tested !== boundary;

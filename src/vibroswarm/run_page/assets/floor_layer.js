@@ -29,10 +29,9 @@ function drawTiles(context, view) {
   for (let tile = 0; tile < f.rows * f.columns; tile++) {
     const column = tile % f.columns, row = (tile - column) / f.columns;
     const box = [edges.x[column], edges.y[row], edges.x[column + 1] - edges.x[column], edges.y[row + 1] - edges.y[row]];
-    const shakes = tileIsVibrating(tile, arena.t);
-    context.fillStyle = shakes ? colours["tile-vibrating"] : colours["tile-still"];
-    context.fillRect(...box);
-    if (!shakes) continue;
+    const kind = tileKind(tile, arena.t);
+    fillTile(context, kind, box);
+    if (kind !== VIBRATING) continue;
     context.fillStyle = waves;
     context.fillRect(...box);
   }
@@ -40,6 +39,37 @@ function drawTiles(context, view) {
   context.lineWidth = 1;
   for (const x of edges.x) line(context, crisp(x), edges.y[0], crisp(x), edges.y[f.rows]);
   for (const y of edges.y) line(context, edges.x[0], crisp(y), edges.x[f.columns], crisp(y));
+  drawPatches(context, view, waves);
+}
+
+// The ground of a tile; kinds beside still and vibrating in a light shade of the colour of their readings.
+function fillTile(context, kind, box) {
+  context.fillStyle = kind === VIBRATING ? colours["tile-vibrating"] : colours["tile-still"];
+  context.fillRect(...box);
+  if (kind <= VIBRATING) return;
+  context.globalAlpha = 0.25;
+  context.fillStyle = colours.of[kind];
+  context.fillRect(...box);
+  context.globalAlpha = 1;
+}
+
+// Patches of damage, which are not bound to tiles; the fainter, the lower their contrast.
+function drawPatches(context, view, waves) {
+  for (const [x, y, width, height, disc, contrast] of run.floor.patches ?? []) {
+    const [w, h] = [width * view.scale, height * view.scale];
+    context.beginPath();
+    if (disc) context.arc(view.x(x), view.y(y), w / 2, 0, 2 * Math.PI);
+    else context.rect(view.x(x) - w / 2, view.y(y) - h / 2, w, h);
+    context.globalAlpha = 0.25 + 0.75 * contrast;
+    for (const fill of [colours["tile-vibrating"], waves]) {
+      context.fillStyle = fill;
+      context.fill();
+    }
+    context.globalAlpha = 1;
+    context.strokeStyle = colours.ripple;
+    context.lineWidth = 1;
+    context.stroke();
+  }
 }
 
 function dotPattern(context) {

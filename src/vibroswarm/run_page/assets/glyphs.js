@@ -1,4 +1,5 @@
-// The marks: a diamond says vibrating, a circle says still; filled or hollow as well, never colour alone.
+// The marks: a diamond says vibrating, a circle says still; filled or hollow as well, never colour alone. Further kinds
+// are polygons: a square, a triangle, and from kind 4 on one corner more than their number.
 
 function diamondPath(context, x, y, radius) {
   context.moveTo(x, y - radius);
@@ -8,10 +9,22 @@ function diamondPath(context, x, y, radius) {
   context.closePath();
 }
 
+const CORNERS = { 2: 4, 3: 3 };
+
+function polygonPath(context, corners, x, y, radius) {
+  const turn = corners === 4 ? Math.PI / 4 : -Math.PI / 2; // a square lies flat
+  for (let i = 0; i < corners; i++) {
+    const angle = turn + 2 * Math.PI * i / corners;
+    context.lineTo(x + radius * Math.cos(angle), y + radius * Math.sin(angle));
+  }
+  context.closePath();
+}
+
 // Outline of what a bit or decision stands for.
 function bitPath(context, bit, x, y, radius) {
   context.beginPath();
   if (bit === VIBRATING) diamondPath(context, x, y, radius * 1.22);
+  else if (bit > VIBRATING) polygonPath(context, CORNERS[bit] ?? bit + 1, x, y, radius * 1.22);
   else context.arc(x, y, radius, 0, 2 * Math.PI);
 }
 
@@ -26,8 +39,8 @@ function drawSampleMark(context, x, y, size, bit, misread) {
   bitPath(context, bit, x, y, size);
   context.lineWidth = Math.max(size * 0.42, 1);
   context.strokeStyle = colours.of[bit];
-  if (bit === VIBRATING) {
-    context.fillStyle = colours.vibrating;
+  if (bit > STILL) {
+    context.fillStyle = colours.of[bit];
     context.fill();
   } else {
     context.fillStyle = colours.panel;

@@ -108,9 +108,21 @@ for (const [time, tile, kind] of run.floor.changes ?? []) {
   tileChanges.get(tile).push([time, kind]);
 }
 
-function tileIsVibrating(tile, t) {
+function tileKind(tile, t) {
   const last = tileChanges.get(tile)?.findLast(([time]) => time <= t);
-  return last ? last[1] === 1 : run.floor.tiles.charCodeAt(tile) === 49;
+  return last ? last[1] : parseInt(run.floor.tiles[tile], 16);
+}
+
+const KIND_COUNT = run.kinds ?? 2; // kinds of tile, and of readings
+const KINDS = Array.from({ length: KIND_COUNT }, (_, kind) => kind);
+const kindWord = (kind) => (KIND_COUNT > 2 ? `kind ${kind}` : kind === 1 ? "vibrating" : "still");
+
+// Whether a place is on a patch of damage, which is not bound to tiles.
+function isPatched(x, y) {
+  return (run.floor.patches ?? []).some(([px, py, width, height, disc]) => {
+    const dx = Math.abs(x - px), dy = Math.abs(y - py);
+    return disc ? Math.hypot(dx, dy) < width / 2 : dx < width / 2 && dy < height / 2;
+  });
 }
 
 // How many changes there were by a time: the floor looks the same as long as their number is the same.
@@ -121,7 +133,9 @@ function changesBy(t) {
 // A reading is wrong when it is not what the tile under the robot was then; without a tile it is neither.
 function isMisread(row) {
   const tile = run.samples.tile[row];
-  return tile >= 0 && (run.samples.observation[row] === 1) !== tileIsVibrating(tile, run.samples.time_s[row]);
+  if (tile < 0) return false;
+  const patched = isPatched(run.samples.x_m[row], run.samples.y_m[row]);
+  return run.samples.observation[row] !== (patched ? 1 : tileKind(tile, run.samples.time_s[row]));
 }
 
 // Index of the tile at a place, -1 where there is none.

@@ -21,12 +21,12 @@ function resetPast(context, view) {
 
 const sampleSize = (view) => Math.min(Math.max(view.scale * 0.0042, 1.6), 3.4);
 
-// The four marks drawn once each: they are put down thousands of times.
+// The marks of all kinds, and those of misread ones, drawn once each: they are put down thousands of times.
 function sampleSprites(view) {
   const size = sampleSize(view), side = Math.ceil(size * 5);
-  return [0, 1, 2, 3].map((code) => {
+  return Array.from({ length: 2 * KIND_COUNT }, (_, code) => {
     const { canvas, context } = hiddenCanvas(side, side);
-    drawSampleMark(context, side / 2, side / 2, size, code & 1, code > 1);
+    drawSampleMark(context, side / 2, side / 2, size, code % KIND_COUNT, code >= KIND_COUNT);
     return { canvas, side };
   });
 }
@@ -37,7 +37,7 @@ function stampSamples(context, from, to) {
   const snap = (value) => Math.round(value * ratio) / ratio;
   for (let i = from; i < to; i++) {
     const row = samplesByTime[i];
-    const { canvas, side } = sprites[s.observation[row] + (isMisread(row) ? 2 : 0)];
+    const { canvas, side } = sprites[s.observation[row] + (isMisread(row) ? KIND_COUNT : 0)];
     context.drawImage(canvas, snap(view.x(s.x_m[row]) - side / 2), snap(view.y(s.y_m[row]) - side / 2), side, side);
   }
 }

@@ -15,12 +15,13 @@ function byDecision(decision) {
 
 function verdictLine() {
   const side = DECISION_WORDS[robots[0]?.final.decision];
-  const still = byDecision(STILL).length, vibrating = byDecision(VIBRATING).length, open = byDecision(-1).length;
+  const open = byDecision(-1).length;
+  const votes = SIDES.map((side) => [byDecision(side).length, ANSWERS ? DECISION_WORDS[side] : VOTE_WORDS[side]])
+    .filter(([count]) => count > 0 || SIDES.length === 2).map(([count, word]) => `${count}\u00a0say\u00a0${word}`);
   return {
     right: `The swarm is right: ${ANSWERS ? "it says" : "the floor is"} ${side}.`,
     wrong: `The swarm is wrong: it says ${side}.`,
-    split: `The swarm is split: ${still}\u00a0say\u00a0${ANSWERS ? DECISION_WORDS[STILL] : "still"}, `
-      + `${vibrating}\u00a0say\u00a0${ANSWERS ? DECISION_WORDS[VIBRATING] : "vibrating"}.`,
+    split: `The swarm is split: ${votes.join(", ")}.`,
     incomplete: open === robots.length ? "No robot has decided." : `${open} of ${robots.length} robots never decided.`,
     truth_undefined: `The swarm agrees: ${side}.`,
   }[run.outcome.consensus];
@@ -30,8 +31,10 @@ function verdictLine() {
 function taskLine() {
   const { fill_ratio: fill, decision: right } = run.truth, edge = run.rule.boundary;
   if (ANSWERS) {
-    return `${DECISION_WORDS[STILL]} or ${DECISION_WORDS[VIBRATING]}? `
-      + `Truth: ${right === null ? "neither" : DECISION_WORDS[right]} (${percent(fill)} of the floor vibrates).`;
+    const vibrates = KIND_COUNT > 2 ? "" : ` (${percent(fill)} of the floor vibrates)`;
+    const none = SIDES.length > 2 ? "none" : "neither";
+    return `${SIDES.map((side) => DECISION_WORDS[side]).join(" or ")}? `
+      + `Truth: ${right === null ? none : DECISION_WORDS[right]}${vibrates}.`;
   }
   const truth = right === null ? "neither" : right === VIBRATING ? "yes" : "no";
   return `Does more than ${percent(edge)} of the floor vibrate? Truth: ${truth} (${percent(fill)}).`;
@@ -39,12 +42,12 @@ function taskLine() {
 
 function verdictMore() {
   if (run.truth.decision !== null) return rightAndWrong();
-  return ANSWERS ? "Neither answer is right." : "The share is exactly the boundary, so there is no majority to be right about.";
+  return ANSWERS ? `${SIDES.length > 2 ? "No" : "Neither"} answer is right.` : "The share is exactly the boundary, so there is no majority to be right about.";
 }
 
 // Where there is no consensus: how those that decided did.
 function rightAndWrong() {
-  const right = byDecision(run.truth.decision).length, wrong = byDecision(1 - run.truth.decision).length;
+  const right = byDecision(run.truth.decision).length, wrong = robots.length - right - byDecision(-1).length;
   if (!["split", "incomplete"].includes(run.outcome.consensus) || right + wrong === 0) return "";
   return `Decided right: ${right}, wrong: ${wrong}.`;
 }
@@ -60,7 +63,7 @@ function verdictFacts() {
   const misread = run.samples.time_s.reduce((n, _, row) => n + (isMisread(row) ? 1 : 0), 0);
   const mean = sure.reduce((sum, value) => sum + value, 0) / sure.length;
   const when = run.outcome.time_s, apart = when !== null && run.outcome.consensus === "split";
-  const votes = [STILL, VIBRATING].map((decision) => [byDecision(decision).length, SAY_WORDS[decision]])
+  const votes = SIDES.map((decision) => [byDecision(decision).length, SAY_WORDS[decision]])
     .filter(([count]) => count > 0).map(([count, word]) => `${count} of ${robots.length} say: ${word}`);
   const open = byDecision(-1).length, undecided = open ? `${open} of ${robots.length} undecided` : "";
   return [

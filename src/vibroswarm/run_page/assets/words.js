@@ -19,7 +19,7 @@ const ratio = (share) => String(Number(share.toFixed(6)));
 // A decision is about the boundary: "mostly" only where that is one half.
 const ANSWERS = run.rule.answers;
 const DECISION_WORDS = ANSWERS
-  ? { "-1": "undecided", 0: `\u201c${ANSWERS[0]}\u201d`, 1: `\u201c${ANSWERS[1]}\u201d` }
+  ? { "-1": "undecided", ...ANSWERS.map((words) => `\u201c${words}\u201d`) }
   : run.rule.boundary === 0.5 ? { "-1": "undecided", 0: "mostly still", 1: "mostly vibrating" }
   : {
     "-1": "undecided",
@@ -27,7 +27,8 @@ const DECISION_WORDS = ANSWERS
     1: `more than ${percent(run.rule.boundary)} vibrating`,
   };
 // The same in one word, where the boundary goes without saying.
-const VOTE_WORDS = { "-1": "undecided", 0: ANSWERS ? ANSWERS[0] : "still", 1: ANSWERS ? ANSWERS[1] : "vibrating" };
+const VOTE_WORDS = { "-1": "undecided", ...(ANSWERS ?? ["still", "vibrating"]) };
+const SIDES = (ANSWERS ?? ["still", "vibrating"]).map((_, side) => side);
 
 // What a robot says to the question.
 const SAY_WORDS = ANSWERS || run.rule.boundary !== 0.5 ? DECISION_WORDS
@@ -35,6 +36,7 @@ const SAY_WORDS = ANSWERS || run.rule.boundary !== 0.5 ? DECISION_WORDS
 
 // Three places, and never a certainty that is not there.
 function probability(value) {
+  if (Number.isNaN(value)) return "\u2013";
   if (value > 0.9995 && value < 1) return "> 0.999";
   if (value < 0.0005 && value > 0) return "< 0.001";
   return value.toFixed(3);

@@ -1,0 +1,90 @@
+"""What robots report over time: one panel for each value, one line for each robot."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+import polars as pl
+
+from vibroswarm.errors import InputError
+from vibroswarm.plots.inputs import tidy
+from vibroswarm.plots.layout import few_ticks, new_figure
+from vibroswarm.plots.picture import Picture, drawn
+from vibroswarm.plots.style import INK, SERIES, style_named
+
+MOST_PANELS: Final = 6
+"""Most values that are drawn, the first ones."""
+ACROSS: Final = 2
+"""Panels side by side."""
+MOST_LINES: Final = 20
+"""Most robots with a line of their own; of more, the quartiles are drawn."""
+POINTS: Final = 121
+"""Times at which quartiles are drawn."""
+
+
+@drawn
+def draw_reports(
+    frame: pl.DataFrame, *, truth: float | None = None, title: str = "", style: str = "column"
+) -> Picture:
+    """Draw what the robots of a run reported over time.
+
+    Args:
+        frame: one row per report with the columns ``name``, ``robot``, ``time_s`` and ``value`` (null: nothing yet).
+        truth: the true number, drawn as a line in the panel of the value ``estimate``; None: there is none.
+        title: above the picture. style: "column", "page" or "slide".
+
+    Returns:
+        Picture; its numbers are ``name, robot, time_s, value``.
+
+    Raises:
+        InputError: the frame is not as described, or empty.
+    """
+    frame = tidy(frame, other=("name",), texts=("name",), numbers=("robot", "time_s", "value"))
+    names = frame["name"].unique(maintain_order=True).to_list()[:MOST_PANELS]
+    if not names:
+        raise InputError("there are no reports to draw", field="value")
+    sizes = style_named(style)
+    across = min(ACROSS, len(names))
+    down = math.ceil(len(names) / across)
+    figure = new_figure(sizes, height_in=0.62 * sizes.height_in * down + 0.4, title=title)
+    panels: Any = np.ravel(figure.subplots(down, across, squeeze=False, sharex=True))
+    for axes, name in zip(panels, names, strict=False):
+        _draw_panel(axes, frame.filter(pl.col("name") == name), sizes.line_pt)
+        if name == "estimate" and truth is not None:
+            axes.axhline(truth, color=INK, lw=sizes.line_pt * 0.8, ls=(0, (4, 2)))
+        axes.set_title(name.replace("_", " "), fontsize=sizes.small_pt)
+        axes.tick_params(labelsize=sizes.small_pt)
+        few_ticks(axes.xaxis, sizes)
+        axes.set_xlabel("time (s)", fontsize=sizes.small_pt)
+    for axes in panels[len(names) :]:
+        axes.set_axis_off()
+    robots = frame["robot"].n_unique()
+    lines = "each line a robot" if robots <= MOST_LINES else "median and quartiles of the robots"
+    caption = f"what {robots} robots reported after their samples; {lines}"
+    caption += (
+        f"; dashed: the true number, {truth:.4g}." if truth is not None and "estimate" in names else "."
+    )
+    return Picture(figure, frame.select("name", "robot", "time_s", "value"), caption)
+
+
+def _draw_panel(axes: Any, rows: pl.DataFrame, line_pt: float) -> None:
+    """Draw the steps of each robot's value, or quartiles if there are many robots."""
+    steps = {
+        robot: (of_robot["time_s"].to_numpy(), of_robot["value"].to_numpy())
+        for (robot,), of_robot in rows.sort("robot", "time_s").group_by("robot", maintain_order=True)
+    }
+    if len(steps) <= MOST_LINES:
+        for k, (time_s, value) in enumerate(steps.values()):
+            axes.plot(time_s, value, drawstyle="steps-post", lw=line_pt * 0.7, color=SERIES[k % len(SERIES)])
+        return
+    at_s = np.linspace(0.0, float(rows["time_s"].max()), POINTS)  # type: ignore[arg-type]
+    last = np.full((len(steps), POINTS), np.nan)
+    for row, (time_s, value) in zip(last, steps.values(), strict=True):
+        index = np.searchsorted(time_s, at_s, side="right") - 1
+        row[:] = np.where(index >= 0, value[np.maximum(index, 0)], np.nan)
+    known = ~np.isnan(last).all(axis=0)  # at other times no robot has reported
+    low, middle, high = np.nanquantile(last[:, known], (0.25, 0.5, 0.75), axis=0)
+    axes.fill_between(at_s[known], low, high, color=SERIES[0], alpha=0.3, lw=0)
+    axes.plot(at_s[known], middle, color=SERIES[0], lw=line_pt)
