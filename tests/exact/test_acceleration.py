@@ -12,9 +12,10 @@ from scipy.stats import kurtosis
 
 import vibroswarm as v
 from vibroswarm.errors import InputError
+from vibroswarm.export.c_library import library_files
 from vibroswarm.floors.place import Place
 from vibroswarm.observation.energy_model import error_rates, sensor_warnings
-from vibroswarm.observation.observe import sense_program
+from vibroswarm.observation.observe import measured_numbers, sense_program
 from vibroswarm.robot.sensing import begin_sense, cutoff_hz, energy, high_pass, sense_step
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.sensors import Samples, sensor
@@ -331,3 +332,29 @@ def test_a_sample_measures_the_features_that_are_asked_for() -> None:
     assert found["peak_hz"] == pytest.approx(100.0, abs=0.3)
     assert found["peak_height"] == pytest.approx(own, rel=0.05)
     assert found["crossings_hz"] == pytest.approx(100.0, abs=2.0)
+
+
+def test_numbers_are_measured_again_from_a_result() -> None:
+    one = scenario(features=("peak_hz", "band_165")).with_values({"run.t_end_s": 100.0})
+    result = v.simulate(one, 2, 2)
+    found = measured_numbers(one, 2, result.motion, {run: result.floor(run) for run in range(2)})
+    assert found.columns == ["run", "robot", "sample", "energy", "peak_hz", "band_165"]
+    assert np.array_equal(found["energy"].cast(pl.Float32), result.observations["energy"])
+    loud = found.filter(pl.col("energy") > 2.0)
+    assert loud["peak_hz"].median() == pytest.approx(165.0, abs=1.0)
+    with pytest.raises(InputError, match="measures one energy"):
+        measured_numbers(Scenario(), 2, result.motion, {run: result.floor(run) for run in range(2)})
+
+
+def test_a_robot_with_other_rates_is_exported() -> None:
+    files = library_files(scenario(rate_hz=1000.0, cutoff_hz=40.0).with_values({"strategy.name": "soft"}))
+    (text,) = (text for name, text in files.items() if name.endswith("vibroswarm_parameters.h"))
+    assert "#define VS_SENSING_RATE_HZ VS_R(1000.0)" in text
+    assert f"#define VS_SENSING_FEEDBACK VS_R({high_pass(40.0, 1000.0)[0]!r})" in text
+    many = {
+        "strategy.name": "dirichlet",
+        "task.name": "majority",
+        "sensor.acceleration.motor_hz": (90.0, 140.0),
+    }
+    with pytest.raises(InputError, match="acceleration of two kinds"):
+        library_files(scenario().with_values(many))

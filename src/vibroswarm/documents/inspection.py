@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.documents.damage import damage_answer, damage_sections, not_certified
 from vibroswarm.inspection.inspection import Inspection
@@ -29,6 +30,8 @@ def inspection_document(found: Inspection) -> Document:
     """Return the document of an inspection."""
     samples = found.samples
     parts: list[Part] = [Text(_what(samples)), *map(Text, _presumed(samples))]
+    if found.by_kind is not None and samples.kinds is not None:
+        parts += _kinds(found.by_kind, samples.kinds.tiles)
     if found.pooled is not None:
         parts += _map(found)
     if found.assessment is not None:
@@ -45,6 +48,29 @@ def inspection_document(found: Inspection) -> Document:
             **versions(),
         },
     )
+
+
+def _kinds(by_kind: NDArray[np.float64], tiles: NDArray[np.uint8]) -> list[Part]:
+    """Return the most probable kind of each tile, beside the true one."""
+    likely = by_kind.argmax(axis=1).reshape(tiles.shape)
+    lines = [
+        "  ".join(f"{one}{' ' if one == true else '!'}" for one, true in zip(row, of_row, strict=True))
+        for row, of_row in zip(likely.tolist(), tiles.tolist(), strict=True)
+    ]
+    right = int((likely == tiles).sum())
+    row, column = (index.ravel() for index in np.indices(tiles.shape))
+    table = pl.DataFrame(
+        {"row": row, "column": column, "kind": tiles.ravel(), "most_probable": likely.ravel()}
+        | {f"kind_{kind}": by_kind[:, kind] for kind in range(by_kind.shape[1])}
+    )
+    columns = {f"kind_{kind}": Column(f"kind {kind}", share=True) for kind in range(by_kind.shape[1])}
+    return [
+        Text(
+            f"Most probable kind of each tile, from all samples: {right} of {tiles.size} right; ! marks a wrong tile:"
+        ),
+        Text("\n".join(lines), "code"),
+        Table(table, columns, "Probability of each kind of each tile.", "kinds", names=2, folded=True),
+    ]
 
 
 def _warnings(found: Inspection) -> tuple[str, ...]:
@@ -96,7 +122,10 @@ def _presumed(samples: Samples) -> Iterator[str]:
     elif samples.column("spread_x_m").any():
         yield "Places taken as independent; how wrong they are is not known."
     if samples.floor is not None:
-        yield "Tiles taken as independent, each vibrating with probability 1/2 before any sample; the grid is known."
+        before = (
+            "vibrating with probability 1/2" if samples.kinds is None else "of each kind equally probable"
+        )
+        yield f"Tiles taken as independent, each {before} before any sample; the grid is known."
 
 
 def _map(found: Inspection) -> list[Part]:

@@ -21,7 +21,7 @@ from vibroswarm.inspection.samples import Floats, Samples, check_law
 from vibroswarm.inspection.scan import REPLICATES, Question
 from vibroswarm.inspection.scores import map_scores
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
-from vibroswarm.inspection.tile_map import tile_map
+from vibroswarm.inspection.tile_map import kind_map, tile_map
 from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -43,6 +43,8 @@ class Inspection(NotebookView):
     """Probability of each tile from the samples of all robots, (times, tiles); None: there is no grid."""
     own: dict[int, Floats]
     """Each robot's, from its own samples, (times, tiles)."""
+    by_kind: Floats | None = None
+    """Probability of each kind of each tile at the end, (tiles, kinds); None: there are two kinds."""
     assessment: Assessment | None = None
     """Answers about damage that is not bound to the grid; None: not asked, and there is a grid."""
 
@@ -130,7 +132,9 @@ def inspect(
     times_s = np.linspace(end_s / TIMES, end_s, TIMES)
     damage = {"sides_m": sides_m, "replicates": replicates, "seed": seed, "bits": bits}
     if samples.floor is None:
-        return Inspection(samples, times_s, None, {}, assess(samples, question, **damage))  # type: ignore[arg-type]
+        return Inspection(samples, times_s, None, {}, assessment=assess(samples, question, **damage))  # type: ignore[arg-type]
+    if samples.kinds is not None:
+        return _of_kinds(samples, times_s, question)
     own = {
         robot: tile_map(samples.with_frame(samples.of(robot)), times_s)
         for robot in samples.robots
@@ -140,7 +144,23 @@ def inspect(
     if question is None:
         return Inspection(samples, times_s, pooled, own)
     still = still_by_map(samples, pooled[-1])
-    return Inspection(samples, times_s, pooled, own, assess(samples, question, still=still, **damage))  # type: ignore[arg-type]
+    assessed = assess(samples, question, still=still, **damage)  # type: ignore[arg-type]
+    return Inspection(samples, times_s, pooled, own, assessment=assessed)
+
+
+def _of_kinds(samples: Samples, times_s: Floats, question: Question | None) -> Inspection:
+    """Return what samples of more than two kinds of tile say: the probability of each kind, and of any but kind 0."""
+    if question is not None:
+        raise InputError(
+            "is asked of still and vibrating places; these are more than two kinds", field="--damage"
+        )
+    pooled = kind_map(samples, times_s)
+    own = {
+        robot: 1.0 - kind_map(samples.with_frame(samples.of(robot)), times_s)[..., 0]
+        for robot in samples.robots
+        if len(samples.robots) > 1
+    }
+    return Inspection(samples, times_s, 1.0 - pooled[..., 0], own, by_kind=pooled[-1])
 
 
 def _samples_of(

@@ -20,7 +20,13 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
-from vibroswarm.observation.energy_model import energy_of, log_ratios_of_bits, log_ratios_of_energies
+from vibroswarm.observation.energy_model import (
+    energy_of,
+    log_ratios_of_bits,
+    log_ratios_of_classes,
+    log_ratios_of_energies,
+    rates,
+)
 from vibroswarm.scenario.fields import Sensor
 
 Floats = NDArray[np.float64]
@@ -88,6 +94,8 @@ class Samples(NotebookView):
     floor: Floor | None = None
     """The grid of tiles and, if ``truth_known``, which of them vibrate; None: no grid."""
     truth_known: bool = False
+    kinds: Floor | None = None
+    """The floor with its kinds of tile, if there are more than two; ``floor`` says which are not of kind 0."""
     place_errors: PlaceErrors | None = None
     """None: not known, or places are exact."""
 
@@ -150,8 +158,10 @@ def ratios_of_values(law: Law, value: Floats, *, bits: bool = False) -> Floats:
     """Return the log likelihood ratio of each value under a law, (samples,).
 
     Args:
-        value: energies, or readings of 0 and 1 with ``bits``.
+        value: energies, or readings of 0 and 1 with ``bits``; classes, if the law has more than two kinds of tile.
     """
+    if law.sensor.kinds > 2:
+        return log_ratios_of_classes(law.sensor, value)
     if bits:
         return log_ratios_of_bits(law.sensor, value)
     return log_ratios_of_energies(law.sensor, value.astype(np.float32))
@@ -163,9 +173,19 @@ def check_law(law: Law) -> None:
     Raises:
         InputError: the distributions on still and vibrating places overlap wholly.
     """
+    if law.sensor.kinds > 2:
+        told = rates(law.sensor)[1:].mean(axis=0) @ log_ratios_of_classes(
+            law.sensor, np.arange(law.sensor.readings)
+        )
+        _refuse_overlap(law, float(told))
+        return
     u = (np.arange(400) + 0.5) / 400
     told = ratios_of_values(law, energy_of(law.sensor, 1, u).astype(np.float64))
-    if told.mean() < 0.01:  # nats: 1,000 samples on one place would tell it by a factor of e^10 at most
+    _refuse_overlap(law, float(told.mean()))
+
+
+def _refuse_overlap(law: Law, told: float) -> None:
+    if told < 0.01:  # nats: 1,000 samples on one place would tell it by a factor of e^10 at most
         raise InputError(
             "the laws of still and of vibrating places overlap wholly: no sample tells them apart, and nothing can be "
             "said",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -45,7 +46,13 @@ def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = 
     if isinstance(result, Recording):
         truth = truth.with_columns(true_x_m=None, true_y_m=None)
     frame = frame.join(truth, on=KEY, maintain_order="left")
-    read = _values(result, of_run, bits)
+    many = law.law.sensor.kinds > 2
+    if many != (result.scenario.sensor.kinds > 2):
+        raise InputError(
+            f"has {result.scenario.sensor.kinds} kinds of tile, and the law {law.law.sensor.kinds}",
+            field="--laws",
+        )
+    read = _values(result, of_run, bits or many)
     frame = frame.join(read, on=KEY, how="inner", maintain_order="left").drop_nulls("value")
     frame = frame.filter(pl.col("x_m").is_not_nan() & pl.col("y_m").is_not_nan()).sort("time_s", "robot")
     recorded = isinstance(result, Recording)
@@ -56,8 +63,9 @@ def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = 
         law,
         places,
         f"{'session' if recorded else 'simulation'} '{name}'",
-        result.floor(run),
+        _vibrating(result.floor(run)) if many else result.floor(run),
         bits,
+        kinds=result.floor(run) if many else None,
         truth_known=not result.scenario.floor.has_surface,  # of which tiles vibrate
         errors=errors,
     )
@@ -114,12 +122,17 @@ def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr) -> tuple
 
 def _samples(
     frame: pl.DataFrame, size_m: tuple[float, float], law: FittedLaw, places: str, source: str, floor: Floor | None,
-    bits: bool, *, truth_known: bool, errors: PlaceErrors | None = None,
+    bits: bool, *, truth_known: bool, kinds: Floor | None = None, errors: PlaceErrors | None = None,
 ) -> Samples:  # fmt: skip
     """Return samples with their log ratios."""
     ratios = ratios_of_values(law.law, frame["value"].to_numpy(), bits=bits)
     table = frame.with_columns(log_ratio=pl.Series(ratios)).select(list(SAMPLES)).cast(SAMPLES)
-    return Samples(table, size_m, law.law, places, source, floor, truth_known, errors)
+    return Samples(table, size_m, law.law, places, source, floor, truth_known, kinds, errors)
+
+
+def _vibrating(floor: Floor) -> Floor:
+    """Return a floor whose tiles are of kind 1 where they vibrate, whatever their motor."""
+    return replace(floor, tiles=np.minimum(floor.tiles, 1).astype(np.uint8))
 
 
 UNITS: Final = {

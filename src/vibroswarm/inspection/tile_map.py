@@ -22,11 +22,12 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, logit
+from scipy.special import expit, logit, softmax
 
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.samples import Floats, Samples
+from vibroswarm.observation.energy_model import log_ratios_of_classes
 from vibroswarm.strategies.place_evidence import add_evidence
 from vibroswarm.strategies.place_map import share_place
 
@@ -163,6 +164,32 @@ def tile_map(samples: Samples, times_s: ArrayLike, *, prior: float = 0.5, sweeps
     Raises:
         InputError: there is no grid.
     """
+    return np.asarray(expit(_log_odds(samples, times_s, prior, sweeps)))
+
+
+def kind_map(samples: Samples, times_s: ArrayLike) -> Floats:
+    """Return the probability that each tile is of each kind, by each time, (times, tiles, kinds).
+
+    Each kind is compared with kind 0 by a map of its own. For exact places that is exact: the odds of a tile depend on
+    its own samples alone. All kinds have the same probability before any sample.
+
+    Args:
+        samples: with a grid, and with readings of classes as values. times_s: increasing.
+    """
+    value, sensor = samples.column("value"), samples.law.sensor
+    odds = [np.zeros((np.atleast_1d(times_s).size, _tiles(samples)))]
+    for kind in range(1, sensor.kinds):
+        ratios = log_ratios_of_classes(sensor, value, kind)
+        odds.append(_log_odds(samples.with_columns(log_ratio=ratios), times_s, 0.5, SWEEPS))
+    return np.asarray(softmax(np.stack(odds, axis=-1), axis=-1))
+
+
+def _tiles(samples: Samples) -> int:
+    return 0 if samples.floor is None else samples.floor.tiles.size
+
+
+def _log_odds(samples: Samples, times_s: ArrayLike, prior: float, sweeps: int) -> Floats:
+    """Return the log odds of each tile of which ``tile_map`` returns the probabilities, (times, tiles)."""
     if samples.floor is None:
         raise InputError(
             "a map of tiles needs a grid; give --tiles, or leave it to the raster", field="--tiles"
@@ -185,7 +212,7 @@ def tile_map(samples: Samples, times_s: ArrayLike, *, prior: float = 0.5, sweeps
     _count_touched(memory, reach, ground, taken, first)
     out = np.empty((ends.size, tiles))
     _propagate(memory, reach, ground, taken, first, ends, np.zeros(first[-1]), sweeps, out)
-    return np.asarray(expit(out))
+    return out
 
 
 def _reach(samples: Samples) -> _Reach:

@@ -220,6 +220,19 @@ def log_ratios_of_bits(sensor: Sensor, observation: NDArray[Any]) -> NDArray[np.
     return np.clip(of_bit, -MOST, MOST)
 
 
+def log_ratios_of_classes(
+    sensor: Sensor, reading: NDArray[Any], kind: int | None = None
+) -> NDArray[np.float64]:
+    """Return ln of the probability of each reading on a kind of tile over that on kind 0, limited to +-``MOST``.
+
+    Args:
+        reading: classes. kind: None: any kind but 0, all alike.
+    """
+    shares = np.maximum(rates(sensor), 1e-6)  # shares of exactly 0 would give infinite ratios
+    of_kind = shares[1:].mean(axis=0) if kind is None else shares[kind]
+    return np.asarray(np.clip(np.log(of_kind / shares[0])[reading.astype(np.int64)], -MOST, MOST))
+
+
 def log_ratios_of_energies(sensor: Sensor, energy: NDArray[np.float32]) -> NDArray[np.float64]:
     """Return L of each energy, limited to +-``MOST``; 0 for one whose density is 0 on both kinds of tile."""
     exact = energy.astype(np.float64)

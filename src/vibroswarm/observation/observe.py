@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.core.jit import inner, kernel, read_only, signed
 from vibroswarm.core.rng import ALONE, SENSING, uniform
+from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.place import Place, place_of, tile_below
 from vibroswarm.floors.surfaces import PLAIN
@@ -278,6 +279,29 @@ def values_at(
         place, tiles, x_m, y_m, time_s, robot.astype(np.int64), sample.astype(np.int64), seed, run
     )
     return model_of(sensor).sensed(samples, sensor.params)
+
+
+def measured_numbers(
+    scenario: Scenario, seed: int, samples: pl.DataFrame, floors: Mapping[int, Floor]
+) -> pl.DataFrame:
+    """Return all numbers that a sensor that depends on the place measures, computed again from their addresses.
+
+    Args:
+        samples: the motion table. floors: the floor of each run, by run number.
+    Returns: a row for each sample with run, robot, sample, and the numbers by name; the first is the column ``energy``.
+    Raises:
+        InputError: the sensor measures energies only.
+    """
+    if not is_sensed(scenario.sensor):
+        raise InputError(
+            f"'{scenario.sensor.model}' measures one energy a sample, which is in the observations",
+            field="sensor.model",
+        )
+    values = Places(seed, samples).read(scenario, floors).values
+    names = model_of(scenario.sensor).numbers(scenario.sensor.params)
+    return samples.select("run", "robot", "sample").with_columns(
+        **{name: pl.Series(values[:, k]) for k, name in enumerate(names)}
+    )
 
 
 def classes_of(sensor: Sensor, values: NDArray[np.float64]) -> NDArray[np.uint8]:

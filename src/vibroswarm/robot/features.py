@@ -145,8 +145,11 @@ def transform(real: NDArray[np.float64], imaginary: NDArray[np.float64]) -> None
             real[j], imaginary[j] = real_i, imaginary_i
     half = 1
     while half < n:
-        for k in range(half):  # one rotation for all butterflies with the same place in their block
-            cosine, sine = math.cos(math.pi * k / half), -math.sin(math.pi * k / half)
+        # One rotation for all butterflies with the same place in their block; each follows from the one before, as a
+        # robot's sine takes as long as ten products.
+        turn_cosine, turn_sine = math.cos(math.pi / half), -math.sin(math.pi / half)
+        cosine, sine = 1.0, 0.0
+        for k in range(half):
             for block in range(n // (2 * half)):
                 upper = 2 * half * block + k
                 lower = upper + half
@@ -154,13 +157,10 @@ def transform(real: NDArray[np.float64], imaginary: NDArray[np.float64]) -> None
                 turned_imaginary = cosine * imaginary[lower] + sine * real[lower]
                 real[lower], imaginary[lower] = real[upper] - turned_real, imaginary[upper] - turned_imaginary
                 real[upper], imaginary[upper] = real[upper] + turned_real, imaginary[upper] + turned_imaginary
+            next_cosine = turn_cosine * cosine - turn_sine * sine
+            sine = turn_cosine * sine + turn_sine * cosine
+            cosine = next_cosine
         half *= 2
-
-
-@kernel
-def hann(i: int, count: int) -> float:
-    """Return the weight of reading ``i`` of ``count`` in Hann's window."""
-    return 0.5 - 0.5 * math.cos(2.0 * math.pi * (i + 0.5) / count)
 
 
 class Peak(NamedTuple):
@@ -182,15 +182,21 @@ def spectrum_peak(
     """Return the largest peak of the spectrum of a signal.
 
     Args:
-        signal: readings, of which the first ``taken`` are used, at most as many as there are points.
+        signal: readings, of which the first ``taken`` (1 or more) are used, at most as many as there are points.
         rate_hz: readings per second. real, imaginary: (points,), overwritten.
     """
     points = real.shape[0]
     count = min(taken, points)
     for i in range(points):
         real[i], imaginary[i] = 0.0, 0.0
+    # Hann's window, 1/2 - 1/2 cos(2 pi (i + 1/2) / count); the cosine of each reading follows from the one before.
+    turn_cosine, turn_sine = math.cos(2.0 * math.pi / count), math.sin(2.0 * math.pi / count)
+    cosine, sine = math.cos(math.pi / count), math.sin(math.pi / count)
     for i in range(count):
-        real[i] = hann(i, count) * signal[i]
+        real[i] = (0.5 - 0.5 * cosine) * signal[i]
+        next_cosine = turn_cosine * cosine - turn_sine * sine
+        sine = turn_cosine * sine + turn_sine * cosine
+        cosine = next_cosine
     transform(real, imaginary)
     best, largest = 1, -1.0
     for k in range(1, points // 2):

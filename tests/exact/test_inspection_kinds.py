@@ -1,0 +1,68 @@
+"""Inspection of floors with more than two kinds of tile: exact for exact places, and refused where it means nothing."""
+
+from __future__ import annotations
+
+from io import StringIO
+from typing import Any
+
+import numpy as np
+import pytest
+
+import vibroswarm as v
+from vibroswarm.documents.inspection import inspection_document
+from vibroswarm.errors import InputError
+from vibroswarm.inspection.inspection import Inspection
+from vibroswarm.inspection.scan import Question
+from vibroswarm.observation.energy_model import rates
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.show.terminal import print_document
+
+BASE: dict[str, Any] = {
+    "strategy.name": "dirichlet",
+    "task.name": "majority",
+    "floor.source": "random:0.4,0.36,0.24",
+    "run.t_end_s": 300.0,
+}
+CONFUSION = BASE | {"sensor.model": "confusion", "sensor.confusion.accuracy": 0.7}
+ACCELERATION = BASE | {
+    "sensor.model": "acceleration", "sensor.acceleration.motor_hz": (90.0, 140.0), "sensor.rms_threshold": 1.0,
+}  # fmt: skip
+
+
+def test_the_map_of_kinds_is_bayes_rule() -> None:
+    result = v.simulate(Scenario().with_values(CONFUSION), 1, 1)
+    found = v.inspect(result)
+    shares = rates(result.scenario.sensor)
+    right = np.zeros((25, 3))
+    for tile, reading in result.observations.select("tile", "observation").iter_rows():
+        right[tile] += np.log(shares[:, reading])
+    right = np.exp(right - right.max(axis=1, keepdims=True))
+    right /= right.sum(axis=1, keepdims=True)
+    assert found.by_kind == pytest.approx(right, abs=1e-9)
+    assert found.pooled is not None
+    assert found.pooled[-1] == pytest.approx(1.0 - right[:, 0], abs=1e-9)
+    # Negative control: a robot alone knows less.
+    assert np.abs(found.own[0][-1] - found.pooled[-1]).max() > 0.01
+
+
+def test_tiles_are_told_by_their_motors() -> None:
+    result = v.simulate(Scenario().with_values(ACCELERATION | {"run.t_end_s": 900.0}), 1, 1)
+    found = v.inspect(result)
+    assert found.by_kind is not None
+    right = (found.by_kind.argmax(axis=1) == result.floor(0).tiles.ravel()).mean()
+    assert right >= 0.92
+    assert "Most probable kind of each tile" in shown(found)
+
+
+def shown(found: Inspection) -> str:
+    text = StringIO()
+    print_document(inspection_document(found), text, width=100)
+    return text.getvalue()
+
+
+def test_what_means_nothing_for_many_kinds_is_refused() -> None:
+    result = v.simulate(Scenario().with_values(CONFUSION), 1, 1)
+    with pytest.raises(InputError, match="more than two kinds"):
+        v.inspect(result, question=Question())
+    with pytest.raises(InputError, match="3 kinds of tile, and the law 2"):
+        v.inspect(result, laws="paper")
