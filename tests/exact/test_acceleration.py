@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 from scipy.stats import kurtosis
 
 import vibroswarm as v
+from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.export.c_library import library_files
 from vibroswarm.floors.place import Place
@@ -358,3 +359,20 @@ def test_a_robot_with_other_rates_is_exported() -> None:
     }
     with pytest.raises(InputError, match="acceleration of two kinds"):
         library_files(scenario().with_values(many))
+
+
+def test_commands_warn_of_aliases(capsys: pytest.CaptureFixture[str]) -> None:
+    options = [
+        "--task",
+        "majority",
+        "--strategy",
+        "dirichlet",
+        "--floor",
+        "random:0.2,0.6,0.2",
+        "--set",
+        "run.t_end_s=5",
+    ]
+    motors = ["--set", "sensor.model=acceleration", "--set", "sensor.acceleration.motor_hz=[165,185]"]
+    assert main(["run", *options, *motors]) == 0
+    said = "Warning: readings at 350 Hz show kind 1 (165 Hz) at 165 Hz, within 4 Hz of kind 2 (185 Hz, at 165 Hz)"
+    assert said in capsys.readouterr().err

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import product
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -477,28 +478,29 @@ def aliases(p: Any) -> list[str]:
 
     Frequencies that differ by less than two lines of the spectrum, 2 / time, cannot be told apart.
     """
-    apart_hz = 2000.0 / p.signal_ms
-    found = []
-    for one, frequency_hz in enumerate(p.motor_hz):
-        for other, against_hz in enumerate(p.motor_hz):
-            if one == other:
-                continue
-            for multiple in HARMONICS:
-                seen_hz, its_hz = (
-                    alias_hz(multiple * frequency_hz, p.rate_hz),
-                    alias_hz(against_hz, p.rate_hz),
-                )
-                if abs(seen_hz - its_hz) < apart_hz and (multiple > 1 or one < other):
-                    line = (
-                        ""
-                        if multiple == 1
-                        else f", {multiple} times the {frequency_hz:g} Hz of kind {one + 1},"
-                    )
-                    found.append(
-                        f"readings at {p.rate_hz:g} Hz show {multiple * frequency_hz:g} Hz{line} at {seen_hz:.4g} Hz, "
-                        f"within {apart_hz:.3g} Hz of kind {other + 1} ({its_hz:.4g} Hz): they look alike"
-                    )
-    return found
+    motors = range(len(p.motor_hz))
+    cases = [
+        (one, other, multiple)
+        for one, other, multiple in product(motors, motors, HARMONICS)
+        if (one < other or (one != other and multiple > 1)) and _look_alike(one, other, multiple, p)
+    ]
+    return [_alias_words(one, other, multiple, p) for one, other, multiple in cases]
+
+
+def _look_alike(one: int, other: int, multiple: int, p: Any) -> bool:
+    """Return whether a multiple of one motor's frequency is seen where another motor is."""
+    seen_hz, its_hz = (alias_hz(hz, p.rate_hz) for hz in (multiple * p.motor_hz[one], p.motor_hz[other]))
+    return bool(abs(seen_hz - its_hz) < 2000.0 / p.signal_ms)
+
+
+def _alias_words(one: int, other: int, multiple: int, p: Any) -> str:
+    line_hz, other_hz = p.motor_hz[one], p.motor_hz[other]
+    times = "" if multiple == 1 else f"{multiple} x "
+    return (
+        f"readings at {p.rate_hz:g} Hz show kind {one + 1} ({times}{line_hz:g} Hz) at "
+        f"{alias_hz(multiple * line_hz, p.rate_hz):.4g} Hz, within {2000.0 / p.signal_ms:.3g} Hz of kind {other + 1} "
+        f"({other_hz:g} Hz, at {alias_hz(other_hz, p.rate_hz):.4g} Hz): they look alike"
+    )
 
 
 def check(p: Any) -> None:
