@@ -26,7 +26,7 @@ from vibroswarm.export.c_program import NEEDS_DOUBLE
 from vibroswarm.strategies import names
 
 SEED, TICKS = 4, 60_000
-STRATEGIES = [name for name in names() if name not in ("places", "explore", "field")]
+STRATEGIES = [name for name in names() if name not in ("places", "explore", "fading", "field")]
 BASE = preset("paper").with_values({"floor.source": "random:0.48", "run.stop": "t_end"})
 WHOLE = ("soft", "three_valued")
 """Strategies, one without and one with timers, of which the whole program is run, walk and inbox included."""

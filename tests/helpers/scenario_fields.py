@@ -113,5 +113,13 @@ def changed(name: str) -> Scenario:
     part = name.split(".")
     if len(part) == 3:  # a parameter matters where its table is the chosen one
         needed[name] = chosen(part[0], part[1])
+    if name == "strategy.reset.tells_change":
+        needed[name] = {"strategy.name": "reset", "task.name": "share"}
+    if name.startswith("task.changed."):
+        needed[name] = {
+            "task.name": "changed",
+            "strategy.name": "reset",
+            "strategy.reset.tells_change": True,
+        }
     base = Scenario().with_values(needed.get(name, {}))
     return base.with_values({name: another(name)})

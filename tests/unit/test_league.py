@@ -20,6 +20,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import forced_errors
 from vibroswarm.league.entries import (
     FILLS,
+    FOR_CHANGES,
     GUESSING,
     PATTERNS,
     Entry,
@@ -449,7 +450,7 @@ def test_a_strategy_of_the_users_own_plays_and_is_tuned(
 def test_the_settings_that_ship_are_of_every_strategy(capsys: pytest.CaptureFixture[str]) -> None:
     settings = frozen_settings()
     of_two_kinds = {name for name, one in known().items() if not one.answers_kinds}
-    unplaced = of_two_kinds - {"places", "field", "explore"}
+    unplaced = of_two_kinds - {"places", "field", "explore", *FOR_CHANGES}
     assert set(settings) == {*default_strategies(), *GUESSING} == unplaced
     assert set(frozen_settings(own_motion=True)) == set(settings)
     motions = {

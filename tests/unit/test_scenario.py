@@ -78,9 +78,10 @@ def test_units_stand_in_the_names() -> None:
         "strategy.asdf.flawed_robots", "strategy.asdf.flawed_accuracy", "strategy.asdf.period",
         "strategy.asdf.type_2_error", "strategy.bayes_cpf.accuracy", "strategy.bayes_cpf.variance",
         "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.bayes_cpf.window",
-        "strategy.distrust.threshold",
+        "strategy.distrust.threshold", "strategy.forget.memory", "strategy.reset.threshold", "strategy.reset.least",
+        "task.changed.more_than",
         *(f"faults.{kind}" for kind in FAULTS), "faults.false_positive_shift", "faults.false_negative_shift",
-        *(f"strategy.{name}.{field}" for name in ("places", "explore") for field in OF_MAPS),
+        *(f"strategy.{name}.{field}" for name in ("places", "explore", "fading") for field in OF_MAPS),
         "strategy.field.variance_factor", "strategy.field.min_samples",
         "strategy.places.draws", "strategy.places.map_every",
         "localisation.components", "localisation.lag",
@@ -251,7 +252,7 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
     of_others = {
         name
         for name in field_names()
-        if name.startswith(("strategy.", "network.", "sensor.")) and name.count(".") == 2
+        if name.startswith(("strategy.", "network.", "sensor.", "task.")) and name.count(".") == 2
     }
     assert named == set(field_names()) - optional - (of_others - {"strategy.soft.eta", "strategy.soft.kappa"})
 
@@ -377,7 +378,9 @@ MAY_BE_ZERO = MAY_BE_NEGATIVE | {
     "strategy.dbbs.decay_own", "strategy.dbbs.decay_other", "strategy.dbbs.memory", "strategy.asdf.flawed_robots",
     "strategy.bayes_cpf.drift", "strategy.bayes_cpf.drift_variance", "strategy.distrust.threshold",
     *(f"faults.{field}" for kind in FAULTS for field in (kind, SINCE[kind])),
-    *(f"strategy.{name}.{field}" for name in ("places", "explore") for field in ("edge_reach_m", *OF_MAPS[1:])),
+    *(f"strategy.{name}.{field}" for name in ("places", "explore", "fading")
+      for field in ("edge_reach_m", *OF_MAPS[1:])),
+    "strategy.forget.memory", "task.changed.more_than",
     "strategy.explore.recent_s",
     "strategy.field.min_samples", "strategy.places.draws",
     "localisation.start_spread_m", "localisation.start_heading_spread_deg",

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 AGREEMENTS: Final[dict[str, Any]] = {"run": pl.UInt32, "holds": pl.Boolean}
 """Columns of the table of agreements, one row for each run in which all robots decided alike: whether their opinions
 still agree with it at the end of the run."""
+NO_AGREEMENTS: Final = pl.DataFrame(schema=AGREEMENTS)
+"""Of decisions that are final."""
 _KEY: Final = ("run", "robot")
 
 
@@ -43,6 +45,11 @@ def may_change(scenario: Scenario) -> bool:
     """
     known = strategies.known().get(scenario.strategy.name)
     return known is not None and known.decides == "opinion" and scenario.run.stop == "t_end"
+
+
+def is_followed(scenario: Scenario) -> bool:
+    """Return whether a run has numbers about its answers over time: opinions may change, or the floor does."""
+    return may_change(scenario) or scenario.change.is_given
 
 
 def agreements_of(swarm: Swarm, runs: range) -> pl.DataFrame:
@@ -66,7 +73,7 @@ def agreements_in(result: Result) -> pl.DataFrame:
     It has no rows if decisions are final (``may_change``).
     """
     if not may_change(result.scenario):
-        return pl.DataFrame(schema=AGREEMENTS)
+        return NO_AGREEMENTS
     last = result.inference.sort("sample").group_by(_KEY).agg(opinion=pl.col("decision").last())
     rows = _counted(result).join(last, on=_KEY, how="left")
     held = ~pl.col("counts") | (pl.col("opinion") == pl.col("decision")).fill_null(False)

@@ -51,6 +51,17 @@ WITHIN: Final = 1.6448536269514722
 ROOT_TAU, ROOT_PI = math.sqrt(2.0 * math.pi), math.sqrt(math.pi)
 
 
+FOLLOWED: Final = {
+    "agreement_held": "holds",
+    **{
+        name: name
+        for name in ("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h")
+    },
+}
+"""Columns of runs that only those have whose answers are followed over time, by name, with their name in the table of
+agreements (``analysis.agreement``)."""
+
+
 class Swarms(NotebookView):
     """Runs and their robots, from which the figures of runs are computed. The robots of all runs are in one row.
 
@@ -102,13 +113,15 @@ class Swarms(NotebookView):
             raise InputError(
                 "the tables of robots and of runs must have the same runs, once each", field="runs"
             )
-        held = np.full(by_run.runs.size, np.nan)
-        if agreements is not None:
-            held[np.searchsorted(by_run.runs, agreements["run"].to_numpy())] = numbers(agreements["holds"])
+        followed = {name: np.full(by_run.runs.size, np.nan) for name in FOLLOWED}
+        for name, column in FOLLOWED.items():
+            if agreements is not None and column in agreements.columns:
+                place = np.searchsorted(by_run.runs, agreements["run"].to_numpy())
+                followed[name][place] = numbers(agreements[column])
         # Figures compare the integer codes of the categories. The cast gives a column of plain strings these codes too.
         coded = by_number.with_columns(pl.col("consensus").cast(RUNS["consensus"]).to_physical())
         of_runs = _TableColumns(coded)
-        of_runs["agreement_held"] = held
+        of_runs.update(followed)
         return cls(_TableColumns(by_run.robots), of_runs, by_run.first, t_end_s, costs)
 
     @classmethod
@@ -128,7 +141,7 @@ class Swarms(NotebookView):
         return cls(
             {name: column.ravel() for name, column in robots.items()},
             {name: np.broadcast_to(column, shape[:-1]).ravel() for name, column in runs.items()}
-            | {"agreement_held": np.full(math.prod(shape[:-1]), np.nan)},
+            | {name: np.full(math.prod(shape[:-1]), np.nan) for name in FOLLOWED},
             np.arange(0, math.prod(shape), shape[-1]),
             end_s.ravel(),
             _stacked(costs, shape[-2]),
@@ -279,7 +292,8 @@ class RunFigure(NotebookView):
     @property
     def is_share(self) -> bool:
         """Whether it is a share, which is shown in percent."""
-        return self.kind in ("runs", "robots") or self.name in ("forced_error", "estimate_coverage")
+        shares = ("forced_error", "estimate_coverage", "right_at_decision", "right_time_share")
+        return self.kind in ("runs", "robots") or self.name in shares
 
 
 def _decision_time_s(swarms: Swarms) -> Array:
@@ -446,6 +460,23 @@ FIGURES: Final = (
     RunFigure("agreed_on_1", "agreed on 1 (more)", _agreed_on(1), "runs"),
     RunFigure(
         "agreement_lasted", "lasted", lambda s: s.runs["agreement_held"], "runs", column="agreement_held"
+    ),
+    RunFigure(
+        "right_at_decision",
+        "robots right when they decided",
+        lambda s: s.runs["right_at_decision"],
+        better=1,
+    ),
+    RunFigure("right_time_share", "share of the time right", lambda s: s.runs["right_time_share"], better=1),
+    RunFigure(
+        "answer_delay_s",
+        "delay of the new answer",
+        lambda s: s.runs["answer_delay_s"],
+        better=-1,
+        unit="s",
+    ),
+    RunFigure(
+        "false_changes_per_h", "false changes an hour", lambda s: s.runs["false_changes_per_h"], better=-1
     ),
 )
 """All figures, in the order in which tables have them."""

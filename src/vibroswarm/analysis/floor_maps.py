@@ -47,7 +47,7 @@ MAPS: Final[dict[str, Any]] = {
 """One row per run, robot (null: pooled) and tile. ``row``, ``column``: of the tile, rows from the top. ``vibrating``:
 belief that the tile vibrates; ``spread``: its standard deviation; ``vibrates``: 1 if the tile does vibrate, else 0."""
 
-WITH_MAP: Final = ("places", "explore")
+WITH_MAP: Final = ("places", "explore", "fading")
 """Strategies whose robots keep a map."""
 
 

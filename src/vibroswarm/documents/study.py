@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import polars as pl
 
+from vibroswarm.analysis.answers_over_time import JUDGED
 from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
 from vibroswarm.analysis.paired import ESTIMATED
 from vibroswarm.documents.cell_figures import column_of, figure_columns, limits_of, with_limits_of
@@ -205,6 +206,9 @@ def _outcome_section(outcome: Outcome) -> Section:
     ]
     if lacking:
         parts.append(_agreement_table(outcome, lacking))
+    changing = [one.cell.number for one in outcome.cells if one.cell.scenario.change.is_given]
+    if changing:
+        parts.append(_change_table(outcome, changing))
     if words := _levels(outcome):
         parts.append(Text(words))
     parts.append(Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True))
@@ -234,6 +238,20 @@ def _figures_of(outcome: Outcome) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if all(asking):
         return ("estimate", *ESTIMATES), ESTIMATES
     return (*_OUTCOME, *ESTIMATES) if any(asking) else _OUTCOME, _SHOWN
+
+
+def _change_table(outcome: Outcome, changing: Sequence[int]) -> Table:
+    """Tabulate how right answers were over time, of the cells whose floor changes."""
+    rows = outcome.table.filter(pl.col("cell").is_in(changing)).select(
+        "name", "runs", *with_limits_of(JUDGED, outcome.table.columns)
+    )
+    columns = {"name": Column("cell"), **figure_columns(rows.columns, ("runs",))}
+    caption = (
+        "The floor changes: right when they decided, over time, and how long after a change of the truth the swarm "
+        "answered anew; at most to the next change or the end of the run. All other figures are of the floor at the "
+        "end. 95 % intervals over runs."
+    )
+    return Table(rows, columns, caption=caption, name="change")
 
 
 def _agreement_table(outcome: Outcome, lacking: Sequence[int]) -> Table:

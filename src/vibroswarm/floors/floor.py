@@ -135,7 +135,11 @@ class Floor(NotebookView):
         return self.changes.time_s.size > 0
 
     def at(self, time_s: float) -> Floor:
-        """Return the floor as it is at a time, without changes; a change at this very time has happened."""
+        """Return the floor as it is at a time, without changes.
+
+        Args:
+            time_s: the time; a change at this very time has happened.
+        """
         if not self.is_changing:
             return self
         until = int(np.searchsorted(self.changes.time_s, time_s, side="right"))

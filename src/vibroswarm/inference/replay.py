@@ -101,6 +101,22 @@ def replay_to_end(
     return _replay(scenario, seed, timeline, observation, energy, messages=None, log=None)
 
 
+def replay_followed(
+    scenario: Scenario,
+    seed: int,
+    timeline: Timeline,
+    observation: NDArray[np.uint8],
+    energy: NDArray[np.float32] | None = None,
+) -> tuple[Swarm, NDArray[np.int8]]:
+    """Return the state of all robots at the end, and the decision or opinion after each sample, (rows,).
+
+    Arguments and errors are those of ``replay_to_end``.
+    """
+    strategy, rows = strategy_used(scenario), timeline.robot.size
+    messages, log = zero_rows(rows, strategy.message_type), empty_log(rows, strategy.state_type)
+    return _replay(scenario, seed, timeline, observation, energy, messages, log), log.decision
+
+
 def sent_messages(
     scenario: Scenario, seed: int, timeline: Timeline, observations: pl.DataFrame
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -84,21 +84,23 @@ class LeagueFloor(NotebookView):
 GUESSING: Final = ("dc", "dmvd", "dmmd", "three_valued")
 """Strategies that play in a league only when named: on its floors they guess, whatever their settings (``best.GUESS``).
 They were made for nearly noiseless readings at every control step; here a reading comes every few seconds."""
+FOR_CHANGES: Final = ("forget", "reset", "fading")
+"""Strategies for floors that change; the floors of a league stay as they are."""
 
 
 def default_strategies() -> list[str]:
     """Return the names of the strategies that a league compares by default.
 
-    Left out are those that guess (``GUESSING``), those for several kinds of tile, which are others of the league where
-    there are two, and those that use the places of their readings: their robots must know where they are, so they do
-    not compete on equal terms.
+    Left out are those that guess (``GUESSING``), those for floors that change, those for several kinds of tile, which
+    are others of the league where there are two, and those that use the places of their readings: their robots must
+    know where they are, so they do not compete on equal terms.
     """
     # `told` lists what a robot knows in advance, and the place of each reading if the strategy uses it. `boundary_of`
     # (the field decision.boundary_of) only affects whether the sensor's error rates are listed, so any value will do.
     return [
         name
         for name, strategy in known().items()
-        if name not in GUESSING
+        if name not in (*GUESSING, *FOR_CHANGES)
         and not strategy.answers_kinds
         and "place of each reading" not in told(strategy, boundary_of="tiles")
     ]

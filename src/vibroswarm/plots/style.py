@@ -312,6 +312,9 @@ BUILT_IN: Final[dict[str, tuple[int, int]]] = {
     "dirichlet": (5, 8),
     "dirichlet_positive": (0, 9),
     "dirichlet_soft": (1, 10),
+    "forget": (2, 0),
+    "reset": (3, 1),
+    "fading": (4, 2),
 }
 """For each strategy, its indices in ``SERIES`` (colour) and ``MARKERS``. Never change them: readers compare pictures
 that were drawn at different times."""

@@ -424,7 +424,8 @@ class Decision(FrozenModel):
     gate_counts_current: bool = False
     """Whether the current sample counts."""
     revise: bool = False
-    """Whether a robot under ``soft`` may change its decision, as Algorithm 1 allows u^s."""
+    """Whether a robot may change its decision: under ``soft``, as Algorithm 1 allows u^s, ``forget``, ``reset`` and
+    ``fading``."""
     prior_alpha: Annotated[int, Field(ge=1, le=10**6)] = 1
     """The prior is Beta(prior_alpha, prior_beta)."""
     prior_beta: Annotated[int, Field(ge=1, le=10**6)] = 1

@@ -327,6 +327,25 @@ def _check_surface(s: Sections) -> None:
         )
 
 
+def _check_asks_for_change(s: Sections) -> None:
+    """Refuse robots that tell whether the floor has changed where that is not asked, and the other way round."""
+    known = strategies.known().get(s.strategy.name)
+    if known is None or known.code:
+        return
+    tells = bool(getattr(s.strategy.params, "tells_change", False))
+    if s.task.name == "changed" and not tells:
+        raise InputError(
+            f"asks if the floor has changed, and '{s.strategy.name}' decides on its side; choose reset, with "
+            "strategy.reset.tells_change = true",
+            field="task.name",
+        )
+    if tells and s.task.name in ("fill_ratio", "majority", "agree"):
+        raise InputError(
+            f"tells if the floor has changed, and '{s.task.name}' asks another question; choose the task changed",
+            field=f"strategy.{s.strategy.name}.tells_change",
+        )
+
+
 def _check_options_of_two(s: Sections) -> None:
     """Refuse what is defined for two kinds of tile and two classes of readings only."""
     options = {
@@ -483,6 +502,7 @@ ALL = (
     _check_factors,
     _check_floor,
     _check_change,
+    _check_asks_for_change,
     _check_network,
     _check_faults,
     _check_strategy,

@@ -20,7 +20,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.agreement import agreements_in, agreements_of, may_change
+from vibroswarm.analysis.agreement import (
+    NO_AGREEMENTS,
+    agreements_in,
+    agreements_of,
+    is_followed,
+    may_change,
+)
+from vibroswarm.analysis.answers_over_time import answers_in, answers_table
 from vibroswarm.analysis.sampling import Walk
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import Schema, check_table, read_frame
@@ -29,7 +36,7 @@ from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import final_columns
 from vibroswarm.inference.deliveries import needs_moves, timeline_of
 from vibroswarm.inference.outcomes import fills_and_truth, robot_columns, run_columns
-from vibroswarm.inference.replay import INFERENCE, infer, replay_to_end
+from vibroswarm.inference.replay import INFERENCE, infer, replay_followed, replay_to_end
 from vibroswarm.motion.source import ENDS, MOTION, Motion, source
 from vibroswarm.observation.observe import (
     OBSERVATIONS,
@@ -158,7 +165,8 @@ def _closed_loop(scenario: Scenario, cells: Sequence[int], request: BatchRequest
     tables = (result.motion, result.observations, result.inference)
     samples = samples_of(*tables, cells) if request.samples else []
     failures = failed_rows(result.failures, [cells], scenario.run.t_end_s)
-    agreements = agreed_rows(agreements_in(result), cells) if may_change(scenario) else []
+    answers = answers_in(result) if scenario.change.is_given else None
+    agreements = agreed_rows(agreements_in(result), answers, cells) if is_followed(scenario) else []
     of_runs = {**of_runs, **walked(walk, request.runs)}
     return BatchOutcomes([cells], robots, of_runs, samples, failures, agreements)
 
@@ -195,10 +203,17 @@ class _SharedMotion:
         agreements: list[pl.DataFrame] = []
         for scenario, equal_cells in zip(scenarios, cells, strict=True):
             self.request.check()
-            swarm = replay_to_end(scenario, seed, self.timeline, readings.observation, energy)
+            replayed = (scenario, seed, self.timeline, readings.observation, energy)
+            answers = None
+            if scenario.change.is_given:
+                swarm, decision = replay_followed(*replayed)
+                answers = self._answers(scenario, floors, decision)
+            else:
+                swarm = replay_to_end(*replayed)
             finals_by_scenario.append(final_columns(swarm))
-            if may_change(scenario):
-                agreements += agreed_rows(agreements_of(swarm, runs), equal_cells)
+            if is_followed(scenario):
+                agreed = agreements_of(swarm, runs) if may_change(scenario) else NO_AGREEMENTS
+                agreements += agreed_rows(agreed, answers, equal_cells)
         # The same columns, (scenarios, runs, robots) each.
         shape = (len(runs), self.timeline.robots)
         finals = {
@@ -216,6 +231,15 @@ class _SharedMotion:
         samples = self._samples(scenarios, cells, readings) if self.request.samples else []
         failures = failed_rows(self.motion.failures, cells, common.run.t_end_s)
         return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples, failures, agreements)
+
+    def _answers(
+        self, scenario: Scenario, floors: dict[int, Floor], decision: NDArray[np.int8]
+    ) -> pl.DataFrame:
+        """Return how right the answers were over time, from the decision after each sample, (samples,)."""
+        samples = {name: self.motion.samples[name].to_numpy() for name in ("run", "robot", "time_s")}
+        return answers_table(
+            scenario, self.request.seed, floors, {**samples, "decision": decision}, self.end_s
+        )
 
     def _floors_of(self, scenario: Scenario) -> dict[int, Floor]:
         """Return the floors by number of the run; cached by floor and changes, which several sensors may share."""

@@ -19,6 +19,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.agreement import AGREEMENTS
+from vibroswarm.analysis.answers_over_time import JUDGED
 from vibroswarm.analysis.sampling import WALK as OF_WALK
 from vibroswarm.core.tables import Schema
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
@@ -177,8 +178,10 @@ def walked(figures: Columns, runs: range) -> dict[str, NDArray[np.float64]]:
 
 AGREED_TABLE: Final = "agreements"
 """Name of the table of agreements in a shard; only groups with cells whose opinions may change have it."""
-AGREED_ROWS: Final = Schema({"cell": pl.UInt32, **AGREEMENTS}, frozenset(), ("cell", "run"))
-"""Schema of the table of agreements of a shard; no column may be null."""
+AGREED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **AGREEMENTS, **dict.fromkeys(JUDGED, pl.Float64)}
+"""Columns of the table of agreements, and of answers over time where the floor changes."""
+AGREED_ROWS: Final = Schema(AGREED_RUNS, frozenset({"holds", *JUDGED}), ("cell", "run"))
+"""Schema of that table of a shard."""
 FAILED_TABLE: Final = "failures"
 """Name of the table in a shard."""
 FAILED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **FAILURES}
@@ -187,13 +190,21 @@ FAILED_ROWS: Final = Schema(FAILED_RUNS, frozenset(), ("cell", "run"))
 """Schema of the table of failures of a shard; no column may be null."""
 
 
-def agreed_rows(agreements: pl.DataFrame, cells: Sequence[int]) -> list[pl.DataFrame]:
-    """Return the table of agreements for each of several cells with equal scenarios.
+def agreed_rows(
+    agreements: pl.DataFrame, answers: pl.DataFrame | None, cells: Sequence[int]
+) -> list[pl.DataFrame]:
+    """Return the table ``AGREED_RUNS`` for each of several cells with equal scenarios.
 
     Args:
-        agreements: of one scenario, ``analysis.agreement.AGREEMENTS``. cells: numbers of the cells.
+        agreements: of one scenario, ``analysis.agreement.AGREEMENTS``. answers: ``answers_over_time.ANSWERS``; None:
+            the floor stays as it is. cells: numbers of the cells.
     """
-    return [agreements.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *AGREEMENTS) for cell in cells]
+    if answers is None:
+        rows = agreements.with_columns(pl.lit(None, dtype=pl.Float64).alias(name) for name in JUDGED)
+    else:
+        rows = answers.join(agreements, on="run", how="left", maintain_order="left")
+    names = [name for name in AGREED_RUNS if name != "cell"]
+    return [rows.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *names) for cell in cells]
 
 
 def failed_rows(

@@ -332,7 +332,7 @@ class _Figures:
         if figures is None:
             robots, runs = self.result.tables(cell.number)
             t_end_s, costs = cell.scenario.run.t_end_s, costs_of(cell.scenario)
-            figures = run_figures(robots, runs, t_end_s, costs=costs)
+            figures = run_figures(robots, runs, t_end_s, self.result.agreements(cell.number), costs)
         self._cache[cell.number] = figures  # taken out above and inserted again, so that it is the last one
         if len(self._cache) > KEPT:
             least_recently_used = next(iter(self._cache))

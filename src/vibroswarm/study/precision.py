@@ -27,7 +27,9 @@ LEVEL: Final = 0.95
 """Level of confidence unless the study says otherwise."""
 
 FIGURES: Final = tuple(
-    figure.name for figure in figures.FIGURES if figure.kind != "median" and figure.name != "agreement_lasted"
+    figure.name
+    for figure in figures.FIGURES
+    if figure.kind != "median" and figure.by_run not in figures.FOLLOWED
 )
 """Figures for which a precision can be wanted: the half-width of a time is relative, that of any other absolute."""
 RENAMED: Final = {

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import polars as pl
 
-from vibroswarm.analysis.agreement import may_change
+from vibroswarm.analysis.agreement import is_followed
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown, whole_number_of
@@ -339,11 +339,12 @@ class StudyResult(NotebookView):
         )
 
     def agreements(self, cell: int) -> pl.DataFrame | None:
-        """Return the table of agreements of one cell (``analysis.agreement.AGREEMENTS``), sorted by run.
+        """Return the table of agreements of one cell (``batch_table.AGREED_RUNS``), sorted by run.
 
-        It is None if the decisions of this cell's robots are final, or if its runs were made before the table existed.
+        It is None if neither the decisions of this cell's robots nor its floor may change, or if its runs were made
+        before the table existed.
         """
-        scans = self._scans(AGREED_TABLE, (cell,)) if may_change(self.cell(cell).scenario) else []
+        scans = self._scans(AGREED_TABLE, (cell,)) if is_followed(self.cell(cell).scenario) else []
         return pl.concat(scans).drop("cell").sort("run").collect() if scans else None
 
     def result(self, cell: int, runs: int | Sequence[int], *, segments: bool = False) -> Result:

@@ -15,6 +15,7 @@ from vibroswarm.errors import shown
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import NAMES, pattern
 from vibroswarm.inference.outcomes import truth_on
+from vibroswarm.scenario.choices import TaskChoice
 from vibroswarm.scenario.fields import Sensor
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.tasks import task
@@ -66,9 +67,9 @@ def _scenario(name: str) -> Scenario:
 
     No strategy is asked, so it need not be able to answer.
     """
-    scenario = Scenario().with_values({"task.name": name})
     sensor = Sensor.model_validate({"model": "confusion", "confusion": {"kinds": KINDS}})
-    return scenario.model_copy(update={"sensor": sensor})
+    task_of_name = TaskChoice.model_validate({"name": name})
+    return Scenario().model_copy(update={"sensor": sensor, "task": task_of_name})
 
 
 def _answers(name: str) -> Iterator[str]:

@@ -1,0 +1,169 @@
+"""Reset: no feedback; a robot tests whether the floor has changed sides, and then counts anew and tells the others.
+
+Page's cumulative sum (Biometrika 41, 1954) of the robot's own posterior predictive against its mirror image beyond the
+boundary; that the others are told, and follow, is ours.
+
+| name | symbol | unit | equation |
+|---|---|---|---|
+| share | f | - | (prior + ones) / (prior + ones + zeros) of the bits before the excursion |
+| distance | e | - | max(abs(f - b), least), b the boundary of readings |
+| before, after | q_0, q_1 | - | b + e and b - e if f is above b, else b - e and b + e; kept in [0.01, 0.99] |
+| sum | S | - | max(0, S + ln(P(bit given q_1) / P(bit given q_0))), at each bit, own or received |
+| excursion | - | - | the bits since S was last 0 |
+| change | - | - | S > threshold: the posterior is the prior plus the excursion, S is 0, and the robot tells it |
+
+Counts that have not been contradicted are kept for ever, so that before a change the posterior is that of ``none``, and
+after one it holds the bits since the change was likely. The decision may change if ``decision.revise`` is set.
+
+- Message: the reading, and whether the robot has counted anew since its last message: 2 bits, 1 byte. A robot that is
+  told counts anew too, with its own excursion, if it ``follows``.
+- With ``tells_change`` the decision is whether the floor has changed (1) or not (0), for the task ``changed``.
+
+``s`` is the robot's state, ``a`` its arrays (none), ``x`` its reading, ``m`` a message heard, ``out`` the message to
+fill in, ``d`` random numbers, ``p`` the parameters, ``w`` what the robot knows.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final
+
+from pydantic import Field
+
+from vibroswarm.core.jit import inlined
+from vibroswarm.strategies.base import register, strategy_in
+from vibroswarm.strategies.bayes import Row, belief, decided, enough
+from vibroswarm.strategies.world import Draws, Reading, World, belief_below
+
+__all__ = ["belief", "reset"]
+
+RAREST: Final = 0.01
+"""Least share of ones, and of zeros, that is presumed: with 0 a single bit could outweigh all others."""
+
+NOTHING: Final = 1e-3
+"""A cumulative sum below this is 0: steps up and down by the same amount end there, despite rounding."""
+
+
+class Params:
+    """When a change is taken for certain, and who follows."""
+
+    threshold: Annotated[
+        float,
+        Field(
+            gt=0,
+            le=1000,
+            description="Cumulative sum at which the robot counts anew: higher for fewer false changes, later for true "
+            "ones.",
+        ),
+    ] = 8.0
+    least: Annotated[
+        float,
+        Field(
+            gt=0, lt=0.5, description="Least distance of the share from the boundary that the test presumes."
+        ),
+    ] = 0.05
+    follows: Annotated[
+        bool, Field(description="Whether a robot counts anew when another tells that it has.")
+    ] = True
+    tells_change: Annotated[
+        bool,
+        Field(description="Whether robots decide if the floor has changed (task changed), not its side."),
+    ] = False
+
+
+class State:
+    """Posterior, excursion of the cumulative sum, changes so far, and decision."""
+
+    alpha: int
+    beta: int
+    own: int
+    received: int
+    score: float
+    ones: int
+    zeros: int
+    changes: int
+    is_told: bool
+    decision: int
+
+
+class Message:
+    """A reading, and whether the robot has counted anew."""
+
+    bit: int
+    anew: int
+
+
+def begin(s: Row, a: Row, d: Draws, p: Row, w: World) -> None:
+    """Start with the prior, and undecided."""
+    s.alpha, s.beta, s.decision, s.is_told = w.prior_alpha, w.prior_beta, -1, True
+
+
+def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row, w: World) -> None:
+    """Count another robot's reading; count anew if it did, and the robot follows."""
+    s.received += 1
+    take(s, m.bit, p, w)
+    if m.anew == 1 and p.follows and s.ones + s.zeros > 0:
+        count_anew(s, w)
+        s.is_told = True  # the others have heard it already
+
+
+def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
+    """Count the reading, decide, and send the reading, with the news of a change."""
+    s.own += 1
+    take(s, x.reading, p, w)
+    if enough(s.own, s.received, w):
+        if p.tells_change:
+            s.decision = 1 if s.changes > 0 else 0
+        elif s.decision == -1 or w.revise:
+            s.decision = decided(belief_below(s.alpha, s.beta, w), s.decision, w)
+    out.bit, out.anew = x.reading, 0 if s.is_told else 1
+    s.is_told = True
+    return True
+
+
+def decision(s: Row, a: Row, p: Row, w: World) -> int:
+    """Return the decision: 0, 1, or -1 while undecided."""
+    current: int = s.decision
+    return current
+
+
+@inlined
+def take(s: Row, bit: int, p: Row, w: World) -> None:
+    """Add a bit to the posterior and to the cumulative sum, and count anew if that is past the threshold."""
+    # The excursion is left out of the share that it is tested against.
+    before = s.alpha - s.ones
+    share = before / (before + s.beta - s.zeros)
+    s.alpha += bit
+    s.beta += 1 - bit
+    apart = max(abs(share - w.boundary), p.least)
+    apart = apart if share > w.boundary else -apart
+    now = min(max(w.boundary + apart, RAREST), 1.0 - RAREST)
+    then = min(max(w.boundary - apart, RAREST), 1.0 - RAREST)
+    s.score += math.log(then / now) if bit == 1 else math.log((1.0 - then) / (1.0 - now))
+    if s.score < NOTHING:
+        s.score, s.ones, s.zeros = 0.0, 0, 0
+        return
+    s.ones += bit
+    s.zeros += 1 - bit
+    if s.score > p.threshold:
+        count_anew(s, w)
+
+
+@inlined
+def count_anew(s: Row, w: World) -> None:
+    """Make the excursion all that is known, end it, and note that the others are to be told."""
+    s.alpha, s.beta = w.prior_alpha + s.ones, w.prior_beta + s.zeros
+    s.score, s.ones, s.zeros = 0.0, 0, 0
+    s.changes += 1
+    s.is_told = False
+
+
+reset = register(
+    strategy_in(
+        __name__,
+        "reset",
+        revises=True,
+        reports=("changes",),
+        about="reset: no feedback; a robot that detects a change counts anew, and tells the others",
+    )
+)

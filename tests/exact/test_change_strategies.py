@@ -1,0 +1,259 @@
+"""Strategies for floors that change, against plain Python; answers over time by hand; figures of studies and runs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+from polars.testing import assert_frame_equal
+
+from vibroswarm import Result, Scenario, Study, preset, simulate
+from vibroswarm.analysis.answers_over_time import Answer, answers_in, course_of, judged, swarm_answers
+from vibroswarm.errors import InputError
+from vibroswarm.robot.belief import belief_below
+
+GRID = {"floor.source": "random:0.3", "floor.rows": 10, "floor.columns": 10, "decision.min_observations": 40}
+INVERTED = {"change.at_s": 300, "change.to": "invert", "decision.revise": True, "run.t_end_s": 600.0}
+
+
+def scenario(name: str, **values: Any) -> Scenario:
+    return preset("paper").with_values({**GRID, "strategy.name": name, **values})
+
+
+# Answers over time, by hand
+
+
+def course(*rows: tuple[int, float, int], counts: tuple[bool, ...] = (True, True), **values: Any) -> Any:
+    """The course of two robots from (robot, time, decision); the truth is 0 until 100 s, then 1, until 200 s."""
+    still = preset("paper").with_values(
+        {"floor.tiles": ["01", "00"], "floor.source": "ours", "run.t_end_s": 200.0}
+    )
+    changed = still.with_values({"change.at_s": 100, "change.to": "invert", **values})
+    columns = (np.array(column) for column in zip(*rows, strict=True))
+    return course_of(changed, changed.floor_for(1, 0), *columns, np.array(counts), 200.0)
+
+
+RIGHT_THEN_NEW = ((0, 10.0, 0), (1, 20.0, 0), (0, 110.0, 1), (1, 150.0, 0), (1, 160.0, 1))
+
+
+def test_answers_over_time_by_hand() -> None:
+    found = course(*RIGHT_THEN_NEW)
+    assert found.swarm == [Answer(20.0, 0), Answer(160.0, 1)]
+    assert found.robots == [[Answer(10.0, 0), Answer(110.0, 1)], [Answer(20.0, 0), Answer(160.0, 1)]]
+    numbers = judged(found)
+    assert numbers["right_at_decision"] == 1.0
+    # robot 0: 10 to 100 and 110 to 200; robot 1: 20 to 100 and 160 to 200
+    assert numbers["right_time_share"] == pytest.approx((180 + 120) / 400)
+    assert numbers["answer_delay_s"] == 60.0
+    assert numbers["false_changes_per_h"] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("rows", "share", "delay_s", "false"),
+    [
+        # they never answer anew: right until the change, and when they decided
+        (((0, 10.0, 0), (1, 20.0, 0)), 0.425, 100.0, 0),
+        # one of them does: the swarm's answer stays
+        (((0, 10.0, 0), (1, 20.0, 0), (0, 120.0, 1)), 0.625, 100.0, 0),
+        # they leave at 50 s without a change, which is then right
+        (((0, 10.0, 0), (1, 20.0, 0), (0, 40.0, 1), (1, 50.0, 1)), 0.65, 0.0, 1),
+        # leave and come back: one false change
+        (((0, 0.0, 0), (1, 0.0, 0), (0, 40.0, 1), (1, 40.0, 1), (0, 50.0, 0), (1, 50.0, 0)), 0.45, 100.0, 1),
+        # first answer wrong, then right: no right answer was left
+        (((0, 10.0, 1), (1, 10.0, 1), (0, 60.0, 0), (1, 60.0, 0)), 0.2, 100.0, 0),
+    ],
+)
+def test_more_answers_by_hand(rows: Any, share: float, delay_s: float, false: int) -> None:
+    numbers = judged(course(*rows))
+    assert numbers["right_time_share"] == pytest.approx(share)
+    assert numbers["answer_delay_s"] == delay_s
+    assert numbers["false_changes_per_h"] == pytest.approx(false * 3600 / 200)
+
+
+def test_robots_with_faults_do_not_count() -> None:
+    found = course((0, 10.0, 0), (1, 20.0, 1), counts=(True, False))
+    assert found.swarm == [Answer(10.0, 0)]
+    assert len(found.robots) == 1
+
+
+def test_without_a_change_of_the_truth_there_is_no_delay() -> None:
+    numbers = judged(course(*RIGHT_THEN_NEW, **{"change.to": "redraw"}))
+    assert math.isnan(numbers["answer_delay_s"])
+    assert numbers["false_changes_per_h"] == pytest.approx(18.0)  # the swarm leaves at 160 s
+    assert numbers["right_at_decision"] == 0.0
+
+
+@pytest.fixture(scope="module")
+def forgetful() -> Result:
+    return simulate(scenario("forget", **INVERTED, **{"strategy.forget.memory": 60.0}), 3, 4)
+
+
+def test_a_study_and_a_run_have_the_same_figures(forgetful: Result) -> None:
+    study = Study.of(forgetful.scenario, runs=4, seed=3).run()
+    stored = study.agreements(0)
+    assert stored is not None
+    assert_frame_equal(stored.drop("holds"), answers_in(forgetful), check_exact=True)
+    assert stored["answer_delay_s"].min() > 0
+    table = study.summary()
+    assert table["answer_delay_s"].item() == pytest.approx(stored["answer_delay_s"].mean())
+    assert 0.5 < table["right_time_share"].item() < 1.0
+    assert swarm_answers(forgetful, 0)[-1].answer == 1
+    still = Study.of(
+        forgetful.scenario.with_values({"change.at_s": None, "change.to": None}), runs=4, seed=3
+    ).run()
+    assert still.agreements(0) is None
+    assert still.summary()["answer_delay_s"].null_count() == 1
+
+
+# Strategies
+
+
+def test_a_memory_of_nothing_forgotten_is_no_feedback() -> None:
+    """Bit by bit, also with losses, and with a radio that dies."""
+    for values in ({}, {"network.name": "loss", "network.loss.share": 0.3}, {"faults.radio_dead": 0.2}):
+        none, forget = (
+            simulate(scenario(name, **values, **{"run.t_end_s": 400.0}), 2, 3) for name in ("none", "forget")
+        )
+        never = simulate(forget.scenario.with_values({"strategy.forget.memory": 0.0}), 2, 3)
+        assert_frame_equal(none.inference, never.inference, check_exact=True)
+        assert_frame_equal(none.robots, never.robots, check_exact=True)
+        assert not forget.inference["alpha"].equals(none.inference["alpha"])  # negative control
+
+
+def bits_in_order(result: Result, run: int, robot: int) -> list[tuple[bool, list[int]]]:
+    """For each own sample of a robot, the bits of others sent before it, and then its own, over the ideal network."""
+    key = ["run", "robot", "sample"]
+    rows = (
+        result.motion.filter(pl.col("run") == run)
+        .join(result.observations, on=key)
+        .join(result.inference.select(*key, "messages_received"), on=key)
+        .sort("time_s", "robot")
+    )
+    others = rows.filter(pl.col("robot") != robot)["observation"].to_list()
+    found, heard = [], 0
+    for bit, received in (
+        rows.filter(pl.col("robot") == robot).select("observation", "messages_received").iter_rows()
+    ):
+        found.append((others[heard:received], bit))
+        heard = received
+    return found
+
+
+def test_counts_are_forgotten_as_the_formula_says(forgetful: Result) -> None:
+    ones = zeros = 0.0
+    own = forgetful.inference.filter((pl.col("run") == 1) & (pl.col("robot") == 2))
+    expected = []
+    for heard, bit in bits_in_order(forgetful, 1, 2):
+        new = [*heard, bit]
+        kept = math.exp(-len(new) / 60.0)
+        ones, zeros = ones * kept + sum(new), zeros * kept + len(new) - sum(new)
+        expected.append((1 + math.floor(ones + 0.5), 1 + math.floor(zeros + 0.5)))
+    assert own.select("alpha", "beta").rows() == expected
+    assert max(map(sum, expected)) < 75  # the memory and a few bits
+    below = [belief_below(alpha, beta, 0.5) for alpha, beta in expected]
+    np.testing.assert_allclose(own["belief_below"].to_numpy(), below, atol=1e-12)
+
+
+def plain_cusum(
+    bits: list[tuple[list[int], int]], threshold: float, least: float
+) -> list[tuple[int, int, int]]:
+    """alpha, beta and changes after each own sample, of a robot that does not follow."""
+    base, excursion, score, changes, rows = [0, 0], [0, 0], 0.0, 0, []
+    for heard, own in bits:
+        for bit in (*heard, own):
+            share = (1 + base[1]) / (2 + sum(base))
+            apart = max(abs(share - 0.5), least) * (1 if share > 0.5 else -1)
+            if_new, if_old = (min(max(p, 0.01), 0.99) for p in (0.5 - apart, 0.5 + apart))
+            score += math.log(if_new / if_old) if bit else math.log((1 - if_new) / (1 - if_old))
+            excursion[bit] += 1
+            if score < 1e-3 or score > threshold:
+                if score > threshold:
+                    base, changes = [0, 0], changes + 1
+                base = [base[0] + excursion[0], base[1] + excursion[1]]
+                excursion, score = [0, 0], 0.0
+        rows.append((1 + base[1] + excursion[1], 1 + base[0] + excursion[0], changes))
+    return rows
+
+
+@pytest.mark.parametrize("threshold", [2.0, 6.0])
+def test_changes_are_those_of_a_cumulative_sum(threshold: float) -> None:
+    values = {"strategy.reset.threshold": threshold, "strategy.reset.follows": False}
+    result = simulate(scenario("reset", **INVERTED, **values), 3, 2)
+    own = result.inference.filter((pl.col("run") == 1) & (pl.col("robot") == 2))
+    expected = plain_cusum(bits_in_order(result, 1, 2), threshold, 0.05)
+    assert own.select("alpha", "beta").rows() == [row[:2] for row in expected]
+    reports = result.reports
+    assert reports is not None
+    told = reports.filter((pl.col("run") == 1) & (pl.col("robot") == 2) & (pl.col("name") == "changes"))
+    assert told["value"].to_list() == [row[2] for row in expected]
+    assert expected[-1][2] >= 1
+    assert expected != plain_cusum(bits_in_order(result, 1, 2), threshold + 1.0, 0.05)  # negative control
+
+
+def test_robots_that_follow_count_anew_when_they_are_told() -> None:
+    """A robot that reads always 0, and so notices nothing by itself, follows the others over a network with losses."""
+    lossy = {**INVERTED, "network.name": "loss", "network.loss.share": 0.7, "faults.stuck_at_0": [0]}
+    alphas = {}
+    for follows in (True, False):
+        result = simulate(scenario("reset", **lossy, **{"strategy.reset.follows": follows}), 5, 20)
+        first = result.robots.filter(pl.col("robot") == 0)
+        alphas[follows] = float((first["alpha"] + first["beta"]).mean())
+    assert alphas[True] < alphas[False]
+
+
+def test_a_map_fades() -> None:
+    """With a memory of 1 s nothing is left of a map between two samples; with a long one it is that of places."""
+    base = {**INVERTED, "run.t_end_s": 200.0, "localisation.method": "true"}
+    maps = {}
+    for name, memory_s in (("places", None), ("fading", 1e9), ("fading", 1.0)):
+        values = {} if memory_s is None else {"strategy.fading.memory_s": memory_s}
+        result = simulate(scenario(name, **base, **values, **{f"strategy.{name}.min_samples": 5}), 2, 1)
+        assert result.reports is not None
+        rows = result.reports.filter((pl.col("name") == "p") & (pl.col("robot") == 0)).sort("index")
+        maps[memory_s] = rows["value"].to_numpy(), result.robots["belief_below"].to_numpy()
+    np.testing.assert_allclose(maps[1e9][1], maps[None][1], atol=1e-5)
+    assert np.abs(maps[1.0][1] - 0.5).max() < 0.2
+    assert np.abs(maps[None][1] - 0.5).max() > 0.3
+
+
+@pytest.mark.parametrize("name", ["forget", "reset", "fading"])
+def test_answers_are_revised_only_if_they_may_be(name: str) -> None:
+    for revise in (True, False):
+        values = {**INVERTED, "decision.revise": revise, "run.t_end_s": 1200.0, "localisation.method": "true"}
+        if name == "fading":
+            values |= {"strategy.fading.memory_s": 150.0, "strategy.fading.trust_limit": 1000.0}
+        decisions = simulate(scenario(name, **values), 7, 4).robots["decision"].to_list()
+        assert decisions == [int(revise)] * 20
+
+
+# The task
+
+
+def test_changed_asks_whether_the_floor_is_as_it_was() -> None:
+    values = {**INVERTED, "task.name": "changed", "strategy.reset.tells_change": True, "run.t_end_s": 1200.0}
+    result = simulate(scenario("reset", **values), 3, 6)
+    assert result.runs["truth"].to_list() == [1] * 6
+    assert result.runs["consensus"].to_list() == ["right"] * 6
+    delays = answers_in(result)["answer_delay_s"]
+    assert 0 < delays.mean() < 600
+    still = simulate(result.scenario.with_values({"change.at_s": None, "change.to": None}), 3, 6)
+    assert still.runs["truth"].to_list() == [0] * 6
+    assert still.runs["right"].sum() > still.runs["wrong"].sum()
+    few = result.scenario.with_values({"change.to": "redraw", "task.changed.more_than": 0.9})
+    assert simulate(few, 3, 1).runs["truth"].to_list() == [0]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "field"),
+    [
+        ("none", {"task.name": "changed"}, "task.name"),
+        ("reset", {"strategy.reset.tells_change": True}, "strategy.reset.tells_change"),
+    ],
+)
+def test_questions_and_answers_must_fit(name: str, values: dict[str, Any], field: str) -> None:
+    with pytest.raises(InputError) as caught:
+        scenario(name, **values)
+    assert caught.value.field == field
