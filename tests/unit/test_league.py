@@ -23,6 +23,7 @@ from vibroswarm.league.entries import (
     FOR_CHANGES,
     GUESSING,
     PATTERNS,
+    SIZE,
     Entry,
     default_strategies,
     entries_of,
@@ -477,3 +478,34 @@ def test_what_guesses_plays_only_when_named(capsys: pytest.CaptureFixture[str]) 
     said = capsys.readouterr().out
     assert "\ndmmd " in said
     assert "Left out" not in said
+
+
+def test_a_league_of_three_kinds_gives_each_kind_each_share() -> None:
+    from vibroswarm.league.best import GUESS, guess_level
+    from vibroswarm.league.entries import floors_of_kinds
+
+    floors = floors_of_kinds((0.4, 0.36, 0.24))
+    assert [floor.source for floor in floors] == [
+        "random:0.4,0.36,0.24", "random:0.24,0.4,0.36", "random:0.36,0.24,0.4"
+    ]  # fmt: skip
+    for shares in ((0.4, 0.6), (0.4, 0.4, 0.2)):
+        with pytest.raises(InputError, match="three shares or more that differ"):
+            floors_of_kinds(shares)
+    assert default_strategies(3) == ["dirichlet", "dirichlet_positive", "dirichlet_soft"]
+    base = preset("paper").with_values(
+        {
+            "sensor.model": "confusion",
+            "floor.source": floors[0].source,
+            "task.name": "majority",
+            "strategy.name": "dirichlet",
+            "run.t_end_s": 100.0,
+            **SIZE,
+        }
+    )
+    entries = entries_of(["dirichlet", "dirichlet_soft"], {})
+    standings = League(base, entries, floors, (5,), runs=8).play()
+    assert standings.values["forced_error"].shape == (2, 3, 8)
+    # robots that have not decided count as guesses among three answers
+    undecided, wrong = (standings.values[name] for name in ("undecided", "wrong"))
+    np.testing.assert_allclose(standings.values["forced_error"], wrong + undecided * 2 / 3)
+    assert guess_level(standings) == pytest.approx(GUESS * 4 / 3)

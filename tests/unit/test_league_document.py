@@ -16,7 +16,7 @@ from vibroswarm.league.entries import AIM, entries_of, floors_of
 from vibroswarm.league.fault_curves import fault_curves
 from vibroswarm.league.standings import League, Standings
 from vibroswarm.league.tables import league_tables
-from vibroswarm.scenario.scenario import preset
+from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.data import document_data
 from vibroswarm.show.document import Section
 from vibroswarm.show.page import page_html
@@ -68,7 +68,7 @@ def said(
     entries = [SimpleNamespace(strategy=name, label=name, aim=None) for name in STANDINGS["name"]]
     league: Any = SimpleNamespace(
         table=STANDINGS,
-        league=SimpleNamespace(entries=entries),
+        league=SimpleNamespace(entries=entries, base=Scenario()),
         interval=lambda place, figure: SimpleNamespace(estimate=error, high=error + 0.01),
     )
     return answers(league, tables)

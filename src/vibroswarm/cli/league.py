@@ -44,6 +44,12 @@ class Players(ScenarioBase, SeveralSizes, SeveralStrategies):
         tuple[float, ...] | None,
         Option("fill ratios below 0.5; each also mirrored (default 0.46,0.48)", "F,..."),
     ] = None
+    shares: Annotated[
+        tuple[float, ...] | None,
+        Option(
+            "shares of three kinds of tile or more, on random floors; each kind has each share once", "F,..."
+        ),
+    ] = None
 
 
 @dataclass(kw_only=True)
@@ -116,6 +122,7 @@ def league(
       vibroswarm league --strategy none,soft --vary none:decision.credible_threshold=0.8,0.9,0.95 --out out/league
       vibroswarm league --strategy soft,totals,mine.py:mine --settings frozen.toml --robots 5,10,20
       vibroswarm league --own-motion --runs 300 --out out/own-motion
+      vibroswarm league --shares 0.4,0.36,0.24 --set sensor.model=confusion --task majority
     """
     from vibroswarm.cli.deliver import deliver
     from vibroswarm.cli.out_folder import claim
@@ -127,6 +134,8 @@ def league(
     from vibroswarm.study.store import Store
 
     made, basic_entries = league_of(scenario, entries, runs)
+    if scenario.shares is not None:  # beliefs, and messages of the opposite, are those of two kinds
+        tests = replace(tests, belief_runs=0, fault_runs=0)
     _check(made, reference, tests)
     study = made.study  # refuses a floor on which no decision is right, before `--force` removes the folder
     # `Store.existing` refuses a folder that holds anything but runs of this league.
@@ -248,9 +257,35 @@ def players_of(
     for option in ("floor", "tiles"):
         if getattr(players, option) is not None:
             raise InputError("is not for a league; use --patterns and --fills", field=f"--{option}")
+    if players.shares is not None:
+        return _players_of_kinds(players, players.shares)
     names = [chosen("strategy", name) for name in players.strategy or default_strategies()]
     base = scenario_from(replace(players, strategy=None, robots=None))
     floors = floors_of(players.patterns or PATTERNS, players.fills or FILLS)
+    return names, base, floors, players.robots or (5, 10)
+
+
+def _players_of_kinds(
+    players: Players, shares: tuple[float, ...]
+) -> tuple[list[str], Scenario, tuple[LeagueFloor, ...], tuple[int, ...]]:
+    """Return what ``players_of`` does, for a league of several kinds of tile."""
+    from vibroswarm.cli.scenario_options import chosen, scenario_from
+    from vibroswarm.league.entries import SIZE, default_strategies, floors_of_kinds
+
+    if players.patterns or players.fills:
+        raise InputError("conflicts with --patterns and --fills; use one of them", field="--shares")
+    floors = floors_of_kinds(shares)
+    names = [chosen("strategy", name) for name in players.strategy or default_strategies(len(shares))]
+    tiles = f"{SIZE['floor.rows']}x{SIZE['floor.columns']}"
+    base = scenario_from(
+        replace(players, strategy=(names[0],), robots=None, floor=floors[0].source, tiles=tiles)
+    )
+    if base.sensor.kinds != len(shares):
+        raise InputError(
+            f"has {len(shares)} shares, and the sensor '{base.sensor.model}' knows {base.sensor.kinds} kinds of tile; "
+            "add --set sensor.model=confusion and --set sensor.confusion.kinds=...",
+            field="--shares",
+        )
     return names, base, floors, players.robots or (5, 10)
 
 

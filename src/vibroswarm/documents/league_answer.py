@@ -11,7 +11,7 @@ from typing import Any, Final, cast
 import polars as pl
 
 from vibroswarm.league.belief_calibration import AS_PLAYED, COMMON, OWN
-from vibroswarm.league.best import GUESS, guesses
+from vibroswarm.league.best import guess_level, guesses
 from vibroswarm.league.entries import GUESSING, default_strategies
 from vibroswarm.league.fronts import NOT, OPEN, REACHES
 from vibroswarm.league.standings import Standings
@@ -89,8 +89,9 @@ def _guessing(standings: Standings) -> Iterator[str]:
     for place, entry in enumerate(entries):
         best_of[entry.strategy] = best_of.get(entry.strategy, True) and guesses(standings, place)
     if names := [name for name, all_guess in best_of.items() if all_guess]:
+        level = percent(guess_level(standings), 0)
         yield (
-            f"Not shown to do better than a guess (forced error below {percent(GUESS, 0)}), so never called fastest: "
+            f"Not shown to do better than a guess (forced error below {level}), so never called fastest: "
             f"{listed(names)}."
         )
     if list(best_of) == default_strategies():

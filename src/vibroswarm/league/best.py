@@ -14,6 +14,7 @@ import polars as pl
 
 from vibroswarm.analysis.best_group import best_group
 from vibroswarm.analysis.intervals import plain
+from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.league.entries import least_entries
 from vibroswarm.league.fronts import drawn_means
 from vibroswarm.league.standings import Standings
@@ -21,7 +22,15 @@ from vibroswarm.league.standings import Standings
 GUESS: Final = 0.4
 """Forced error from which an entry guesses. A swarm that tosses a coin in four runs of five, and is always right in the
 fifth, has this error; one that always tosses a coin has 1/2, which strategies that lean on the floor's few clues just
-undercut."""
+undercut. Of k answers it is as large a part of the error of a guess, 1 - 1/k, or of its cost."""
+
+
+def guess_level(standings: Standings) -> float:
+    """Return ``GUESS`` for the answers of a league, and for what its mistakes cost."""
+    costs = costs_of(standings.league.base)
+    return GUESS if costs is None else 2.0 * GUESS * float(costs.mean())
+
+
 BEST: Final[dict[str, Any]] = {
     **dict.fromkeys(("figure", "name"), pl.String),
     **dict.fromkeys(("value", "behind", "behind_low", "behind_high"), pl.Float64),
@@ -31,9 +40,9 @@ BEST: Final[dict[str, Any]] = {
 
 
 def guesses(standings: Standings, entry: int) -> bool:
-    """Return whether an entry is not shown to err less than ``GUESS``; one without a forced error does not guess."""
+    """Return whether an entry is not shown to err less than a guess; one without a forced error does not guess."""
     error = standings.interval(entry, "forced_error")
-    return not (error.high < GUESS or np.isnan(error.estimate))
+    return not (error.high < guess_level(standings) or np.isnan(error.estimate))
 
 
 def best_table(standings: Standings, seed: int = 0) -> pl.DataFrame:

@@ -88,8 +88,8 @@ FOR_CHANGES: Final = ("forget", "reset", "fading")
 """Strategies for floors that change; the floors of a league stay as they are."""
 
 
-def default_strategies() -> list[str]:
-    """Return the names of the strategies that a league compares by default.
+def default_strategies(kinds: int = 2) -> list[str]:
+    """Return the names of the strategies that a league compares by default, with this number of kinds of tile.
 
     Left out are those that guess (``GUESSING``), those for floors that change, those for several kinds of tile, which
     are others of the league where there are two, and those that use the places of their readings: their robots must
@@ -97,6 +97,8 @@ def default_strategies() -> list[str]:
     """
     # `told` lists what a robot knows in advance, and the place of each reading if the strategy uses it. `boundary_of`
     # (the field decision.boundary_of) only affects whether the sensor's error rates are listed, so any value will do.
+    if kinds > 2:
+        return [name for name, strategy in known().items() if strategy.answers_kinds]
     return [
         name
         for name, strategy in known().items()
@@ -271,3 +273,21 @@ def floors_of(patterns: Sequence[str] = PATTERNS, fills: Sequence[float] = FILLS
             above = f"inverse-{name}-{1.0 - fill:g}"
             found.append(LeagueFloor(pattern=name, fill_ratio=fill_above, source=above, tiles=inverse))
     return tuple(found)
+
+
+def floors_of_kinds(shares: Sequence[float]) -> tuple[LeagueFloor, ...]:
+    """Return the floors of a league of several kinds of tile: random ones, each kind having each share once.
+
+    Args:
+        shares: of the kinds, which sum to 1 and differ, so that one kind is the most common.
+    Raises:
+        InputError: two shares are equal, or there are fewer than three.
+    """
+    if len(shares) < 3 or len(set(shares)) < len(shares):
+        raise InputError(
+            "give three shares or more that differ, such as 0.4,0.36,0.24; with two kinds use --fills",
+            field="--shares",
+        )
+    turned = ([*shares[-k:], *shares[:-k]] if k else [*shares] for k in range(len(shares)))
+    sources = [(f"random:{','.join(f'{share:g}' for share in one)}", one[1]) for one in turned]
+    return tuple(LeagueFloor(pattern="random", fill_ratio=share, source=source) for source, share in sources)

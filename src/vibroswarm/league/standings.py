@@ -227,9 +227,11 @@ class Standings(NotebookView):
         Returns: the floor, and the interval of the forced error.
         """
         floors = self.league.floors
-        # The 1e-9 is for rounding: f and 1 - f are equally near to 1/2.
-        nearest = min(abs(floor.fill_ratio - 0.5) for floor in floors) + 1e-9
-        hard = [k for k, floor in enumerate(floors) if abs(floor.fill_ratio - 0.5) <= nearest]
+        hard = list(range(len(floors)))
+        if self.league.base.sensor.kinds == 2:
+            # The 1e-9 is for rounding: f and 1 - f are equally near to 1/2.
+            nearest = min(abs(floor.fill_ratio - 0.5) for floor in floors) + 1e-9
+            hard = [k for k, floor in enumerate(floors) if abs(floor.fill_ratio - 0.5) <= nearest]
         errors = self.values["forced_error"][entry][hard]  # (hard floors, units)
         choosing, estimating = errors[:, ::2], errors[:, 1::2]
         worst = int(choosing.mean(axis=1).argmax())
