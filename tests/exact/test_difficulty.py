@@ -11,7 +11,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from vibroswarm.errors import InputError
-from vibroswarm.floors.difficulty import cluster_sizes, entropy, measure, moran_index, paper_table
+from vibroswarm.floors.difficulty import (
+    cluster_sizes,
+    entropy,
+    measure,
+    moran_index,
+    moran_of_values,
+    paper_table,
+)
 from vibroswarm.floors.source import pattern
 
 grids = hnp.arrays(
@@ -143,7 +150,7 @@ def test_a_large_floor_is_measured_at_once():
     assert (found.clusters, found.largest_cluster, found.entropy) == (1, 750_000, 1.0)
 
 
-@pytest.mark.parametrize("wrong", [[[0, 2]], [[0.5]], [], [1, 0], [[1, float("nan")]], [["a"]]])
+@pytest.mark.parametrize("wrong", [[[0, 16]], [[0.5]], [], [1, 0], [[1, float("nan")]], [["a"]]])
 def test_what_is_no_floor_is_refused(wrong):
     with pytest.raises(InputError):
         moran_index(wrong)
@@ -171,3 +178,36 @@ def test_the_entries_that_the_paper_gets_wrong_and_their_right_values():
         ("random-fixed:0.46", "entropy"): (0.46, 0.44),
         ("alternating:0.46", "Moran index"): (-0.91, -0.88),
     }
+
+
+def test_two_kinds_of_several_are_measured_as_ever_and_others_by_hand() -> None:
+    tiles = np.array([[1, 1, 0], [0, 2, 2], [2, 0, 2]])
+    found = measure(tiles)
+    assert found.ones == 2
+    assert found.clusters == 3  # one of kind 1; of kind 2 one of three tiles, one alone
+    assert found.largest_cluster == 3
+    shares = np.array([2, 3, 1]) / 6
+    most = np.log2(6)
+    assert found.entropy == pytest.approx((most + (shares * np.log2(shares)).sum()) / most)
+    products = squares = 0.0
+    for kind in range(3):
+        apart = (tiles == kind) - (tiles == kind).mean()
+        squares += (apart**2).sum()
+        for (i, j), value in np.ndenumerate(apart):
+            for k, m in ((i + 1, j), (i, j + 1)):
+                if k < 3 and m < 3:
+                    products += value * apart[k, m]
+    assert found.moran_index == pytest.approx(9 / 12 * products / squares)
+    two = (tiles == 1).astype(int)
+    assert moran_of_values(two) == moran_index(two)
+
+
+def test_values_have_a_moran_index_of_their_own() -> None:
+    values = np.tile(np.linspace(0.0, 1.0, 12), (12, 1))
+    assert moran_of_values(values) > 0.8
+    shuffled = np.random.default_rng(1).permutation(values.ravel()).reshape(12, 12)
+    assert abs(moran_of_values(shuffled)) < 0.2
+    assert np.isnan(moran_of_values(np.full((3, 3), 0.4)))
+    found = measure((values >= 0.5).astype(int), values)
+    assert found.fill_ratio == pytest.approx(0.5)
+    assert found.moran_index == moran_of_values(values)

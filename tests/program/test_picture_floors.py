@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -128,3 +130,30 @@ def test_tiles_given_by_set_need_no_picture(capsys):
     assert main(["scenario", "--set", 'floor.tiles=["01", "10"]']) == 0
     assert main(["scenario", "--set", "floor.tiles=[]"]) == 2
     assert "floor.tiles" in capsys.readouterr().err
+
+
+def test_a_palette_says_which_colour_is_which_kind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from PIL import Image
+
+    from vibroswarm.cli import main
+    from vibroswarm.floors.source import resolve
+
+    colours = np.array([[255, 255, 255], [0, 0, 250], [250, 10, 0]], dtype=np.uint8)
+    kinds = np.array([[0, 2, 1], [1, 0, 2]])
+    picture = colours[kinds].repeat(5, axis=0).repeat(5, axis=1)
+    picture[0, 0] = colours[2]  # one pixel of 25
+    Image.fromarray(picture).save(tmp_path / "mine.png")
+    spec = f"palette:ffffff,0000ff,ff0000:{tmp_path / 'mine.png'}"
+    assert resolve(spec, (2, 3))[0].tolist() == kinds.tolist()
+    swapped = f"palette:ffffff,ff0000,0000ff:{tmp_path / 'mine.png'}"
+    assert resolve(swapped, (2, 3))[0].tolist() == np.array([0, 2, 1])[kinds].tolist()
+    assert main(["floors", "measure", spec, "--tiles", "2x3"]) == 0
+    for wrong, words in (
+        (f"palette:ffffff,00ff00:{tmp_path / 'mine.png'}", "near none of the palette"),
+        (f"palette:ffffff,white:{tmp_path / 'mine.png'}", "as RRGGBB"),
+        ("palette:ffffff,0000ff", "give the colours of the kinds"),
+    ):
+        assert main(["floors", "measure", wrong, "--tiles", "2x3"]) == 2
+        assert words in capsys.readouterr().err

@@ -53,7 +53,7 @@ def show(
         from vibroswarm.plots.run import draw_floor
 
         draw_floor(out, grid, name, replace=force)
-    print_document(tiles_document(name, grid, in_terminal(grid)))
+    print_document(tiles_document(name, grid, in_terminal(grid), _values(floor, tiles, seed)))
     if out is not None:
         print(f"Saved: {out}")
 
@@ -69,7 +69,10 @@ def measure(
     from vibroswarm.documents.floor import floors_document
     from vibroswarm.floors.difficulty import measure
 
-    measured = {floor: measure(_resolved(floor, tiles, image_threshold, seed)[0]) for floor in floors}
+    measured = {
+        floor: measure(_resolved(floor, tiles, image_threshold, seed)[0], _values(floor, tiles, seed))
+        for floor in floors
+    }
     print_document(floors_document(measured), as_json=json)
 
 
@@ -111,6 +114,14 @@ def in_terminal(tiles: NDArray[np.uint8]) -> str:
     from vibroswarm.floors.io import can_draw_blocks, draw
 
     return draw(tiles, blocks=can_draw_blocks(sys.stdout), width=terminal.width())
+
+
+def _values(floor: str, tiles: str | None, seed: int) -> NDArray[np.float64] | None:
+    """Return the values of the tiles of a floor, None if it has kinds."""
+    from vibroswarm.floors.grid_text import parse_tiles
+    from vibroswarm.floors.source import values_of
+
+    return values_of(floor, None if tiles is None else parse_tiles(tiles), seed)
 
 
 def _resolved(

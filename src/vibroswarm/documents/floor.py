@@ -7,12 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.errors import shown
 from vibroswarm.floors.difficulty import Difficulty, Entry, measure
 from vibroswarm.floors.floor import Floor, rows_of
+from vibroswarm.floors.surfaces import STEPS
 from vibroswarm.show.document import Column, Document, Figure, Table, Text
 from vibroswarm.show.numbers import count, number
 
@@ -32,16 +34,19 @@ MEASURES: Final = {
 
 def floor_document(floor: Floor) -> Document:
     """Return a floor and its measures of difficulty."""
-    return tiles_document(shown(floor.name), floor.tiles)
+    values = floor.surface.values
+    return tiles_document(shown(floor.name), floor.tiles, values=None if values is None else values / STEPS)
 
 
-def tiles_document(name: str, tiles: NDArray[Any], drawing: str = "") -> Document:
+def tiles_document(
+    name: str, tiles: NDArray[Any], drawing: str = "", values: NDArray[np.float64] | None = None
+) -> Document:
     """Return the tiles of a floor, and their measures of difficulty.
 
     Args:
-        drawing: of the tiles, in text; empty: none.
+        drawing: of the tiles, in text; empty: none. values: of the tiles; None: they have kinds.
     """
-    difficulty = measure(tiles)
+    difficulty = measure(tiles, values)
     words = f"{_in_words(difficulty)}."
     return Document(
         title=f"Floor {name}",

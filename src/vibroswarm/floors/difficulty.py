@@ -15,14 +15,19 @@
 Moran index: near 1 large patches, near 0 tiles placed at random, near -1 a checkerboard. Source: the paper's
 equations of the Moran index and of the entropy, after Bartashevich and Mostaghim (2019).
 
+Of several kinds of tile the products and squares of the Moran index are summed over the indicators of all kinds, and
+clusters are those of each kind but 0; both are the paper's for two kinds. Values have the Moran index of their numbers,
+and the clusters of tiles of 1/2 or more.
+
 The module also has the paper's table of difficulties, with the correct values beside the printed ones.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -57,38 +62,54 @@ def moran_index(tiles: ArrayLike) -> float:
     """Return the Moran index E_MI of a floor (Eq. 4): how similar neighbouring tiles are.
 
     Args:
-        tiles: (rows, columns) of 0 and 1.
-    Returns: from about -1 (checkerboard) to 1 (large patches); nan (0 / 0) if all tiles vibrate or none does.
+        tiles: (rows, columns) of kinds, such as 0 and 1.
+    Returns: from about -1 (checkerboard) to 1 (large patches); nan (0 / 0) if all tiles are of one kind.
     Raises:
-        InputError: ``tiles`` is not a rectangle of 0 and 1.
+        InputError: ``tiles`` is not a rectangle of kinds.
     """
-    grid = as_tiles(tiles, 2)
-    rows, columns = grid.shape
-    ones = int(grid.sum())
-    if ones in (0, grid.size):
+    grid = as_tiles(tiles)
+    if grid.max() > 1:
+        return _moran_of([grid == kind for kind in range(int(grid.max()) + 1)])
+    return _moran_of([grid])
+
+
+def moran_of_values(values: ArrayLike) -> float:
+    """Return the Moran index of a floor whose tiles have values, (rows, columns); nan if all are equal."""
+    return _moran_of([np.asarray(values, dtype=np.float64)])
+
+
+def _moran_of(grids: Sequence[NDArray[Any]]) -> float:
+    """Return the Moran index of numbers of tiles, (rows, columns) each, whose products and squares are added up."""
+    rows, columns = grids[0].shape
+    products = squares = 0.0
+    for grid in grids:
+        apart = grid - grid.sum() / grid.size  # c_i - f
+        products += np.sum(apart[:, 1:] * apart[:, :-1]) + np.sum(apart[1:] * apart[:-1])
+        squares += np.sum(apart * apart)
+    if all(grid.min() == grid.max() for grid in grids):
         return math.nan
-    apart = grid - ones / grid.size  # c_i - f
     # Each pair of neighbours is counted once here, and twice in Eq. 4; the factor 2 cancels.
     pairs = rows * (columns - 1) + columns * (rows - 1)
-    products = np.sum(apart[:, 1:] * apart[:, :-1]) + np.sum(apart[1:] * apart[:-1])
-    return float(grid.size / pairs * products / np.sum(apart * apart))  # Eq. 4
+    return float(rows * columns / pairs * products / squares)  # Eq. 4
 
 
 def cluster_sizes(tiles: ArrayLike) -> NDArray[np.int64]:
-    """Return the number of tiles of each cluster of vibrating tiles (4-connected), largest first.
+    """Return the number of tiles of each cluster of tiles of one kind but 0 (4-connected), largest first.
 
     Args:
-        tiles: (rows, columns) of 0 and 1.
+        tiles: (rows, columns) of kinds, such as 0 and 1.
     Returns: shape (number of clusters,).
     Raises:
-        InputError: ``tiles`` is not a rectangle of 0 and 1.
+        InputError: ``tiles`` is not a rectangle of kinds.
     """
     from scipy import ndimage  # here, so that importing this module does not load SciPy
 
-    labels, _ = ndimage.label(as_tiles(tiles, 2))  # scipy's default structure joins through sides only
-    # Label 0, that of still tiles, is left out.
-    sizes = np.bincount(np.asarray(labels).ravel())[1:].astype(np.int64)
-    return np.sort(sizes)[::-1]
+    grid, sizes = as_tiles(tiles), []
+    for kind in range(1, max(int(grid.max()), 1) + 1):
+        labels, _ = ndimage.label(grid == kind)  # scipy's default structure joins through sides only
+        # Label 0, that of other tiles, is left out.
+        sizes.append(np.bincount(np.asarray(labels).ravel())[1:].astype(np.int64))
+    return np.sort(np.concatenate(sizes))[::-1]
 
 
 def entropy(tiles: ArrayLike, ones: int | None = None) -> float:
@@ -106,23 +127,23 @@ def entropy(tiles: ArrayLike, ones: int | None = None) -> float:
     return _entropy(cluster_sizes(tiles), ones)
 
 
-def measure(tiles: ArrayLike) -> Difficulty:
+def measure(tiles: ArrayLike, values: ArrayLike | None = None) -> Difficulty:
     """Return all measures of a floor.
 
     Args:
-        tiles: (rows, columns) of 0 and 1.
+        tiles: (rows, columns) of kinds, such as 0 and 1. values: of the same tiles, from 0 to 1; None: they have none.
     Raises:
-        InputError: ``tiles`` is not a rectangle of 0 and 1.
+        InputError: ``tiles`` is not a rectangle of kinds.
     """
-    grid = as_tiles(tiles, 2)
+    grid = as_tiles(tiles)
     sizes = cluster_sizes(grid)
-    ones = int(grid.sum())
+    ones = int((grid == 1).sum())
     return Difficulty(
         rows=grid.shape[0],
         columns=grid.shape[1],
         ones=ones,
-        fill_ratio=ones / grid.size,
-        moran_index=moran_index(grid),
+        fill_ratio=ones / grid.size if values is None else float(np.mean(np.asarray(values))),
+        moran_index=moran_index(grid) if values is None else moran_of_values(values),
         entropy=_entropy(sizes, None),
         clusters=sizes.size,
         largest_cluster=int(sizes[0]) if sizes.size else 0,

@@ -7,6 +7,7 @@
 | ``random:0.4,0.35,0.25`` | shares of the kinds 0, 1, 2 of tile at random places, likewise |
 | ``patch:0.10``, ``gradient:0.2..0.8``, ``hill:0.3,0.6,0.2``, ``field:2`` | patches and values, see ``surfaces`` |
 | ``floors/mine.csv`` | a file, see ``io`` |
+| ``palette:ffffff,0000ff,ff0000:mine.png`` | a picture; these colours are the kinds 0, 1 and 2 |
 | ``values:floors/mine.csv`` | a file of numbers from 0 to 1, or a grey picture |
 
 Random floors have an exact number of tiles of each kind.
@@ -32,8 +33,8 @@ from vibroswarm.core.rng import SEED_LIMIT, shuffled
 from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import KIND_LIMIT, as_tiles, check_size
 from vibroswarm.floors.grid_text import Size
-from vibroswarm.floors.io import THRESHOLD, read_tiles, read_values
-from vibroswarm.floors.surfaces import PATCHES, kind_of_name, kinds_of, named_values
+from vibroswarm.floors.io import THRESHOLD, read_palette, read_tiles, read_values
+from vibroswarm.floors.surfaces import PATCHES, STEPS, kind_of_name, kinds_of, named_values, steps_of
 
 _DIAGONAL: Final = (
     "1111000000 1111000000 1111100000 1111110000 0011111000 "
@@ -158,6 +159,10 @@ def resolve(
             read or is no floor, the fill ratio of a random floor is impossible, the floor does not fit ``tiles``, or
             it has too many tiles without ``tiles``.
     """
+    if (found := values_in(spec, tiles)) is not None:
+        return kinds_of(steps_of(found[0])), found[1]
+    if spec.strip().lower().startswith(PALETTE_OF):
+        return _palette_tiles(spec, tiles)
     if is_generated(spec) or family(spec) is not None:
         rows, columns = tiles or DEFAULT_SIZE  # the size of a generated floor; a pattern has its own
         grid = named_tiles(spec, rows, columns, seed, run)
@@ -199,6 +204,38 @@ def values_in(spec: str, size: Size | None = None) -> tuple[tuple[tuple[float, .
     path = spec.strip()[len(VALUES_OF) :]
     values = read_values(path, size)
     return tuple(tuple(row) for row in values.round(6).tolist()), Path(path).name
+
+
+PALETTE_OF: Final = "palette:"
+"""What the name of a picture with a colour for each kind of tile begins with, as a floor."""
+
+
+def _palette_tiles(spec: str, size: Size | None) -> tuple[NDArray[np.uint8], str]:
+    """Return the tiles and the name of a picture such as ``palette:ffffff,0000ff,ff0000:mine.png``."""
+    colours, colon, path = spec.strip()[len(PALETTE_OF) :].partition(":")
+    if not colon or not path:
+        raise InputError(
+            f"'{spec}' is no floor; give the colours of the kinds 0, 1 and so on, and a picture: "
+            "palette:ffffff,0000ff,ff0000:mine.png",
+            field=_FIELD,
+        )
+    return read_palette(path, [colour.strip() for colour in colours.split(",")], size), Path(path).name
+
+
+def values_of(spec: str, size: Size | None = None, seed: int = 0, run: int = 0) -> NDArray[np.float64] | None:
+    """Return the values of the tiles of a floor, (rows, columns); None if it has kinds.
+
+    Args:
+        spec, size, seed, run: as ``resolve`` takes them.
+    Raises:
+        InputError: it is a floor of values, and ``resolve`` refuses it.
+    """
+    if (found := values_in(spec, size)) is not None:
+        return np.asarray(steps_of(found[0]) / STEPS)
+    if kind_of_name(spec) in ("", PATCHES):
+        return None
+    rows, columns = size or DEFAULT_SIZE
+    return np.asarray(named_values(spec, rows, columns, seed, run) / STEPS)
 
 
 def named_tiles(source: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
