@@ -313,3 +313,12 @@ def test_floors_of_patches_and_values_do_not_change() -> None:
     ):
         with pytest.raises(InputError, match="defined for kinds of tile"):
             PAPER.with_values(values)
+
+
+def test_the_document_of_a_run_says_what_the_floor_is() -> None:
+    from vibroswarm.documents.run import run_document
+    from vibroswarm.show.document import Text
+
+    for source, words in (("patch:2*0.2", "2 patches on still tiles"), ("field:2", "100 tiles with values")):
+        parts = run_document(simulate(on(source), 1, 1), 0).parts
+        assert any(isinstance(part, Text) and words in part.words for part in parts), source

@@ -142,6 +142,11 @@ def _what_ran(result: Result, found: Verdict, run: int) -> str:
     tiles = f"{counts[1]} of {floor.tiles.size} tiles vibrate, fill ratio {found.fill_ratio:.4g}"
     if len(counts) > 2:
         tiles = f"{', '.join(f'{n} tiles of kind {kind}' for kind, n in enumerate(counts))}"
+    if floor.surface.values is not None:
+        tiles = f"{count(floor.tiles.size, 'tile')} with values, fill ratio {found.fill_ratio:.4g}"
+    elif result.scenario.floor.has_surface:
+        patches = count(len(floor.surface.patches), "patch", "patches")
+        tiles = f"{patches} on still tiles, fill ratio {found.fill_ratio:.4g}"
     changes = change_words(result.scenario.change)
     at_end = " at the end" if changes else ""
     return f"{_swarm(result)}, on '{floor.name}' ({tiles}{at_end}), {_origin(result)}. {changes}".rstrip()
