@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from vibroswarm import Scenario, preset, replay, simulate
+from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import Changes, markov_changes
 from vibroswarm.floors.floor import Floor
@@ -342,3 +343,18 @@ def test_the_floor_of_a_recording_may_change(tmp_path: Path) -> None:
     assert (at_first == read).mean() < 0.5  # negative control: five sixths of the run lie after the change
     with pytest.raises(InputError, match="changes during the run"):
         labelled(recorded)
+
+
+def test_a_recording_has_no_random_changes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "floor.txt").write_text("01\n10\n")
+    command = [
+        "lab",
+        "import",
+        "no.csv",
+        "--floor",
+        str(tmp_path / "floor.txt"),
+        "--out",
+        str(tmp_path / "lab"),
+    ]
+    assert main([*command, "--set", "change.rate_per_h=1"]) == 2
+    assert "change: is random, but a recording's floor changed as it did" in capsys.readouterr().err

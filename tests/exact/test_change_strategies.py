@@ -12,6 +12,7 @@ from polars.testing import assert_frame_equal
 
 from vibroswarm import Result, Scenario, Study, preset, simulate
 from vibroswarm.analysis.answers_over_time import Answer, answers_in, course_of, judged, swarm_answers
+from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.robot.belief import belief_below
 
@@ -257,3 +258,14 @@ def test_questions_and_answers_must_fit(name: str, values: dict[str, Any], field
     with pytest.raises(InputError) as caught:
         scenario(name, **values)
     assert caught.value.field == field
+
+
+def test_what_is_probably_not_meant_is_a_warning(capsys: pytest.CaptureFixture[str]) -> None:
+    short = ["run", "--tiles", "10x10", "--floor", "random:0.4", "--set", "run.t_end_s=20"]
+    inverted = ["--set", "change.at_s=10", "--set", "change.to=invert"]
+    assert main([*short, *inverted]) == 0
+    assert "decisions are final; set decision.revise" in capsys.readouterr().err
+    assert main([*short, *inverted, "--strategy", "forget", "--set", "decision.revise=true"]) == 0
+    assert "Warning: the floor changes" not in capsys.readouterr().err
+    assert main([*short, "--set", "change.at_s=30", "--set", "change.to=invert"]) == 0
+    assert "the run ends at 20 s, and the floor changes at 30 s" in capsys.readouterr().err

@@ -60,13 +60,17 @@ def stated_fields(options: ScenarioOptions) -> list[str]:
 
 
 def check_one_floor(scenario: Scenario) -> None:
-    """Refuse a random floor for a recording, whose robots were on one real floor.
+    """Refuse a random floor for a recording, whose robots were on one real floor, and random changes of it.
 
     A random floor that all runs share (``redraw = "study"``) is refused too: it depends on the seed of a simulation.
 
     Raises:
-        InputError: the floor of the scenario is random.
+        InputError: the floor of the scenario, or its change, is random.
     """
+    if scenario.change.is_random:
+        raise InputError(
+            "is random, but a recording's floor changed as it did; state the tiles", field="change"
+        )
     if scenario.floor.is_named and is_generated(scenario.floor.source):
         raise InputError("is random, but a recording has one floor; give its file", field="--floor")
 

@@ -31,6 +31,7 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
     from vibroswarm.motion.robot_params import scenario_warnings
     from vibroswarm.observation.edge_response import edge_warnings
     from vibroswarm.observation.energy_model import sensor_warnings
+    from vibroswarm.scenario.change_fields import change_warnings
     from vibroswarm.scenario.fault_fields import fault_warnings
 
     texts = dict.fromkeys(  # each different warning once, in order
@@ -40,6 +41,7 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
             *scenario_warnings(scenario),
             *fault_warnings(scenario.faults, scenario.swarm.robots),
             *edge_warnings(scenario),
+            *change_warnings(scenario.change, scenario.run.t_end_s, _is_final(scenario)),
             *sensor_warnings(scenario.sensor),
         )
     )
@@ -49,3 +51,13 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
         print(f"Warning: {new[0]}.", file=sys.stderr)
     if len(new) > 1:
         print(f"Warning: not all warnings are printed; there are {len(new) - 1} more.", file=sys.stderr)
+
+
+def _is_final(scenario: Scenario) -> bool:
+    """Return whether robots keep their decisions; False for a strategy whose code is not loaded."""
+    from vibroswarm import strategies
+
+    known = strategies.known().get(scenario.strategy.name)
+    if known is None or known.decides == "opinion" or scenario.task.name == "changed":
+        return False
+    return not (known.revises and scenario.decision.revise)

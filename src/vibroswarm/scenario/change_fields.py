@@ -184,3 +184,22 @@ def change_words(change: Change) -> str:
     words = {INVERT: "it is inverted", REDRAW: "its tiles move to random places"}
     steps = [f"{words.get(to, f'it becomes {to}')} at {time_s:g} s" for time_s, to in change.steps()]
     return f"The floor changes: {', '.join(steps)}." if steps else ""
+
+
+def change_warnings(change: Change, t_end_s: float, is_final: bool) -> list[str]:
+    """Return warnings about valid but probably unintended changes: after the end, or under decisions that are final.
+
+    Args:
+        t_end_s: end of the run. is_final: whether robots keep their decisions.
+    """
+    found = []
+    late = [f"{time_s:g}" for time_s in change.at_s or () if time_s >= t_end_s]
+    if late:
+        found.append(
+            f"change.at_s: the run ends at {t_end_s:g} s, and the floor changes at {', '.join(late)} s"
+        )
+    if change.is_given and is_final:
+        found.append(
+            "the floor changes, and decisions are final; set decision.revise, with soft, forget, reset or fading"
+        )
+    return found
