@@ -66,7 +66,8 @@ from vibroswarm import preset, simulate, verdict
 from vibroswarm.errors import RunError
 
 scenario = preset("paper")
-reporting = scenario.with_values({"strategy.name": "mcp"})  # its robots report an estimate
+# Robots that report an estimate, and a floor that changes.
+reporting = scenario.with_values({"strategy.name": "mcp", "change.at_s": 300.0, "change.to": "invert"})
 if BEFORE:
     verdict(simulate(scenario, seed=7))
 
