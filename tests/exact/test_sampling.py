@@ -184,7 +184,7 @@ def test_visits_and_runs_agree_on_the_paper(paper: Result) -> None:
 
 
 def worth_over_runs(ones: NDArray[np.float64], level: float = 0.95) -> tuple[float, float]:
-    """Limits (chi-square) of n_eff = q (1 - q) / Var(O), from the share of ones of each run on floors drawn anew."""
+    """Limits (chi-square) of n_eff = q (1 - q) / Var(O), from the share of ones of each run on floors redrawn."""
     q, n = ones.mean(), ones.size
     quantiles = stats.chi2.ppf([0.5 - level / 2, 0.5 + level / 2], n - 1) / (n - 1)
     low, high = q * (1 - q) / ones.var(ddof=1) * quantiles

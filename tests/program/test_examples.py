@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import runpy
 import shutil
 import sys
@@ -43,6 +45,17 @@ def test_first_run(run_example):
     assert "consensus: right, after 891.48 s" in told
     assert Result.read("kept").seed == 2
     assert Path("kept/run.html").stat().st_size > 50_000
+
+
+@pytest.mark.parametrize("folder", sorted(path.parent.name for path in EXAMPLES.glob("papers/*/study.toml")))
+def test_experiments_of_others_run(run_example, folder, tmp_path, capsys):
+    """All of their cells, for a minute of one run."""
+    study = tmp_path / "examples" / "papers" / folder / "study.toml"
+    text = re.sub(r"t_end_s = [\d.]+", "t_end_s = 70.0", study.read_text(encoding="utf-8"))
+    study.write_text(re.sub(r"(?m)^runs = \d+", "runs = 1", text), encoding="utf-8")
+    assert main(["evaluate", str(study), "--trust", "--no-pictures", "--no-confirm", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert len(told["tables"]["summary"]) == len(plan_of(Study.read(study)).study.cells)
 
 
 def test_the_figure_of_fill_ratios(run_example, capsys):

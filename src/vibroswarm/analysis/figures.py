@@ -268,7 +268,7 @@ class RunFigure(NotebookView):
     of_run: Callable[[Swarms], Array]
     """Computes it for each run, (runs,); nan in runs that do not have it."""
     kind: str = "mean"
-    """How runs make it a figure of a cell: "mean", "runs", "robots" or "median"."""
+    """How runs make it a figure of a cell: "mean", "share" (of robots), "runs", "robots" or "median"."""
     better: int = 0
     """1 if larger values are better, -1 if smaller values are, 0 if neither: then it cannot be compared."""
     unit: str = ""
@@ -425,7 +425,9 @@ FIGURES: Final = (
     RunFigure("forced_error", "forced error", _forced_error, better=-1, compared=True),
     RunFigure("estimate", "estimate of the fill ratio", _estimate),
     RunFigure("estimate_error", "error of the estimate", _estimate_error, better=-1),
-    RunFigure("estimate_coverage", "robots whose 90 % interval holds the fill ratio", _estimate_coverage),
+    RunFigure(
+        "estimate_coverage", "robots whose 90 % interval holds the true number", _estimate_coverage, "share"
+    ),
     RunFigure("estimate_crps", "CRPS of the estimate", _estimate_crps, better=-1),
     RunFigure("sent", "messages sent by a robot", _sent),
     _robots("robot_error", "wrong among robots that decided", "wrong", "decided"),
@@ -545,6 +547,9 @@ def interval(name: str, by_run: Mapping[str, NDArray[Any]], level: float = 0.95,
     values = by_run[figure.by_run]
     if figure.kind == "mean":
         return mean_interval(values, level)
+    if figure.kind == "share":
+        known, robots = ~np.isnan(values), by_run["robots"]
+        return cluster_share(np.rint(values * robots)[known], robots[known], level, seed)
     if figure.kind == "median":
         return quantile_interval(np.where(np.isnan(values), math.inf, values), 0.5, level)
     known = ~np.isnan(values)

@@ -2,8 +2,8 @@
 
 | name | symbol | unit | equation |
 |---|---|---|---|
-| rate | lambda | 1/s | at this rate each tile is drawn anew, independently of all others |
-| shares | pi_k | - | probability that a tile that is drawn anew becomes kind k |
+| rate | lambda | 1/s | at this rate each tile is redrawn, independently of all others |
+| shares | pi_k | - | probability that a tile that is redrawn becomes kind k |
 | holding time | - | s | a tile of kind k keeps it for an exponential time of mean 1 / (lambda (1 - pi_k)) |
 | stationary share | - | - | of kind k: pi_k, whatever the floor at time 0 was |
 
@@ -71,10 +71,10 @@ def permuted(tiles: Tiles, number: int, seed: int, run: int) -> Tiles:
 def markov_changes(
     start: Tiles, rate_per_h: float, shares: Sequence[float], until_s: float, seed: int, run: int
 ) -> Changes:
-    """Return the changes up to ``until_s`` of tiles that are drawn anew at random times.
+    """Return the changes up to ``until_s`` of tiles that are redrawn at random times.
 
     Args:
-        start: tiles at time 0. rate_per_h: how often an hour each tile is drawn anew, on average. shares: probabilities
+        start: tiles at time 0. rate_per_h: how often an hour each tile is redrawn, on average. shares: probabilities
             of the kinds 0, 1 and so on that a tile then gets, 1 in all.
     """
     below = np.cumsum(np.asarray(shares, dtype=np.float64))

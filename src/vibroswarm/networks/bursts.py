@@ -8,10 +8,10 @@ change as a Markov chain in time, not per message, so that a burst lasts as long
 | bad_share | b | - | share of time in the bad state |
 | bad_s | T | s | mean time in the bad state |
 | correlation time | tau | s | T (1 - b) |
-| state drawn anew after t seconds | - | - | with probability 1 - exp(-t / tau); it is then bad with probability b |
+| state redrawn after t seconds | - | - | with probability 1 - exp(-t / tau); it is then bad with probability b |
 | lost_in_bad, lost_in_good | - | - | probability that a message is lost in that state |
 
-With T = 0 the state is drawn anew for each message, so losses are independent, with probability
+With T = 0 the state is redrawn for each message, so losses are independent, with probability
 b lost_in_bad + (1 - b) lost_in_good. In the models of Gilbert (1960) and Elliott (1963) the chain steps at each bit
 that is sent; in the recordings the length of bursts is a matter of time. The defaults are fitted to the recordings of
 the study's robots (``calibrate.message_loss``, docs/networks.md).
@@ -79,7 +79,7 @@ def send(
     """
     tau_s = p.bad_s * (1.0 - p.bad_share)
     for j in range(arrival_tick.size):
-        # The receiver's state is drawn anew at its first message, and later with a probability that grows with the time
+        # The receiver's state is redrawn at its first message, and later with a probability that grows with the time
         # since the last message (``next_tick`` is that message's tick + 1).
         since_s = (tick + 1 - a.next_tick[j]) * w.tick_s
         anew = a.next_tick[j] == 0 or tau_s <= 0.0 or u(d, 3 * j) < -math.expm1(-since_s / tau_s)

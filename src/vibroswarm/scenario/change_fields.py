@@ -47,9 +47,9 @@ class Change(FrozenModel):
     vibrate), ``redraw`` (the same tiles at random places), another floor of the same size, such as ``diagonal:0.46`` or
     ``random:0.6``, or its rows, such as ``0110/1001/1111``."""
     rate_per_h: Annotated[float, Field(gt=0, le=1e5)] | None = None
-    """How often an hour each tile is drawn anew, at random times: a Markov chain for each tile."""
+    """How often an hour each tile is redrawn, at random times: a Markov chain for each tile."""
     shares: Shares | None = None
-    """Probabilities of the kinds 0, 1 and so on when a tile is drawn anew; if omitted, the shares of the floor at time
+    """Probabilities of the kinds 0, 1 and so on when a tile is redrawn; if omitted, the shares of the floor at time
     0."""
 
     @field_validator("at_s", "to", mode="before")
@@ -113,7 +113,7 @@ class Change(FrozenModel):
         """Return the changes of a run's floor.
 
         Args:
-            tiles: those at time 0, (rows, columns). until_s: time up to which tiles are drawn anew. seed, run: select
+            tiles: those at time 0, (rows, columns). until_s: time up to which tiles are redrawn. seed, run: select
                 random changes.
         Raises:
             InputError: ``to`` names no floor, or one of another size.
@@ -180,7 +180,7 @@ def change_words(change: Change) -> str:
             if change.shares is None
             else ", ".join(f"{s:.4g}" for s in change.shares)
         )
-        return f"Each tile is drawn anew {change.rate_per_h:g} times an hour on average (shares of kinds: {shares})."
+        return f"Each tile is redrawn {change.rate_per_h:g} times an hour on average (shares of kinds: {shares})."
     words = {INVERT: "it is inverted", REDRAW: "its tiles move to random places"}
     steps = [f"{words.get(to, f'it becomes {to}')} at {time_s:g} s" for time_s, to in change.steps()]
     return f"The floor changes: {', '.join(steps)}." if steps else ""

@@ -73,7 +73,7 @@ def lattice_sites(s: Sections) -> tuple[int, int]:
 
 
 def _check_each(s: Sections) -> None:
-    """Refuse ``robot.speed_factors`` with a value out of bounds, or if speeds are drawn anew for each sample."""
+    """Refuse ``robot.speed_factors`` with a value out of bounds, or if speeds are redrawn for each sample."""
     robot = s.robot
     if robot.speed_factors is not None and robot.speed_redraw == "sample":
         raise InputError(
