@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import pytest
 from pydantic import Field
 
-from helpers.scenario_fields import OTHERS, changed, chosen, default
+from helpers.scenario_fields import before, changed, chosen
 from vibroswarm import networks, strategies, tasks
 from vibroswarm.optimize.evaluate import Piece
 from vibroswarm.scenario.fault_fields import MotionFaults
@@ -54,20 +54,12 @@ def one_more() -> Iterator[None]:
 
 def pair(name: str) -> tuple[Scenario, Scenario]:
     """Two scenarios that differ in a field alone."""
-    part = name.split(".")
-    base = Scenario()
-    if len(part) == 3:  # a parameter matters where its table is the chosen one
-        base = base.with_values(chosen(part[0], part[1]))
-        value = value_of(base, name)
-        if name in OTHERS:
-            return base, base.with_values({name: OTHERS[name]})
-        if kind_of(name) is bool:
-            return base, base.with_values({name: not value})
-        return base, base.with_values({name: value + 1 if kind_of(name) is int else value * 0.5 + 0.25})
-    other = changed(name)
-    if name == "floor.tiles":
-        return base, other
-    return other.with_values({name: default(name)}), other
+    if name in NAMES:
+        return before(name), changed(name)
+    kind, entry, _ = name.split(".")  # a parameter of what is registered here
+    base = Scenario().with_values(chosen(kind, entry))
+    value = value_of(base, name)
+    return base, base.with_values({name: value + 1 if kind_of(name) is int else value * 0.5 + 0.25})
 
 
 def groups_of(one: Scenario, other: Scenario, name: str) -> tuple[int, int]:

@@ -104,7 +104,8 @@ def chosen(kind: str, entry: str) -> dict[str, str]:
     return {field_of(kind): entry} | (of_kinds if kind == "sensor" else {})
 
 
-def changed(name: str) -> Scenario:
+def before(name: str) -> Scenario:
+    """A scenario in which a field matters, and has its default or another value than ``another``."""
     inverted = {"change.at_s": (50.0,), "change.to": ("invert",)}
     needed = {
         "sensor.model": MODEL,
@@ -124,5 +125,8 @@ def changed(name: str) -> Scenario:
             "strategy.name": "reset",
             "strategy.reset.tells_change": True,
         }
-    base = Scenario().with_values(needed.get(name, {}))
-    return base.with_values({name: another(name)})
+    return Scenario().with_values(needed.get(name, {}))
+
+
+def changed(name: str) -> Scenario:
+    return before(name).with_values({name: another(name)})

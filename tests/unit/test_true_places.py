@@ -17,7 +17,7 @@ from vibroswarm.scenario.presets import preset_names
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.strategies.static_analysis import PLACE, fields_read, reads_places
 
-READERS = {"places", "explore", "field"}
+READERS = {"places", "explore", "field", "fading"}
 NOTE = "places with true places: an upper bound"
 TRUE = ["--set", "localisation.method=true"]
 SHORT = ["--set", "run.t_end_s=30", "--robots", "2"]

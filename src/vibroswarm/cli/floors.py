@@ -26,12 +26,16 @@ def list_patterns(
     from vibroswarm.documents.floor import floors_document, paper_floors_document
     from vibroswarm.floors.difficulty import measure, paper_table
     from vibroswarm.floors.source import NAMES, pattern
+    from vibroswarm.floors.surfaces import EXAMPLES
 
     if paper:
         print_document(paper_floors_document(paper_table()), as_json=json)
         return
     measured = {name: measure(pattern(name)) for name in NAMES}
-    remark = "random:F, for example random:0.48, is another random floor for each run."
+    remark = (
+        "random:F, for example random:0.48, is another random floor for each run. Patches and values: "
+        f"{', '.join(EXAMPLES)}."
+    )
     print_document(floors_document(measured, remark), as_json=json)
 
 

@@ -34,7 +34,15 @@ from vibroswarm.errors import InputError, nearest, shown
 from vibroswarm.floors.floor import KIND_LIMIT, as_tiles, check_size
 from vibroswarm.floors.grid_text import Size
 from vibroswarm.floors.io import THRESHOLD, read_palette, read_tiles, read_values
-from vibroswarm.floors.surfaces import PATCHES, STEPS, kind_of_name, kinds_of, named_values, steps_of
+from vibroswarm.floors.surfaces import (
+    EXAMPLES,
+    PATCHES,
+    STEPS,
+    kind_of_name,
+    kinds_of,
+    named_values,
+    steps_of,
+)
 
 _DIAGONAL: Final = (
     "1111000000 1111000000 1111100000 1111110000 0011111000 "
@@ -327,7 +335,7 @@ def random_shares(spec: str) -> tuple[float, ...]:
 
 def _unknown(spec: str) -> str:
     """Return the message for a floor that is neither a pattern, a random floor nor a file."""
-    known = (*NAMES, f"{RANDOM}:0.48")
+    known = (*NAMES, f"{RANDOM}:0.48", *EXAMPLES)
     return (
         f"'{spec}' is neither a floor nor a file{nearest(spec.lower().replace('_', '-'), known)}; "
         f"there are {', '.join(known)}"

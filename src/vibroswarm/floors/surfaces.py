@@ -34,6 +34,8 @@ STEPS: Final = 200
 """Values and contrasts have this many steps from 0 to 1."""
 PATCHES, VALUES = "patch", ("gradient", "hill", "field")
 """What names of such floors begin with, before a colon."""
+EXAMPLES: Final = ("patch:0.10", "gradient:0.2..0.8", "hill:0.3,0.6,0.2", "field:2")
+"""A name of each kind."""
 MOST_PATCHES: Final = 100
 """Largest number of patches of a floor."""
 TRIES: Final = 1000
