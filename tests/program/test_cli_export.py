@@ -477,7 +477,7 @@ def test_flash_and_static_ram_are_within_limits_and_as_documented(name: str, tmp
     assert found.ram == pytest.approx(ram, abs=64)
 
 
-MAPPING = ("places", "explore", "field")
+MAPPING = ("places", "explore", "field", "fading")
 """Strategies whose work would take many control periods at once."""
 
 
@@ -485,9 +485,8 @@ MAPPING = ("places", "explore", "field")
 @pytest.mark.parametrize(
     "name",
     [
-        "soft",
-        *MAPPING,
-        *(pytest.param(n, marks=pytest.mark.slow) for n in names() if n not in ("soft", *MAPPING)),
+        *(FEW := ("soft", "places", "explore", "field")),
+        *(pytest.param(n, marks=pytest.mark.slow) for n in names() if n not in FEW),
     ],
 )
 def test_wheels_are_set_within_the_period_and_work_takes_the_documented_time(
