@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
 
+MOST: Final = 3
+"""How many warnings are printed at once; a study may have one in each of many cells."""
 _printed: Final[set[str]] = set()
 """Warnings that ``warn_of`` has printed or counted during this command."""
 
@@ -23,10 +25,9 @@ def forget() -> None:
 
 
 def warn_of(scenarios: Iterable[Scenario]) -> None:
-    """Print on stderr the first new warning about these scenarios, and how many other new warnings there are.
+    """Print on stderr the first ``MOST`` new warnings about these scenarios, and how many others there are.
 
-    Other warnings are only counted, because a study may have a warning in each of many cells. A warning is new if this
-    command has not printed or counted it yet.
+    A warning is new if this command has not printed or counted it yet.
     """
     from vibroswarm.motion.robot_params import scenario_warnings
     from vibroswarm.observation.edge_response import edge_warnings
@@ -47,10 +48,10 @@ def warn_of(scenarios: Iterable[Scenario]) -> None:
     )
     new = [text for text in texts if text not in _printed]
     _printed.update(new)
-    if new:
-        print(f"Warning: {new[0]}.", file=sys.stderr)
-    if len(new) > 1:
-        print(f"Warning: not all warnings are printed; there are {len(new) - 1} more.", file=sys.stderr)
+    for text in new[:MOST]:
+        print(f"Warning: {text}.", file=sys.stderr)
+    if len(new) > MOST:
+        print(f"Warnings that are not printed: {len(new) - MOST}.", file=sys.stderr)
 
 
 def _is_final(scenario: Scenario) -> bool:
