@@ -474,7 +474,7 @@ HARMONICS: Final = (1, 2, 3)
 
 
 def aliases(p: Any) -> list[str]:
-    """Return a sentence for each motor, or harmonic of it, that the rate shows at another motor's frequency.
+    """Return a sentence for each motor that the rate folds, and for each that, or a harmonic of it, looks like another.
 
     Frequencies that differ by less than two lines of the spectrum, 2 / time, cannot be told apart.
     """
@@ -484,7 +484,13 @@ def aliases(p: Any) -> list[str]:
         for one, other, multiple in product(motors, motors, HARMONICS)
         if (one < other or (one != other and multiple > 1)) and _look_alike(one, other, multiple, p)
     ]
-    return [_alias_words(one, other, multiple, p) for one, other, multiple in cases]
+    folded = [
+        f"readings at {p.rate_hz:g} Hz are too few for the motor of kind {kind}, at {hz:g} Hz, and show it at "
+        f"{alias_hz(hz, p.rate_hz):.4g} Hz; a rate above {2.0 * hz:g} Hz shows it where it is"
+        for kind, hz in enumerate(p.motor_hz, start=1)
+        if hz > 0.5 * p.rate_hz
+    ]
+    return [*(_alias_words(one, other, multiple, p) for one, other, multiple in cases), *folded]
 
 
 def _look_alike(one: int, other: int, multiple: int, p: Any) -> bool:
