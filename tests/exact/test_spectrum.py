@@ -65,6 +65,14 @@ def test_lines_are_where_the_sines_are(tmp_path: Path) -> None:
     assert sum(one.samples for one in found.spectra if one.group == "time") == 40
 
 
+def test_groups_with_too_few_samples_are_named(tmp_path: Path) -> None:
+    few = spectra_of(file_of(recorded([(61.3, 1.0)], [], count=9), tmp_path), axis="z")  # 5 and 4
+    assert [one.name for one in few.spectra] == ["", "robot 0"]
+    assert few.warnings == ("no spectrum of groups with fewer than 5 samples (by robot): robot 1",)
+    enough = spectra_of(file_of(recorded([(61.3, 1.0)], [], count=10), tmp_path), axis="z")
+    assert enough.warnings == ()
+
+
 def test_noise_has_no_lines(tmp_path: Path) -> None:
     assert spectra_of(file_of(recorded([], []), tmp_path), axis="z").whole.lines == ()
 

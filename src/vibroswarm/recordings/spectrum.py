@@ -174,7 +174,7 @@ def spectra_of(
         len(samples),
         len(stops),
         found,
-        tuple(_warnings(motors_hz, known)),
+        (*_warnings(motors_hz, known), *_left_out(groups)),
     )
 
 
@@ -381,6 +381,14 @@ def _warnings(motors_hz: Sequence[float], known: _Known) -> Iterator[str]:
                     f"{motors_hz[other]:g} and {motor_hz:g} Hz look alike: both are seen within "
                     f"{known.resolution_hz:.3g} Hz of {seen[one]:.4g} Hz"
                 )
+
+
+def _left_out(groups: Sequence[tuple[str, str, NDArray[np.int64]]]) -> Iterator[str]:
+    """Say which groups have too few samples for a spectrum of their own."""
+    for group in dict.fromkeys(group for group, _, _ in groups):
+        few = [name for one, name, rows in groups if one == group and rows.size < FEWEST]
+        if few:
+            yield f"no spectrum of groups with fewer than {FEWEST} samples (by {group}): {', '.join(few)}"
 
 
 def acceleration_frame(
