@@ -18,8 +18,10 @@ from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.floors.changes import Changes, markov_changes
 from vibroswarm.floors.floor import Floor
+from vibroswarm.inference.closed_loop import ClosedLoop, advance_loops
 from vibroswarm.inference.outcomes import truth_on, truth_over_time
-from vibroswarm.observation.observe import kinds_at
+from vibroswarm.motion.source import source
+from vibroswarm.observation.observe import kinds_at, sensed_floors
 from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.export import write_rugbot
 from vibroswarm.recordings.log_readers import read_log
@@ -223,6 +225,22 @@ def test_closed_loop_and_stages_are_equal(values: dict[str, Any], preset_name: s
     assert list(in_pieces([(preset_name, one.with_values({"strategy.name": "soft"}))])) == []
     places = {"strategy.name": "places", "strategy.places.energies": True, "strategy.places.min_samples": 5}
     assert list(in_pieces([("places", one.with_values(places))])) == []
+
+
+def test_pieces_without_a_sample_change_nothing() -> None:
+    """A piece may end before the next sample; energies are weighed stage by stage, of which there is then none."""
+    values = {"strategy.name": "places", "strategy.places.energies": True, "localisation.method": "true"}
+    one = scenario(**values)
+    (ground,) = sensed_floors(one, 4, [0], {0: one.floor_for(4, 0)})
+    ends = []
+    for pieces_s in ((SHORT["run.t_end_s"],), (0.5, 1.0, 30.0, 30.02, SHORT["run.t_end_s"])):
+        loop, state = ClosedLoop(one, 4), source("event").init(one, 4, 0, False, False)
+        loop.begin(0, ground)
+        for until_s in pieces_s:
+            advance_loops(state, [loop], until_s)
+        ends.append((loop.bounds.tolist(), loop.log_ratios.tolist(), loop.decision.tolist()))
+    assert ends[0] == ends[1]
+    assert ends[0][0][1] > 20
 
 
 def test_the_closed_loop_would_differ_on_a_floor_that_stays(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -330,12 +330,12 @@ class ClosedLoop:
         columns: tuple[NDArray[Any], ...] = (
             buffer.robot, buffer.sample, buffer.x_m, buffer.y_m, buffer.time_s
         )  # fmt: skip
-        parts = [
-            energies_at(self.scenario, ground, self.seed, run, *(column[new][part] for column in columns))
-            for ground, part in self.ground.parts(buffer.time_s[new])
-        ]
-        energy = np.concatenate(parts)
-        self.log_ratios[new] = log_ratios(self.scenario.sensor, buffer.observation[new], energy)
+        for ground, part in self.ground.parts(buffer.time_s[new]):
+            own = [column[new][part] for column in columns]
+            energy = energies_at(self.scenario, ground, self.seed, run, *own)
+            self.log_ratios[new][part] = log_ratios(
+                self.scenario.sensor, buffer.observation[new][part], energy
+            )
 
     def _sense(self, new: slice) -> None:
         """Replace the readings in the rows ``new`` by those of a sensor that depends on the place."""
