@@ -1,6 +1,6 @@
-"""Measure what places decide, beside soft feedback on the same motion and readings: the tables of docs/places.md.
+"""Measure what places decide, beside soft feedback on the same motion and readings: the tables of docs/figures/places.md.
 
-    python benchmarks/places_outcomes.py --out out/places --page docs/places.md
+    python benchmarks/places_outcomes.py --out out/places --page docs/figures/places.md
 
 measures every case of ``places_cases.py``, about an hour of one core, and writes the tables into the page. A case that
 OUT holds is not measured again, so that a measurement that was cut off goes on. ``--tables reached,patterns`` and

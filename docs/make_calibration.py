@@ -1,10 +1,10 @@
-"""Make preset `calibrated` and the tables of calibration.md again, from the study's recordings.
+"""Make preset `calibrated` and the tables of figures/calibration.md again, from the study's recordings.
 
     python docs/make_calibration.py DIR --work out/calibration [--item out/paper]
 
 DIR is the folder of the recordings. The parts (fit, held-out sessions, comparison, classifiers) take minutes each and
 are kept in the work folder; a part that is there is not repeated. Then the fitted values are written into the preset,
-and the tables between `<!-- made: NAME -->` and `<!-- end -->` into calibration.md. With --item, the same item of
+and the tables between `<!-- made: NAME -->` and `<!-- end -->` into figures/calibration.md. With --item, the same item of
 `vibroswarm reproduce` is made too, into that folder. Fits take 100 s of CPU each, of which there are four.
 """
 
@@ -35,7 +35,7 @@ from vibroswarm.paper.real_data import AUTHORS, REAL, read_recordings, real_floo
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 
-PAGE: Final = Path(__file__).with_name("calibration.md")
+PAGE: Final = Path(__file__).parent / "figures" / "calibration.md"
 PRESET: Final = Path(vibroswarm.scenario.presets.__file__).parent / "calibrated.toml"
 BASE: Final = "paper-empirical"
 SEEDS: Final = (150, 151, 152, 153)

@@ -94,7 +94,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def name_of(document: Path) -> str:
-    return document.stem
+    return str(document.relative_to(ROOT).with_suffix(""))
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=name_of)
