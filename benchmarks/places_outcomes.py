@@ -1,4 +1,4 @@
-"""Measure what places decide, beside soft feedback on the same motion and readings: the tables of docs/figures/places.md.
+"""Measure what places decide, beside soft feedback on the same motion and readings: for docs/figures/places.md.
 
     python benchmarks/places_outcomes.py --out out/places --page docs/figures/places.md
 

@@ -4,8 +4,8 @@
 
 DIR is the folder of the recordings. The parts (fit, held-out sessions, comparison, classifiers) take minutes each and
 are kept in the work folder; a part that is there is not repeated. Then the fitted values are written into the preset,
-and the tables between `<!-- made: NAME -->` and `<!-- end -->` into figures/calibration.md. With --item, the same item of
-`vibroswarm reproduce` is made too, into that folder. Fits take 100 s of CPU each, of which there are four.
+and the tables between `<!-- made: NAME -->` and `<!-- end -->` into figures/calibration.md. With --item, the same item
+of `vibroswarm reproduce` is made too, into that folder. Fits take 100 s of CPU each, of which there are four.
 """
 
 from __future__ import annotations
