@@ -61,7 +61,6 @@ SHARING = {
     "study/runner.py": "batches of a study",
     "optimize/evaluate.py": "pieces of candidates",
     "paper/cells.py": "summarises cells while the next study runs",
-    "paper/items/side_claims.py": "places of samples",
 }
 
 

@@ -1,15 +1,13 @@
 """Item 11: density of samples in the corners, spread of times with each strategy, and swarms on a single floor.
 
-The density is the number of samples on an area, divided by the number if samples were spread uniformly. It depends only
-on the sampling timer and the motion, so motion alone is simulated. A column is a preset of the reproduction. The
-measured values of the claims are rows of ``claims.MEASURED``; ``Work.change`` makes a row from the difference of two
-cells (first - second), paired by run.
+The density is the number of samples on an area, divided by the number if samples were spread uniformly. A column is a
+preset of the reproduction. The measured values of the claims are rows of ``claims.MEASURED``; ``Work.change`` makes a
+row from the difference of two cells (first - second), paired by run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, Final
 
@@ -17,7 +15,6 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import mean_interval
-from vibroswarm.motion.source import source
 from vibroswarm.paper.cell_tables import two_forms
 from vibroswarm.paper.claim_values import Row, frame, log_spread, mean
 from vibroswarm.paper.columns import EMPIRICAL, STRATEGIES, fills, published
@@ -26,7 +23,7 @@ from vibroswarm.paper.real_data import REAL_FLOOR, real_floor
 from vibroswarm.plots import draw_density
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.document import Column
-from vibroswarm.study.executors import processors
+from vibroswarm.simulation import simulate
 
 MOST_RUNS: Final = 200
 """Most runs whose samples are analysed."""
@@ -54,15 +51,13 @@ def cells(settings: Settings) -> Cells:
 def compute(work: Work) -> Tables:
     """Return corner densities, counts of samples on a grid, the table of cells, and the claims' measured values.
 
-    The motion for each column and timer is simulated by this function, because the results of cells hold no positions.
+    Each column is simulated here with each timer, because the results of cells hold no positions.
     """
     columns = work.settings.columns
     keys = [(column, timer) for column in columns for timer in TIMERS]
     scenarios = {key: _scenario(work, *key) for key in keys}
     # Each different scenario once: the timer "as it ran", that of the preset, may be one of the other two timers.
-    distinct = list(dict.fromkeys(scenarios.values()))
-    with ThreadPoolExecutor(work.settings.workers or processors()) as pool:
-        results = dict(zip(distinct, pool.map(partial(_placed, work), distinct), strict=True))
+    results = {scenario: _placed(work, scenario) for scenario in dict.fromkeys(scenarios.values())}
     # By column and timer: run, x and y of each sample.
     placed = {key: results[scenario] for key, scenario in scenarios.items()}
     runs = _runs(work)
@@ -103,10 +98,8 @@ def _runs(work: Work) -> int:
 
 
 def _placed(work: Work, scenario: Scenario) -> tuple[Any, Any, Any]:
-    """Simulate the motion of up to ``MOST_RUNS`` runs; return run, x (m) and y (m) of each sample, (samples,) each."""
-    runs = list(range(_runs(work)))
-    # "event" is the engine of the cells too. The paths of robots (segments) are not needed.
-    samples = source("event").batch(scenario, work.settings.seed, runs, segments=False).samples
+    """Simulate up to ``MOST_RUNS`` runs; return run, x (m) and y (m) of each sample, (samples,) each."""
+    samples = simulate(scenario, work.settings.seed, _runs(work), energies=False).motion
     return samples["run"].to_numpy(), samples["x_m"].to_numpy(), samples["y_m"].to_numpy()
 
 
