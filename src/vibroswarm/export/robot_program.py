@@ -5,7 +5,7 @@ those of a scenario. A robot ``r`` is a ``robot_memory.Robot``, which the functi
 program calls the functions named in ``PROMPT`` and ``PATIENT``: ``step`` once per tick (control period) with the angle
 turned, by the gyro, and the shortest ray; ``accelerate`` with readings of the accelerometer, or ``sample`` with an
 observation; and ``receive`` with messages. Random numbers have the same addresses as in the simulation, so a robot that
-measures and hears the same does the same, bit by bit.
+measures and hears the same does the same, bit by bit, where the log-gamma of its C library is that of the simulation.
 
 **Control never waits for thought.** Localisation and the strategy may need many control periods. So ``step`` only
 walks, and notes in a queue of jobs what localisation and strategy are to be told; ``work`` does the oldest job. In C
