@@ -26,6 +26,8 @@ def test_the_printed_similarities_come_out_and_say_little(tmp_path: Path) -> Non
     assert verdicts["calibration-printed"].verdict == "reproduced"
     places = verdicts["calibration-tells"].cells.filter(pl.col("cell") == "places of samples")
     assert places["estimate"][0] < 0  # even scatter scores higher
+    ours = verdicts["calibration-ours"].cells
+    assert ours.filter(pl.col("why").is_not_null())["cell"].to_list() == ["places of samples"]
     states = made.tables["states"].filter(pl.col("source") == "real robots")
     assert states["avoiding"].mean() == pytest.approx(0.127, abs=0.005)
     assert states["sensing"].mean() == pytest.approx(0.302, abs=0.005)

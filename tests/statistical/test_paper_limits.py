@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import polars as pl
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from vibroswarm.paper.claim_values import exact, mean, row, share
-from vibroswarm.paper.claims import UNBOUNDED, interval, mean_limits, share_limits
+from vibroswarm import simulate
+from vibroswarm.paper.claim_values import REAL_EXPERIMENTS, exact, mean, row, share
+from vibroswarm.paper.claims import UNBOUNDED, all_claims, interval, mean_limits, share_limits
+from vibroswarm.paper.columns import scenario_of
+from vibroswarm.paper.items.experiment_times import FITTED, T_END_S
+from vibroswarm.paper.real_data import real_floor
 
 N, REPEATS = 100, 3000
 
@@ -115,3 +120,21 @@ def test_a_published_mean_brings_its_own_error() -> None:
     assert missed[None] / REPEATS > 0.5
     known = mean("a", "paper", "x", ours, published_runs=15, published_sd=500.0)
     assert known["standard_error"] == pytest.approx(np.hypot(ours.std(ddof=1) / 20, 500 / 15**0.5))
+
+
+@pytest.mark.parametrize("robots", [5, 10])
+def test_published_times_alone_are_less_certain_than_the_margin_of_the_claim_about_them(robots: int) -> None:
+    """``robots-times`` cannot be asked; with ten times as many experiments (negative control) it could."""
+    (claim,) = (claim for claim in all_claims() if claim.cannot)
+    fields = real_floor() | {
+        "run.t_end_s": T_END_S,
+        "swarm.robots": robots,
+        "sensor.rms_threshold": FITTED[0],
+        "strategy.name": "none",
+    }
+    result = simulate(scenario_of("calibrated", fields), 1, 60, energies=False)
+    of_runs = result.robots.group_by("run").agg(pl.col("decision_time_s").fill_null(T_END_S).mean())
+    sd_s = float(of_runs["decision_time_s"].to_numpy().std(ddof=1))
+    assert claim.margin is not None
+    assert sd_s / np.sqrt(REAL_EXPERIMENTS) > claim.margin
+    assert sd_s / np.sqrt(10 * REAL_EXPERIMENTS) < claim.margin / 1.96

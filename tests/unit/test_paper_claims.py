@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -200,3 +201,23 @@ def test_the_papers_numbers_are_there() -> None:
 def test_columns_of_measured_values() -> None:
     assert frame([]).schema == pl.Schema(MEASURED)
     assert COLUMNS[0] == "paper"
+
+
+def test_a_claim_that_no_number_of_runs_settles_is_not_asked() -> None:
+    made = [row("a", "paper", cell, 0.0, 1.0, 10_000) for cell in ("x", "y")]
+    unsettled = replace(WITHIN, cannot="the published errors are wider than the margin")
+    (one,) = [each for each in decide(frame(made), [unsettled]) if each.column == "paper"]
+    assert one.verdict == "cannot be asked"
+    assert one.cells["why"].to_list() == [unsettled.cannot] * 2
+    assert _decided(made, [WITHIN]) == {"a": "reproduced"}
+    assert [claim.id for claim in all_claims() if claim.cannot] == ["robots-times"]
+
+
+def test_a_value_that_scattered_points_hold_as_well_is_not_asked() -> None:
+    narrow = [row("a", "paper", cell, 0.0, 1.0, 10_000) for cell in ("x", "y")]
+    by_scattered = {
+        value: _decided([narrow[0], narrow[1] | {"scattered": value}])["a"]
+        for value in (-10.5, -9.5, 9.5, 10.5)
+    }
+    asked, not_asked = "reproduced", "cannot be asked"
+    assert list(by_scattered.values()) == [asked, not_asked, not_asked, asked]

@@ -124,7 +124,8 @@ def _verdicts(decided: Sequence[Decided], settings: Settings) -> Section:
 _RULE: Final = (
     "A claim is reproduced if the whole interval of each of its values lies within the bounds set beforehand; not "
     "reproduced if none does and at least one lies wholly outside; in part if at least one lies within and at least "
-    "one outside. It cannot be asked where the preset's floors or sensor do not allow the question. Otherwise it is "
+    "one outside. It cannot be asked where the preset's floors or sensor do not allow the question, where evenly "
+    "scattered points would hold as well, or where the published values are too uncertain. Otherwise it is "
     "inconclusive: more runs may settle it. Intervals are corrected for the number of claims of a preset (Holm) and, "
     "except for 'reproduced', for the number of values of a claim."
 )

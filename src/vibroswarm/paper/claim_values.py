@@ -77,11 +77,12 @@ def row(
         "estimate": estimate,
         "standard_error": known,
         "n": n,
-        # The functions ``exact``, ``mean`` and ``share`` replace these three values where they apply.
+        # The functions below replace these three values, and callers ``scattered``, where they apply.
         "exact": False,
         "above": None,
         "below": None,
         "cannot": cannot,
+        "scattered": None,
     }
 
 

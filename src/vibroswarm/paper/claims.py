@@ -24,7 +24,8 @@ that occurs in 0 of 100 runs does not get the interval [0, 0].
 
 A value **holds** if its whole interval lies within the bounds of the claim, **fails** if the interval lies wholly
 outside, and is **open** otherwise, also if it has no interval. A value **cannot be asked** where the column's floor or
-sensor does not allow the question (``item.cannot_ask``).
+sensor does not allow the question (``item.cannot_ask``), where it would hold whatever was simulated, or where the claim
+says that no number of runs settles it (``Claim.cannot``).
 
 | verdict | what it says | condition |
 |---|---|---|
@@ -188,14 +189,16 @@ MEASURED: Final[dict[str, Any]] = {
     "above": pl.Float64,
     "below": pl.Float64,
     "cannot": pl.String,
+    "scattered": pl.Float64,
 }
 """Columns of the table of measured values, one row per value; ``interval`` gives the limits of a row.
 
 claim: its id. column: preset of the reproduction. cell: label of the value. n: number of runs. exact: whether it is a
 constant, not an estimate. above, below: means of the positive and of the negative parts of values between -1 and 1.
-cannot: why the column cannot answer the question, or null.
+cannot: why the column cannot answer the question, or null. scattered: the value that evenly scattered points have, in
+place of those that were simulated; null if nothing of the kind is known.
 """
-UNKNOWN: Final = frozenset({"estimate", "standard_error", "above", "below", "cannot"})
+UNKNOWN: Final = frozenset({"estimate", "standard_error", "above", "below", "cannot", "scattered"})
 """Columns of ``MEASURED`` that may be null."""
 
 
@@ -224,6 +227,8 @@ class Claim(NotebookView):
     """One of ``KINDS``: a claim about robots, or a check of numbers."""
     no_control: str | None = None
     """Why negative controls need not change its verdict."""
+    cannot: str | None = None
+    """Why no number of our runs can settle it, so that none of its values can be asked."""
     unit: str = ""
     """Unit of the measured value as it is printed: "s", "points", "in belief"; see ``scale``."""
 
@@ -424,12 +429,27 @@ def decide(measured: pl.DataFrame, claims: Sequence[Claim] | None = None) -> lis
     for column in COLUMNS:
         applicable = [claim for claim in claims if column in claim.columns]
         of_column = measured.filter(pl.col("column") == column)
-        rows = {claim.id: of_column.filter(pl.col("claim") == claim.id).to_dicts() for claim in applicable}
+        rows = {claim.id: _rows_of(claim, of_column) for claim in applicable}
         settled: dict[str, tuple[str, float]] = {}
         for kind in KINDS:
             settled |= settle([claim for claim in applicable if claim.kind == kind], rows)
         verdicts += [_decided(c, column, rows[c.id], *settled[c.id]) for c in applicable if c.id in settled]
     return verdicts
+
+
+def _rows_of(claim: Claim, measured: pl.DataFrame) -> Rows:
+    """Return the measured rows of a claim; those that the claim or scattered points rule out state the reason."""
+    rows = measured.filter(pl.col("claim") == claim.id).to_dicts()
+    return [
+        row | {"cannot": claim.cannot or row["cannot"] or _too_easy(claim, row["scattered"])} for row in rows
+    ]
+
+
+def _too_easy(claim: Claim, scattered: float | None) -> str | None:
+    """Return a reason if evenly scattered points have a value within the claim's bounds, so that it shows nothing."""
+    if scattered is None or state(scattered, scattered, claim.bounds) != "holds":
+        return None
+    return f"evenly scattered points have {scattered:+.3f}, and would hold, too"
 
 
 def _decided(claim: Claim, column: str, rows: Rows, verdict: str, level: float) -> Decided:

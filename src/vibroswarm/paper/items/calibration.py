@@ -178,6 +178,7 @@ def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
                 less=published_value,
                 published_runs=THEIR_SETS,
             )
+            | {"scattered": float(nulls.mean()) - published_value}
         )
         rows.append(mean("calibration-tells", column, WORDS[feature], similarities - nulls))
     return rows + error_rows(settings, column) + battery_rows(settings, column)
