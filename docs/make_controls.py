@@ -1,4 +1,4 @@
-"""Generate the table in docs/paper.md of the verdicts that change under each negative control.
+"""Generate the table in docs/figures/paper.md of the verdicts that change under each negative control.
 
     python docs/make_controls.py --runs 500 --out out/controls [--recordings DIR] [--write]
 
@@ -24,7 +24,7 @@ from vibroswarm.show.document import without_pictures
 from vibroswarm.show.page import write_page
 
 COLUMN = "paper"
-PAGE = Path(__file__).parent / "paper.md"
+PAGE = Path(__file__).parent / "figures" / "paper.md"
 BEGIN, END = "<!-- controls: made by docs/make_controls.py -->", "<!-- controls: end -->"
 HOLDS = "reproduced"
 
@@ -68,7 +68,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--recordings", type=Path, default=os.environ.get("VIBROSWARM_RUGBOT"))
-    parser.add_argument("--write", action="store_true", help="write the table into docs/paper.md")
+    parser.add_argument("--write", action="store_true", help="write the table into docs/figures/paper.md")
     arguments = parser.parse_args()
     recordings = None if arguments.recordings is None else Path(arguments.recordings)
     found = {}

@@ -147,7 +147,7 @@ def test_what_the_controls_change() -> None:
     assert lossy.network.params.share == 1.0
 
 
-PAGE = Path(__file__).parents[2] / "docs" / "paper.md"
+PAGE = Path(__file__).parents[2] / "docs" / "figures" / "paper.md"
 
 
 def test_the_table_of_the_page_names_a_control_or_a_reason_for_every_claim_that_is_reproduced() -> None:
