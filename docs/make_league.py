@@ -1,8 +1,7 @@
-"""Write each strategy's rows of two leagues into ``strategies.md``: the lines that begin with "- **League**".
+"""Write the standings of a league on motions of their own into ``figures/strategies.md``, between its marks.
 
-vibroswarm league --runs 1000 --seed 2 --out out/league
 vibroswarm league --own-motion --runs 300 --seed 2 --out out/own-motion
-python docs/make_league.py out/league out/own-motion
+python docs/make_league.py out/own-motion
 """
 
 from __future__ import annotations
@@ -13,45 +12,28 @@ from pathlib import Path
 
 import polars as pl
 
-PAGE = Path(__file__).with_name("strategies.md")
-MARK = "- **League**"
+PAGE = Path(__file__).parent / "figures" / "strategies.md"
 
 
-def rows_of(folder: Path) -> dict[str, dict[str, float]]:
-    """Return the standings of a league by strategy."""
-    table = pl.read_csv(folder / "standings.csv")
-    return {row["name"]: row for row in table.iter_rows(named=True)}
-
-
-def line_of(name: str, shared: dict[str, float], own: dict[str, float]) -> str:
-    """Return a strategy's line."""
-
-    def figures(row: dict[str, float]) -> str:
-        low, high = 100 * row["forced_error_low"], 100 * row["forced_error_high"]
-        return f"{100 * row['forced_error']:.1f} % [{low:.1f}, {high:.1f}] in {row['decision_time_s']:.0f} s"
-
-    return (
-        f"{MARK} `{name}`: forced error {figures(shared)}, {shared['bytes_sent']:.0f} bytes per robot; "
-        f"on its own motion {figures(own)}, {own['bytes_sent']:.0f} bytes."
-    )
+def row_of(row: dict[str, float]) -> str:
+    """Return a strategy's row of the table."""
+    error, low, high = (100 * row[name] for name in ("forced_error", "forced_error_low", "forced_error_high"))
+    times = f"{row['decision_time_s']:.0f} | {row['bytes_sent']:.0f}"
+    return f"| `{row['name']}` | {error:.1f} [{low:.1f}, {high:.1f}] | {times} |"
 
 
 def main() -> None:
-    """Rewrite the page."""
-    shared, own = (rows_of(Path(folder)) for folder in sys.argv[1:3])
-    sections = re.split(r"(?m)^(?=## )", PAGE.read_text(encoding="utf-8"))
-    written = []
-    for section in sections:
-        names = [
-            name for name in section.partition("\n")[0].removeprefix("## ").split(", ") if name in shared
-        ]
-        if names:
-            kept = [line for line in section.rstrip("\n").splitlines() if not line.startswith(MARK)]
-            if not kept[-1].startswith(("-", "  ")):
-                kept.append("")
-            section = "\n".join([*kept, *(line_of(name, shared[name], own[name]) for name in names)]) + "\n\n"
-        written.append(section)
-    PAGE.write_text("".join(written).rstrip("\n") + "\n", encoding="utf-8", newline="\n")
+    """Rewrite the table."""
+    standings = pl.read_csv(Path(sys.argv[1]) / "standings.csv").sort("forced_error")
+    lines = [
+        "| strategy | forced error, % | decision time, s | bytes of a robot |",
+        "|---|---|---|---|",
+        *map(row_of, standings.iter_rows(named=True)),
+    ]
+    page = PAGE.read_text(encoding="utf-8")
+    marked = re.compile(r"(<!-- made: own motion -->\n).*?(<!-- end -->)", re.DOTALL)
+    made = marked.sub(lambda found: found[1] + "\n".join(lines) + "\n" + found[2], page)
+    PAGE.write_text(made, encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":
