@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.special import ndtr
@@ -10,6 +12,7 @@ from helpers.inspections import drawn_samples
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.damage import (
     contrast_ratios,
+    drawn_values,
     patch_of,
     random_places,
     ratios_at,
@@ -154,3 +157,18 @@ def test_the_scan_statistic_counts_places() -> None:
     patches = declared((0.6, 0.6), SIDES_M)
     logs = np.zeros((patches.left_m.size, 1))
     assert scan_statistic(patches, logs)[0] == pytest.approx(-np.log(np.bincount(patches.size).min()))
+
+
+def test_surfaces_are_drawn_from_the_error_of_the_law() -> None:
+    samples = drawn_samples(3, count=200, spread_m=0.0)
+    sensor = LAW.sensor
+    louder = [sensor.model_copy(update={"still_scale": c * sensor.still_scale}) for c in (0.5, 1.0, 2.0)]
+    unsure = Law(sensor, "unsure", draws=tuple(louder))
+    spreads = [
+        drawn_values(np.random.default_rng(1), replace(samples, law=law), 300).mean(axis=0).std()
+        for law in (LAW, unsure)
+    ]
+    # Means of 200 values differ by chance alone, or between three laws of still means .50, .86 and 1.59.
+    means = np.array([0.5, 1.0, 2.0]) * sensor.still_scale * sensor.still_shape + sensor.still_location
+    assert spreads[0] < 0.05
+    assert spreads[1] == pytest.approx(means.std(), rel=0.05)

@@ -74,6 +74,8 @@ OTHERS = {
     "camera.magnification": 1.03,
     "camera.shift_x_m": 0.003,
     "camera.shift_y_m": -0.006,
+    "law.sessions": ("0123456789abcdef",),
+    "law.draws": ((3.5, 0.7, 0.2, 3.8, 0.1, 0.2, 0.01, 0.01, 0.1, 0.1),) * 2,
     "strategy.name": "soft",
     "network.name": "loss",
     "network.range.range_m": 0.7,

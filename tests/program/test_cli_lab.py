@@ -355,3 +355,44 @@ def test_compare_results_without_samples(tmp_path, capsys):
     assert main(["run", "--set", "run.t_end_s=0.02", "--out", tiny]) == 0
     assert main(["calibrate", "compare", tiny, tiny]) == 2
     assert "has no samples, and nothing can be compared" in capsys.readouterr().err
+
+
+def test_a_law_with_its_error_is_a_scenario_and_a_law_for_other_sessions(kept, tmp_path, capsys):
+    law = tmp_path / "a law.toml"
+    assert main(["lab", "threshold", str(kept), "--law", str(law), "--json"]) == 0
+    document = told(capsys)
+    fields = {row["field"]: row for row in document["tables"]["law"]}
+    written = Scenario.read(law)
+    assert len(written.law.sessions) == 2
+    assert len(written.law.draws) == 40
+    for name in ("vibrating_scale", "still_scale", "edge_reach_m", "tile_spread"):
+        row = fields[f"sensor.{name}"]
+        assert getattr(written.sensor, name) == row["value"]
+        assert row["low"] < row["high"]
+        assert row["error"] > 0.0
+
+    assert main(["run", "--scenario", str(law), "--set", "run.t_end_s=60"]) == 0
+    capsys.readouterr()
+    assert main(["inspect", str(kept), "--laws", str(law)]) == 0
+    said = capsys.readouterr().out
+    assert "'a law.toml', fitted to 2 sessions on a known floor" in " ".join(said.split())
+    assert "The session judges itself" in said
+    assert main(["inspect", str(kept)]) == 0  # by the other session
+    assert "judges itself" not in capsys.readouterr().out
+
+    assert main(["lab", "threshold", str(kept), "--law", str(law)]) == 2  # not without --force
+    assert "exists" in capsys.readouterr().err
+    assert main(["lab", "threshold", str(kept), "--law", str(law), "--out", str(law), "--force"]) == 2
+    assert "also the file of --out" in capsys.readouterr().err
+
+
+def test_sessions_are_judged_by_the_threshold_of_the_others(kept, tmp_path, capsys):
+    assert main(["lab", "threshold", str(kept), "--json"]) == 0
+    document = told(capsys)
+    assert [row["session"] for row in document["tables"]["unseen"]] == [1, 2]
+    assert not document["warnings"]
+    one = tmp_path / "one"
+    assert main(["lab", "import", str(SHIPPED / "session-1.csv"), *FLOOR, "--out", str(one)]) == 0
+    capsys.readouterr()
+    assert main(["lab", "threshold", str(one)]) == 0
+    assert "judges itself" in capsys.readouterr().out

@@ -12,10 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.inspection.assessment import still_by_map
 from vibroswarm.inspection.checks import law_checks
 from vibroswarm.inspection.inspection import Inspection, inspect
+from vibroswarm.inspection.laws import law_named, law_of_sessions, write_law
 from vibroswarm.inspection.scores import map_scores
+from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.paper.real_data import REAL, read_recordings
 
@@ -41,6 +44,17 @@ def test_all_tiles_are_right_before_300_s(sessions: list[Inspection]) -> None:
         assert found.right_from_s is not None
         assert found.right_from_s < 300.0
         assert found.scores["brier"][-1] < 1e-6
+
+
+def test_a_law_of_one_session_serves_another_and_not_its_own(tmp_path: Path) -> None:
+    real = read_recordings(FOLDER, REAL)
+    found = dataset_of([real])
+    write_law(law_of_sessions(found, [0], "session 1", draws=2), real.scenario, tmp_path / "law.toml")
+    law = law_named(str(tmp_path / "law.toml"))
+    own, other = (samples_of_result(real, run, law) for run in (0, 1))
+    assert own.warning.startswith("The session judges itself")
+    assert not other.warning
+    assert map_scores(tile_map(other, [600.0])[0], other.floor)["right"] == 1.0
 
 
 def test_the_law_of_the_others_holds_and_not_with_another_gain(sessions: list[Inspection]) -> None:

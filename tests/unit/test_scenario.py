@@ -246,7 +246,7 @@ def test_the_preset_file_of_the_paper_names_every_field() -> None:
         "odometry.gyro_scale_spread", "odometry.gyro_bias_spread_deg_s", "odometry.turn_noise_deg",
         "odometry.gyro_walk_deg_sqrt_s", "odometry.rezero_noise_deg_s",
         "localisation.assumed_level", "localisation.assumed_speed_factor", "localisation.assumed_speed_spread",
-        "task.costs", "change.at_s", "change.to", "change.rate_per_h", "change.shares",
+        "task.costs", "change.at_s", "change.to", "change.rate_per_h", "change.shares", "law.sessions", "law.draws",
     }  # fmt: skip
     optional |= {name for name in field_names() if name.startswith("faults.")}
     of_others = {

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from vibroswarm.cli.command_line import Option, number
 from vibroswarm.cli.deliver import print_document
-from vibroswarm.cli.options import Force, Json, Opened, ScenarioOptions, TomlFile
+from vibroswarm.cli.options import Force, Json, Opened, ScenarioOptions, TomlFile, toml_path
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -205,9 +205,17 @@ def threshold(
     at: Annotated[float | None, Option("also report on this threshold", "THETA", low=0)] = None,
     margin_mm: Annotated[float, Option("width of edge zones (default 20 mm)", "MM", low=0)] = 20.0,
     out: TomlFile = None,
+    law: Annotated[
+        Path | None,
+        Option(
+            "fit the law of the sensor and its error, and write it as a scenario (TOML): for inspect --laws and run "
+            "--scenario (takes a minute)",
+            read=toml_path,
+        ),
+    ] = None,
     base: Annotated[
         str | None,
-        Option("preset or scenario file for the other fields of --out (default: those of the recording)"),
+        Option("preset or scenario file for the other fields of files (default: those of the recording)"),
     ] = None,
     force: Force = False,
     json: Json = False,
@@ -215,16 +223,33 @@ def threshold(
     """Recommend a threshold theta_E from recordings on a known floor, and say whether the floor is decidable with it.
 
     By equal error, or the given costs, beside the one in use; with its uncertainty, and errors with and without edges.
-    The scenario of --out has the threshold of --at, else that of --costs, else that of equal error.
+    With several sessions, each is also judged by the threshold of the others. The scenarios of --out and --law have the
+    threshold of --at, else that of --costs, else that of equal error.
+
+    examples:
+      vibroswarm lab threshold lab --costs 1:5
+      vibroswarm lab threshold lab --law law.toml       then: vibroswarm inspect other --laws law.toml
     """
     from vibroswarm.cli.scenario_options import scenario_named
-    from vibroswarm.core.atomic_io import whole_file
+    from vibroswarm.core.atomic_io import check_free, whole_file
     from vibroswarm.documents.recording import threshold_document
+    from vibroswarm.inspection.laws import law_of_recording, law_table, write_law
     from vibroswarm.recordings.recording import Recording
-    from vibroswarm.recordings.threshold import at_threshold, edge_profile, find_thresholds, labelled
+    from vibroswarm.recordings.threshold import (
+        at_threshold,
+        edge_profile,
+        find_thresholds,
+        labelled,
+        unseen_errors,
+    )
 
-    if base is not None and out is None:
-        raise InputError("has no effect without --out FILE", field="--base")
+    if base is not None and out is None and law is None:
+        raise InputError("has no effect without --out FILE or --law FILE", field="--base")
+    for path in filter(None, (out, law)):
+        if not force:
+            check_free(path)  # now, since the fit takes long
+    if law is not None and law == out:
+        raise InputError("is also the file of --out; the law's scenario has the threshold too", field="--law")
     false_positive, false_negative = costs
     margin_m = margin_mm / 1000.0
     recording = Recording.read(folder)
@@ -244,6 +269,21 @@ def threshold(
             part.write_text(
                 scenario.with_values({"sensor.rms_threshold": written}).to_toml(), encoding="utf-8"
             )
-    print_document(threshold_document(thresholds, profile, chosen, in_use, margin_m), as_json=json)
+    fitted = None
+    if law is not None:
+        fitted = law_of_recording(recording)
+        write_law(fitted, scenario.with_values({"sensor.rms_threshold": written}), law, replace=force)
+    document = threshold_document(
+        thresholds,
+        profile,
+        chosen,
+        in_use,
+        margin_m,
+        unseen_errors(recording, false_positive, false_negative),
+        None if fitted is None else law_table(fitted.law),
+    )
+    print_document(document, as_json=json)
     if out is not None and not json:
         print(f"\nSaved in {out}: sensor.rms_threshold = {written:g} ({chosen.rule}).")
+    if law is not None and not json:
+        print(f"\nSaved in {law}: the law of the sensor with its error; vibroswarm inspect ... --laws {law}")

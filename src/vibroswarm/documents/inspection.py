@@ -76,7 +76,7 @@ def _kinds(by_kind: NDArray[np.float64], tiles: NDArray[np.uint8]) -> list[Part]
 def _warnings(found: Inspection) -> tuple[str, ...]:
     if found.assessment is not None and found.assessment.refusals:
         return (not_certified(found.assessment),)
-    return tuple(filter(None, (found.samples.law.warning,)))
+    return tuple(filter(None, (found.samples.warning,)))
 
 
 def _answer(found: Inspection) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import polars as pl
 
@@ -273,6 +273,8 @@ def threshold_document(
     chosen: Threshold,
     in_use: Threshold,
     margin_m: float,
+    unseen: pl.DataFrame | None = None,
+    law: pl.DataFrame | None = None,
 ) -> Document:
     """Return which threshold to use, others by several rules, and whether the floor can be decided with them.
 
@@ -280,6 +282,7 @@ def threshold_document(
         profile: of ``edge_profile``. chosen: the threshold that is recommended, and written into a scenario.
         in_use: at the threshold of the recording.
         margin_m: samples farther than this from the nearest tile of the other kind are the inner samples.
+        unseen: of ``threshold.unseen_errors``. law: of ``laws.law_table``, if the law was fitted.
     """
     (still, vibrating), (still_in_use, vibrating_in_use) = (
         (percent(one.all_samples.false_positive), percent(one.all_samples.false_negative))
@@ -293,7 +296,13 @@ def threshold_document(
             f"and {vibrating_in_use}.",
             chosen.decidable.says,
         ),
-        parts=(_thresholds([*thresholds, in_use], margin_m), _profile(profile, thresholds[0])),
+        warnings=(_SELF_JUDGED,) if unseen is not None and unseen.is_empty() else (),
+        parts=(
+            _thresholds([*thresholds, in_use], margin_m),
+            *(() if unseen is None or unseen.is_empty() else (_unseen(unseen),)),
+            _profile(profile, thresholds[0]),
+            *(() if law is None else (_law(law),)),
+        ),
         data={
             "thresholds": pl.DataFrame(
                 [_flat(one) for one in (*thresholds, in_use)], infer_schema_length=None
@@ -301,6 +310,38 @@ def threshold_document(
             "edge_profile": profile,
         },
     )
+
+
+_SELF_JUDGED: Final = (
+    "The session judges itself: the threshold was chosen by the same samples whose errors are shown."
+)
+
+
+def _unseen(unseen: pl.DataFrame) -> Table:
+    """Return the errors of each session at a threshold that was chosen by the others."""
+    columns = {
+        "session": Column(decimals=0),
+        "threshold": Column("theta_E of the others", decimals=3),
+        "false_positive": Column("still read as vibrating", share=True),
+        "false_negative": Column("vibrating read as still", share=True),
+    }
+    caption = (
+        f"Each session at the threshold of the others ({unseen['rule'][0]}). In the first table sessions judge "
+        "themselves."
+    )
+    return Table(unseen.drop("rule"), columns, caption, "unseen")
+
+
+def _law(law: pl.DataFrame) -> Table:
+    columns = {
+        "value": Column(decimals=4, limits=("low", "high")),
+        "error": Column("standard error", decimals=4),
+    }
+    caption = (
+        "Law of the sensor, by maximum likelihood; errors and 95 % limits from a bootstrap over robots in sessions, "
+        "with the error of the mean of as many tiles and robots."
+    )
+    return Table(law, columns, caption, "law")
 
 
 def _value(found: Threshold) -> str:

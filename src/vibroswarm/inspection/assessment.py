@@ -128,8 +128,8 @@ def _refusals(samples: Samples, checks: pl.DataFrame) -> tuple[str, ...]:
     if not checks.is_empty():
         for check, p in checks.filter(pl.col("refused")).select("check", "corrected").iter_rows():
             words.append(f"the samples contradict the law of the sensor ({check}, corrected p = {p:.3f})")
-    if samples.law.warning:
-        words.append(samples.law.warning[:1].lower() + samples.law.warning[1:].rstrip("."))
+    if samples.warning:
+        words.append(samples.warning[:1].lower() + samples.warning[1:].rstrip("."))
     if len(samples.robots) == 1:
         words.append("one robot took all samples, so that its sensor cannot be compared with another")
     return tuple(words)

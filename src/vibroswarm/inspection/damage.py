@@ -5,6 +5,7 @@
 | value where still, vibrating | F_still, F_vibrating | of the law |
 | value at contrast c | - | F_c^-1(u) = (1 - c) F_still^-1(u) + c F_vibrating^-1(u) |
 | probability to sense the patch | P | Phi((reach - d) / blur), d the distance from its edge, negative inside |
+| error of the law | - | each replicate is drawn from one of ``Law.draws``, and judged by the law itself |
 | factors | - | of each robot and of each tile, log-normal of mean 1, by the spreads of the law |
 
 Tiles without a grid are squares of ``TILE_M``. The laws have no effect of time: drift is tested, not simulated
@@ -14,6 +15,7 @@ Tiles without a grid are squares of ``TILE_M``. The laws have no effect of time:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -61,15 +63,28 @@ def tables_of(law: Law, bits: bool) -> Table:
 
 
 def values_at(
-    law: Law, u: Floats, inside: NDArray[np.bool_] | bool, contrast: Floats | float = 1.0
-) -> Floats:
-    """Return what a typical sensor measures at quantile ``u``, on damage of a contrast or off it, in the shape of u."""
-    table = tables_of(law, False)
-    still = np.interp(u, table.u, table.still)
+    law: Law, u: Floats, inside: NDArray[np.bool_] | bool, contrast: Floats | float = 1.0, *, draw: int | None = None
+) -> Floats:  # fmt: skip
+    """Return what a typical sensor measures at quantile ``u``, on damage of a contrast or off it, in the shape of u.
+
+    Args:
+        draw: number of the law in ``Law.draws``; None: the law itself.
+    """
+    at, still, vibrating = tables_of(law, False)[:3] if draw is None else _drawn_quantiles(law)[draw]
+    of_still = np.interp(u, at, still)
     if inside is False:
-        return still
-    vibrating = np.interp(u, table.u, table.vibrating)
-    return np.where(inside, mixed(still, vibrating, contrast), still)
+        return of_still
+    return np.where(inside, mixed(of_still, np.interp(u, at, vibrating), contrast), of_still)
+
+
+@lru_cache(maxsize=16)
+def _drawn_quantiles(law: Law) -> list[tuple[Floats, Floats, Floats]]:
+    """Return u, and the quantiles at u on still and on vibrating places, of each law in ``Law.draws``."""
+    u = tables_of(law, False).u
+    return [
+        (u, *(energy_of(drawn, kind, u).astype(np.float64) for kind in (False, True)))  # type: ignore[misc]
+        for drawn in law.draws
+    ]
 
 
 def ratios_at(law: Law, value: Floats, *, bits: bool = False) -> Floats:
@@ -152,6 +167,8 @@ def drawn_values(
 ) -> Floats:
     """Draw what the samples would have measured, (samples, replicates).
 
+    If the law has an error, each replicate is drawn from one of its draws.
+
     Args:
         patch: damage, felt at the samples' true places; where these are not known they are drawn about the samples'
             places, by their spreads. None: the surface is intact.
@@ -166,22 +183,29 @@ def drawn_values(
             y_m = y_m + samples.column("spread_y_m")[:, None] * random.standard_normal((count, replicates))
         inside = sensed(random, law.sensor, patch, x_m, y_m)
     contrast = 1.0 if patch is None else patch.contrast
-    values = values_at(law, random.random((count, replicates)), inside, contrast)
-    return values * _factors(random, samples, replicates)
+    u = random.random((count, replicates))
+    if not law.draws:
+        values, laws = values_at(law, u, inside, contrast), [law.sensor] * replicates
+    else:
+        drawn = random.integers(len(law.draws), size=replicates)
+        values, laws = np.empty_like(u), [law.draws[k] for k in drawn]
+        for k in np.unique(drawn):
+            of_law = drawn == k
+            at = False if inside is False else np.asarray(inside)[:, of_law]
+            share = contrast if np.ndim(contrast) == 0 else np.asarray(contrast)[of_law]
+            values[:, of_law] = values_at(law, u[:, of_law], at, share, draw=int(k))
+    return values * _factors(random, samples, laws)
 
 
-def _factors(random: np.random.Generator, samples: Samples, replicates: int) -> Floats:
-    """Draw the factors of robots and tiles for each replicate, (samples, replicates) or (1, 1)."""
-    sensor = samples.law.sensor
-    if sensor.robot_spread is None and sensor.tile_spread is None:
-        return np.ones((1, 1))
+def _factors(random: np.random.Generator, samples: Samples, laws: Sequence[Sensor]) -> Floats:
+    """Draw the factors of robots and tiles for each replicate, by its law, (samples, replicates) or (1, 1)."""
     robot = np.unique(samples.frame["robot"].to_numpy(), return_inverse=True)[1]
-    total = np.zeros((samples.frame.height, replicates))
-    for group, spread in ((robot, sensor.robot_spread), (tiles_below(samples), sensor.tile_spread)):
-        if spread is not None:
-            total += (
-                spread * random.standard_normal((int(group.max()) + 1, replicates))[group] - 0.5 * spread**2
-            )
+    total = np.zeros((1, 1))
+    for group, name in ((robot, "robot_spread"), (tiles_below(samples), "tile_spread")):
+        spread = np.array([getattr(law, name) or 0.0 for law in laws])
+        if spread.any():
+            normal = random.standard_normal((int(group.max()) + 1, spread.size))[group]
+            total = total + spread * normal - 0.5 * spread**2
     return np.asarray(np.exp(total))
 
 

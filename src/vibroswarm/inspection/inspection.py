@@ -15,7 +15,14 @@ from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.assessment import Assessment, assess, still_by_map
-from vibroswarm.inspection.laws import FittedLaw, law_for_session, law_named, law_of_scenario
+from vibroswarm.inspection.laws import (
+    DRAWS,
+    FittedLaw,
+    known_from,
+    law_for_session,
+    law_named,
+    law_of_scenario,
+)
 from vibroswarm.inspection.patches import SIZES_M
 from vibroswarm.inspection.samples import Floats, Samples, check_law
 from vibroswarm.inspection.scan import REPLICATES, Question
@@ -126,7 +133,9 @@ def inspect(
     Raises:
         InputError: nothing can be said of these samples, with the reason.
     """
-    samples = _samples_of(source, run, seed, laws, bits, size_m, spread_m, floor)
+    # The error of a law costs many fits to sessions; a map alone does not use it.
+    draws = 0 if question is None else DRAWS
+    samples = _samples_of(source, run, seed, laws, bits, size_m, spread_m, floor, draws)
     check_law(samples.law)
     end_s = float(samples.column("time_s").max())
     times_s = np.linspace(end_s / TIMES, end_s, TIMES)
@@ -165,30 +174,34 @@ def _of_kinds(samples: Samples, times_s: Floats, question: Question | None) -> I
 
 def _samples_of(
     source: Source, run: int, seed: int, laws: str | Scenario | Sequence[Recording] | None, bits: bool,
-    size_m: tuple[float, float] | None, spread_m: float, floor: Floor | tuple[int, int] | None,
+    size_m: tuple[float, float] | None, spread_m: float, floor: Floor | tuple[int, int] | None, draws: int,
 ) -> Samples:  # fmt: skip
-    """Return the samples of a source; the arguments are those of ``inspect``."""
+    """Return the samples of a source; the arguments are those of ``inspect``, and the draws of the law."""
     if isinstance(source, Samples):
         return source
     if isinstance(source, str | Path):
         path = Path(source)
         if path.suffix == ".csv":
-            return _of_csv(path, laws, size_m, spread_m, floor)
+            return _of_csv(path, laws, size_m, spread_m, floor, draws)
         is_recording = (path / "recording.json").is_file()
         source = Recording.read(path) if is_recording else Result.read(path)
     if isinstance(source, Scenario):
         source = simulate(source, seed, [run])
-    return samples_of_result(source, run, _law_of(source, run, laws), bits=bits)
+    return samples_of_result(source, run, _law_of(source, run, laws, draws), bits=bits)
 
 
-def _law_of(result: Result | None, run: int, laws: str | Scenario | Sequence[Recording] | None) -> FittedLaw:
+def _law_of(
+    result: Result | None, run: int, laws: str | Scenario | Sequence[Recording] | None, draws: int
+) -> FittedLaw:
     """Return the law by which samples are judged; ``result`` is None for a CSV, whose law must be given."""
     if isinstance(laws, str):
-        return law_named(laws)
+        return law_named(laws, draws=draws)
     if isinstance(laws, Scenario):
-        return law_of_scenario(laws, "a scenario")
+        return known_from(laws, "a scenario")
     if isinstance(result, Recording) or laws:
-        return law_for_session(result if isinstance(result, Recording) else None, run, laws or ())
+        return law_for_session(
+            result if isinstance(result, Recording) else None, run, laws or (), draws=draws
+        )
     if result is None:
         raise InputError(
             "a CSV needs a law of the sensor: values measured where it vibrates and where not (kind,energy as CSV), a "
@@ -202,13 +215,13 @@ def _law_of(result: Result | None, run: int, laws: str | Scenario | Sequence[Rec
 
 def _of_csv(
     path: Path, laws: str | Scenario | Sequence[Recording] | None, size_m: tuple[float, float] | None, spread_m: float,
-    floor: Floor | tuple[int, int] | None,
+    floor: Floor | tuple[int, int] | None, draws: int,
 ) -> Samples:  # fmt: skip
     """Return the samples of a CSV of places and values."""
     check_plain(path, LARGEST_BYTES, "a CSV of places and values")
     if size_m is None:
         raise InputError("a CSV needs the size of the surface", field="--size")
-    law = _law_of(None, 0, laws)
+    law = _law_of(None, 0, laws, DRAWS if floor is None else draws)  # without a grid damage is asked for
     if isinstance(floor, tuple):
         return samples_of_csv(path, law, size_m, spread_m, grid_of(*floor, size_m))
     return samples_of_csv(path, law, size_m, spread_m, floor, truth_known=floor is not None)

@@ -52,7 +52,7 @@ FEWEST: Final = 20
 """With fewer samples nothing is said."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Law(NotebookView):
     """What a sample measures on still and on vibrating places, and where that is known from."""
 
@@ -62,8 +62,10 @@ class Law(NotebookView):
     """The reference, in words."""
     hash: str = ""
     """Hash of the reference; empty if the scenario states the law."""
-    warning: str = ""
-    """Why not to trust it; empty: no reason."""
+    sessions: tuple[str, ...] = ()
+    """``session_hash`` of each session that it was fitted to; empty: none."""
+    draws: tuple[Sensor, ...] = ()
+    """Laws fitted to resampled references, which say how sure it is; empty: its error is not known."""
 
 
 class PlaceErrors(NamedTuple):
@@ -98,6 +100,8 @@ class Samples(NotebookView):
     """The floor with its kinds of tile, if there are more than two; ``floor`` says which are not of kind 0."""
     place_errors: PlaceErrors | None = None
     """None: not known, or places are exact."""
+    warning: str = ""
+    """Why not to trust what is said of them; empty: no reason."""
 
     def __post_init__(self) -> None:
         """Refuse samples of which nothing can be said.
@@ -152,6 +156,15 @@ class Samples(NotebookView):
     def by_time(self, until_s: float) -> Samples:
         """Return the samples that count by a time."""
         return self.with_frame(self.frame.filter(pl.col("time_s") <= until_s))
+
+
+SELF_JUDGED: Final = "The session judges itself: the law was fitted to its own samples."
+
+
+def session_hash(values: Any) -> str:
+    """Return a hash of the values of one session, in any order; values that are missing do not count."""
+    read = np.asarray(values, dtype=np.float32)
+    return hashlib.sha256(np.sort(read[np.isfinite(read)]).tobytes()).hexdigest()[:16]
 
 
 def ratios_of_values(law: Law, value: Floats, *, bits: bool = False) -> Floats:

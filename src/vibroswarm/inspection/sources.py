@@ -13,8 +13,15 @@ import polars as pl
 from vibroswarm.calibrate.camera import corrected
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inspection.laws import FittedLaw
-from vibroswarm.inspection.samples import SAMPLES, PlaceErrors, Samples, ratios_of_values
+from vibroswarm.inspection.laws import FittedLaw, hash_of_run
+from vibroswarm.inspection.samples import (
+    SAMPLES,
+    SELF_JUDGED,
+    PlaceErrors,
+    Samples,
+    ratios_of_values,
+    session_hash,
+)
 from vibroswarm.recordings.column_map import Column, ColumnMap, read_mapped, table_of, text_of
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
@@ -68,6 +75,7 @@ def samples_of_result(result: Result, run: int, law: FittedLaw, *, bits: bool = 
         kinds=result.floor(run) if many else None,
         truth_known=not result.scenario.floor.has_surface,  # of which tiles vibrate
         errors=errors,
+        own=hash_of_run(result, run),
     )
 
 
@@ -122,12 +130,13 @@ def _with_places(result: Result, motion: pl.DataFrame, of_run: pl.Expr) -> tuple
 
 def _samples(
     frame: pl.DataFrame, size_m: tuple[float, float], law: FittedLaw, places: str, source: str, floor: Floor | None,
-    bits: bool, *, truth_known: bool, kinds: Floor | None = None, errors: PlaceErrors | None = None,
+    bits: bool, *, truth_known: bool, own: str, kinds: Floor | None = None, errors: PlaceErrors | None = None,
 ) -> Samples:  # fmt: skip
-    """Return samples with their log ratios."""
+    """Return samples with their log ratios; ``own`` is the hash of their session, to which no law should be fitted."""
     ratios = ratios_of_values(law.law, frame["value"].to_numpy(), bits=bits)
     table = frame.with_columns(log_ratio=pl.Series(ratios)).select(list(SAMPLES)).cast(SAMPLES)
-    return Samples(table, size_m, law.law, places, source, floor, truth_known, kinds, errors)
+    warning = SELF_JUDGED if own in law.law.sessions else ""
+    return Samples(table, size_m, law.law, places, source, floor, truth_known, kinds, errors, warning)
 
 
 def _vibrating(floor: Floor) -> Floor:
@@ -181,7 +190,10 @@ def samples_of_csv(
         value="energy",
     ).sort("time_s", "robot")
     places = f"as the file has them, with a standard deviation of {1000 * spread_m:g} mm"
-    return _samples(frame, size_m, law, places, f"'{path.name}'", floor, False, truth_known=truth_known)
+    own = session_hash(frame["value"].to_numpy())
+    return _samples(
+        frame, size_m, law, places, f"'{path.name}'", floor, False, truth_known=truth_known, own=own
+    )
 
 
 def _column_map(names: list[str], path: Path) -> ColumnMap:

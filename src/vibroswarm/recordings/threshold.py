@@ -304,9 +304,13 @@ def find_thresholds(
         ),
     }
     if cost_false_positive != cost_false_negative:
-        name = f"costs {cost_false_positive:g} to {cost_false_negative:g}"
+        name = _name_of_costs(cost_false_positive, cost_false_negative)
         rules[name] = least_cost(cost_false_positive, cost_false_negative, data.fill_ratio)
     return [_found(name, rule, data, recording, margin_m) for name, rule in rules.items()]
+
+
+def _name_of_costs(cost_false_positive: float, cost_false_negative: float) -> str:
+    return f"costs {cost_false_positive:g} to {cost_false_negative:g}"
 
 
 def _found(name: str, rule: Rule, data: Labelled, recording: Recording, margin_m: float) -> Threshold:
@@ -379,6 +383,32 @@ def rates(data: Labelled, threshold: float, chosen: NDArray[np.bool_]) -> Rates:
         still=int(on_still.sum()),
         vibrating=int(on_vibrating.sum()),
     )
+
+
+def unseen_errors(
+    recording: Recording, cost_false_positive: float = 1.0, cost_false_negative: float = 1.0
+) -> pl.DataFrame:
+    """Return how each session is judged by a threshold of the others: by equal error, or by costs if they differ.
+
+    Returns: rule, session (from 1), threshold, and the error rates of its samples; empty with a single session.
+        Sessions without both kinds of tile, and those whose others have one kind only, are left out.
+    """
+    data = labelled(recording)
+    rule: Rule = equal_error
+    name = "equal error"
+    if cost_false_positive != cost_false_negative:
+        rule = least_cost(cost_false_positive, cost_false_negative, data.fill_ratio)
+        name = _name_of_costs(cost_false_positive, cost_false_negative)
+    rows = []
+    for session in np.unique(data.session):
+        own = data.session == session
+        if any(len(np.unique(data.vibrating[some])) < 2 for some in (own, ~own)):
+            continue
+        value = rule(data.energy[~own], data.vibrating[~own], np.ones(int((~own).sum())))
+        errors = rates(data, value, own)
+        rows.append((name, int(session) + 1, value, errors.false_positive, errors.false_negative))
+    names = ("rule", "session", "threshold", "false_positive", "false_negative")
+    return pl.DataFrame(rows, schema=names, orient="row")
 
 
 def edge_profile(data: Labelled, threshold: float) -> pl.DataFrame:

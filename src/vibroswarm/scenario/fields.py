@@ -65,6 +65,12 @@ RayList = Annotated[tuple[float, ...], Field(min_length=1, max_length=64, strict
 Energies = Annotated[tuple[Annotated[float, Field(ge=0, le=1e9)], ...], Field(min_length=1, strict=False)]
 
 
+LawDraws = Annotated[
+    tuple[Annotated[tuple[float, ...], Field(min_length=10, max_length=10, strict=False)], ...],
+    Field(min_length=2, max_length=1000, strict=False),
+]
+
+
 UNNAMED = "tiles"
 """Name of a floor whose tiles are given without one."""
 
@@ -448,6 +454,19 @@ class CameraField(FrozenModel):
     """How far up; if omitted, 0."""
 
 
+class LawField(FrozenModel):
+    """How sure the sensor's law is, if it was fitted to recordings (``lab threshold --law``), and to which.
+
+    No simulation depends on it; ``inspect`` draws damage from these laws, and warns of a session that judges itself.
+    """
+
+    sessions: Annotated[tuple[str, ...], Field(min_length=1, max_length=10_000, strict=False)] | None = None
+    """A hash of the values of each session."""
+    draws: LawDraws | None = None
+    """Laws of resampled sessions, a row each: vibrating_shape, vibrating_scale, vibrating_location, still_shape,
+    still_scale, still_location, edge_reach_m, edge_blur_m, tile_spread and robot_spread of the section sensor."""
+
+
 class Run(FrozenModel):
     """Duration and time step."""
 
@@ -479,6 +498,7 @@ class Sections(FrozenModel):
     change: Change = Change()
     task: TaskChoice = TaskChoice()
     camera: CameraField = CameraField()
+    law: LawField = LawField()
     run: Run = Run()
 
     @property
