@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import tempfile
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from vibroswarm import preset
 from vibroswarm.export.assembly import parts_of
@@ -26,18 +26,27 @@ HEAD: Final = (
     "| longest work done within, ms | fit | why not float |\n|---|---|---|---|---|---|---|---|---|\n"
 )
 WORDS: Final = {1: "float", 2: "mixed", 3: "double"}
+MOTORS: Final[dict[str, Any]] = {
+    "strategy.name": "dirichlet",
+    "task.name": "majority",
+    "floor.source": "random:0.28,0.48,0.24",
+    "sensor.model": "acceleration",
+    "sensor.acceleration.motor_hz": [90.0, 140.0],
+}
+"""Robots that tell motors apart by their line."""
 
 
 def table() -> str:
-    """The table, of all strategies."""
+    """The table, of all strategies, and of robots that compute a spectrum."""
     rows = []
-    for name in names():
-        scenario = preset("paper").with_values({"strategy.name": name})
+    chosen: dict[str, dict[str, Any]] = {f"`{name}`": {"strategy.name": name} for name in names()}
+    for name, values in (chosen | {"`dirichlet`, two motors": MOTORS}).items():
+        scenario = preset("paper").with_values(values)
         precision, why = precision_of(parts_of(scenario))
         memory, timing = measured_and_timed(scenario)
         is_fit = "no" if unfit(scenario, memory, timing) else "yes"
         rows.append(
-            f"| `{name}` | {WORDS[precision]} ({precision}) | {memory.flash:,} | {memory.ram:,} | {timing.late_ms:.1f} "
+            f"| {name} | {WORDS[precision]} ({precision}) | {memory.flash:,} | {memory.ram:,} | {timing.late_ms:.1f} "
             f"| {100 * timing.load:.1f} | {ms(timing.waits):.0f} | {is_fit} | {'' if precision == SINGLE else why} |\n"
         )
     return HEAD + "".join(rows)

@@ -355,13 +355,6 @@ def test_a_robot_with_other_rates_is_exported() -> None:
     (text,) = (text for name, text in files.items() if name.endswith("vibroswarm_parameters.h"))
     assert "#define VS_SENSING_RATE_HZ VS_R(1000.0)" in text
     assert f"#define VS_SENSING_FEEDBACK VS_R({high_pass(40.0, 1000.0)[0]!r})" in text
-    many = {
-        "strategy.name": "dirichlet",
-        "task.name": "majority",
-        "sensor.acceleration.motor_hz": (90.0, 140.0),
-    }
-    with pytest.raises(InputError, match="acceleration of two kinds"):
-        library_files(scenario().with_values(many))
 
 
 def test_commands_warn_of_aliases(capsys: pytest.CaptureFixture[str]) -> None:

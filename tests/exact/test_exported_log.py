@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
-import pytest
 from polars.testing import assert_frame_equal
 
 from helpers.exported_robots import (
@@ -19,6 +17,7 @@ from helpers.exported_robots import (
     Swarm,
     built_for_arm,
     measured_at_each_tick,
+    needs_arm,
     written_on_arm,
 )
 from vibroswarm import Floor, preset, simulate
@@ -39,7 +38,6 @@ FIELDS = {
     "decision.min_observations": 40,
 }
 SCENARIO = preset("paper").with_values(FIELDS)
-HAS_ARM = shutil.which("arm-none-eabi-gcc") is not None and shutil.which("qemu-system-arm") is not None
 
 
 def test_the_log_has_the_columns_that_are_read() -> None:
@@ -66,7 +64,7 @@ def shaken(events: list[float], energies: list[float], fields: int) -> list[floa
     return found
 
 
-@pytest.mark.skipif(not HAS_ARM, reason="arm-none-eabi-gcc or qemu-system-arm is not installed")
+@needs_arm
 def test_a_log_of_emulated_robots_is_imported_and_replayed_as_was_simulated(tmp_path: Path) -> None:
     result = simulate(SCENARIO, SEED, [0])
     readings = [result.observations.filter(robot=i)["observation"].to_list() for i in range(5)]

@@ -19,6 +19,7 @@ from helpers.exported_robots import (
     built,
     built_for_arm,
     measured_at_each_tick,
+    needs_arm,
     run_on_arm,
     run_program,
     steered_and_measured,
@@ -46,7 +47,6 @@ SCENARIO = preset("paper").with_values(
     }
 )
 EXPLORE = SCENARIO.with_values({"strategy.name": "explore"})
-HAS_ARM = shutil.which("arm-none-eabi-gcc") is not None and shutil.which("qemu-system-arm") is not None
 ESTIMATES = 9
 
 
@@ -179,7 +179,7 @@ def test_arrays_of_float_make_the_same_events_and_float_alone_does_not(
     assert max(apart) > 0.005  # m: some component took another wall
 
 
-@pytest.mark.skipif(not HAS_ARM, reason="arm-none-eabi-gcc or qemu-system-arm is not installed")
+@needs_arm
 def test_a_cortex_m0_makes_the_same_events(swarm: Swarm, tmp_path: Path) -> None:
     program = built_for_arm(SCENARIO, tmp_path)
     for fed, did in zip(swarm.short[:2], swarm.did[:2], strict=True):  # the others take as long
@@ -266,7 +266,7 @@ def test_robots_that_steer_do_the_same_in_python_and_c(exploring: tuple[Any, Swa
         assert np.array(run_program(double, fed)).tobytes() == np.array(walked).tobytes()
 
 
-@pytest.mark.skipif(not HAS_ARM, reason="arm-none-eabi-gcc or qemu-system-arm is not installed")
+@needs_arm
 def test_a_cortex_m0_that_explores_makes_the_same_events(
     exploring: tuple[Any, Swarm], tmp_path: Path
 ) -> None:

@@ -6,7 +6,6 @@ exported robot is fed what one of them measured and heard.
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,15 @@ import numpy as np
 import pytest
 
 from helpers.exported_robots import (
+    HAS_ARM,
     Swarm,
     built,
     built_for_arm,
+    check_events,
     measured_at_each_tick,
+    needs_arm,
+    needs_gcc,
+    rows,
     run_on_arm,
     run_program,
 )
@@ -31,13 +35,6 @@ BASE = preset("paper").with_values({"floor.source": "random:0.48", "run.stop": "
 WHOLE = ("soft", "three_valued")
 """Strategies, one without and one with timers, of which the whole program is run, walk and inbox included."""
 OF_SINGLE = [name for name in STRATEGIES if name not in NEEDS_DOUBLE]
-HAS_ARM = shutil.which("arm-none-eabi-gcc") is not None and shutil.which("qemu-system-arm") is not None
-needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
-needs_arm = pytest.mark.skipif(
-    not HAS_ARM,
-    reason="arm-none-eabi-gcc or qemu-system-arm is not installed (Debian: gcc-arm-none-eabi, "
-    "libnewlib-arm-none-eabi, qemu-system-arm)",
-)
 
 
 @pytest.fixture(scope="module")
@@ -68,11 +65,6 @@ def swarms(inspection: Any, measured: np.ndarray[Any, Any]) -> Any:
     return swarm_of
 
 
-def rows(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
-    """Events: kind, tick, sends, decision, belief, heard, message."""
-    return np.array(numbers).reshape(-1, 6 + len(swarm.fields))
-
-
 def test_the_plain_program_does_what_the_simulation_did(inspection: Any, swarms: Any) -> None:
     swarm = swarms("soft")
     for i, robot in enumerate(swarm.robots):
@@ -99,12 +91,6 @@ def test_c_in_double_precision_is_the_plain_program_bit_by_bit(
     if name in WHOLE:
         for events, walked in zip(swarm.whole, swarm.walked, strict=True):
             assert np.array(run_program(program, events)).tobytes() == np.array(walked).tobytes()
-
-
-def check_events(found: list[float], expected: list[float], swarm: Swarm) -> None:
-    ours, theirs = rows(found, swarm), rows(expected, swarm)
-    np.testing.assert_array_equal(ours[:, [0, 1, 2, 3, 5]], theirs[:, [0, 1, 2, 3, 5]])
-    np.testing.assert_allclose(ours[:, 4], theirs[:, 4], rtol=0, atol=1e-5)
 
 
 @needs_gcc

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from vibroswarm.export.assembly import parts_of
 from vibroswarm.export.c_library import ASSETS, COMMON
@@ -34,6 +35,14 @@ ARM = (
     "arm-none-eabi-gcc", "-std=c99", "-Os", "-mcpu=cortex-m0", "-mthumb", "-ffunction-sections", "-fdata-sections",
     "-nostartfiles", "-Wl,--gc-sections", "--specs=nano.specs",
 )  # fmt: skip
+
+HAS_ARM = shutil.which("arm-none-eabi-gcc") is not None and shutil.which("qemu-system-arm") is not None
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+needs_arm = pytest.mark.skipif(
+    not HAS_ARM,
+    reason="arm-none-eabi-gcc or qemu-system-arm is not installed (Debian: gcc-arm-none-eabi, "
+    "libnewlib-arm-none-eabi, qemu-system-arm)",
+)
 
 
 def message_fields(scenario: Scenario) -> list[str]:
@@ -277,6 +286,17 @@ class Swarm:
         row += [float(getattr(robot.out, field)) for field in self.fields]
         self.did[i] += row
         self.walked[i] += row
+
+
+def rows(numbers: list[float], swarm: Swarm) -> np.ndarray[Any, Any]:
+    """Events: kind, tick, sends, decision, belief, heard, message."""
+    return np.array(numbers).reshape(-1, 6 + len(swarm.fields))
+
+
+def check_events(found: list[float], expected: list[float], swarm: Swarm) -> None:
+    ours, theirs = rows(found, swarm), rows(expected, swarm)
+    np.testing.assert_array_equal(ours[:, [0, 1, 2, 3, 5]], theirs[:, [0, 1, 2, 3, 5]])
+    np.testing.assert_allclose(ours[:, 4], theirs[:, 4], rtol=0, atol=1e-5)
 
 
 def measured_at_each_tick(scenario: Scenario, seed: int, ticks: int) -> np.ndarray[Any, Any]:

@@ -32,6 +32,11 @@ needs_emulator = pytest.mark.skipif(
     reason="arm-none-eabi-gcc or qemu-system-arm is not installed",
 )
 MIXTURE = ["--set", "localisation.method=mixture"]
+THREE_KINDS: dict[str, dict[str, Any]] = {
+    "own sensor": {"sensor.model": "confusion"},
+    "motors": {"sensor.model": "acceleration", "sensor.acceleration.motor_hz": [90.0, 140.0]},
+}
+"""Robots that read three kinds of tile, with ``dirichlet``."""
 
 
 @pytest.fixture(scope="module")
@@ -295,9 +300,17 @@ def build_sketch(library: Path, folder: Path, around: str) -> None:
 
 
 @needs_gcc
-def test_the_sketch_compiles_as_cpp(library: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["soft", "own sensor", "motors"])
+def test_the_sketch_compiles_as_cpp(name: str, tmp_path: Path) -> None:
     if shutil.which("g++") is None:
         pytest.skip("g++ is not installed")
+    library = tmp_path / "a library"
+    c_library.write_library(scenario_for(name), library)
+    sketch = (library / "examples/inspection/inspection.ino").read_text()
+    assert ("vs_observed" in sketch, "class from 0 to 2" in sketch) == (
+        name != "own sensor",
+        name == "own sensor",
+    )
     (tmp_path / "sketch.cpp").write_text(
         "#include <stdint.h>\nstatic uint32_t micros() { return 0; }\n"
         '#include "inspection.ino"\nint main() { setup(); loop(); }\n'
@@ -404,7 +417,7 @@ int main(void) { return vs_self_test(&robot) ? 0 : 3; }
 
 
 @needs_gcc
-@pytest.mark.parametrize("strategy", sorted(names()))
+@pytest.mark.parametrize("strategy", [*sorted(names()), *THREE_KINDS])
 def test_robots_test_themselves(strategy: str, tmp_path: Path) -> None:
     sources = written(scenario_for(strategy), tmp_path)
     (tmp_path / "test.c").write_text(SELF_TEST)
@@ -448,6 +461,13 @@ def documented() -> dict[str, tuple[int, int, int]]:
 
 
 def scenario_for(name: str) -> Any:
+    if name in THREE_KINDS:
+        floor = {
+            "floor.source": "random:0.28,0.48,0.24",
+            "task.name": "majority",
+            "strategy.name": "dirichlet",
+        }
+        return preset("paper").with_values(THREE_KINDS[name] | floor)
     return preset("paper").with_values({"strategy.name": name})
 
 
@@ -485,7 +505,7 @@ MAPPING = ("places", "explore", "field", "fading")
 @pytest.mark.parametrize(
     "name",
     [
-        *(FEW := ("soft", "places", "explore", "field")),
+        *(FEW := ("soft", "places", "explore", "field", "motors")),
         *(pytest.param(n, marks=pytest.mark.slow) for n in names() if n not in FEW),
     ],
 )
@@ -499,7 +519,8 @@ def test_wheels_are_set_within_the_period_and_work_takes_the_documented_time(
     found = timing.timed(sources, scenario, memory.flags)
     assert found is not None
     assert timing.unfit(scenario, memory, found) == []
-    row = re.search(rf"^\| `{name}` .*$", DOCUMENT.read_text(), re.MULTILINE)
+    label = "`dirichlet`, two motors" if name == "motors" else f"`{name}`"
+    row = re.search(rf"^\| {label} \|.*$", DOCUMENT.read_text(), re.MULTILINE)
     assert row is not None
     late_ms, load, waits_ms, is_fit = [cell.strip() for cell in row[0].split("|")[5:9]]
     assert is_fit == "yes"
@@ -559,7 +580,7 @@ def compiled(folder: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 
 @needs_gcc
 @pytest.mark.slow
-@pytest.mark.parametrize("strategy", sorted(names()))
+@pytest.mark.parametrize("strategy", [*sorted(names()), *THREE_KINDS])
 def test_compilers_warn_of_nothing(tmp_path: Path, strategy: str) -> None:
     sources = written(scenario_for(strategy), tmp_path)
     for precision in (1, 2, 3):

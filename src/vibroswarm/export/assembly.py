@@ -21,10 +21,12 @@ from vibroswarm.localisation.locate import is_estimated, program_of
 from vibroswarm.motion.robot_params import setup_of
 from vibroswarm.observation.observe import sense_program
 from vibroswarm.robot.belief import belief_below as posterior_below
+from vibroswarm.robot.line_sensing import LineProgram, Wave, empty_wave
 from vibroswarm.robot.pose_mixture import ESTIMATE, LocalisationProgram, Mixture, empty_mixture
-from vibroswarm.robot.sensing import SenseProgram
+from vibroswarm.robot.sensing import SenseProgram, readings
 from vibroswarm.robot.walk import WalkProgram
 from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.sensors.acceleration import line_program
 from vibroswarm.strategies import strategy as strategy_of
 from vibroswarm.strategies.base import Strategy
 from vibroswarm.strategies.static_analysis import PLACE, fields_read
@@ -61,18 +63,29 @@ class RobotParts:
     """Sizes that arrays may have, by name, such as robots and tiles."""
     rms_threshold: float
     """theta_E: a robot reads 1 if the energy is above this."""
+    lines: LineProgram | None
+    """Parameters of telling kinds of tile apart by the line of their motor; None if robots read bits of the energy."""
+    wave: Wave | None
+    """Memory for it, of the right size."""
+    has_own_sensor: bool
+    """Whether robots do not measure vibration: the program around them hands them each reading."""
     blind_ms: float
     """How long the robot ignores its rays after a turn; 0: it never does."""
     estimates: int = len(ESTIMATE)
     """Length of the array that holds the estimate of a robot's place."""
+
+    @property
+    def reads_classes(self) -> bool:
+        """Whether readings are classes, and not whether an energy is above the threshold."""
+        return self.lines is not None or self.has_own_sensor
 
 
 def parts_of(scenario: Scenario) -> RobotParts:
     """Return the parts of a scenario's robots.
 
     Raises:
-        InputError: the sensor or an option of the strategy cannot be exported, or the strategy reads places that a real
-            robot cannot know.
+        InputError: an option of the strategy cannot be exported, or the strategy reads places that a real robot cannot
+            know.
     """
     strategy = strategy_of(scenario.strategy.name)
     refuse_options(scenario, strategy)
@@ -90,28 +103,33 @@ def parts_of(scenario: Scenario) -> RobotParts:
         # The method "mixture" keeps several Gaussians, any other method one.
         count = scenario.localisation.components if scenario.place_method == "mixture" else 1
         mixture = empty_mixture(count, lag)
-    reads_energy = sensors.sensor(scenario.sensor.model).in_section or scenario.sensor.model == "acceleration"
-    if not (reads_energy and scenario.sensor.readings == 2):
-        raise InputError(
-            f"'{scenario.sensor.model}' cannot be exported: robots measure vibration, with gamma, energies, or "
-            "acceleration of two kinds",
-            field="sensor.model",
-        )
-    setup = setup_of(scenario)
+    measures = sensors.sensor(scenario.sensor.model).in_section or scenario.sensor.model == "acceleration"
+    sensing, setup = sense_program(scenario), setup_of(scenario)
+    lines, wave = None, None
+    if scenario.sensor.model == "acceleration" and scenario.sensor.readings > 2:
+        lines, wave = line_program(scenario.sensor.params), empty_wave(readings(sensing))
     return RobotParts(
         scenario=scenario,
         strategy=strategy,
-        hooks=hooks_of(strategy, has_places=mixture is not None),
+        hooks={
+            **hooks_of(strategy),
+            "HAS_PLACES": mixture is not None,
+            "HAS_LINES": lines is not None,
+            "READS_CLASSES": lines is not None or not measures,
+        },
         # A simulated robot reads beliefs from a table; an exported one computes them.
         replaced={plain(belief_below): robot_program.belief_of_posterior},
         params=params_of(scenario, strategy),
         world=world_of(scenario, counts=0),  # 0: the smallest table of beliefs, because it is not exported
         walker=WalkProgram(**{name: setup[name].item() for name in WalkProgram._fields}),
-        sensing=sense_program(scenario),
+        sensing=sensing,
         localiser=localiser,
         mixture=mixture,
         sizes=sizes_of(scenario),
         rms_threshold=float(scenario.sensor.rms_threshold),
+        lines=lines,
+        wave=wave,
+        has_own_sensor=not measures,
         blind_ms=float(setup["blind_ms"]),
     )
 
@@ -154,14 +172,11 @@ def params_of(scenario: Scenario, strategy: Strategy) -> dict[str, Any]:
     return {name: np.asarray(value).item() for name, value in zip(names, values, strict=True)}
 
 
-def hooks_of(strategy: Strategy, has_places: bool) -> dict[str, Any]:
+def hooks_of(strategy: Strategy) -> dict[str, Any]:
     """Return the values of the open names of ``robot_program`` for a strategy: its hooks, and constants about them.
 
     A missing ``on_message`` or ``belief`` is replaced by a function of ``robot_program``. A missing ``on_timer`` or
     ``steer`` is left out, so that ``robot_program`` keeps its default (``inference.default_hooks``).
-
-    Args:
-        has_places: whether the robot estimates its place.
     """
     found: dict[str, Any] = {hook: getattr(strategy, hook) for hook in HOOKS if getattr(strategy, hook)}
     found["on_message"] = strategy.on_message
@@ -172,6 +187,5 @@ def hooks_of(strategy: Strategy, has_places: bool) -> dict[str, Any]:
     # The timer's time is no hook of strategies: ``timer_of_state`` reads it from the state's field ``next_s``.
     found["next_s"] = robot_program.timer_of_state
     found["HAS_TIMER"], found["HAS_STEER"] = strategy.on_timer is not None, strategy.steer is not None
-    found["HAS_PLACES"] = has_places
     found["posterior_below"] = posterior_below  # called by ``robot_program.belief_of_posterior``
     return found

@@ -70,7 +70,7 @@ def library_files(scenario: Scenario) -> dict[str, str]:
         "src/vibroswarm_self_test.c": self_test_text(parts),
         **{f"src/{name}": (ASSETS / name).read_text(encoding="utf-8") for name in COMMON},
         f"src/{HEADER_FILE}": header_text(scenario, parts),
-        "examples/inspection/inspection.ino": (ASSETS / "inspection.ino").read_text(encoding="utf-8"),
+        "examples/inspection/inspection.ino": sketch_text(parts),
         MARKER: PROPERTIES.format(version=version("vibroswarm"), strategy=parts.strategy.name),
         "platformio.ini": PLATFORMIO,
     }
@@ -95,7 +95,21 @@ def self_test_text(parts: RobotParts) -> str:
         "/* What a robot does in a short inspection. */",
         *(f"#define {name} {value}" for name, value in self_test_macros(parts).items()),
     ]
-    return "\n".join(lines) + "\n" + (ASSETS / "vibroswarm_self_test.c").read_text(encoding="utf-8")
+    text = (ASSETS / "vibroswarm_self_test.c").read_text(encoding="utf-8")
+    if parts.has_own_sensor:
+        text = text.replace("vs_observed(r)", f"r->samples % {parts.scenario.sensor.readings}")
+    return "\n".join(lines) + "\n" + text
+
+
+def sketch_text(parts: RobotParts) -> str:
+    """Return the sketch; robots that do not measure vibration have a function for their own sensor."""
+    text = (ASSETS / "inspection.ino").read_text(encoding="utf-8")
+    if not parts.has_own_sensor:
+        return text
+    last, wheels = parts.scenario.sensor.readings - 1, "/* STUB: wheel speeds"
+    stub = f"/* STUB: what the robot's sensor reads here: a class from 0 to {last}. */"
+    own = f"{stub}\nstatic vs_int read_class() {{ return 0; }}\n\n"
+    return text.replace(wheels, own + wheels).replace("vs_observed(&robot)", "read_class()")
 
 
 COMPILER: Final = "arm-none-eabi-gcc"

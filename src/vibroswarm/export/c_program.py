@@ -35,6 +35,8 @@ from vibroswarm.export.c_types import (
 )
 from vibroswarm.export.parameters import ROWS, macro_of
 from vibroswarm.export.source import plain
+from vibroswarm.robot.features import Peak
+from vibroswarm.robot.line_sensing import LineProgram, Wave
 from vibroswarm.robot.pose_mixture import LocalisationProgram, Mixture
 from vibroswarm.robot.sensing import SenseProgram, SenseState
 from vibroswarm.robot.walk import AVOID, DRIVE, STOP, TURN, Dice, WalkProgram, WalkState
@@ -216,6 +218,11 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
         )
         # mutable: a named tuple, but localisation changes its arrays in place.
         found["Mixture"] = struct_of_class("vs_Mixture", Mixture, mutable=True, like=parts.mixture)
+    if parts.wave is not None:
+        found["Peak"] = struct_of_class("vs_Peak", Peak)
+        found["LineProgram"] = struct_of_class("vs_LineProgram", LineProgram, like=parts.lines)
+        # mutable: as the mixture.
+        found["Wave"] = struct_of_class("vs_Wave", Wave, mutable=True, like=parts.wave)
     found["Robot"] = robot_struct(parts, found)
     return found
 
@@ -223,7 +230,7 @@ def structs_of(parts: RobotParts) -> dict[str, Struct]:
 def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
     """Return the struct of a robot's memory: the fields of ``robot_memory.Robot``.
 
-    Fields that only localisation uses are left out if the robots have no localisation.
+    Fields that only localisation, or reading classes, uses are left out of robots without it.
 
     Args:
         structs: the other structs, by the names of their Python classes.
@@ -243,13 +250,19 @@ def robot_struct(parts: RobotParts, structs: Mapping[str, Struct]) -> Struct:
         "dice": structs["Dice"],
         "sense": structs["SenseState"],
         "place": structs.get("Mixture"),
+        "wave": structs.get("Wave"),
         "estimate": CArray(REAL, (parts.estimates,)),
     }
     # ``move_ray_m`` is not among these, although only localisation uses it, because ``start`` sets it in every robot.
     of_localisation = ("place", "estimate", "move_start_s", "move_turned_deg", "move_after_drive")
+    omitted = (
+        *(of_localisation if parts.mixture is None else ()),
+        *(("wave",) if parts.wave is None else ()),
+        *(() if parts.reads_classes else ("reading",)),
+    )
     fields = []
     for name, hint in inspect.get_annotations(robot_memory.Robot).items():
-        if name in of_localisation and parts.mixture is None:
+        if name in omitted:
             continue
         kind: Any
         if name == "seed":

@@ -27,6 +27,7 @@ ROWS: Final = {
     "WALKER": "WalkProgram",
     "SENSING": "SenseProgram",
     "LOCALISER": "LocalisationProgram",
+    "LINES": "LineProgram",
 }
 """Constant rows of ``robot_memory``: the names of their classes."""
 FIELD: Final = "//@ "
@@ -61,6 +62,8 @@ def constants_of(parts: RobotParts) -> dict[str, str]:
     }
     if parts.localiser is not None:
         rows["LOCALISER"] = parts.localiser._asdict()
+    if parts.lines is not None:
+        rows["LINES"] = parts.lines._asdict()
     found = {
         macro_of(row, name): c_number(value, macro_of(row, name))
         for row, values in rows.items()

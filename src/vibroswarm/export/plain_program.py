@@ -52,6 +52,7 @@ def plain_program(parts: RobotParts, mathematics: Any = math) -> types.ModuleTyp
         "WALKER": parts.walker,
         "SENSING": parts.sensing,
         "LOCALISER": parts.localiser,
+        "LINES": parts.lines,
         "RMS_THRESHOLD": parts.rms_threshold,
         "SENSING_BLIND_MS": parts.blind_ms,
     }

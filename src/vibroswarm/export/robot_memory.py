@@ -21,6 +21,8 @@ SENSING: Final[Any] = None
 """``robot.sensing.SenseProgram``."""
 LOCALISER: Final[Any] = None
 """``robot.pose_mixture.LocalisationProgram``."""
+LINES: Final[Any] = None
+"""``robot.line_sensing.LineProgram``."""
 RMS_THRESHOLD: Final = 0.0
 """Energy above which a robot reads 1."""
 SENSING_BLIND_MS: Final = 0.0
@@ -39,7 +41,8 @@ class Job(NamedTuple):
     tick: int
     """The tick at which it happened."""
     number: int
-    """MOVE: the kind of the move; LISTEN: number of messages to hear; SAMPLE: the observation."""
+    """MOVE: the kind of the move; LISTEN: number of messages to hear; SAMPLE: the observation, or that it is to be
+    computed (``robot_program.UNREAD``)."""
     duration_s: float
     """MOVE: how long it took; the fields below, too, are those of ``robot_program.moved``."""
     turned_rad: float
@@ -95,6 +98,10 @@ class Robot:
     """Uniform numbers for the next leg, turn and avoidance."""
     sense: SenseState
     """What the accelerometer's program remembers from reading to reading."""
+    wave: Any
+    """The signal of the last sample, and its spectrum (``robot.line_sensing.Wave``)."""
+    reading: int
+    """Reading of the present stop, or until the next of the last; ``robot_program.UNREAD`` if it is not known yet."""
     state: Any
     """State of the strategy."""
     arrays: Any

@@ -54,7 +54,8 @@ def inspected(parts: RobotParts) -> Any:
             shakes = robot.tick % 2 * (robot.samples % 2)
             program.accelerate(robot, 0.0, 0.0, parts.rms_threshold * (8.0 + 4.0 * shakes))
         if samples:
-            program.sample(robot, program.observed(robot))
+            own = robot.samples % parts.scenario.sensor.readings
+            program.sample(robot, own if parts.has_own_sensor else program.observed(robot))
         while robot.jobs:
             program.work(robot)
             if robot.sends and world.robots > 1:

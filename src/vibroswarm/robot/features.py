@@ -27,6 +27,9 @@ from vibroswarm.core.jit import kernel
 POINTS: Final = 256
 """Number of points of the spectrum, a power of two. A shorter signal is padded with zeros."""
 
+LEAST: Final = 1e-37
+"""Power that stands for 0 in a logarithm: a robot's float holds it, too."""
+
 
 class Moments(NamedTuple):
     """What a robot keeps of its signal so far."""
@@ -206,9 +209,9 @@ def spectrum_peak(
     if largest <= 0.0:
         return Peak(0.0, 0.0)
     # The logarithm of a window's main lobe is nearly a parabola, whose top lies between bins.
-    low = math.log(max(power_of(real, imaginary, best - 1), 1e-300))
+    low = math.log(max(power_of(real, imaginary, best - 1), LEAST))
     middle = math.log(largest)
-    high = math.log(max(power_of(real, imaginary, best + 1), 1e-300))
+    high = math.log(max(power_of(real, imaginary, best + 1), LEAST))
     bend = low - 2.0 * middle + high
     shift = 0.5 * (low - high) / bend if bend < 0.0 else 0.0
     shift = min(max(shift, -0.5), 0.5)

@@ -46,6 +46,7 @@ from vibroswarm.robot.features import (
     signal_variance,
     spectrum_peak,
 )
+from vibroswarm.robot.line_sensing import LineProgram
 from vibroswarm.robot.sensing import (
     SenseProgram,
     begin_sense,
@@ -412,6 +413,13 @@ def sense(samples: Samples, p: Any) -> Values:
     return out
 
 
+def line_program(p: Any) -> LineProgram:
+    """Return the parameters by which robots tell several motors apart."""
+    return LineProgram(
+        AXES.index(p.axis), np.array([alias_hz(motor_hz, p.rate_hz) for motor_hz in p.motor_hz])
+    )
+
+
 def _near(place: Place, p: Any) -> Values:
     return _near_responses(place.rows, place.columns, p)
 
@@ -459,7 +467,7 @@ def reading(value: Values, p: Any) -> NDArray[np.int64]:
     above = value[:, 0] > p.rms_threshold
     if len(p.motor_hz) == 1:
         return np.asarray(above.astype(np.int64))
-    seen_hz = np.array([alias_hz(frequency_hz, p.rate_hz) for frequency_hz in p.motor_hz])
+    seen_hz = line_program(p).seen_hz
     peak_hz = value[:, numbers(p).index("peak_hz")]
     return np.asarray(np.where(above, 1 + np.abs(peak_hz[:, None] - seen_hz).argmin(axis=1), 0))
 

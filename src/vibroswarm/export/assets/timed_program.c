@@ -91,7 +91,28 @@ static void move(Body *body, double left_percent, double right_percent, bool dri
 static vs_int reading(const Body *body, int number)
 {
     const int column = (int)(body->x_m / VS_WORLD_TILE_WIDTH_M), row = (int)(body->y_m / VS_WORLD_TILE_HEIGHT_M);
-    return ((column * 7 + row * 11) % 5 < 2) != (number % 9 == 8);
+    const int place = (column * 7 + row * 11) % 5, is_wrong = number % 9 == 8;
+    return VS_WORLD_KINDS > 2 ? (place + is_wrong) % VS_WORLD_KINDS : (place < 2) != is_wrong;
+}
+
+static void accelerate(int i)
+{
+#ifdef VS_LINES_AXIS /* the spectrum of a whole signal is computed where a motor shakes the tile */
+    const vs_real shake = VS_RMS_THRESHOLD * (reading(&bodies[i], robots[i].samples) > 0 ? 8 : 0);
+    for (int k = 0; k < 1 + (int)(VS_SENSING_RATE_HZ * VS_WORLD_TICK_S); k++)
+        vs_accelerate(&robots[i], shake * (k % 2), 0, (vs_real)9.8 + shake * (k % 3));
+#else
+    vs_accelerate(&robots[i], (vs_real)0.3, (vs_real)0.1, (vs_real)9.8);
+#endif
+}
+
+static void sample(int i)
+{
+#ifdef VS_LINES_AXIS
+    vs_sample(&robots[i], vs_observed(&robots[i]));
+#else
+    vs_sample(&robots[i], reading(&bodies[i], robots[i].samples));
+#endif
 }
 
 /* What must be done in this period: the longest of these delays everything else. */
@@ -106,9 +127,9 @@ static bool step(int i)
     raise(&longest_step, ns_since(begin) + (looks ? 0 : ((start - begin) & 0xFFFFFF) * NS_PER_TICK));
     move(&bodies[i], left, right, robots[i].walk.mode == VS_DRIVE);
     if (robots[i].walk.mode == VS_STOP)
-        vs_accelerate(&robots[i], (vs_real)0.3, (vs_real)0.1, (vs_real)9.8);
+        accelerate(i);
     if (samples)
-        vs_sample(&robots[i], reading(&bodies[i], robots[i].samples));
+        sample(i);
     return samples;
 }
 

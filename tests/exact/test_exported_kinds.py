@@ -1,0 +1,235 @@
+"""Exported robots that tell several kinds of tile apart do what simulated ones do, in double precision bit by bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from helpers.exported_robots import (
+    ACCELERATE,
+    SAMPLE,
+    START,
+    STEP,
+    Swarm,
+    built,
+    built_for_arm,
+    check_events,
+    measured_at_each_tick,
+    needs_arm,
+    needs_gcc,
+    rows,
+    run_on_arm,
+    run_program,
+)
+from vibroswarm import preset, simulate
+from vibroswarm.export import c_library, timing
+from vibroswarm.export.assembly import parts_of
+from vibroswarm.export.plain_program import plain_program
+from vibroswarm.export.robot_program import UNREAD
+from vibroswarm.floors.place import Place
+from vibroswarm.robot.line_sensing import kind_of_line
+from vibroswarm.robot.walk import DRIVE, STOP
+from vibroswarm.scenario.scenario import Scenario
+from vibroswarm.sensors.acceleration import accelerations
+from vibroswarm.sensors.base import Samples
+
+SEED = 4
+CLASSES = preset("paper").with_values(
+    {
+        "sensor.model": "confusion",
+        "task.name": "majority",
+        "strategy.name": "dirichlet",
+        "floor.source": "random:0.28,0.48,0.24",
+        "run.stop": "t_end",
+        "run.t_end_s": 400.0,
+        "decision.min_observations": 30,
+    }
+)
+MOTORS = CLASSES.with_values(
+    {
+        "sensor.model": "acceleration",
+        "sensor.acceleration.motor_hz": [90.0, 140.0],
+        "sensor.rms_threshold": 1.0,
+    }
+)
+STRATEGIES = ["dirichlet", "dirichlet_positive", "dirichlet_soft"]
+
+
+@pytest.fixture(scope="module")
+def measured() -> np.ndarray[Any, Any]:
+    return measured_at_each_tick(CLASSES, SEED, 19_999)
+
+
+@pytest.fixture(scope="module")
+def swarms(measured: np.ndarray[Any, Any]) -> Any:
+    made: dict[str, tuple[Any, Swarm]] = {}
+
+    def swarm_of(name: str) -> tuple[Any, Swarm]:
+        if name not in made:
+            scenario = CLASSES.with_values({"strategy.name": name})
+            inspection = simulate(scenario, SEED, [0])
+            readings = [inspection.observations.filter(robot=i)["observation"].to_list() for i in range(5)]
+            swarm = Swarm(scenario, SEED, measured, readings)
+            swarm.run()
+            made[name] = inspection, swarm
+        return made[name]
+
+    return swarm_of
+
+
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_the_plain_program_does_what_the_simulation_did(name: str, swarms: Any) -> None:
+    inspection, swarm = swarms(name)
+    decided = set()
+    for i in range(5):
+        found, expected = rows(swarm.did[i], swarm), inspection.inference.filter(robot=i)
+        assert found.shape[0] == expected.height > 50
+        np.testing.assert_array_equal(found[:, 3], expected["decision"])
+        np.testing.assert_array_equal(found[:, 5], expected["messages_received"])
+        final = inspection.reports.filter(robot=i).sort("sample", "index").tail(3)["value"]
+        np.testing.assert_array_equal(swarm.robots[i].arrays.counts, final)  # of what all sent
+        decided.add(int(found[-1, 3]))
+    assert decided == {1}
+    assert {float(kind) for i in range(5) for kind in rows(swarm.did[i], swarm)[:, 6]} == {0.0, 1.0, 2.0}
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_c_in_double_precision_is_the_plain_program_bit_by_bit(
+    name: str, swarms: Any, tmp_path: Path
+) -> None:
+    _, swarm = swarms(name)
+    program = built(CLASSES.with_values({"strategy.name": name}), tmp_path, precision=3)
+    for events, walked in zip(swarm.whole, swarm.walked, strict=True):
+        assert np.array(run_program(program, events)).tobytes() == np.array(walked).tobytes()
+
+
+@needs_arm
+@pytest.mark.parametrize("name", STRATEGIES)
+def test_a_cortex_m0_makes_the_same_events(name: str, swarms: Any, tmp_path: Path) -> None:
+    _, swarm = swarms(name)
+    program = built_for_arm(CLASSES.with_values({"strategy.name": name}), tmp_path)
+    check_events(run_on_arm(program, swarm.short[0]), swarm.did[0], swarm)
+
+
+class Shaken:
+    """A robot of the plain program alone, whose accelerometer reads what robot 0 of a simulation did."""
+
+    def __init__(self, scenario: Scenario, samples: int) -> None:
+        inspection = simulate(scenario, SEED, [0])
+        observed = inspection.observations.filter(robot=0)
+        self.expected = observed["observation"].to_list()[:samples]
+        signals = recorded(scenario, inspection, samples)
+        self.module, self.events, self.did = (
+            plain_program(parts_of(scenario)),
+            [START, SEED, 0.0, 0.0],
+            list[float](),
+        )
+        robot = self.robot = self.module.Robot()
+        self.module.start(robot, SEED, 0, 0)
+        for signal in signals:
+            while robot.walk.mode != STOP or robot.walk.stopped_ms < 500:
+                self.step()
+            for reading in signal.T.tolist():
+                self.events += [ACCELERATE, *reading]
+                self.module.accelerate(robot, *reading)
+            while not self.step():
+                pass
+            self.sample()
+            self.step()  # which ends the stop
+
+    def step(self) -> bool:
+        turned_deg = 0.04 * self.module.right_percent(self.robot) if self.robot.walk.mode != DRIVE else 0.0
+        self.events += [STEP, turned_deg, 5000.0]
+        return bool(self.module.step(self.robot, turned_deg, 5000.0))
+
+    def sample(self) -> None:
+        robot, module = self.robot, self.module
+        assert module.observed(robot) == UNREAD
+        self.events += [SAMPLE, UNREAD]
+        module.sample(robot, UNREAD)
+        while robot.jobs:
+            module.work(robot)
+        assert module.observed(robot) == robot.out.kind
+        row = [
+            SAMPLE,
+            robot.work_tick,
+            robot.sends,
+            robot.decision,
+            robot.belief,
+            robot.heard,
+            robot.out.kind,
+        ]
+        self.did += map(float, row)
+
+    @property
+    def kinds(self) -> list[float]:
+        return self.did[6::7]
+
+
+def recorded(scenario: Scenario, inspection: Any, samples: int) -> np.ndarray[Any, Any]:
+    """The readings of robot 0 at its first samples, (samples, 3, readings)."""
+    motion = inspection.motion.filter(robot=0).head(samples)
+    floor = np.array(list(inspection.floors["tiles"][0]), dtype=np.uint8)
+    columns = [motion[name].to_numpy() for name in ("x_m", "y_m", "time_s")]
+    number = np.arange(motion.height)
+    place = Place(rows=5, columns=5, width_m=0.2, height_m=0.2, left_m=0.0, top_m=1.0)
+    return accelerations(
+        Samples(place, floor, *columns, np.zeros_like(number), number, SEED, 0), scenario.sensor.params
+    )
+
+
+@pytest.fixture(scope="module", params=["magnitude", "x"])
+def shaken(request: pytest.FixtureRequest) -> tuple[Scenario, Shaken]:
+    scenario = MOTORS.with_values({"sensor.acceleration.axis": request.param})
+    return scenario, Shaken(scenario, 30)
+
+
+def test_a_robot_reads_the_kinds_that_the_simulated_one_read(shaken: tuple[Scenario, Shaken]) -> None:
+    _, robot = shaken
+    assert robot.kinds == robot.expected
+    assert set(robot.kinds) == {0.0, 1.0, 2.0}
+
+
+@needs_gcc
+@pytest.mark.parametrize("polls", [0, 7])
+def test_c_reads_the_kinds_bit_by_bit_also_when_periods_pass_in_the_spectrum(
+    polls: int, shaken: tuple[Scenario, Shaken], tmp_path: Path
+) -> None:
+    scenario, robot = shaken
+    program = built(scenario, tmp_path, precision=3, polls=polls, rows=2)
+    found = np.array(run_program(program, robot.events))
+    assert found.tobytes() == np.array(robot.did).tobytes()
+    if polls:  # the negative control: periods did pass
+        late = run_program(built(scenario, tmp_path, precision=3, polls=polls, rows=4), robot.events)
+        assert max(late) > 1
+
+
+@needs_arm
+def test_a_cortex_m0_reads_the_same_kinds(shaken: tuple[Scenario, Shaken], tmp_path: Path) -> None:
+    scenario, robot = shaken
+    found = run_on_arm(built_for_arm(scenario, tmp_path, rows=2), robot.events)
+    assert found[6::7] == robot.kinds
+
+
+@needs_arm
+def test_a_spectrum_leaves_the_robot_its_control_periods(tmp_path: Path) -> None:
+    """It takes 60 ms, three periods, and delays a step by less than half of one."""
+    scenario = MOTORS.with_values({"decision.min_observations": 5})
+    c_library.write_library(scenario, tmp_path)
+    memory = c_library.measured(tmp_path / "src")
+    assert memory is not None
+    found = timing.timed(tmp_path / "src", scenario, memory.flags)
+    assert found is not None
+    assert found.passes
+    assert timing.unfit(scenario, memory, found) == []
+    assert 40.0 < timing.ms(found.work) < 80.0
+    assert found.late_ms < 10.0
+
+
+def test_the_nearest_motor_is_the_first_of_several() -> None:
+    seen_hz = np.array([90.0, 140.0, 60.0])
+    assert [kind_of_line(hz, seen_hz) for hz in (0.0, 75.0, 91.0, 115.0, 116.0, 175.0)] == [3, 1, 1, 1, 2, 2]
