@@ -75,12 +75,12 @@ def changed(node: ast.AST) -> ast.expr | None:
             return ast.IfExp(test, orelse, body)
         case ast.UnaryOp(ast.USub() | ast.Not(), operand):
             return operand
-        case ast.Constant(bool()):
-            return ast.Constant(not node.value)
-        case ast.Constant(int()):
-            return ast.Constant(node.value + 1)
-        case ast.Constant(float()):
-            return ast.Constant(node.value * 1.5 + 0.1)
+        case ast.Constant(bool() as value):
+            return ast.Constant(not value)
+        case ast.Constant(int() as value):
+            return ast.Constant(value + 1)
+        case ast.Constant(float() as value):
+            return ast.Constant(value * 1.5 + 0.1)
     return None
 
 
@@ -108,7 +108,8 @@ def faults_of(file: Path) -> list[Fault]:
         if fault is None:
             continue
         assert isinstance(node, ast.expr)
-        assert node.end_lineno is not None and node.end_col_offset is not None
+        assert node.end_lineno is not None
+        assert node.end_col_offset is not None
         # The columns of the syntax tree count bytes.
         start = begins[node.lineno - 1] + len(lines[node.lineno - 1].encode()[: node.col_offset].decode())
         last = lines[node.end_lineno - 1].encode()[: node.end_col_offset].decode()
@@ -120,7 +121,7 @@ def faults_of(file: Path) -> list[Fault]:
 
 def drawn(package: Path, each: int, seed: int) -> list[Fault]:
     """Return ``each`` faults of each folder, at most two of one file."""
-    chance = random.Random(seed)  # noqa: S311
+    chance = random.Random(seed)
     chosen = []
     for folder in FOLDERS:
         faults = [fault for file in sorted((package / folder).rglob("*.py")) for fault in faults_of(file)]
@@ -157,7 +158,7 @@ def first_failure(clone: Path, fault: Fault, cache: Path) -> str:
     }
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", "seeded_faults"]
     try:
-        done = subprocess.run(  # noqa: S603
+        done = subprocess.run(
             [*command, "-m", "not slow", "--tb=no", "tests"],
             cwd=clone,
             env=environment,
@@ -176,7 +177,9 @@ def first_failure(clone: Path, fault: Fault, cache: Path) -> str:
 
 def main() -> None:
     """Make the faults and write the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("table", type=Path)
     parser.add_argument("--faults", type=int, default=8, help="of each folder")
     parser.add_argument("--seed", type=int, default=1)
@@ -189,7 +192,7 @@ def main() -> None:
     done = {int(row["number"]) for row in rows}
     with tempfile.TemporaryDirectory() as scratch:
         clone = Path(scratch) / "clone"
-        subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)  # noqa: S603, S607
+        subprocess.run(["git", "clone", "-q", str(ROOT), str(clone)], check=True)
         package = clone / "src" / "vibroswarm"
         for number, fault in enumerate(drawn(package, options.faults, options.seed), start=1):
             if number in done or (options.only and number not in options.only):
@@ -206,7 +209,10 @@ def main() -> None:
                 writer = csv.DictWriter(table, COLUMNS)
                 writer.writeheader()
                 writer.writerows(rows)
-            print(f"{number} {file}:{fault.line} {fault.was} -> {fault.text}: {found_by or 'MISSED'}", flush=True)
+            print(
+                f"{number} {file}:{fault.line} {fault.was} -> {fault.text}: {found_by or 'MISSED'}",
+                flush=True,
+            )
     missed = sum(not row["found_by"] for row in rows)
     print(f"{len(rows) - missed} of {len(rows)} faults were found.")
 
