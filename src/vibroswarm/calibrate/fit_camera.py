@@ -25,6 +25,7 @@ from scipy.optimize import minimize
 from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.dataset import Dataset, signed_edge_distance
 from vibroswarm.calibrate.fit_sensor import fit_plain, log_likelihoods
+from vibroswarm.core.blas import with_one_blas_thread
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.recordings.threshold import cluster_weights, robot_clusters
 
@@ -52,6 +53,7 @@ class CameraFit(NotebookView):
     gain: float
 
 
+@with_one_blas_thread
 def fit_camera(found: Dataset, draws: int = DRAWS) -> CameraFit:
     """Fit the camera; if the gain in log likelihood is too small, return an exact camera (``RIGHT``) without draws.
 

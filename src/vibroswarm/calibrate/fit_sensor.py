@@ -31,6 +31,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaincinv, gammaln, ndtr
 
 from vibroswarm.calibrate.dataset import Dataset
+from vibroswarm.core.blas import with_one_blas_thread
 from vibroswarm.errors import InputError
 from vibroswarm.recordings.threshold import cluster_weights, resample, robot_clusters
 
@@ -75,6 +76,7 @@ class _Data:
     """Factor c_s: of the nearest still tile, times that of the robot."""
 
 
+@with_one_blas_thread
 def fit_sensor(found: Dataset, draws: int = DRAWS) -> SensorFit:
     """Fit the Gamma distributions of energies, reach and blur of edges, and the spreads of tiles and robots.
 

@@ -29,6 +29,8 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.decidability import Decidability, decidability_of_share, observed_share
 from vibroswarm.analysis.intervals import Interval, mean_interval
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
+from vibroswarm.core.distances import nearest_tiles
+from vibroswarm.core.jit import read_only
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniforms
 from vibroswarm.errors import InputError
@@ -190,15 +192,14 @@ def edge_distance(
         are of one kind.
     """
     rows, columns, width, height, left, bottom = floor.geometry
-    distance_m, tile = np.full(x_m.shape, np.inf), np.full(x_m.shape, -1)
-    for index, kind in enumerate(floor.tiles.ravel()):
-        # Lower left corner of the tile; tiles are numbered row by row from the top.
-        x0, y0 = left + (index % columns) * width, bottom + (rows - 1 - index // columns) * height
-        dx = np.maximum(np.maximum(x0 - x_m, x_m - x0 - width), 0.0)
-        dy = np.maximum(np.maximum(y0 - y_m, y_m - y0 - height), 0.0)
-        distance = np.hypot(dx, dy)
-        nearer = (vibrating != bool(kind)) & (distance < distance_m)
-        distance_m[nearer], tile[nearer] = distance[nearer], index
+    # Lower left corners of the tiles, which are numbered row by row from the top.
+    row, column = np.divmod(np.arange(rows * columns), columns)
+    corners_m = np.column_stack((left + column * width, bottom + (rows - 1 - row) * height))
+    distance_m, tile = np.empty(x_m.shape), np.empty(x_m.shape, dtype=np.int64)
+    x_m, y_m, wanted, corners_m, sought = map(
+        read_only, (x_m, y_m, ~vibrating, corners_m, floor.tiles.ravel() != 0)
+    )
+    nearest_tiles(x_m, y_m, wanted, corners_m, sought, (width, height), distance_m, tile)
     return distance_m, tile
 
 

@@ -1,0 +1,28 @@
+"""One thread for linear algebra.
+
+Products of small arrays, as the optimisers of fits make them by the thousand, are the slower the more threads share
+them: the threads wait for each other, and L-BFGS-B takes ten times as much CPU time with two threads as with one. With
+one thread a sum also has the same order of additions, and so the same last digits, on every machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def with_one_blas_thread(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a function that does what ``function`` does, with one thread for linear algebra in this process."""
+
+    @wraps(function)
+    def limited(*arguments: P.args, **named: P.kwargs) -> R:
+        with threadpool_limits(1, "blas"):
+            return function(*arguments, **named)
+
+    return limited
