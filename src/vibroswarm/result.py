@@ -1,7 +1,7 @@
 """Results: the tables of some simulated or recorded runs, with their scenario, seed, versions and code hash.
 
-On disk a result is a folder: ``scenario.toml``, ``result.json`` and one Parquet file per table. Each Parquet file
-also holds scenario, seed and versions in its metadata, so that it can be used on its own.
+On disk a result is a folder: a manifest (``core.folders``), ``scenario.toml`` and one Parquet file per table. Each
+Parquet file also holds scenario, seed and versions in its metadata, so that it can be used on its own.
 """
 
 from __future__ import annotations
@@ -10,20 +10,21 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import polars as pl
 from polars.testing import assert_frame_equal
 
-from vibroswarm.core.atomic_io import MARKER, whole_file, whole_folder
+from vibroswarm.core.atomic_io import MANIFEST, whole_file, whole_folder
 from vibroswarm.core.code_version import code_hash
+from vibroswarm.core.folders import manifest_text, read_manifest
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import SEED_LIMIT
 from vibroswarm.core.tables import Schema, read_table, write_frame
-from vibroswarm.core.untrusted_files import entry, read_json, texts, words
-from vibroswarm.errors import InputError, RunError, check_format, path_of, shown, whole_number_of
+from vibroswarm.core.untrusted_files import entry, texts, words
+from vibroswarm.errors import InputError, RunError, path_of, shown, whole_number_of
 from vibroswarm.floors.changes import NO_CHANGES, Changes
 from vibroswarm.floors.floor import DIGITS, Floor
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
@@ -37,8 +38,8 @@ from vibroswarm.scenario import plugins
 from vibroswarm.scenario.fault_draws import FAULT_COLUMNS
 from vibroswarm.scenario.scenario import Scenario
 
-SCHEMA_VERSION: Final = 5
-"""Number of the format of results on disk."""
+SCENARIO: Final = "scenario.toml"
+"""File of a result's scenario."""
 
 RECORDED: Final = "recording"
 """Prefix of the source of recorded results, which have no seed."""
@@ -155,6 +156,9 @@ def write_code(folder: Path, scenarios: Iterable[Scenario], *others: str) -> Non
 @dataclass(frozen=True, eq=False)
 class Result(NotebookView):
     """All tables of some runs of one scenario, as polars frames (docs/results.md describes the columns)."""
+
+    KIND: ClassVar[str] = "result"
+    """Kind of the folder."""
 
     scenario: Scenario
     """What was simulated or recorded."""
@@ -278,10 +282,11 @@ class Result(NotebookView):
             self.write_into(part)
 
     def write_into(self, folder: Path) -> None:
-        """Write scenario, ``result.json``, users' code and all tables of this result into an existing folder."""
-        (folder / MARKER).write_text(self.scenario.to_toml(), encoding="utf-8")
+        """Write scenario, manifest, users' code and all tables of this result into an existing folder."""
+        (folder / SCENARIO).write_text(self.scenario.to_toml(), encoding="utf-8")
         about = self._about()
-        (folder / "result.json").write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
+        text = manifest_text(self.KIND, **about, **self._more())
+        (folder / MANIFEST).write_text(text, encoding="utf-8")
         write_code(folder, [self.scenario], self.source)
         metadata = {"vibroswarm": json.dumps(about), "scenario": self.scenario.to_toml()}
         for name in TABLES:
@@ -290,9 +295,8 @@ class Result(NotebookView):
                 _write_table(frame, folder / f"{name}.parquet", metadata)
 
     def _about(self) -> dict[str, Any]:
-        """Return the entries to write to ``result.json``."""
+        """Return the entries of the manifest that all results have."""
         return {
-            "schema_version": SCHEMA_VERSION,
             "seed": self.seed,
             "source": self.source,
             "scenario_hash": self.scenario.hash,
@@ -300,13 +304,17 @@ class Result(NotebookView):
             "versions": dict(self.versions),
         }
 
+    def _more(self) -> dict[str, Any]:
+        """Return the entries of the manifest that only this class has."""
+        return {}
+
     @classmethod
     def read(cls, path: str | Path) -> Result:
         """Read a result from the folder ``path`` that ``write`` wrote; it equals the result that was written.
 
         Raises:
             InputError: the folder is not a result, its format is older or newer, a table is damaged or missing, tables
-                do not fit each other or the scenario, or the scenario is not the one that ``result.json`` names.
+                do not fit each other or the scenario, or the scenario is not the one that the manifest names.
         """
         folder = path_of(path)
         about = _head(folder)
@@ -314,14 +322,14 @@ class Result(NotebookView):
         frames = {name: _read_table(folder, name) if name in names else None for name in TABLES}
         missing = [name for name in TABLES if frames[name] is None and name not in OPTIONAL]
         if missing:
-            raise InputError(f"result.json names no table '{missing[0]}'", field=str(folder))
-        scenario = Scenario.read(folder / MARKER)
+            raise InputError(f"its manifest names no table '{missing[0]}'", field=str(folder))
+        scenario = Scenario.read(folder / SCENARIO)
         # The hash is compared only if the same version of the code wrote it: another version may have more fields, so
         # that its hash of the same scenario differs.
         if scenario.hash != about["scenario_hash"] and about["versions"].get("code") == code_hash():
             raise InputError(
-                f"is not the scenario that result.json names ({about['scenario_hash']}); put it back",
-                field=str(folder / MARKER),
+                f"is not the scenario that {MANIFEST} names ({about['scenario_hash']}); put it back",
+                field=str(folder / SCENARIO),
             )
         check_result(frames, scenario, folder, simulated=seed is not None)
         versions = about["versions"]
@@ -352,16 +360,13 @@ def _read_table(folder: Path, name: str) -> pl.DataFrame:
 
 
 def _head(folder: Path) -> dict[str, Any]:
-    """Read and check ``result.json``; return seed (None: recorded), source, tables, scenario_hash and versions by name.
+    """Read and check the manifest; return seed (None: recorded), source, tables, scenario_hash and versions by name.
 
     Raises:
-        InputError: there is no ``result.json``, or one of its entries is missing or wrong.
+        InputError: there is no manifest of a result, or one of its entries is missing or wrong.
     """
-    path = folder / "result.json"
-    if not path.exists():
-        raise InputError("is not a vibroswarm result (there is no result.json)", field=str(folder))
-    about = read_json(path, "the head of a result")
-    check_format(entry(about, "schema_version", int, path), SCHEMA_VERSION, str(folder))
+    path = folder / MANIFEST
+    about = read_manifest(folder, "result", "recording")
     source = entry(about, "source", str, path)
     # Only recordings have no seed.
     recorded = about.get("seed") is None and source.startswith(RECORDED)

@@ -42,7 +42,7 @@ def test_the_shipped_recordings_are_those_that_the_script_makes(tmp_path):
 
 def test_a_recording_is_a_folder_like_any_result(kept):
     names = {path.name for path in kept.iterdir()}
-    assert {"run-1.html", "run-2.html", "run-1.png", "scenario.toml", "recording.json"} <= names
+    assert {"run-1.html", "run-2.html", "run-1.png", "scenario.toml", "vibroswarm.json"} <= names
     assert Result.read(kept).seed is None
     assert Recording.read(kept).names == (1, 2, 3, 4, 5)
     page = (kept / "run-2.html").read_text(encoding="utf-8")

@@ -44,7 +44,14 @@ def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_a_study_keeps_numbers_pictures_and_a_report(swept: Path) -> None:
     there = {path.name for path in swept.iterdir()}
-    assert {"study.toml", "study.json", "shards", "summary.csv", "comparisons.csv", "references.csv"} <= there
+    assert {
+        "study.toml",
+        "vibroswarm.json",
+        "shards",
+        "summary.csv",
+        "comparisons.csv",
+        "references.csv",
+    } <= there
     assert {"pictures", "report.html", "second-block"} <= there
     captions = pl.read_csv(swept / "pictures" / "captions.csv")
     for name in captions["name"]:

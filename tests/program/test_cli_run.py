@@ -30,7 +30,7 @@ def test_a_folder_with_scenario_tables_and_page(tmp_path, capsys):
     assert run(*SHORT, "--strategy", "soft", "--seed", "7", "--out", str(out)) == 0
     said = capsys.readouterr().out
     files = {path.name for path in out.iterdir()}
-    assert files == {"scenario.toml", "result.json", "run.html"} | {
+    assert files == {"scenario.toml", "vibroswarm.json", "run.html"} | {
         f"{name}.parquet"
         for name in TABLES
         if name not in ("moves", "changes", "faults", "places", "reports", "failures")
@@ -243,10 +243,10 @@ def test_an_unknown_option_or_command_suggests_the_nearest(capsys):
 def test_an_output_folder_that_exists_is_refused_unless_told(tmp_path, capsys):
     out = tmp_path / "out"
     assert run(*SHORT, "--seed", "1", "--out", str(out)) == 0
-    before = (out / "result.json").read_bytes()
+    before = (out / "vibroswarm.json").read_bytes()
     assert run(*SHORT, "--seed", "2", "--out", str(out)) == 2
     assert "exists already" in capsys.readouterr().err
-    assert (out / "result.json").read_bytes() == before
+    assert (out / "vibroswarm.json").read_bytes() == before
     assert run(*SHORT, "--seed", "2", "--out", str(out), "--force") == 0
     assert Result.read(out).seed == 2
 
@@ -376,15 +376,6 @@ def test_a_run_is_shown_without_compiling(tmp_path):
         assert "polars" in loaded
         assert "scipy.stats" not in loaded
         assert ("numba" in loaded) == (name == "edges")
-
-
-def test_names_of_what_is_no_run_are_those_of_their_modules():
-    from vibroswarm.cli import show
-    from vibroswarm.documents import saved
-    from vibroswarm.optimize import steps
-    from vibroswarm.study import store
-
-    assert {*show.OTHERS} == {saved.PRINTED, store.HEAD, steps.HEAD, steps.SEARCH}
 
 
 def test_a_second_run_loads_no_more_than_it_needs(tmp_path):

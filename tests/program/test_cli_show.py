@@ -12,6 +12,8 @@ import pytest
 
 from vibroswarm import preset, simulate
 from vibroswarm.cli import main
+from vibroswarm.core.folders import FORMAT, kind_of
+from vibroswarm.documents.saved import begin
 
 ROOT = Path(__file__).parents[2]
 SHORT = ["--set", "run.t_end_s=60", "--set", "decision.min_observations=5"]
@@ -111,10 +113,10 @@ def test_force_replaces_what_vibroswarm_wrote_and_nothing_else(tmp_path, capsys)
     assert main([*COMMANDS["run"], "--out", str(out)]) == 2
     assert main([*COMMANDS["run"], "--out", str(out), "--force"]) == 0
     assert (out / "run.html").exists()
-    assert not (out / "study.json").exists()
+    assert kind_of(out) == "result"
     assert main([*COMMANDS["evaluate"], "--out", str(out)]) == 2
     assert main([*COMMANDS["evaluate"], "--out", str(out), "--force"]) == 0
-    assert (out / "study.json").exists()
+    assert kind_of(out) == "study"
     assert not (out / "run.html").exists()
     mine = tmp_path / "thesis"
     mine.mkdir()
@@ -125,7 +127,7 @@ def test_force_replaces_what_vibroswarm_wrote_and_nothing_else(tmp_path, capsys)
         assert "--force does not replace it" in capsys.readouterr().err
         assert [path.name for path in mine.iterdir()] == ["thesis.tex"]
     assert main(["reproduce", "--only", "fill-ratios", "--out", str(mine)]) == 2
-    assert "is not a reproduction: it holds 'thesis.tex'" in capsys.readouterr().err
+    assert "is not a folder of vibroswarm" in capsys.readouterr().err
 
 
 FILES = {
@@ -215,7 +217,8 @@ def test_what_is_not_finite_is_null_in_json(tmp_path, capsys):
 )
 def test_a_damaged_file_of_what_was_printed_is_named(harm, tmp_path, capsys):
     document = {"title": "x", "answer": ["fine"]}
-    about = {"format": 2, "command": "league", "work": "", "document": document}
+    about = {"format": FORMAT, "kind": "document", "command": "league", "document": document}
+    begin(tmp_path, "league")
     (tmp_path / "printed.json").write_text(json.dumps(about))
     assert main(["show", str(tmp_path)]) == 0
     harm(about)
@@ -228,8 +231,9 @@ def test_escape_sequences_of_a_foreign_file_reach_no_terminal(tmp_path, capsys):
     parts = [{"words": "a\x1b[2Jb"}, {"frame": {"\x1b]0;x\x07": ["\x1b[31m"]}}]
     document = {"title": "\x1b[2J", "answer": ["\x1b[2J"], "warnings": ["\x1b[2J"], "parts": parts}
     (tmp_path / "printed.json").write_text(
-        json.dumps({"format": 2, "command": "x", "work": "", "document": document})
+        json.dumps({"format": FORMAT, "kind": "document", "command": "x", "document": document})
     )
+    begin(tmp_path, "x")
     assert main(["show", str(tmp_path)]) == 0
     assert "\x1b" not in capsys.readouterr().out
 

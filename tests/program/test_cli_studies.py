@@ -22,8 +22,9 @@ from helpers.dask_cluster import Cluster
 from vibroswarm.cli import main, scenario_warnings
 from vibroswarm.cli.evaluate import study_of
 from vibroswarm.cli.options import Compared
+from vibroswarm.core import folders
 from vibroswarm.scenario.scenario import preset
-from vibroswarm.study import executors, runner, store
+from vibroswarm.study import executors, runner
 from vibroswarm.study.spec import FORMAT, Study
 from vibroswarm.study.study_result import StudyResult
 
@@ -300,8 +301,8 @@ def workplace(tmp_path_factory) -> Path:
     for name, seed in (("newer", 1), ("other", 9), ("another", 8)):
         (place / "s.toml").write_text(f"seed = {seed}\n" + TEXT)
         assert sweep(place / "s.toml", "--out", place / name) == 0
-    about = json.loads((place / "newer" / "study.json").read_text())
-    (place / "newer" / "study.json").write_text(json.dumps(about | {"format": store.FORMAT + 1}))
+    about = json.loads((place / "newer" / "vibroswarm.json").read_text())
+    (place / "newer" / "vibroswarm.json").write_text(json.dumps(about | {"format": folders.FORMAT + 1}))
     return place
 
 

@@ -15,10 +15,11 @@ import pytest
 import vibroswarm
 from vibroswarm import preset, replay, simulate
 from vibroswarm.cli import main
+from vibroswarm.core.atomic_io import MANIFEST
 from vibroswarm.errors import CodeError, InputError
 from vibroswarm.optimize.sensitivity import sobol_indices
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.steps import HEAD, SEARCH, SearchFolder
+from vibroswarm.optimize.steps import SEARCH, SearchFolder
 from vibroswarm.result import Result, write_code
 from vibroswarm.scenario.plugins import load_code, trust_code
 from vibroswarm.strategies.base import forget
@@ -157,8 +158,8 @@ def test_a_search_that_was_killed_after_it_copied_the_code_begins_again(tmp_path
     assert [path.name for path in tmp_path.iterdir()] == [copy.name]
     (tmp_path / ".voter.py.3f.tmp").write_text("half a co", encoding="utf-8")
     with SearchFolder(tmp_path, search).alone():
-        assert {path.name for path in tmp_path.iterdir()} >= {copy.name, HEAD, SEARCH}
-    for name in (HEAD, SEARCH):
+        assert {path.name for path in tmp_path.iterdir()} >= {copy.name, MANIFEST, SEARCH}
+    for name in (MANIFEST, SEARCH):
         (tmp_path / name).unlink()
     copy.write_text(copy.read_text(encoding="utf-8") + "\n", encoding="utf-8")
     with pytest.raises(InputError, match="is not a search"):

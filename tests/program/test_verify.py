@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,13 @@ import pytest
 
 from vibroswarm import InputError, Result, Study, preset, simulate
 from vibroswarm.cli import main
-from vibroswarm.study import verify as module
-from vibroswarm.study.verify import verify
+from vibroswarm.core.folders import write_described
+from vibroswarm.core.tables import parquet_bytes
+from vibroswarm.optimize import verify as module
+from vibroswarm.optimize.loop import run_search
+from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.steps import held
+from vibroswarm.optimize.verify import verify
 
 SHORT = preset("paper").with_values({"run.t_end_s": 60.0, "swarm.robots": 2})
 
@@ -79,6 +85,34 @@ def test_other_runs_are_seen(
     assert [row["tables"] for row in told["tables"]["differing"]] == ["robots"] * 3
 
 
+@pytest.fixture(scope="module")
+def search(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("verify") / "search"
+    small = Path(__file__).parents[1] / "helpers" / "small_search.toml"
+    run_search(Search.from_toml(small.read_text() + "[search]\nbudget = 60\n"), folder, workers=1)
+    return folder
+
+
+def test_a_search_is_the_same(search: Path) -> None:
+    found = verify(search, 15)
+    assert (found.runs.height, found.holds) == (15, True)
+    assert found.saved == held(search)["runs_there"]
+
+
+def test_other_figures_of_a_search_are_seen(search: Path, tmp_path: Path) -> None:
+    """Negative control: the last bit of one figure of one run of a step."""
+    folder = tmp_path / "changed"
+    shutil.copytree(search, folder)
+    path = folder / "steps" / "00001.parquet"
+    table = pl.read_parquet(path)
+    figures = table["figure_0"].to_numpy().copy()
+    figures.view("uint64")[0] ^= 1
+    table = table.with_columns(pl.Series("figure_0", figures))
+    write_described(path.parent, path.stem, "step", {"step": parquet_bytes(table)})
+    found = verify(folder, 10**6)
+    assert found.runs.height - found.same == 1
+
+
 def test_other_versions_are_named(result: Path, tmp_path: Path) -> None:
     read = Result.read(result)
     older = {**read.versions, "numpy": "1.0"}
@@ -93,6 +127,6 @@ def test_other_versions_are_named(result: Path, tmp_path: Path) -> None:
 def test_what_holds_no_runs_is_refused(tmp_path: Path, content: str | None) -> None:
     if content:
         (tmp_path / content).write_text("x", encoding="utf-8")
-    with pytest.raises(InputError, match="holds neither runs of one scenario nor a study"):
+    with pytest.raises(InputError, match="is not a folder of vibroswarm"):
         verify(tmp_path)
     assert main(["verify", str(tmp_path / "nowhere")]) == 2

@@ -214,7 +214,7 @@ ODD: list[Any] = [None, "x", -1, 1.5, [], {}, [1], {"a": None}, [[]], True]
 @pytest.mark.parametrize("key", ["names", "sessions", "stated", "inferred", "floor"])
 @pytest.mark.parametrize("value", [*ODD, "gone"], ids=repr)
 def test_the_head_of_a_recording_is_checked(there: Path, key: str, value: Any) -> None:
-    path = there / "recording" / "recording.json"
+    path = there / "recording" / "vibroswarm.json"
     about = json.loads(path.read_text())
     if value == "gone":
         del about[key]
@@ -227,10 +227,10 @@ def test_the_head_of_a_recording_is_checked(there: Path, key: str, value: Any) -
     refused(Recording.read, there / "recording", path, "damaged")
 
 
-@pytest.mark.parametrize("key", ["schema_version", "seed", "source", "tables", "versions", "scenario_hash"])
+@pytest.mark.parametrize("key", ["format", "kind", "seed", "source", "tables", "versions", "scenario_hash"])
 @pytest.mark.parametrize("value", ODD, ids=repr)
 def test_the_head_of_a_result_is_checked(there: Path, key: str, value: Any) -> None:
-    path = there / "result" / "result.json"
+    path = there / "result" / "vibroswarm.json"
     about = json.loads(path.read_text())
     path.write_text(json.dumps(about | {key: value}))
     if (key, str(value)) in (("versions", "{}"), ("source", "x")):  # these may be so
@@ -243,12 +243,12 @@ def test_the_head_of_a_result_is_checked(there: Path, key: str, value: Any) -> N
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "9" * 5000, "NaN", '{"a": Infinity}', "\x00", '"x"'])
 def test_json_that_no_reader_survives_is_refused(there: Path, text: str) -> None:
-    path = there / "result" / "result.json"
+    path = there / "result" / "vibroswarm.json"
     path.write_text(text)
     refused(Result.read, there / "result", path, "damaged")
 
 
-@pytest.mark.parametrize("name", ["result.json", "scenario.toml", "runs.parquet"])
+@pytest.mark.parametrize("name", ["vibroswarm.json", "scenario.toml", "runs.parquet"])
 @pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device", "nowhere"])
 def test_only_plain_files_are_opened(there: Path, name: str, kind: str) -> None:
     path = there / "result" / name

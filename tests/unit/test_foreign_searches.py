@@ -52,7 +52,7 @@ def put(kind: str, path: Path) -> None:
         path.symlink_to({"loop": path.name, "device": "/dev/zero"}[kind])
 
 
-@pytest.mark.parametrize("name", ["search.json", "search.toml", "printed.json"])
+@pytest.mark.parametrize("name", ["vibroswarm.json", "search.toml", "printed.json"])
 @pytest.mark.parametrize("kind", ["folder", "pipe", "loop", "device"])
 def test_only_plain_files_are_opened(name: str, kind: str, out: Path) -> None:
     put(kind, out / name)
@@ -87,6 +87,6 @@ def test_a_damaged_result_is_said(
 @pytest.mark.parametrize("key", ["format", "hash", "versions"])
 @pytest.mark.parametrize("value", [None, "x", [], {"x": 1}, float("inf")], ids=repr)
 def test_a_head_of_wrong_types_is_refused(key: str, value: Any, out: Path) -> None:
-    path = out / "search.json"
+    path = out / "vibroswarm.json"
     path.write_text(json.dumps(json.loads(path.read_text()) | {key: value}))
     assert again(out) == 2

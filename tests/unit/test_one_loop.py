@@ -49,7 +49,7 @@ WHOLE_RESULTS = {
     "analysis/oracle_posterior.py": "the same result on mirrored floors",
     "study/baselines.py": "the same result with another strategy",
     "study/study_result.py": "runs of a study again, with their samples",
-    "study/verify.py": "runs of a study again, to compare them",
+    "optimize/verify.py": "runs of a study again, to compare them",
 }
 """Those who need samples or paths of a few runs, which a study does not keep."""
 OTHERS = {
@@ -76,6 +76,16 @@ def imported(path: Path, wanted: dict[str, set[str]]) -> set[str]:
     }
 
 
+FILES = {"read_parquet", "scan_parquet", "write_parquet", "read_parquet_metadata"}
+"""Functions of polars that read or write tables."""
+
+
+def called(path: Path, wanted: set[str]) -> bool:
+    """Whether a module names an attribute of ``wanted``."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    return any(isinstance(node, ast.Attribute) and node.attr in wanted for node in ast.walk(tree))
+
+
 def modules() -> Iterator[tuple[str, Path]]:
     for path in sorted(ROOT.rglob("*.py")):
         yield path.relative_to(ROOT).as_posix(), path
@@ -89,10 +99,25 @@ def test_only_these_share_work() -> None:
     assert {name for name, path in modules() if imported(path, SHARE)} == set(SHARING)
 
 
+def test_one_module_reads_and_writes_tables() -> None:
+    assert [name for name, path in modules() if called(path, FILES)] == ["core/tables.py"]
+
+
+def test_one_module_knows_the_manifest() -> None:
+    """The name of the manifest, and the number of the format, stand in one place; an archive names the same format."""
+    assert [name for name, path in modules() if '"vibroswarm.json"' in path.read_text()] == [
+        "core/atomic_io.py"
+    ]
+    named = {name for name, path in modules() if imported(path, {"vibroswarm.core.folders": {"FORMAT"}})}
+    assert named == {"paper/archive.py"}
+
+
 def test_a_loop_of_its_own_is_seen(tmp_path: Path) -> None:
     """Negative control: an import within a function, under another name."""
     file = tmp_path / "own.py"
     file.write_text("def curve():\n    from vibroswarm.simulation import simulate as s, versions\n")
     assert imported(file, SIMULATE) == {"simulate"}
+    file.write_text("import polars as pl\nshow = pl.read_parquet\n")
+    assert called(file, FILES)
     file.write_text("from vibroswarm.study.run import run\n")
     assert imported(file, SIMULATE) == set()

@@ -11,10 +11,11 @@ import polars as pl
 import pytest
 
 from vibroswarm import strategies
+from vibroswarm.core.folders import FORMAT
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.inference.reports import REPORTS
 from vibroswarm.motion.source import FAILURES
-from vibroswarm.result import SCHEMA_VERSION, TABLES, Result
+from vibroswarm.result import TABLES, Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate, versions
 
@@ -127,7 +128,6 @@ def test_each_table_says_what_it_is_of(result: Result, folder: Path) -> None:
         metadata = pl.read_parquet_metadata(folder / f"{name}.parquet")
         about = json.loads(metadata["vibroswarm"])
         assert about["seed"] == result.seed
-        assert about["schema_version"] == SCHEMA_VERSION
         assert about["versions"] == versions()
         assert about["scenario_hash"] == result.scenario.hash
         assert Scenario.from_toml(metadata["scenario"]) == result.scenario
@@ -136,7 +136,7 @@ def test_each_table_says_what_it_is_of(result: Result, folder: Path) -> None:
 def test_the_folder_holds_the_scenario(result: Result, folder: Path) -> None:
     assert Scenario.read(folder / "scenario.toml") == result.scenario
     assert sorted(p.name for p in folder.iterdir()) == sorted(
-        ["scenario.toml", "result.json", *(f"{name}.parquet" for name in TABLES)]
+        ["scenario.toml", "vibroswarm.json", *(f"{name}.parquet" for name in TABLES)]
     )
 
 
@@ -173,11 +173,11 @@ def test_a_floor_with_a_place_of_its_own_comes_back() -> None:
 
 
 def test_an_existing_folder_is_refused(result: Result, folder: Path) -> None:
-    before = (folder / "result.json").stat().st_mtime_ns
+    before = (folder / "vibroswarm.json").stat().st_mtime_ns
     with pytest.raises(InputError, match="exists already") as caught:
         result.write(folder)
     assert str(folder) in str(caught.value)
-    assert (folder / "result.json").stat().st_mtime_ns == before
+    assert (folder / "vibroswarm.json").stat().st_mtime_ns == before
     assert without_leftovers(folder)
 
 
@@ -266,11 +266,11 @@ def test_a_damaged_table_is_named(folder: Path, name: str, damage: str) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "{", "[]", "null", "{}", f'{{"schema_version": {SCHEMA_VERSION}}}', '{"schema_version": "x"}'],
+    ["", "{", "[]", "null", "{}", f'{{"format": {FORMAT}}}', '{"format": "x"}'],
 )
 def test_a_damaged_head_is_named(folder: Path, text: str) -> None:
-    (folder / "result.json").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"result\.json"):
+    (folder / "vibroswarm.json").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"vibroswarm\.json"):
         Result.read(folder)
 
 
@@ -282,26 +282,28 @@ def test_a_damaged_head_is_named(folder: Path, text: str) -> None:
         ("seed", None),
         ("seed", "x"),
         ("versions", 3),
-        ("schema_version", []),
+        ("format", []),
+        ("kind", "study"),
+        ("kind", "x"),
     ],
 )
 def test_a_head_with_a_wrong_entry_is_refused(folder: Path, key: str, value: Any) -> None:
-    head = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    (folder / "result.json").write_text(json.dumps(head | {key: value}), encoding="utf-8")
+    head = json.loads((folder / "vibroswarm.json").read_text(encoding="utf-8"))
+    (folder / "vibroswarm.json").write_text(json.dumps(head | {key: value}), encoding="utf-8")
     with pytest.raises(InputError):
         Result.read(folder)
 
 
 def test_a_head_that_is_no_text_is_refused(folder: Path) -> None:
-    (folder / "result.json").write_bytes(b"\xff\xfe\x00")
+    (folder / "vibroswarm.json").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(InputError):
         Result.read(folder)
 
 
 def test_a_newer_format_is_refused(folder: Path) -> None:
-    head = json.loads((folder / "result.json").read_text(encoding="utf-8"))
-    head["schema_version"] = SCHEMA_VERSION + 1
-    (folder / "result.json").write_text(json.dumps(head), encoding="utf-8")
+    head = json.loads((folder / "vibroswarm.json").read_text(encoding="utf-8"))
+    head["format"] = FORMAT + 1
+    (folder / "vibroswarm.json").write_text(json.dumps(head), encoding="utf-8")
     with pytest.raises(InputError, match="update vibroswarm"):
         Result.read(folder)
 
@@ -318,7 +320,7 @@ def test_a_damaged_scenario_is_refused(folder: Path) -> None:
 def test_what_is_no_result_is_refused(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "nothing", tmp_path / "file"):
         (tmp_path / "file").write_text("x", encoding="utf-8")
-        with pytest.raises(InputError, match="is not a vibroswarm result"):
+        with pytest.raises(InputError, match="is not a run of vibroswarm"):
             Result.read(path)
 
 

@@ -277,7 +277,7 @@ def test_versions_are_those_that_began_it_and_those_of_now(found: Found, tmp_pat
     assert made_by(tmp_path) == [versions()]
     run_search(found.search, tmp_path / "s", workers=2)
     assert made_by(tmp_path / "s") == [versions()]
-    head = tmp_path / "s" / "search.json"
+    head = tmp_path / "s" / "vibroswarm.json"
     head.write_text(head.read_text().replace(f'"numba": "{versions()["numba"]}"', '"numba": "0.1"'))
     assert [one["numba"] for one in made_by(tmp_path / "s")] == ["0.1", versions()["numba"]]
 

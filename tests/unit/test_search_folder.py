@@ -15,6 +15,8 @@ import pytest
 from helpers.search_functions import steps_of
 from vibroswarm.cli import main
 from vibroswarm.core.atomic_io import LOCK_FILE, folder_lock
+from vibroswarm.core.folders import write_described
+from vibroswarm.core.tables import parquet_bytes
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.optimize.loop import run_search
 from vibroswarm.optimize.search_files import candidate_table
@@ -92,8 +94,18 @@ def test_a_folder_that_was_begun_is_gone_on_with(tmp_path: Path) -> None:
 STEP = "00002.parquet"
 
 
+def rewritten(change: Callable[[pl.DataFrame], pl.DataFrame]) -> Callable[[Path], None]:
+    """Change the table of a step, and its description too, as no accident does."""
+
+    def write(path: Path) -> None:
+        data = parquet_bytes(change(pl.read_parquet(path)))
+        write_described(path.parent, path.stem, "step", {"step": data})
+
+    return write
+
+
 def changed(**columns: pl.Expr) -> Callable[[Path], None]:
-    return lambda path: pl.read_parquet(path).with_columns(**columns).write_parquet(path)
+    return rewritten(lambda table: table.with_columns(**columns))
 
 
 def cut(path: Path) -> None:
@@ -104,8 +116,11 @@ DAMAGES: dict[str, Callable[[Path], None]] = {
     "torn": cut,
     "empty": lambda path: path.write_bytes(b""),
     "other bytes": lambda path: path.write_bytes(b"PAR1" + b"\0" * 50 + b"PAR1"),
-    "no rows": lambda path: pl.read_parquet(path).clear().write_parquet(path),
-    "a figure less": lambda path: pl.read_parquet(path).drop("figure_0").write_parquet(path),
+    "other figures": lambda path: (
+        pl.read_parquet(path).with_columns(pl.col("figure_0") + 1).write_parquet(path)
+    ),
+    "no rows": rewritten(lambda table: table.clear()),
+    "a figure less": rewritten(lambda table: table.drop("figure_0")),
     "a figure more": changed(figure_1=pl.lit(1.0)),
     "a figure of words": changed(figure_0=pl.lit("1")),
     "no number": changed(figure_0=pl.lit(float("nan"))),
@@ -146,16 +161,16 @@ def test_a_step_of_other_requests_is_refused(tmp_path: Path) -> None:
         changed(origin=pl.lit("other")),
         changed(run=pl.col("run") + 1),
     ):
-        kept = path.read_bytes()
+        kept = pl.read_parquet(path)
         change(path)
         with pytest.raises(RunError, match="requests other runs than this folder holds"):
             run_search(search, tmp_path)
-        path.write_bytes(kept)
+        rewritten(lambda table, kept=kept: kept)(path)
     run_search(search, tmp_path)  # control
 
 
-@pytest.mark.parametrize("name", ["search.toml", "search.json"])
+@pytest.mark.parametrize("name", ["search.toml", "vibroswarm.json"])
 def test_a_folder_in_place_of_a_file_of_a_search_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / name).mkdir()
-    with pytest.raises(InputError, match="exists but is not a search"):
+    with pytest.raises(InputError, match=r"exists but is not a search|is a folder"):
         run_search(Search.from_toml(SMALL), tmp_path)

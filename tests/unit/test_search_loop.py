@@ -183,14 +183,14 @@ def test_folders_that_are_no_search(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="is not a search"):
         run_search(small(), tmp_path / "other")
     run_search(small(), tmp_path / "s")
-    (tmp_path / "s" / "search.json").write_text("{}")
+    (tmp_path / "s" / "vibroswarm.json").write_text("{}")
     with pytest.raises(InputError, match="damaged"):
         run_search(small(), tmp_path / "s")
 
 
 def test_other_versions_are_refused_unless_mixed(tmp_path: Path, whole: Found) -> None:
     run_search(small(), tmp_path / "s")
-    head = tmp_path / "s" / "search.json"
+    head = tmp_path / "s" / "vibroswarm.json"
     about = json.loads(head.read_text())
     about["versions"]["numba"] = "0.1"
     head.write_text(json.dumps(about))

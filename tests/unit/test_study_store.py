@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from polars.testing import assert_frame_equal
 
+from vibroswarm.core.folders import FORMAT
 from vibroswarm.documents.study import study_document
 from vibroswarm.errors import InputError, RunError
 from vibroswarm.simulation import versions
@@ -26,7 +27,7 @@ from vibroswarm.study.plan import plan_of
 from vibroswarm.study.precision import Precision
 from vibroswarm.study.run import merge
 from vibroswarm.study.spec import Study
-from vibroswarm.study.store import FORMAT, SHARDS, Store
+from vibroswarm.study.store import SHARDS, Store
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of, write_outcome
 
@@ -227,7 +228,7 @@ def test_a_precision_and_its_level_are_the_same_study(copy: Path) -> None:
 
 
 def test_a_head_that_is_not_as_it_was_is_said(copy: Path) -> None:
-    head, marker = copy / "study.json", copy / "study.toml"
+    head, marker = copy / "vibroswarm.json", copy / "study.toml"
     about, text = json.loads(head.read_text()), marker.read_text()
     head.write_text(json.dumps(about | {"format": FORMAT + 1}))
     with pytest.raises(InputError, match="update vibroswarm"):
@@ -250,7 +251,7 @@ def test_a_head_that_is_not_as_it_was_is_said(copy: Path) -> None:
 def test_a_store_whose_hash_a_later_version_would_make_otherwise_is_read(copy: Path) -> None:
     """A later version may know more fields; the hash then differs though the study is the same."""
     old = "f" * 16
-    for path in [copy / "study.json", *(copy / SHARDS).glob("*.json")]:
+    for path in [copy / "vibroswarm.json", *(copy / SHARDS).glob("*.json")]:
         path.write_text(path.read_text().replace(STUDY.hash, old).replace(versions()["code"], "0" * 16))
     store = Store.open(copy)
     assert (store.hash, len(store.shards), store.damaged) == (old, 2, [])
@@ -267,7 +268,7 @@ def test_a_store_whose_hash_a_later_version_would_make_otherwise_is_read(copy: P
 
 def test_a_hash_that_this_version_makes_otherwise_is_refused(copy: Path) -> None:
     """The same code gives the same study the same hash, or it is another study."""
-    for path in [copy / "study.json", *(copy / SHARDS).glob("*.json")]:
+    for path in [copy / "vibroswarm.json", *(copy / SHARDS).glob("*.json")]:
         path.write_text(path.read_text().replace(STUDY.hash, "f" * 16))
     with pytest.raises(InputError, match="restore it"):
         Store.open(copy)
@@ -287,7 +288,7 @@ def test_what_is_written_down_is_the_study_that_is_run(
     monkeypatch.setattr(Study, "to_toml", lambda study: other)
     with pytest.raises(RunError, match="read as another study"):
         Store.open_or_create(tmp_path / "s", STUDY)
-    assert not (tmp_path / "s" / "study.json").exists()
+    assert not (tmp_path / "s" / "vibroswarm.json").exists()
 
 
 FOREIGN: dict[str, Any] = {
@@ -341,7 +342,7 @@ def test_a_description_of_wrong_types_is_said(key: str, value: Any, copy: Path) 
 @pytest.mark.parametrize("key", ["format", "hash", "versions"])
 @pytest.mark.parametrize("value", [None, "x", [], {"x": 1}, 1.5, float("inf")], ids=repr)
 def test_a_head_of_wrong_types_is_refused(key: str, value: Any, copy: Path) -> None:
-    head = copy / "study.json"
+    head = copy / "vibroswarm.json"
     head.write_text(json.dumps(json.loads(head.read_text()) | {key: value}))
     with pytest.raises(InputError):
         Store.open(copy)
@@ -349,7 +350,7 @@ def test_a_head_of_wrong_types_is_refused(key: str, value: Any, copy: Path) -> N
 
 def test_a_store_of_an_older_format_is_refused_in_one_sentence() -> None:
     """Its head was written by version 0.1.0, and is kept as it was."""
-    with pytest.raises(InputError, match=r"is of an older format \(1\).*recreate it$") as caught:
+    with pytest.raises(InputError, match=r"of an older format \(before 6\).*recreate it$") as caught:
         StudyResult.open(GOLDEN)
     assert "\n" not in str(caught.value)
 

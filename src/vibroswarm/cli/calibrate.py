@@ -8,7 +8,7 @@ from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.deliver import print_document
-from vibroswarm.cli.options import Force, Json, TomlFile, read_result
+from vibroswarm.cli.options import Force, Json, TomlFile
 from vibroswarm.errors import InputError
 
 Recordings = Annotated[Path, Option("folders of recordings (lab import)", "REAL")]
@@ -55,6 +55,7 @@ def compare(
     )
     from vibroswarm.documents.calibration import comparison_document, comparisons_document
     from vibroswarm.floors.io import check_suffix
+    from vibroswarm.recordings.recording import read_result
 
     # RIGHT is a camera without error. With None, ``compare`` uses the camera of SIM's scenario, or RIGHT if the
     # positions need no change, as those of two recordings (``camera_between``).
@@ -94,6 +95,7 @@ def figures(
     """Figures of one or more results (each run is a session) with 95 % intervals over sessions."""
     from vibroswarm.calibrate.session_statistics import figures_of
     from vibroswarm.documents.calibration import figures_document
+    from vibroswarm.recordings.recording import read_result
 
     _refuse_twice(folders, "DIR")
     found = {str(folder): figures_of(read_result(folder), at) for folder in folders}
@@ -148,6 +150,7 @@ def bursts(
     from vibroswarm.calibrate import message_loss
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.documents.message_loss import message_loss_document
+    from vibroswarm.recordings.recording import read_result
 
     windows = [one for folder in folders for one in message_loss.windows_of(read_result(folder))]
     message_loss.check_windows(windows, ", ".join(map(str, folders)), errors=errors)
@@ -193,6 +196,7 @@ def fit(
     from vibroswarm.cli.scenario_options import scenario_named
     from vibroswarm.core.atomic_io import check_free, whole_file
     from vibroswarm.documents.fit import fit_document
+    from vibroswarm.recordings.recording import read_result
 
     if out is None and force:
         raise InputError("has no effect without --out FILE", field="--force")

@@ -150,7 +150,7 @@ def _search(search: Search, execution: Execution, output: Drawn) -> None:
         report(sentence)
     with search_progress() as progress:
         found = run_search(search, output.out, progress=progress, **execution.how)
-    truth, front = _validated(found, execution)
+    truth, front = _validated(found, execution, output.out)
     versions = []
     if output.out is not None:
         write_search(found, output.out, front)
@@ -158,7 +158,7 @@ def _search(search: Search, execution: Execution, output: Drawn) -> None:
     deliver(search_document(found, truth, front, versions), output, "optimize")
 
 
-def _validated(found: Found, execution: Execution) -> tuple[Truth | None, Front | None]:
+def _validated(found: Found, execution: Execution, out: Path | None) -> tuple[Truth | None, Front | None]:
     """Score the winner, or the Pareto front, on fresh runs.
 
     The scores of the search itself are too good: the winner was chosen for its score, which is partly luck. With
@@ -169,10 +169,10 @@ def _validated(found: Found, execution: Execution) -> tuple[Truth | None, Front 
     search, truth, front = found.search, None, None
     if found.front:  # never with one objective
         with _counting("scoring on fresh runs", fresh_runs(found) * len(found.front)) as counted:
-            front = front_of(found, progress=counted, **_where(execution))
+            front = front_of(found, folder=out, progress=counted, **_where(execution))
     if len(search.objectives) == 1:  # the winner, and each start of the search for comparison
         with _counting("scoring on fresh runs", search.settings.fresh * (1 + len(search.starts))) as counted:
-            truth = truth_of(found, progress=counted, **_where(execution))
+            truth = truth_of(found, folder=out, progress=counted, **_where(execution))
     return truth, front
 
 

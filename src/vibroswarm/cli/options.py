@@ -9,15 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
 from vibroswarm.cli.command_line import Option
 from vibroswarm.core.child_python import MOST_WORKERS
 from vibroswarm.core.registry import written_names
 from vibroswarm.errors import InputError
-
-if TYPE_CHECKING:
-    from vibroswarm.result import Result
 
 Style = Literal["column", "page", "slide"]
 """Styles of pictures; the first is the default."""
@@ -318,11 +315,3 @@ def run_plain() -> None:
     """
     if "vibroswarm.core.jit" not in sys.modules:
         os.environ["VIBROSWARM_PLAIN"] = "1"
-
-
-def read_result(folder: Path) -> Result:
-    """Read a result from its folder: the ``Result`` of a simulation, or a ``Recording`` of real robots (a subclass)."""
-    from vibroswarm.recordings.recording import Recording
-    from vibroswarm.result import Result
-
-    return Recording.read(folder) if (folder / "recording.json").is_file() else Result.read(folder)

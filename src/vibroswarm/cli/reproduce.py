@@ -58,6 +58,7 @@ def reproduce(
     from vibroswarm.cli.progress import labelled_progress_bar
     from vibroswarm.core.atomic_io import folder_lock
     from vibroswarm.documents.reproduction import reproduction_document
+    from vibroswarm.documents.saved import begin, refuse_other
     from vibroswarm.paper.archive import write_archive
     from vibroswarm.paper.items import all_items, items_named
     from vibroswarm.paper.reproduce import reproduce as computed
@@ -71,11 +72,9 @@ def reproduce(
     if out is None:
         raise InputError("is required", field="--out")
     items, settings = items_named(only), settings_of(runs, seed, columns, control, recordings, workers)
-    claim(output, lambda folder: _refuse_other(folder, archive))
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"cannot be created: {error.strerror}", field=str(out)) from None
+    # Items that depend on a changed setting are computed again, so that other settings are no reason to refuse it.
+    claim(output, lambda folder: refuse_other(folder, "reproduce"))
+    begin(out, "reproduce")
     with folder_lock(out):
         with labelled_progress_bar(f"reproducing {len(items)} items") as progress:
             # An archive holds the cells of all items, also of those whose results are in the folder already.
@@ -84,30 +83,6 @@ def reproduce(
         if archive is not None:
             write_archive(reproduction, archive)
         deliver(reproduction_document(reproduction), output, "reproduce")
-
-
-PARTS = ("items", "runs", "pictures", "tables", "report.html", "printed.json", ".lock")
-"""Names of the files and folders that the folder of a reproduction may hold."""
-
-
-def _refuse_other(folder: Path, archive: Path | None) -> None:
-    """Refuse a file, and a folder that holds anything but the parts of a reproduction, its archive and hidden files.
-
-    A reproduction with other settings is accepted: ``reproduce`` recomputes the items that depend on a changed setting.
-
-    Raises:
-        InputError: the folder is refused.
-    """
-    if not folder.is_dir():
-        raise InputError("is a file; give the name of a folder", field=str(folder))
-    own = None if archive is None else archive.absolute()
-    other = [
-        path.name
-        for path in folder.iterdir()
-        if path.name not in PARTS and path.name[0] != "." and path.absolute() != own
-    ]
-    if other:
-        raise InputError(f"exists but is not a reproduction: it holds '{other[0]}'", field=str(folder))
 
 
 def settings_of(

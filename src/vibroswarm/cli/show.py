@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.options import Json, read_result, run_plain
+from vibroswarm.cli.options import Json, run_plain
 from vibroswarm.cli.output import open_page
 from vibroswarm.cli.terminal import printing
+from vibroswarm.core.folders import kind_of
+from vibroswarm.documents.saved import PRINTED, read_printed
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -56,16 +58,13 @@ def show(
         open_page(pages[0])
 
 
-OTHERS: Final = ("printed.json", "study.json", "search.json", "search.toml")
-"""Files of folders that hold more than a result. Their names are repeated here, since importing them takes longer than
-showing a run; a test compares them."""
 MOST_CHARACTERS: Final = 1_000_000
 """Most characters of a scenario that are searched."""
 
 
 def _is_result(folder: Path) -> bool:
     """Return whether a folder holds a result and nothing else that this command shows."""
-    return (folder / "result.json").is_file() and not any(os.path.lexists(folder / name) for name in OTHERS)
+    return kind_of(folder) in ("result", "recording") and not os.path.lexists(folder / PRINTED)
 
 
 def _needs_kernels(folder: Path) -> bool:
@@ -91,30 +90,22 @@ def _show_folder(folder: Path, json: bool) -> None:
     """
     from vibroswarm.cli.deliver import print_document
     from vibroswarm.cli.output import print_json, print_line, print_paragraph
-    from vibroswarm.documents.saved import read_printed
-    from vibroswarm.documents.search import search_sentences
-    from vibroswarm.documents.study_results import results_or_need
-    from vibroswarm.optimize.steps import HEAD as SEARCH_HEAD
-    from vibroswarm.optimize.steps import SEARCH, held, is_search
     from vibroswarm.show.data import document_data
-    from vibroswarm.study.store import HEAD, Store
 
     state: dict[str, Any] = {}
     lines: list[str] = []
     store = None
-    printed = read_printed(folder)
-    # A search has two files. A folder that has at least one of their names, but not both as regular files, is a damaged
-    # search.
-    if is_search(folder) or any(os.path.lexists(folder / name) for name in (SEARCH_HEAD, SEARCH)):
-        if not is_search(folder):
-            raise InputError(
-                f"is a damaged search: {SEARCH_HEAD} or {SEARCH} is missing or no plain file",
-                field=str(folder),
-            )
+    kind, printed = kind_of(folder), read_printed(folder)
+    if kind == "search":
+        from vibroswarm.documents.search import search_sentences
+        from vibroswarm.optimize.steps import held
+
         state = held(folder)
         lines = search_sentences(state, is_validated=printed is not None)
-    elif (folder / HEAD).exists():
+    elif kind == "study":
+        from vibroswarm.documents.study_results import results_or_need
         from vibroswarm.documents.study_state import state_sentences, study_state
+        from vibroswarm.study.store import Store
 
         store = Store.open(folder)
         state = study_state(store)
@@ -148,8 +139,9 @@ def _show_result(folder: Path, json: bool) -> None:
     """Print the document of a result; for any other folder, print the names of its tables and pictures."""
     from vibroswarm.cli.deliver import print_document
 
-    if (folder / "result.json").exists():
+    if kind_of(folder) in ("result", "recording"):
         from vibroswarm.documents.run import result_document
+        from vibroswarm.recordings.recording import read_result
 
         document = result_document(read_result(folder))
     else:

@@ -13,9 +13,6 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.options import Drawn, Simulated
 from vibroswarm.core.child_python import MOST_WORKERS
 
-MARKER = "tradeoff.csv"
-"""File by which ``whole_folder`` recognises a folder that this command wrote and may replace."""
-
 
 def tradeoff(
     *,
@@ -71,7 +68,7 @@ def tradeoff(
     document = tradeoff_document(curve, made, scenario.seed)
     if output.out is not None:
         # replace=True even without --force: `claim` has accepted the folder.
-        with whole_folder(output.out, replace=True, marker=MARKER) as part:
+        with whole_folder(output.out, replace=True) as part:
             write_table(curve, part / "tradeoff")
             (part / "scenario.toml").write_text(made.to_toml(), encoding="utf-8")
             save_with_pictures(document, output, part, "evaluate tradeoff", work)

@@ -10,7 +10,7 @@ from vibroswarm.cli.options import Json
 
 
 def verify(
-    folder: Annotated[Path, Option("folder of a run, study or league", "DIR")],
+    folder: Annotated[Path, Option("folder of a run, study, league or search", "DIR")],
     /,
     *,
     runs: Annotated[int, Option("runs to simulate again, drawn from all", low=1)] = 20,
@@ -25,11 +25,12 @@ def verify(
     examples:
       vibroswarm verify out/study
       vibroswarm verify out/league --runs 200
+      vibroswarm verify out/pso                  a search: runs of its steps
     """
     from vibroswarm.cli.deliver import print_document
     from vibroswarm.cli.progress import progress_bar
     from vibroswarm.documents.verified import verified_document
-    from vibroswarm.study.verify import verify as simulate_again
+    from vibroswarm.optimize.verify import verify as simulate_again
 
     with progress_bar("simulating again") as progress:
         verified = simulate_again(folder, runs, seed, progress)

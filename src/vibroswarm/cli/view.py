@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from vibroswarm.cli.command_line import Option
-from vibroswarm.cli.options import Force, read_result
+from vibroswarm.cli.options import Force
 
 
 def view(
@@ -34,6 +34,7 @@ def view(
     """
     from vibroswarm.cli.terminal import report
     from vibroswarm.errors import InputError
+    from vibroswarm.recordings.recording import read_result
     from vibroswarm.view.server import Server, viser, write_html
 
     if not 1.0 <= speed <= 200.0:  # the range of the slider on the page; --html has the same limits

@@ -256,11 +256,12 @@ def _holder(path: Path) -> str:
     return f"process {pid} on {host}" if pid else "another process"
 
 
-MARKER = "scenario.toml"
-"""The file that marks a folder as a result."""
-OURS: Final = (MARKER, "study.toml", "search.toml", "tradeoff.csv", "printed.json", "recording.json", "items")
+MANIFEST: Final = "vibroswarm.json"
+"""The file that says of which kind a folder is (``core.folders``)."""
+OURS: Final = (MANIFEST, "scenario.toml", "study.toml", "search.toml", "printed.json")
 """Files that mark a folder as written by one of our commands: each such folder has at least one of them, except those
-of ``export``, which have markers of their own."""
+of ``export``, which have markers of their own. Folders of older formats, and those that were just begun, may have no
+manifest."""
 MAX_TRIES = 20
 """Attempts to check or to replace a folder that other processes replace at the same time."""
 MAX_FILE_NAME_BYTES: Final = 255
@@ -366,7 +367,7 @@ def _make_empty(part: Path) -> None:
 
 
 @contextmanager
-def whole_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> Iterator[Path]:
+def whole_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -> Iterator[Path]:
     """Yield a new empty folder beside ``path``; after the ``with`` block, rename the folder to ``path``.
 
     If the block raises an error, the new folder is removed and ``path`` stays as it was. An existing empty folder is
@@ -462,7 +463,7 @@ def _swap_in(part: Path, path: Path) -> None:
                 _remove_at_once(old)
 
 
-def check_folder(path: Path, *, replace: bool = False, marker: str = MARKER) -> None:
+def check_folder(path: Path, *, replace: bool = False, marker: str = MANIFEST) -> None:
     """Refuse a result folder if it exists and may not be replaced, or if a file has its name.
 
     Args:

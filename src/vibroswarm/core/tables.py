@@ -132,13 +132,19 @@ def scan_frame(path: Path) -> pl.LazyFrame:
     return pl.scan_parquet(source, glob=False)  # a * in the path is part of the file's name, not a pattern
 
 
+def parquet_bytes(frame: pl.DataFrame, metadata: dict[str, str] | None = None) -> bytes:
+    """Return a table as a Parquet file, with ``metadata`` (texts by name) as the file's own metadata."""
+    stream = io.BytesIO()
+    frame.write_parquet(stream, compression="zstd", metadata=metadata)
+    return stream.getvalue()
+
+
 def write_frame(frame: pl.DataFrame, path: Path, metadata: dict[str, str] | None = None) -> None:
     """Write a table as a Parquet file of any name, with ``metadata`` (texts by name) as the file's own metadata."""
     if is_unicode(path):
         frame.write_parquet(path, compression="zstd", metadata=metadata)
         return
-    with path.open("wb") as stream:
-        frame.write_parquet(stream, compression="zstd", metadata=metadata)
+    path.write_bytes(parquet_bytes(frame, metadata))
 
 
 def is_unicode(path: Path) -> bool:

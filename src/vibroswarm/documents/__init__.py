@@ -32,7 +32,7 @@ DOCUMENTS: Final = {
     "vibroswarm.study.detection.Detection": "detection:detection_document",
     "vibroswarm.study.study_outputs.Comparison": "study:comparison_document",
     "vibroswarm.study.summary.Outcome": "study:study_document",
-    "vibroswarm.study.verify.Verified": "verified:verified_document",
+    "vibroswarm.optimize.verify.Verified": "verified:verified_document",
     "vibroswarm.optimize.grid.Nodes": "grid:grid_document",
     "vibroswarm.optimize.loop.Found": "search:search_document",
     "vibroswarm.optimize.scenario_comparison.Checked": "scenario_comparison:checked_document",

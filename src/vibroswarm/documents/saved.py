@@ -1,27 +1,25 @@
 """What a folder of results holds besides tables: a page, pictures, and the document itself, to be shown again.
 
 The file ``printed.json`` in the folder holds what the command printed, so that ``vibroswarm show`` can print it again:
+the words of the command, such as "league", and the document without its figures (``show.stored``). ``show`` lays tables
+out for the width of its own terminal, with all columns if ``--wide``.
 
-    format   2
-    command  the words of the command, such as "league"
-    work     a hash of the command's settings; empty if another file of the folder, such as study.toml, has them
-    document the document, without its figures (``show.stored``)
-
-``show`` lays tables out for the width of its own terminal, with all columns if ``--wide``.
+The manifest of a folder that no other module fills (``core.folders``, kind "results") names the command, and a hash of
+its settings. It is written before anything else, so that a command that was killed can be given again.
 """
 
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from vibroswarm.core.atomic_io import write_files
-from vibroswarm.core.untrusted_files import entry, read_json
-from vibroswarm.errors import InputError, check_format
+from vibroswarm.core.atomic_io import MANIFEST, remove_leftovers, write_files
+from vibroswarm.core.folders import has_manifest, manifest_text, read_manifest
+from vibroswarm.core.untrusted_files import entry
+from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
     from vibroswarm.scenario.scenario import Scenario
@@ -36,12 +34,17 @@ PICTURES: Final = "pictures"
 def save(
     document: Document, folder: Path, command: str, work: str = "", *, page: str | None = REPORT
 ) -> None:
-    """Write the page of a document into a folder, and the document itself, so that ``show`` can print it again."""
+    """Write the page of a document into a folder, and the document itself, so that ``show`` can print it again.
+
+    Args:
+        command, work: as of ``begin``, which is called first.
+    """
     from vibroswarm.show.page import write_page
 
+    begin(folder, command, work)
     if page is not None:
         write_page(folder / page, document)
-    write_printed(folder, Printed(command, work, document))
+    write_printed(folder, Printed(command, document))
 
 
 def save_pictures(
@@ -53,21 +56,42 @@ def save_pictures(
     write_figures(folder / PICTURES, document, style, progress)
 
 
-def refuse_other(folder: Path, command: str, work: str) -> None:
-    """Refuse a folder unless its ``printed.json`` states the same command and the same settings.
+def begin(folder: Path, command: str, work: str = "") -> None:
+    """Write into the manifest of a folder, made if needed, which command fills it; a study's stays as it is.
 
     Args:
         command: the words of the command, such as "lab import".
-        work: hash of the command's settings (``hash_of``), which ``deliver`` saves in ``printed.json``.
+        work: hash of the command's settings (``hash_of``), by which ``refuse_other`` knows the folder again; empty if
+            the folder is known by its own manifest, such as that of a study.
+    Raises:
+        InputError, RunError: the manifest cannot be read or written.
+    """
+    values = {"command": command, "work": work}
+    if not has_manifest(folder):
+        write_files(folder, {MANIFEST: manifest_text("results", **values)})
+    elif work:
+        there = read_manifest(folder)
+        del there["format"]
+        write_files(folder, {MANIFEST: manifest_text(there.pop("kind"), **there | values)})
+
+
+def refuse_other(folder: Path, command: str, work: str = "") -> None:
+    """Refuse a folder unless its manifest states the same command and the same settings (``begin``).
+
     Raises:
         InputError: the folder is refused.
     """
-    there = read_printed(folder) if folder.is_dir() else None
-    if there is None:
+    if not folder.is_dir():
+        raise InputError("is a file; give the name of a folder", field=str(folder))
+    remove_leftovers(folder)
+    if not any(folder.iterdir()):
+        return  # killed before it had written its manifest
+    there = read_manifest(folder)
+    if "command" not in there:
         raise InputError(f"exists already but holds no results of '{command}'", field=str(folder))
-    if there.command != command:
-        raise InputError(f"exists already and holds results of '{there.command}'", field=str(folder))
-    if there.work != work:
+    if there["command"] != command:
+        raise InputError(f"exists already and holds results of '{there['command']}'", field=str(folder))
+    if there.get("work") != work:
         raise InputError(
             f"exists already and holds results of '{command}' with other settings", field=str(folder)
         )
@@ -103,15 +127,12 @@ def refuse_other_run(folder: Path, scenario: Scenario, seed: int, motion: str) -
 
 PRINTED: Final = "printed.json"
 """Name of the file with what a command printed."""
-FORMAT: Final = 2
-"""Format of ``printed.json``, by which a newer format is recognised."""
 
 
 class Printed(NamedTuple):
-    """What a command printed: the content of ``printed.json``, whose fields the module's docstring explains."""
+    """What a command printed: the content of ``printed.json``."""
 
     command: str
-    work: str
     document: Document
 
 
@@ -132,13 +153,8 @@ def write_printed(folder: Path, printed: Printed) -> None:
     """
     from vibroswarm.show.stored import document_values
 
-    about = {
-        "format": FORMAT,
-        "command": printed.command,
-        "work": printed.work,
-        "document": document_values(printed.document),
-    }
-    write_files(folder, {PRINTED: json.dumps(about, indent=1) + "\n"})
+    values = {"command": printed.command, "document": document_values(printed.document)}
+    write_files(folder, {PRINTED: manifest_text("document", **values)})
 
 
 def read_printed(folder: Path) -> Printed | None:
@@ -152,7 +168,6 @@ def read_printed(folder: Path) -> Printed | None:
     path = folder / PRINTED
     if not os.path.lexists(path):  # what is there but is no plain file is refused below
         return None
-    about = read_json(path, "what a command printed")
-    check_format(entry(about, "format", int, path), FORMAT, str(path))
-    command, work = entry(about, "command", str, path), entry(about, "work", str, path)
-    return Printed(command, work, document_from(entry(about, "document", dict, path), str(path)))
+    values = read_manifest(path, "document")
+    command, document = entry(values, "command", str, path), entry(values, "document", dict, path)
+    return Printed(command, document_from(document, str(path)))

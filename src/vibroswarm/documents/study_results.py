@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from typing import Final
 
+from vibroswarm.core.folders import has_manifest
 from vibroswarm.documents.study import study_document
 from vibroswarm.errors import InputError
 from vibroswarm.show.document import Document
 from vibroswarm.study.cell_comparison import SECOND
-from vibroswarm.study.store import HEAD, Store
+from vibroswarm.study.store import Store
 from vibroswarm.study.study_result import StudyResult
 from vibroswarm.study.summary import outcome_of
 
@@ -27,7 +28,7 @@ def results_of(store: Store) -> Document | None:
     if not result.cells["there"].sum():
         return None
     second = store.folder / SECOND
-    repetition = StudyResult.open(second) if (second / HEAD).exists() else None
+    repetition = StudyResult.open(second) if has_manifest(second) else None
     # The table is there if strategies were compared at equal error when the study was run.
     equal_error = (store.folder / "equal_error.csv").is_file()
     return study_document(outcome_of(result, repetition, equal_error=equal_error))

@@ -30,7 +30,7 @@ from vibroswarm.inspection.scores import map_scores
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
 from vibroswarm.inspection.tile_map import kind_map, tile_map
 from vibroswarm.recordings.column_map import LARGEST_BYTES
-from vibroswarm.recordings.recording import Recording
+from vibroswarm.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
@@ -183,8 +183,7 @@ def _samples_of(
         path = Path(source)
         if path.suffix == ".csv":
             return _of_csv(path, laws, size_m, spread_m, floor, draws)
-        is_recording = (path / "recording.json").is_file()
-        source = Recording.read(path) if is_recording else Result.read(path)
+        source = read_result(path)
     if isinstance(source, Scenario):
         source = simulate(source, seed, [run])
     return samples_of_result(source, run, _law_of(source, run, laws, draws), bits=bits)

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from contextlib import nullcontext
-from dataclasses import dataclass
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple, Never
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
 
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.user_code import errors_in
@@ -140,7 +142,7 @@ class _Loop:
     """A running search. A step that the folder has is replayed: the stage gets the recorded results."""
 
     def __init__(
-        self, search: Search, folder: SearchFolder | None, pool: Workers, progress: Progress
+        self, search: Search, folder: SearchFolder | None, pool: Workers | None, progress: Progress
     ) -> None:
         """Prepare the search: an archive without candidates."""
         self.search, self.folder, self.pool, self.progress = search, folder, pool, progress
@@ -235,6 +237,7 @@ class _Loop:
             raise RunError(
                 "the method requests other runs than this folder holds, which another version made; take a new folder"
             )
+        self._collect(pieces, table)
         for key, results in results_in(table, len(self.search.cases)).items():
             for result in results:
                 is_good = isinstance(result, np.ndarray)
@@ -250,6 +253,7 @@ class _Loop:
         Raises:
             RunError: every run of the first step failed. It is not saved, so that it can be tried again.
         """
+        assert self.pool is not None  # only a replay has none
         results = do_asks(asks, self.archive.objectives, self.pool, progress)
         table = step_table(
             self.search,
@@ -265,6 +269,9 @@ class _Loop:
         if self.folder is not None:
             self.folder.add(self.steps, table)
         return table
+
+    def _collect(self, asks: Sequence[tuple[Ask, Sequence[Piece]]], table: pl.DataFrame) -> None:
+        """Note the runs of a finished step; only a replay does."""
 
     def _is_of(self, asks: Sequence[Ask], table: pl.DataFrame) -> bool:
         """Return whether a recorded step has exactly the runs of these requests, and their candidates these origins."""
@@ -293,3 +300,60 @@ class _Loop:
                 stage=name,
             )
         )
+
+
+class RecordedRun(NamedTuple):
+    """A run that a step of a search has recorded."""
+
+    candidate: int
+    """Key of the candidate."""
+    piece: Piece
+    """What simulates this run alone."""
+    figures: NDArray[np.float64]
+    """Its figures, (cases, columns)."""
+
+
+class _EndOfSteps(Exception):  # noqa: N818  (nothing went wrong)
+    """The next step is not recorded."""
+
+
+class _Replay(_Loop):
+    """A search of which only the recorded steps are replayed; it collects their runs, without those that failed."""
+
+    def __init__(self, search: Search, folder: SearchFolder) -> None:
+        self.collected: list[RecordedRun] = []
+        super().__init__(search, folder, None, lambda state: None)
+
+    def _new_step(
+        self, asks: Sequence[tuple[Ask, Sequence[Piece]]], progress: Callable[[int], None]
+    ) -> Never:
+        raise _EndOfSteps
+
+    def _collect(self, asks: Sequence[tuple[Ask, Sequence[Piece]]], table: pl.DataFrame) -> None:
+        for ask, pieces in asks:
+            runs = [
+                replace(piece, first=n, last=n + 1)
+                for piece in pieces
+                for n in range(piece.first, piece.last)
+            ]
+            rows = table.filter(pl.col("candidate") == ask.key)
+            figures = rows.select(r"^figure_\d+$").to_numpy().reshape(len(runs), len(self.search.cases), -1)
+            good = rows.filter(pl.col("case") == 0)["failed"].is_null()
+            self.collected += [
+                RecordedRun(ask.key, piece, of_run)
+                for piece, of_run, is_good in zip(runs, figures, good, strict=True)
+                if is_good
+            ]
+
+
+def recorded_runs(search: Search, folder: Path) -> list[RecordedRun]:
+    """Return the runs that the steps in the folder of a search have recorded, up to the first step that is missing.
+
+    Raises:
+        InputError: the folder holds another search, or code is not loaded. RunError: it holds other requests than the
+            method makes.
+    """
+    replay = _Replay(search, SearchFolder(folder, search, mixed=True))
+    with suppress(_EndOfSteps):
+        replay.run()
+    return replay.collected

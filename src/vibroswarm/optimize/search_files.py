@@ -10,7 +10,6 @@ For a grid: ``best.toml`` (the lowest cell), ``grid.csv``, ``grid.toml`` (itself
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.optimize.grid import Grid, Nodes
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.spec import Search
-from vibroswarm.optimize.steps import HEAD
+from vibroswarm.optimize.steps import versions_of
 from vibroswarm.optimize.validation import Front
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import versions
@@ -133,11 +132,11 @@ def file_text(search: Search | Grid) -> str:
 def made_by(folder: Path) -> list[dict[str, str]]:
     """Return the versions of the programs that began the search in a folder, and the current ones if they differ.
 
-    If the folder has no readable head of a search, return the current versions only.
+    If the folder has no readable manifest of a search, return the current versions only.
     """
     try:
-        began = dict(json.loads((folder / HEAD).read_text(encoding="utf-8"))["versions"])
-    except (OSError, ValueError, KeyError, TypeError):
+        began = versions_of(folder)
+    except InputError:
         return [versions()]
     return [began] if began == versions() else [began, versions()]
 

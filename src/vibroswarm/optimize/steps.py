@@ -1,8 +1,9 @@
 """The folder of a search: a table for each step, so that no finished step runs again.
 
     search.toml          the search, self-contained
-    search.json          format, hash, versions
-    steps/00001.parquet  the first step: a row for each run and case
+    vibroswarm.json      the manifest: hash of the search, versions
+    steps/00001.*        the first step: a row for each run and case, with its description (``core.folders``)
+    fresh/NAME.*         fresh runs of a set of values, by which the search is validated; NAME is a hash of what ran
     .lock                the process that uses the folder, while it does
 
 A step is one set of requests of the search's method, with the results of its runs:
@@ -22,10 +23,10 @@ process at a time may write: see ``SearchFolder.alone``.
 
 from __future__ import annotations
 
-import io
+import hashlib
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -35,31 +36,43 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.atomic_io import LOCK_FILE as LOCK
-from vibroswarm.core.atomic_io import folder_lock, remove_leftovers, temporary_stem, write_files
-from vibroswarm.core.tables import Schema, read_table
-from vibroswarm.core.untrusted_files import entry, read_json, texts
-from vibroswarm.errors import InputError, RunError, check_format, warn_once
-from vibroswarm.optimize.evaluate import Result
+from vibroswarm.core.atomic_io import MANIFEST, folder_lock, remove_leftovers, temporary_stem, write_files
+from vibroswarm.core.folders import (
+    check_not_older,
+    has_manifest,
+    kind_of,
+    manifest_text,
+    read_described,
+    read_manifest,
+    write_described,
+)
+from vibroswarm.core.tables import Schema, parquet_bytes, read_table
+from vibroswarm.core.untrusted_files import entry, texts
+from vibroswarm.errors import InputError, RunError, warn_once
+from vibroswarm.optimize.evaluate import Result, RunFigures
 from vibroswarm.optimize.objective import Rows
-from vibroswarm.optimize.spec import FORMAT, Search, differences
+from vibroswarm.optimize.spec import Search, differences
 from vibroswarm.result import code_files, write_code
 from vibroswarm.simulation import versions
 from vibroswarm.study.executors import check_begun_by
 
 SEARCH: Final = "search.toml"
 """File with the definition of the search."""
-HEAD: Final = "search.json"
-"""File with format, hash and versions; it is written last, so that a folder with it holds a search."""
 STEPS: Final = "steps"
 """Folder of the steps."""
+FRESH: Final = "fresh"
+"""Folder of the fresh runs."""
 REQUEST: Final = ("candidate", "run", "case")
 """Columns that say what was requested."""
 
 
+def _figures(width: int) -> dict[str, Any]:
+    return {f"figure_{k}": pl.Float64 for k in range(width)}
+
+
 def schema_of(search: Search) -> Schema:
     """Return the columns of a step of a search."""
-    width = sum(objective.width for objective in search.objectives)
-    figures = {f"figure_{k}": pl.Float64 for k in range(width)}
+    figures = _figures(sum(objective.width for objective in search.objectives))
     numbers = {"candidate": pl.UInt32, "origin": pl.String, "run": pl.UInt32, "case": pl.UInt16}
     return Schema({**numbers, "failed": pl.String, **figures}, frozenset({"failed", *figures}), REQUEST)
 
@@ -149,7 +162,8 @@ class SearchFolder:
         Raises:
             InputError: it holds another search, or one that cannot be continued.
         """
-        if not (self.folder / HEAD).is_file():
+        if not has_manifest(self.folder):
+            check_not_older(self.folder)
             return False
         self._check(self.search, self.mixed)
         return True
@@ -171,7 +185,7 @@ class SearchFolder:
         if path.name in self._code:
             return path.is_file() and path.read_bytes() == self._code[path.name].encode()
         # Files that were being written have temporary names that begin in this way.
-        temporary = tuple(temporary_stem(name) for name in (SEARCH, HEAD, *self._code))
+        temporary = tuple(temporary_stem(name) for name in (SEARCH, MANIFEST, *self._code))
         return path.name == LOCK or path.name.startswith(temporary)
 
     @contextmanager
@@ -193,10 +207,10 @@ class SearchFolder:
             yield
 
     def _make(self) -> None:
-        """Write the files of a new search. The head is written last, since a folder with a head counts as a search."""
-        head = {"format": FORMAT, "hash": self.search.hash, "versions": versions()}
+        """Write the files of a new search; the manifest last, since a folder with one counts as a search."""
+        manifest = manifest_text("search", hash=self.search.hash, versions=versions())
         write_code(self.folder, *self.search.code_used)
-        write_files(self.folder, {SEARCH: self._text, HEAD: json.dumps(head, indent=1) + "\n"})
+        write_files(self.folder, {SEARCH: self._text, MANIFEST: manifest})
 
     def read(self, number: int) -> pl.DataFrame | None:
         """Read a step, from 1; None if it is not there, or damaged, of which a warning is logged."""
@@ -209,22 +223,20 @@ class SearchFolder:
         Raises:
             RunError: it cannot be written.
         """
-        stream = io.BytesIO()
-        table.write_parquet(stream, compression="zstd")
-        write_files(self.folder / STEPS, {name_of(number): stream.getvalue()})
+        name, tables = name_of(number).removesuffix(".json"), {"step": parquet_bytes(table)}
+        write_described(self.folder / STEPS, name, "step", tables)
 
     def _check(self, search: Search, mixed: bool) -> None:
         """Check that the folder holds the given search, and that this version of the programs may continue it.
 
         Raises:
-            InputError: the folder holds another search, has another format or a damaged head, or was begun by other
+            InputError: the folder holds another search, has another format or a damaged manifest, or was begun by other
                 versions of the programs and ``mixed`` is false.
         """
-        path = self.folder / HEAD
-        head = read_json(path, "the head of a search")
-        version, saved_hash = entry(head, "format", int, path), entry(head, "hash", str, path)
-        made_by = texts(entry(head, "versions", dict, path), "versions", path)
-        check_format(version, FORMAT, str(self.folder))
+        path = self.folder / MANIFEST
+        manifest = read_manifest(self.folder, "search")
+        saved_hash = entry(manifest, "hash", str, path)
+        made_by = versions_of(self.folder)
         if saved_hash != search.hash:
             saved = Search.read(self.folder / SEARCH)
             # The number of fresh runs changes nothing in the search, and more of them may be needed after it.
@@ -240,24 +252,95 @@ class SearchFolder:
 
 
 def name_of(number: int) -> str:
-    """Return the name of the file of a step, from 1."""
-    return f"{number:05}.parquet"
+    """Return the name of the description of a step, from 1."""
+    return f"{number:05}.json"
 
 
 def read_step(path: Path, search: Search) -> pl.DataFrame:
-    """Read the table of a step.
+    """Read the table of a step from its description.
 
     Raises:
         InputError: it is damaged, or of another search.
     """
-    table = read_table(path, schema_of(search), "step")
+    table = _described_table(path, "step", schema_of(search))
     figures = [name for name in table.columns if name.startswith("figure_")]
     given = pl.all_horizontal(pl.col(figures).is_finite().fill_null(False))
     missing = pl.all_horizontal(pl.col(figures).is_null())
     is_good = pl.when(pl.col("failed").is_null()).then(given).otherwise(missing)
     if table.is_empty() or not table.select(is_good.all()).item():
-        raise InputError("lacks figures of a run, or has some of a failed one", field=str(path))
+        raise InputError(
+            "lacks figures of a run, or has some of a failed one", field=str(path.with_suffix(".parquet"))
+        )
     return table
+
+
+def _described_table(path: Path, kind: str, schema: Schema) -> pl.DataFrame:
+    """Read the table of a description that has one.
+
+    Raises:
+        InputError: the description, or the table, is damaged.
+    """
+    _, files = read_described(path, kind)
+    if list(files) != [kind]:
+        raise InputError(f"is damaged: it must describe one table '{kind}'", field=str(path))
+    return read_table(files[kind], schema, kind)
+
+
+class FreshFolder:
+    """Fresh runs in the folder of a search, each set of values with its runs under a name that says what ran."""
+
+    def __init__(self, folder: Path, search: Search) -> None:
+        self.folder, self.search = folder / FRESH, search
+
+    def _name(self, values: Mapping[str, Any], runs: int, seed: int, width: int) -> str:
+        cases = [cell.scenario.hash for cell in self.search.cases]
+        what = [self.search.hash, cases, dict(values), runs, seed, width, versions()]
+        return hashlib.sha256(json.dumps(what, sort_keys=True, default=str).encode()).hexdigest()[:24]
+
+    def read(self, values: Mapping[str, Any], runs: int, seed: int, width: int) -> RunFigures | None:
+        """Return the fresh runs of a set of values; None if they are missing or damaged.
+
+        Args:
+            values: by field. runs: number of runs. seed: of the runs. width: number of figures of a run and case.
+        """
+        path = self.folder / f"{self._name(values, runs, seed, width)}.json"
+        if not os.path.lexists(path):
+            return None
+        cases, schema = len(self.search.cases), _fresh_schema(width)
+        try:
+            about = read_manifest(path, "fresh")
+            table = _described_table(path, "fresh", schema)
+            failed, why = entry(about, "failed", int, path), entry(about, "why", str, path)
+            if table.is_empty() or table.height != (runs - failed) * cases:
+                raise InputError(f"has {table.height} rows, not {(runs - failed) * cases}", field=str(path))
+        except InputError as error:
+            warn_once(f"{error}; these runs are repeated")
+            return None
+        figures = table.select(list(_figures(width))).to_numpy().reshape(-1, cases, width)
+        numbers = table["run"].to_numpy()[::cases].astype(np.int64)
+        return RunFigures(rows=figures, runs=numbers, failed=failed, why=why)
+
+    def add(self, values: Mapping[str, Any], runs: int, seed: int, done: RunFigures) -> None:
+        """Write the fresh runs of a set of values; arguments as of ``read``.
+
+        Raises:
+            InputError, RunError: they cannot be written.
+        """
+        _, cases, width = done.rows.shape
+        flat = done.rows.reshape(-1, width)
+        columns = {
+            "run": np.repeat(done.runs, cases),
+            "case": np.tile(np.arange(cases), len(done.runs)),
+            **{name: flat[:, k] for k, name in enumerate(_figures(width))},
+        }
+        table = pl.DataFrame(columns, schema=dict(_fresh_schema(width).columns))
+        name = self._name(values, runs, seed, width)
+        tables = {"fresh": parquet_bytes(table)}
+        write_described(self.folder, name, "fresh", tables, failed=done.failed, why=done.why)
+
+
+def _fresh_schema(width: int) -> Schema:
+    return Schema({"run": pl.UInt32, "case": pl.UInt16, **_figures(width)}, key=("run", "case"))
 
 
 def intact_step(path: Path, search: Search) -> pl.DataFrame | None:
@@ -271,7 +354,7 @@ def intact_step(path: Path, search: Search) -> pl.DataFrame | None:
 
 def is_search(folder: Path) -> bool:
     """Return whether a folder holds a search."""
-    return (folder / HEAD).is_file() and (folder / SEARCH).is_file()
+    return kind_of(folder) == "search"
 
 
 def held(folder: Path) -> dict[str, Any]:
@@ -285,7 +368,7 @@ def held(folder: Path) -> dict[str, Any]:
         InputError: the search is damaged.
     """
     search = Search.read(folder / SEARCH)
-    paths = sorted((folder / STEPS).glob("*.parquet"))
+    paths = sorted((folder / STEPS).glob("[!.]*.json"))
     steps = [table for table in (intact_step(path, search) for path in paths) if table is not None]
     runs = [table.filter(pl.col("case") == 0) for table in steps]
     return {
@@ -299,3 +382,13 @@ def held(folder: Path) -> dict[str, Any]:
         "runs_failed": sum(table.height - table["failed"].null_count() for table in runs),
         "steps": len(steps),
     }
+
+
+def versions_of(folder: Path) -> dict[str, str]:
+    """Return the versions of the programs that began the search in a folder.
+
+    Raises:
+        InputError: the manifest is not that of a search, or damaged.
+    """
+    values = read_manifest(folder, "search")
+    return texts(entry(values, "versions", dict, folder / MANIFEST), "versions", folder / MANIFEST)

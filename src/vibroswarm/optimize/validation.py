@@ -15,6 +15,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -30,6 +31,7 @@ from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.objective import Objective, Rows, bootstrap
 from vibroswarm.optimize.space import Values
 from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.steps import FreshFolder
 from vibroswarm.study.executors import workers_for
 
 TELLING: Final = 0.1
@@ -155,6 +157,7 @@ def truth_of(
     *,
     runs: int | None = None,
     others: Sequence[tuple[str, Mapping[str, Any]]] = (),
+    folder: Path | None = None,
     executor: str | Executor = "threads",
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -166,6 +169,7 @@ def truth_of(
     Args:
         found: the result of the search. runs: number of fresh runs; by default that of the search's settings.
         others: further sets of values of the space's fields, each with its name.
+        folder: of the search, which saves the fresh runs; None: they are not saved.
         executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
     Raises:
         InputError: fewer than 2 runs. RunError: all runs of a set of values failed.
@@ -176,7 +180,7 @@ def truth_of(
               for k, point in enumerate(search.starts)]  # fmt: skip
     named = [("winner", found.values), *starts, *((name, dict(values)) for name, values in others)]
     winner, *scored_others = score_fresh(
-        search, named, count, executor=executor, workers=workers, progress=progress
+        search, named, count, folder=folder, executor=executor, workers=workers, progress=progress
     )
     objective = search.objectives[0]
     return Truth(
@@ -203,6 +207,7 @@ def score_fresh(
     runs: int,
     *,
     purpose: str = "fresh runs",
+    folder: Path | None = None,
     executor: str | Executor = "threads",
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -213,6 +218,7 @@ def score_fresh(
         search: defines scenarios, objective and seed. named: sets of values of the space's fields, each with its name.
         runs: number of runs of each set.
         purpose: the seed of the runs is derived from it and the search's seed; another purpose gives other runs.
+        folder: of the search, which saves the fresh runs; None: they are not saved.
         executor, workers: see ``study.executors``. progress: called as runs finish, with the number done so far.
     Raises:
         InputError: fewer than 2 runs. RunError: all runs of a set failed.
@@ -220,7 +226,7 @@ def score_fresh(
     if runs < 2:
         raise InputError(f"{runs} is too few; at least 2", field="runs")
     sets, first = [dict(values) for _, values in named], search.objectives[:1]
-    fresh = _fresh_figures(search, sets, first, runs, purpose, executor, workers, progress)
+    fresh = _fresh_figures(search, sets, first, runs, purpose, folder, executor, workers, progress)
     return [
         scored_of(name, values, first[0], simulated.rows, simulated.runs, simulated.failed)
         for (name, _), values, simulated in zip(named, sets, fresh, strict=True)
@@ -233,20 +239,29 @@ def _fresh_figures(
     objectives: tuple[Objective, ...],
     runs: int,
     purpose: str,
+    folder: Path | None,
     executor: str | Executor,
     workers: int | None,
     progress: Callable[[int], None],
 ) -> list[RunFigures]:
     """Simulate sets of values on the same fresh runs; the arguments are those of ``score_fresh``."""
     cases, seed = [cell.scenario for cell in search.cases], derived_seed(search.seed, purpose)
+    width = sum(objective.width for objective in objectives)
+    saved = None if folder is None else FreshFolder(folder, search)
+    fresh: list[RunFigures] = []
     with workers_for(executor, workers) as pool:
-        return [
-            figures_of(
-                cases, values, objectives, runs, seed, pool,
-                motion=search.study.motion, progress=shifted_progress(progress, k * runs),
-            )
-            for k, values in enumerate(sets)
-        ]  # fmt: skip
+        for k, values in enumerate(sets):
+            done = None if saved is None else saved.read(values, runs, seed, width)
+            if done is None:
+                done = figures_of(
+                    cases, values, objectives, runs, seed, pool,
+                    motion=search.study.motion, progress=shifted_progress(progress, k * runs),
+                )  # fmt: skip
+                if saved is not None:
+                    saved.add(values, runs, seed, done)
+            progress((k + 1) * runs)
+            fresh.append(done)
+    return fresh
 
 
 def shifted_progress(progress: Callable[[int], None], before: int) -> Callable[[int], None]:
@@ -420,6 +435,7 @@ def fresh_runs(found: Found) -> int:
 def front_of(
     found: Found,
     *,
+    folder: Path | None = None,
     executor: str | Executor = "threads",
     workers: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
@@ -427,7 +443,8 @@ def front_of(
     """Score all candidates on the Pareto front of a search on the same fresh runs, under every objective.
 
     Args:
-        found: the result of the search; ``found.front`` must not be empty. executor, workers: see ``study.executors``.
+        found: the result of the search; ``found.front`` must not be empty. folder: of the search, which saves the fresh
+            runs; None: they are not saved. executor, workers: see ``study.executors``.
         progress: called as runs finish, with the number done so far.
     Raises:
         InputError: the search has no Pareto front. RunError: all runs of a candidate failed.
@@ -438,7 +455,9 @@ def front_of(
         )
     search, archive, runs = found.search, found.archive, fresh_runs(found)
     sets = [archive[key].values for key in found.front]
-    fresh = _fresh_figures(search, sets, search.objectives, runs, "fresh runs", executor, workers, progress)
+    fresh = _fresh_figures(
+        search, sets, search.objectives, runs, "fresh runs", folder, executor, workers, progress
+    )
     scored = [
         (
             tuple(

@@ -25,6 +25,7 @@ from typing import Any, Final
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.folders import FORMAT
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
 from vibroswarm.paper.cells import Cell, CellResults
@@ -33,8 +34,6 @@ from vibroswarm.paper.reproduce import Reproduction
 from vibroswarm.paper.reproduction_tables import cells_table, claims_table, command_of
 from vibroswarm.simulation import versions
 
-FORMAT: Final = 4
-"""Number of the archive's format."""
 HEAD: Final = "archive.json"
 """Entry that describes the archive and has the hashes of the other entries."""
 FIGURES: Final = ("decision_time_s", "belief_in_truth", "robots_right", "robots_wrong", "robots_undecided")

@@ -14,7 +14,6 @@ column is what the control is to show.
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -25,11 +24,12 @@ from typing import Any, Final, NamedTuple
 import polars as pl
 
 from vibroswarm.analysis.decidability import decidability, decidability_of_share
-from vibroswarm.core.atomic_io import whole_folder
+from vibroswarm.core.atomic_io import MANIFEST, whole_folder
 from vibroswarm.core.code_version import syntax_hash
+from vibroswarm.core.folders import described_files, has_manifest, manifest_text, read_described
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.tables import write_frame
-from vibroswarm.core.untrusted_files import entry, read_bytes, read_json, texts
+from vibroswarm.core.tables import parquet_bytes, read_frame
+from vibroswarm.core.untrusted_files import entry
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import is_random
@@ -342,33 +342,19 @@ def fingerprint(item: Item, settings: Settings, cells: Cells) -> str:
     return hashlib.sha256(json.dumps(data, sort_keys=True).encode()).hexdigest()[:16]
 
 
-MARKER: Final = "item.json"
-"""File that lists the saved tables with their hashes, and the fingerprint."""
-MOST_BYTES: Final = 2**30
-"""Largest file of a table that is read."""
-
-
 def load_tables(folder: Path, fingerprint: str) -> Tables | None:
     """Return the tables of an item that are saved in a folder, by name; None if the item has to be computed again.
 
     The item has to be computed again if the tables are missing, damaged, or saved with another fingerprint.
     """
-    path = folder / MARKER
-    if not path.exists():
+    if not has_manifest(folder):
         return None
     try:
-        head = read_json(path, "the tables of an item")
-        if entry(head, "fingerprint", str, path) != fingerprint:
+        manifest, files = read_described(folder, "item")
+        if entry(manifest, "fingerprint", str, folder) != fingerprint:
             return None
-        tables = {}
-        for name, digest in texts(entry(head, "sha256", dict, path), "sha256", path).items():
-            # Only the last part of the name: a damaged file must not lead out of the folder.
-            data = read_bytes(folder / Path(f"{name}.parquet").name, MOST_BYTES, "a table")
-            if hashlib.sha256(data).hexdigest() != digest:
-                return None
-            tables[name] = pl.read_parquet(io.BytesIO(data))
-        return tables
-    except (InputError, pl.exceptions.PolarsError, pl.exceptions.PanicException):
+        return {name: read_frame(path, name) for name, path in files.items()}
+    except InputError:
         return None
 
 
@@ -378,11 +364,11 @@ def save_tables(folder: Path, fingerprint: str, tables: Tables) -> None:
     Raises:
         InputError, RunError: the tables cannot be written.
     """
-    with whole_folder(folder, replace=True, marker=MARKER) as part:
+    with whole_folder(folder, replace=True) as part:
+        files: dict[str, Any] = {}
         for name, table in tables.items():
-            write_frame(table, part / f"{name}.parquet")
-        digests = {
-            name: hashlib.sha256((part / f"{name}.parquet").read_bytes()).hexdigest() for name in tables
-        }
-        head = {"fingerprint": fingerprint, "sha256": digests}
-        (part / MARKER).write_text(json.dumps(head, indent=2) + "\n", encoding="utf-8")
+            data = parquet_bytes(table)
+            files |= described_files(name, {name: data})
+            (part / f"{name}.parquet").write_bytes(data)
+        text = manifest_text("item", fingerprint=fingerprint, files=files)
+        (part / MANIFEST).write_text(text, encoding="utf-8")

@@ -15,16 +15,17 @@ from a simulated result:
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import polars as pl
 
+from vibroswarm.core.atomic_io import MANIFEST
+from vibroswarm.core.folders import kind_of, read_manifest
 from vibroswarm.core.tables import Schema, read_table, write_frame
-from vibroswarm.core.untrusted_files import entry, number, read_json, words
+from vibroswarm.core.untrusted_files import entry, number, words
 from vibroswarm.errors import InputError
 from vibroswarm.result import Result
 
@@ -69,6 +70,7 @@ class Recording(Result):
     The module's docstring says in what it differs from a simulated result.
     """
 
+    KIND: ClassVar[str] = "recording"
     rows: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=ROWS))
     """Columns of ``ROWS``."""
     tracks: pl.DataFrame = field(default_factory=lambda: pl.DataFrame(schema=PLACES))
@@ -114,19 +116,20 @@ class Recording(Result):
         return bool(self.sessions) and all(session["reader"] == "camera" for session in self.sessions)
 
     def write_into(self, folder: Path) -> None:
-        """Write into a folder the files of a result, ``recording.json``, ``rows.parquet`` and ``tracks.parquet``."""
+        """Write into a folder the files of a result, ``rows.parquet`` and ``tracks.parquet``."""
         super().write_into(folder)
-        head = {
+        for name in _EXTRA_TABLES:
+            write_frame(getattr(self, name), folder / f"{name}.parquet")
+
+    def _more(self) -> dict[str, Any]:
+        """Return what the manifest of a recording says besides that of a result."""
+        return {
             "names": list(self.names),
             "sessions": [dict(item) for item in self.sessions],
             "stated": list(self.stated),
             "inferred": [dict(item) for item in self.inferred],
             "floor": self.floor_words,
         }
-        text = json.dumps(head, indent=2, allow_nan=False) + "\n"
-        (folder / "recording.json").write_text(text, encoding="utf-8")
-        for name in _EXTRA_TABLES:
-            write_frame(getattr(self, name), folder / f"{name}.parquet")
 
     @classmethod
     def read(cls, path: str | Path) -> Recording:
@@ -136,21 +139,21 @@ class Recording(Result):
             InputError: the folder is not a recording, or a file in it is damaged or missing.
         """
         folder = Path(path)
-        if not (folder / "recording.json").is_file():
+        if kind_of(folder) != cls.KIND:
             raise InputError("is not a recording; make one with 'vibroswarm lab import'", field=str(folder))
         result = Result.read(folder)
+        path = folder / MANIFEST
         # An import always writes segments, which other results may lack, and never a seed.
         if result.seed is not None or result.segments is None:
-            raise InputError("is not a recording: result.json has a seed, or no segments", field=str(folder))
-        path = folder / "recording.json"
-        head = _head(read_json(path, "the head of a recording"), result, path)
+            raise InputError("is no manifest of a recording: it has a seed, or no segments", field=str(path))
+        head = _head(read_manifest(folder), result, path)
         extra = {
             name: read_table(folder / f"{name}.parquet", _EXTRA_TABLES[name], name) for name in _EXTRA_TABLES
         }
         _check_extra_tables(result, extra, folder)
-        fields = {name: getattr(result, name) for name in Result.__dataclass_fields__}
+        of_result = {one.name: getattr(result, one.name) for one in fields(Result)}
         return cls(
-            **fields,
+            **of_result,
             rows=extra["rows"],
             tracks=extra["tracks"],
             **head,
@@ -158,10 +161,10 @@ class Recording(Result):
 
 
 def _head(about: Any, result: Result, path: Path) -> dict[str, Any]:
-    """Check the content of ``recording.json``, and return it as fields of ``Recording``.
+    """Check the manifest of a recording, and return what it adds to that of a result as fields of ``Recording``.
 
     Args:
-        about: content of the file. result: of the recording. path: of the file, for errors.
+        about: values of the manifest. result: of the recording. path: of the file, for errors.
     Raises:
         InputError: an entry is missing or of another type, or its length does not fit the result.
     """
@@ -224,3 +227,13 @@ def _check_extra_tables(result: Result, extra: Mapping[str, pl.DataFrame], folde
         raise InputError(
             "column 'time_s' does not grow with a robot's rows", field=str(folder / "tracks.parquet")
         )
+
+
+def read_result(folder: str | Path) -> Result:
+    """Read a result from its folder: the ``Result`` of a simulation, or a ``Recording`` of real robots (a subclass).
+
+    Raises:
+        InputError: the folder holds neither, or a file in it is damaged or missing.
+    """
+    folder = Path(folder)
+    return Recording.read(folder) if kind_of(folder) == Recording.KIND else Result.read(folder)

@@ -10,7 +10,6 @@ cell, run and robot; columns of the run are repeated for each robot.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,7 +29,7 @@ from vibroswarm.analysis.agreement import (
 from vibroswarm.analysis.answers_over_time import answers_in, answers_table
 from vibroswarm.analysis.sampling import Walk
 from vibroswarm.core.fork_guard import check_threads
-from vibroswarm.core.tables import Schema, check_table, read_frame
+from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_frame
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inference.agents import final_columns
@@ -465,15 +464,9 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
         tables[FAILED_TABLE] = pl.concat(failures).sort("cell", "run")
     if agreements:
         tables[AGREED_TABLE] = pl.concat(agreements).sort("cell", "run")
-    files = {name: _parquet(table, work) for name, table in tables.items()}
+    metadata = {"vibroswarm_study": work.study}
+    files = {name: parquet_bytes(table, metadata) for name, table in tables.items()}
     return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=versions())
-
-
-def _parquet(table: pl.DataFrame, work: Batch) -> bytes:
-    """Return a table as a Parquet file that names the study's hash in its metadata."""
-    buffer = io.BytesIO()
-    table.write_parquet(buffer, compression="zstd", metadata={"vibroswarm_study": work.study})
-    return buffer.getvalue()
 
 
 NEVER_NULL: Final = frozenset({"decision", "messages_received", "consensus", "right", "wrong", "undecided"})

@@ -8,11 +8,12 @@ from concurrent.futures import Executor
 from pathlib import Path
 
 from vibroswarm.core.atomic_io import whole_file
+from vibroswarm.core.folders import has_manifest
 from vibroswarm.errors import InputError, RunError, check_callable, check_kind, path_of
 from vibroswarm.study.plan import plan_of
 from vibroswarm.study.runner import Job, Progress, run_study
 from vibroswarm.study.spec import Study
-from vibroswarm.study.store import HEAD, SHARDS, Store
+from vibroswarm.study.store import SHARDS, Store
 from vibroswarm.study.study_result import StudyResult, _TemporaryFolder
 
 
@@ -91,7 +92,7 @@ def merge(out: Path, shares: Sequence[Path]) -> Store:
     stores = jobs_of_one_study(shares)
     # The jobs may have been run with different numbers of runs: the merged study has the largest.
     runs = max((store.study.runs or 0 for store in stores), default=0)
-    if (Path(out) / HEAD).exists():  # ``out`` may have more runs than these jobs
+    if has_manifest(Path(out)):  # ``out`` may have more runs than these jobs
         runs = max(runs, Store.open(out).study.runs or 0)
     joined = Store.open_or_create(out, stores[0].study.with_runs(runs))
     present = {shard.name for shard in joined.shards}

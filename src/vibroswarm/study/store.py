@@ -1,10 +1,8 @@
 """Store a study in a folder to which batches are only ever added.
 
     study.toml          the study, self-contained
-    study.json          format, hash of the study, versions
-    shards/NAME.parquet the rows of a batch; NAME is a hash of its content
-    shards/NAME.TABLE.parquet  another table of the batch (samples, failures)
-    shards/NAME.json    describes the batch; written last, so that tables without it are ignored
+    vibroswarm.json     the manifest: hash of the study, versions
+    shards/NAME.*       tables of a batch with their description (``core.folders``); NAME is a hash of its content
     failures/*.json     batches that failed for good; ignored once their runs are stored
 
 A shard is a stored batch: its tables and its description. Each file of a shard is written atomically under a name made
@@ -25,11 +23,19 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import remove_leftovers, write_file, write_files
+from vibroswarm.core.atomic_io import MANIFEST, remove_leftovers, write_file
+from vibroswarm.core.folders import (
+    check_not_older,
+    has_manifest,
+    manifest_text,
+    read_described,
+    read_manifest,
+    write_described,
+)
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import scan_frame
-from vibroswarm.core.untrusted_files import entry, read_json, read_text, texts
-from vibroswarm.errors import InputError, RunError, check_format, shown
+from vibroswarm.core.untrusted_files import entry, read_text, texts
+from vibroswarm.errors import InputError, RunError
 from vibroswarm.result import write_code
 from vibroswarm.simulation import versions
 from vibroswarm.study.batch import Batch, BatchResult, check_shard
@@ -38,15 +44,10 @@ from vibroswarm.study.plan import Group, Range, missing, plan_of
 from vibroswarm.study.spec import MOST_RUNS, Study
 from vibroswarm.study.study_text import as_toml
 
-FORMAT: Final = 3
-"""Version of the folder; that of the study's file is in ``spec``."""
-
 FAILURE: Final = {"batch": str, "group": int, "first": int, "last": int, "seed": int, "why": str}
 """Keys of a failure and their types."""
 MARKER: Final = "study.toml"
 """File of the study's text."""
-HEAD: Final = "study.json"
-"""File with format, hash and versions; a folder without it is not a store yet."""
 SHARDS: Final = "shards"
 """Folder of the stored batches."""
 FAILURES: Final = "failures"
@@ -106,17 +107,18 @@ class Store:
         """
         folder = Path(folder)
         try:
-            if (folder / HEAD).exists():
+            if has_manifest(folder):
                 store = cls.open(folder)
                 if store.study.hash != study.hash:
                     raise InputError(_differences(store.study, study), field=str(folder))
                 store.study = study
                 return store
-            # A folder without HEAD may have files of another writer of this study, which was killed or is just making
-            # the store. Such a folder is accepted.
+            # A folder without a manifest may have files of another writer of this study, which was killed or is just
+            # making the store. Such a folder is accepted.
             if folder.exists() and not (folder.is_dir() and all(_is_of(p, study) for p in folder.iterdir())):
-                if (folder / HEAD).exists():  # another writer has written HEAD since the check above
+                if has_manifest(folder):  # another writer has written it since the check above
                     return cls.existing(folder, study)
+                check_not_older(folder)
                 raise InputError(
                     "exists but is not a study; give the name of a new folder", field=str(folder)
                 )
@@ -154,20 +156,17 @@ class Store:
             InputError: the folder holds no study, a study of another format, or a damaged one.
         """
         folder = Path(folder)
-        head = folder / HEAD
-        if not head.exists():
-            raise InputError(f"is not a study of vibroswarm (there is no {HEAD})", field=str(folder))
-        head_values = read_json(head, "the head of a study")
-        version, saved_hash = entry(head_values, "format", int, head), entry(head_values, "hash", str, head)
-        made_by = texts(entry(head_values, "versions", dict, head), "versions", head)
-        check_format(version, FORMAT, str(folder))
+        path = folder / MANIFEST
+        manifest = read_manifest(folder, "study")
+        saved_hash = entry(manifest, "hash", str, path)
+        made_by = texts(entry(manifest, "versions", dict, path), "versions", path)
         text = read_text(folder / MARKER, "a study")
         study = Study.from_toml(text, name=str(folder / MARKER), folder=folder)
         # If another version of this program made the folder, it may have computed another hash for the same study,
         # since its scenarios have other fields. Then the hash of the text (``_fingerprint``) shows whether the text is
         # the same.
         same_code = made_by.get("code") == versions()["code"]
-        if study.hash != saved_hash and (same_code or _fingerprint(text) != head_values.get("text")):
+        if study.hash != saved_hash and (same_code or _fingerprint(text) != manifest.get("text")):
             raise InputError(
                 f"{MARKER} is not the study for which the folder was made (hash {saved_hash}); restore it",
                 field=str(folder),
@@ -211,42 +210,33 @@ class Store:
         """
         # The shard's name is made from its content, so that a batch that runs twice gives the same files.
         name = hashlib.sha256(done.files["robots"]).hexdigest()[:24]
-        # The name of the file of each table.
-        paths = {
-            table: f"{name}.parquet" if table == "robots" else f"{name}.{table}.parquet"
-            for table in done.files
-        }
-        description = {
-            "format": FORMAT,
-            "study": self.hash,
-            "group": done.work.group,
-            "first": done.work.first,
-            "last": done.work.last,
-            "seed": done.work.seed,
-            "rows": done.rows,
-            "files": {
-                paths[table]: {"table": table, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-                for table, data in done.files.items()
-            },
-            "versions": done.versions,
-        }
-        shards = self.folder / SHARDS
-        contents = {paths[table]: data for table, data in done.files.items()}
+        work = done.work
         try:
-            write_files(shards, contents | {f"{name}.json": _json(description)})
+            files = write_described(
+                self.folder / SHARDS,
+                name,
+                "batch",
+                done.files,
+                study=self.hash,
+                group=work.group,
+                first=work.first,
+                last=work.last,
+                seed=work.seed,
+                rows=done.rows,
+                versions=done.versions,
+            )
         except (
             InputError
         ) as error:  # not the user's mistake, since the folder could be written when the study began
             raise RunError(str(error)) from error
         self.broken.pop(name, None)
-        work = done.work
         shard = Shard(
             name=name,
             group=work.group,
             first=work.first,
             last=work.last,
             rows=done.rows,
-            files={table: shards / path for table, path in paths.items()},
+            files=files,
             made_by=done.versions,
         )
         self.shards.append(shard)
@@ -256,8 +246,8 @@ class Store:
         """Record that a batch failed, and why, in a file of its own."""
         path = self._failure(work)
         path.parent.mkdir(exist_ok=True)
-        description = {"batch": work.name, "group": work.group, "first": work.first, "last": work.last}
-        write_file(path, _json({**description, "seed": work.seed, "why": why}))
+        runs = {"first": work.first, "last": work.last, "seed": work.seed}
+        write_file(path, manifest_text("failure", batch=work.name, group=work.group, **runs, why=why))
 
     @property
     def failures(self) -> list[dict[str, Any]]:
@@ -266,7 +256,7 @@ class Store:
         for path in sorted((self.folder / FAILURES).glob("[!.]*.json")):
             # An unreadable record is skipped without harm: the shards show which runs are missing.
             with suppress(InputError):
-                failure = read_json(path, "a failure")
+                failure = read_manifest(path, "failure")
                 for key, kind in FAILURE.items():
                     entry(failure, key, kind, path)
                 if missing((int(failure["first"]), int(failure["last"])), self.ranges(int(failure["group"]))):
@@ -366,21 +356,12 @@ class Store:
         Raises:
             ValueError: something is wrong; the message says what (InputError is a ValueError).
         """
-        description = read_json(path, "the description of a shard")
-        check_format(entry(description, "format", int, path), FORMAT)
+        description, files = read_described(path, "batch")
         if description.get("study") != self.hash or description.get("seed") != self.study.seed:
             raise ValueError("is of another study")
         group, first, last, rows = (
             entry(description, key, int, path) for key in ("group", "first", "last", "rows")
         )
-        files: dict[str, Path] = {}
-        for name, file in entry(description, "files", dict, path).items():
-            # The files of a shard are beside its description. A path could lead to any other file of this computer.
-            if Path(name).name != name:
-                raise ValueError(f"names a file elsewhere: {shown(name)}")
-            size, sha256 = entry(file, "bytes", int, path), entry(file, "sha256", str, path)
-            _check(path.with_name(name), size, sha256)
-            files[entry(file, "table", str, path)] = path.with_name(name)
         groups = plan_of(self.study).groups
         if not (0 <= group < len(groups) and 0 <= first < last <= MOST_RUNS):
             raise ValueError(f"is of group {group}, runs {first} to {last}, which the study does not have")
@@ -395,7 +376,7 @@ class Store:
         return self.folder / FAILURES / f"{work.group}-{work.first}-{work.last}.json"
 
     def write_head(self) -> None:
-        """Write ``study.toml`` if its text has changed, ``study.json`` if it is missing, and copies of user code.
+        """Write ``study.toml`` if its text has changed, the manifest if it is missing, and copies of user code.
 
         The text of ``study.toml`` changes with the number of runs or the precision, and the name.
 
@@ -408,17 +389,14 @@ class Store:
             # Another version made the folder. Its text stays, since its hash was computed from it; only the name, the
             # runs and the precision change.
             text = _with_runs_of(read_text(self.folder / MARKER, "a study"), text)
-        marker, head = self.folder / MARKER, self.folder / HEAD
+        marker, manifest = self.folder / MARKER, self.folder / MANIFEST
         try:
             if not marker.is_file() or marker.read_text(encoding="utf-8") != text:
                 write_file(marker, text)
-            if not head.is_file():
+            if not manifest.is_file():
                 self._check_written(text)
-                text_hash, made_by = _fingerprint(text), versions()
-                write_file(
-                    head,
-                    _json({"format": FORMAT, "hash": self.hash, "text": text_hash, "versions": made_by}),
-                )
+                values = {"hash": self.hash, "text": _fingerprint(text), "versions": versions()}
+                write_file(manifest, manifest_text("study", **values))
             write_code(self.folder, (cell.scenario for cell in self.study.cells), self.study.motion)
             (self.folder / SHARDS).mkdir(exist_ok=True)
         except OSError as error:
@@ -452,7 +430,7 @@ def _with_runs_of(old: str, new: str) -> str:
 
 
 def _is_of(path: Path, study: Study) -> bool:
-    """Return whether ``path`` may come from a writer of this study that has not written ``HEAD`` yet, or was killed.
+    """Return whether ``path`` may come from a writer of this study that was killed before it wrote the manifest.
 
     Such a writer makes the folder of shards, ``study.toml`` of this study, and temporary files.
     """
@@ -461,27 +439,7 @@ def _is_of(path: Path, study: Study) -> bool:
             return _fingerprint(path.read_text(encoding="utf-8")) == _fingerprint(study.to_toml())
         except ValueError:
             return False
-    return (path.name == SHARDS and path.is_dir()) or path.name.startswith((f".{MARKER}.", f".{HEAD}."))
-
-
-def _json(values: Mapping[str, Any]) -> str:
-    """Write values as the text of a JSON file."""
-    return json.dumps(values, indent=1) + "\n"
-
-
-def _check(path: Path, size: int, sha256: str) -> None:
-    """Check that a file has the size and the content that the description gives.
-
-    Raises:
-        ValueError: it is missing or differs.
-    """
-    if not path.is_file():
-        raise ValueError(f"its file {path.name} is missing or not a plain file")
-    if path.stat().st_size != size:
-        raise ValueError(f"{path.name} is cut off: {path.stat().st_size} bytes of {size}")
-    with path.open("rb") as stream:
-        if hashlib.file_digest(stream, "sha256").hexdigest() != sha256:
-            raise ValueError(f"{path.name} is not what was written")
+    return (path.name == SHARDS and path.is_dir()) or path.name.startswith((f".{MARKER}.", f".{MANIFEST}."))
 
 
 def _differences(there: Study, given: Study) -> str:

@@ -6,7 +6,6 @@ simulation raised an error; its runs are not stored and are in no figure (``stor
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,7 +20,7 @@ from vibroswarm.analysis.decidability import Decidability, decidability
 from vibroswarm.analysis.intervals import mean_interval
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
-from vibroswarm.core.tables import csv_bytes
+from vibroswarm.core.tables import csv_bytes, parquet_bytes
 from vibroswarm.errors import RunError
 from vibroswarm.inference.outcomes import costs_of
 from vibroswarm.study.answers import Answer, answers_of
@@ -254,7 +253,5 @@ def write_table(table: pl.DataFrame, path: Path) -> None:
     Raises:
         InputError: a file cannot be created. RunError: the disk is full or failed.
     """
-    buffer = io.BytesIO()
-    table.write_parquet(buffer)
-    contents = {f"{path.name}.csv": csv_bytes(table), f"{path.name}.parquet": buffer.getvalue()}
+    contents = {f"{path.name}.csv": csv_bytes(table), f"{path.name}.parquet": parquet_bytes(table)}
     write_files(path.parent, contents)

@@ -11,16 +11,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import polars as pl
 from polars.testing import assert_frame_equal
 
 from vibroswarm.analysis.intervals import Interval, generator, wilson
+from vibroswarm.core.folders import KINDS, read_manifest
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, path_of, whole_number_of
 from vibroswarm.inference.outcomes import ROBOTS, RUNS
+from vibroswarm.optimize.evaluate import do_piece
+from vibroswarm.optimize.loop import recorded_runs
+from vibroswarm.optimize.spec import Search
+from vibroswarm.optimize.steps import SEARCH, versions_of
 from vibroswarm.result import TABLES, Result
 from vibroswarm.simulation import simulate, versions
-from vibroswarm.study.store import HEAD
 from vibroswarm.study.study_result import StudyResult
 
 RUNS_AGAIN: Final = 20
@@ -71,29 +76,34 @@ def verify(
     """Simulate a sample of the runs of a folder again, and compare their tables with the saved ones.
 
     Args:
-        folder: of a result, or of a study or a league. runs: number of runs, drawn from all saved ones; if there are
-            fewer, all. seed: of the draw. progress: called with the share of the runs that is done.
+        folder: of a result, a study (also of a league or a detection), or a search, whose steps are compared. runs:
+            number of runs, drawn from all saved ones; if there are fewer, all. seed: of the draw. progress: called with
+            the share of the runs that is done.
     Raises:
-        InputError: the folder holds neither, recorded runs (which no seed repeats), no runs, or user code that is not
-            loaded.
+        InputError: the folder holds none of these, recorded runs (which no seed repeats), no runs, or user code that is
+            not loaded.
     """
     folder = path_of(folder, "folder")
     runs = whole_number_of(runs, "runs", 1, 10**6)
     report = progress or (lambda done: None)
-    if (folder / HEAD).is_file():
+    kind = str(read_manifest(folder)["kind"])
+    if kind == "study":
         return _of_study(StudyResult.open(folder), runs, seed, report)
-    if not (folder / "result.json").is_file():
-        raise InputError("holds neither runs of one scenario nor a study or league", field=str(folder))
-    return _of_result(folder, Result.read(folder), runs, seed, report)
+    if kind == "search":
+        return _of_search(folder, runs, seed, report)
+    if kind == "result":
+        return _of_result(folder, Result.read(folder), runs, seed, report)
+    if kind == "recording":
+        raise InputError(
+            "holds recorded runs, which no seed repeats; 'lab replay' judges them", field=str(folder)
+        )
+    raise InputError(f"holds {KINDS[kind]}, without runs that could be simulated again", field=str(folder))
 
 
 def _of_result(
     folder: Path, result: Result, runs: int, seed: int, report: Callable[[float], None]
 ) -> Verified:
-    if result.seed is None:
-        raise InputError(
-            "holds recorded runs, which no seed repeats; 'lab replay' judges them", field=str(folder)
-        )
+    assert result.seed is not None  # only recordings have none
     saved = result.runs["run"].to_list()
     if not saved:
         raise InputError("holds no runs", field=str(folder))
@@ -139,6 +149,22 @@ def _of_study(result: StudyResult, runs: int, seed: int, report: Callable[[float
             report(len(rows) / len(drawn))
     table = pl.DataFrame(rows, schema=COMPARED, orient="row")
     return Verified(result.store.folder, table, len(saved), _other_versions(result.store.made_by))
+
+
+def _of_search(folder: Path, runs: int, seed: int, report: Callable[[float], None]) -> Verified:
+    search = Search.read(folder / SEARCH)
+    recorded = recorded_runs(search, folder)
+    if not recorded:
+        raise InputError("holds no runs", field=str(folder))
+    rows = []
+    drawn = _drawn(recorded, runs, seed)
+    for one in drawn:
+        again = do_piece(one.piece, search.objectives)
+        same = not isinstance(again, str) and np.array_equal(again[0], one.figures)
+        rows.append((f"candidate {one.candidate}", one.piece.first, same, "" if same else "steps"))
+        report(len(rows) / len(drawn))
+    table = pl.DataFrame(rows, schema=COMPARED, orient="row")
+    return Verified(folder, table, len(recorded), _other_versions([versions_of(folder)]))
 
 
 def _drawn(saved: Sequence[Any], count: int, seed: int) -> list[Any]:
