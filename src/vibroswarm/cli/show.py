@@ -10,8 +10,6 @@ from vibroswarm.cli.command_line import Option
 from vibroswarm.cli.options import Json, run_plain
 from vibroswarm.cli.output import open_page
 from vibroswarm.cli.terminal import printing
-from vibroswarm.core.folders import kind_of
-from vibroswarm.documents.saved import PRINTED, read_printed
 from vibroswarm.errors import InputError
 
 if TYPE_CHECKING:
@@ -64,6 +62,9 @@ MOST_CHARACTERS: Final = 1_000_000
 
 def _is_result(folder: Path) -> bool:
     """Return whether a folder holds a result and nothing else that this command shows."""
+    from vibroswarm.core.folders import kind_of
+    from vibroswarm.documents.saved import PRINTED
+
     return kind_of(folder) in ("result", "recording") and not os.path.lexists(folder / PRINTED)
 
 
@@ -90,6 +91,8 @@ def _show_folder(folder: Path, json: bool) -> None:
     """
     from vibroswarm.cli.deliver import print_document
     from vibroswarm.cli.output import print_json, print_line, print_paragraph
+    from vibroswarm.core.folders import kind_of
+    from vibroswarm.documents.saved import read_printed
     from vibroswarm.show.data import document_data
 
     state: dict[str, Any] = {}
@@ -138,6 +141,7 @@ def _show_folder(folder: Path, json: bool) -> None:
 def _show_result(folder: Path, json: bool) -> None:
     """Print the document of a result; for any other folder, print the names of its tables and pictures."""
     from vibroswarm.cli.deliver import print_document
+    from vibroswarm.core.folders import kind_of
 
     if kind_of(folder) in ("result", "recording"):
         from vibroswarm.documents.run import result_document

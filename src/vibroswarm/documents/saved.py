@@ -84,8 +84,8 @@ def refuse_other(folder: Path, command: str, work: str = "") -> None:
     if not folder.is_dir():
         raise InputError("is a file; give the name of a folder", field=str(folder))
     remove_leftovers(folder)
-    if not any(folder.iterdir()):
-        return  # killed before it had written its manifest
+    if all(path.name.startswith(".") for path in folder.iterdir()):
+        return  # killed before it had written its manifest, or locked
     there = read_manifest(folder)
     if "command" not in there:
         raise InputError(f"exists already but holds no results of '{command}'", field=str(folder))
