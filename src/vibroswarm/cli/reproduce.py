@@ -56,7 +56,7 @@ def reproduce(
     from vibroswarm.cli.deliver import deliver
     from vibroswarm.cli.out_folder import claim
     from vibroswarm.cli.progress import labelled_progress_bar
-    from vibroswarm.core.atomic_io import folder_lock
+    from vibroswarm.core.atomic_io import folder_lock, make_folder
     from vibroswarm.documents.reproduction import reproduction_document
     from vibroswarm.documents.saved import begin, refuse_other
     from vibroswarm.paper.archive import write_archive
@@ -74,8 +74,9 @@ def reproduce(
     items, settings = items_named(only), settings_of(runs, seed, columns, control, recordings, workers)
     # Items that depend on a changed setting are computed again, so that other settings are no reason to refuse it.
     claim(output, lambda folder: refuse_other(folder, "reproduce"))
-    begin(out, "reproduce")
+    make_folder(out)
     with folder_lock(out):
+        begin(out, "reproduce")
         with labelled_progress_bar(f"reproducing {len(items)} items") as progress:
             # An archive holds the cells of all items, also of those whose results are in the folder already.
             reproduction = computed(settings, out, items, progress, with_cells=archive is not None)

@@ -11,6 +11,7 @@ killed.
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import re
@@ -355,6 +356,20 @@ def write_files(folder: Path, contents: Mapping[str, str | bytes]) -> None:
         raise RunError(f"could not write '{folder}': {error.strerror or error}") from error
     for name, content in contents.items():
         write_file(folder / name, content)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder, and those in which it lies, unless it exists.
+
+    Raises:
+        InputError: it cannot be made there. RunError: the disk is full or failed.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
+            raise RunError(f"could not write '{folder}': {error.strerror}") from error
+        raise InputError(f"cannot be made: {error.strerror or error}", field=str(folder)) from None
 
 
 def _make_empty(part: Path) -> None:

@@ -36,7 +36,14 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.atomic_io import LOCK_FILE as LOCK
-from vibroswarm.core.atomic_io import MANIFEST, folder_lock, remove_leftovers, temporary_stem, write_files
+from vibroswarm.core.atomic_io import (
+    MANIFEST,
+    folder_lock,
+    make_folder,
+    remove_leftovers,
+    temporary_stem,
+    write_files,
+)
 from vibroswarm.core.folders import (
     check_not_older,
     has_manifest,
@@ -48,7 +55,7 @@ from vibroswarm.core.folders import (
 )
 from vibroswarm.core.tables import Schema, parquet_bytes, read_table
 from vibroswarm.core.untrusted_files import entry, texts
-from vibroswarm.errors import InputError, RunError, warn_once
+from vibroswarm.errors import InputError, warn_once
 from vibroswarm.optimize.evaluate import Result, RunFigures
 from vibroswarm.optimize.objective import Rows
 from vibroswarm.optimize.spec import Search, differences
@@ -195,10 +202,7 @@ class SearchFolder:
         Raises:
             InputError: another process uses the folder, or it holds another search. RunError: it cannot be written.
         """
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise RunError(f"could not write '{self.folder}': {error.strerror or error}") from error
+        make_folder(self.folder)
         with folder_lock(self.folder):
             remove_leftovers(self.folder)
             # ``__init__`` checked this before the folder was locked: another process may have made a search since.

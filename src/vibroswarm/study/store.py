@@ -23,7 +23,7 @@ from typing import Any, Final
 
 import polars as pl
 
-from vibroswarm.core.atomic_io import MANIFEST, remove_leftovers, write_file
+from vibroswarm.core.atomic_io import MANIFEST, make_folder, remove_leftovers, write_file
 from vibroswarm.core.folders import (
     check_not_older,
     has_manifest,
@@ -140,10 +140,7 @@ class Store:
             remove_leftovers(place)
         store = cls.existing(folder, study)
         if store is None:
-            try:
-                (folder / SHARDS).mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise InputError(f"cannot be made: {error.strerror}", field=str(folder)) from None
+            make_folder(folder / SHARDS)
             store = cls(folder, study)
         store.write_head()
         return store
