@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import inspect
 import textwrap
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 from vibroswarm import cli
@@ -24,6 +26,15 @@ Existing folders are never overwritten without `--force`; studies and searches a
 
 All commands have these options; `-q` and `-v` may also stand before the command.
 """
+MANY = 7
+"""An option that so many commands have with the same words is described once."""
+SHARED_HEAD = """\
+## Options of many commands
+
+Which of these a command has is said below its own.
+"""
+Row = tuple[str, str]
+"""An option with its value, and what it is."""
 
 
 def reference() -> str:
@@ -32,12 +43,14 @@ def reference() -> str:
     lines = [HEAD.format(codes=codes)]
     for title, kind in COMMON.items():
         group = add_group(argparse.ArgumentParser(), title, kind)
-        lines += table(str(group.title), group._group_actions)
+        lines += table(str(group.title), rows_of(group._group_actions))
+    many = of_many_commands()
+    lines += [SHARED_HEAD, *table("option", many)]
     for command in COMMANDS.values():
         depth = 2 + command.words.count(" ")
         lines += [f"{'#' * depth} vibroswarm {command.words}", ""]
         if command.place:
-            lines += section(command.parser())
+            lines += section(command.parser(), many)
         else:
             tasks = tasks_of(command.words)
             lines += [
@@ -49,24 +62,46 @@ def reference() -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
-def section(parser: argparse.ArgumentParser) -> list[str]:
+def groups_of(parser: argparse.ArgumentParser) -> Iterator[tuple[str, list[Row]]]:
+    """The groups of a command's own options, without those that all commands have."""
+    for group in parser._action_groups:
+        rows = rows_of([action for action in group._group_actions if action.dest != "help"])
+        if rows and str(group.title).replace(" ", "_") not in COMMON:
+            titles = {"options": "option", "positional arguments": "argument"}
+            yield titles.get(group.title or "", str(group.title)), rows
+
+
+def of_many_commands() -> list[Row]:
+    """Options that many commands have with the same words, in the order in which commands have them."""
+    parsers = [command.parser() for command in COMMANDS.values() if command.place]
+    counted = Counter(row for parser in parsers for _, rows in groups_of(parser) for row in rows)
+    return [row for row, count in counted.items() if count >= MANY]
+
+
+def section(parser: argparse.ArgumentParser, many: list[Row]) -> list[str]:
     """Description, usage, options by group and examples of one command."""
     usage = parser.usage or parser.format_usage().removeprefix("usage: ")
     lines = [sentence(parser.description or ""), "", "```text", usage.strip(), "```", ""]
-    for group in parser._action_groups:
-        actions = [action for action in group._group_actions if action.dest != "help"]
-        if actions and str(group.title).replace(" ", "_") not in COMMON:
-            titles = {"options": "option", "positional arguments": "argument"}
-            lines += table(titles.get(group.title or "", str(group.title)), actions)
+    shared: list[str] = []
+    for title, rows in groups_of(parser):
+        own = [row for row in rows if row not in many]
+        shared += [row[0] for row in rows if row in many]
+        lines += table(title, own) if own else []
+    if shared:
+        lines += [f"[Options of many commands](#options-of-many-commands): {', '.join(shared)}.", ""]
     if parser.epilog:
         lines += ["```text", *textwrap.dedent(parser.epilog).strip().splitlines(), "```", ""]
     return lines
 
 
-def table(title: str, actions: list[argparse.Action]) -> list[str]:
+def rows_of(actions: list[argparse.Action]) -> list[Row]:
+    """Options with what they are."""
+    return [(shown(action), words(help_of(action))) for action in actions]
+
+
+def table(title: str, rows: list[Row]) -> list[str]:
     """Options as a table of Markdown."""
-    rows = [f"| {shown(action)} | {words(help_of(action))} |" for action in actions]
-    return [f"| {title} | what it is |", "|---|---|", *rows, ""]
+    return [f"| {title} | what it is |", "|---|---|", *(f"| {name} | {text} |" for name, text in rows), ""]
 
 
 def shown(action: argparse.Action) -> str:

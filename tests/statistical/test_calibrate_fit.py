@@ -336,6 +336,6 @@ def test_robots_of_the_base_do_not_remain_in_a_fit_to_others(monkeypatch: pytest
 
 @pytest.mark.parametrize("interval_ms", [3778.0, 2000.0, 1990.0])
 def test_a_fit_recovers_the_stop_of_its_own_robots(interval_ms: float) -> None:
-    """Also where the sampling interval is no multiple of the control period, 20 ms."""
+    """Also where the sample interval is no multiple of the control period, 20 ms."""
     scenario = preset("paper").with_values({"sample.sample_interval_ms": interval_ms, "run.t_end_s": 600.0})
     assert stop_of(dataset_of([simulate(scenario, 1, 1)]), scenario) == 1000.0

@@ -136,7 +136,7 @@ def test_the_timer_is_found(told: Scenario, tmp_path: Path, timer: str, interval
 
 
 def test_a_timer_is_not_found_where_the_log_cannot_tell(told: Scenario, tmp_path: Path) -> None:
-    """Avoidance that is not logged; few intervals; avoidances that may all be longer than the sampling interval."""
+    """Avoidance that is not logged; few intervals; avoidances that may all be longer than the sample interval."""
     write_rugbot(simulate(told, 11, 1, segments=True), tmp_path / "log.csv", 0)
     log = in_order(read_log(tmp_path / "log.csv"))
     for changed, words in [

@@ -443,7 +443,7 @@ FIGURES: Final = (
     RunFigure("swarm_error", "wrong among swarms that agreed", _wrong_among_agreed, "runs"),
     RunFigure(
         "consensus_time_s",
-        "time of consensus",
+        "consensus time",
         lambda s: capped_time_s(s.runs["consensus_time_s"], s.t_end_s),
         better=-1,
         of_decisions=True,
@@ -452,7 +452,7 @@ FIGURES: Final = (
     ),
     RunFigure(
         "consensus_median_s",
-        "median time of consensus",
+        "median consensus time",
         lambda s: np.asarray(s.runs["consensus_time_s"]),
         "median",
         unit="s",

@@ -1,6 +1,6 @@
 """Fit a scenario to recordings: in closed form where possible, otherwise by simulation.
 
-The robots' properties are fitted. What the robots were programmed to do (sampling interval, leg times, decisions,
+The robots' properties are fitted. What the robots were programmed to do (sample interval, leg times, decisions,
 strategy) and theta_E are taken from the base scenario. Positions are corrected first if the camera saw robots too far
 from the centre (``fit_camera``).
 """
@@ -42,7 +42,7 @@ LACKS: Final = (
 
 
 INTERRUPTED_BELOW: Final = 0.02
-"""If a smaller share of the avoidance times exceeds the sampling interval, samples are taken to interrupt avoidance."""
+"""If a smaller share of the avoidance times exceeds the sample interval, samples are taken to interrupt avoidance."""
 
 
 @dataclass(frozen=True)
@@ -186,10 +186,10 @@ def fit(
 
 
 def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
-    """Return how often avoidance takes longer than the sampling interval, as a share of the intervals with avoidance.
+    """Return how often avoidance takes longer than the sample interval, as a share of the intervals with avoidance.
 
     This shows whether samples interrupt avoidance: the sampling timer runs on during avoidance, so a robot that
-    interrupts avoidance to sample hardly ever avoids for longer than the sampling interval. The share is computed for
+    interrupts avoidance to sample hardly ever avoids for longer than the sample interval. The share is computed for
     each robot in each session, and averaged; it is 0 without any avoidance.
     """
     shares = []

@@ -188,7 +188,7 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
 
     Args:
         found: sessions, with positions corrected for the camera.
-        base: scenario with the sampling interval that the robots were programmed with.
+        base: scenario with the sample interval that the robots were programmed with.
         draws: number of bootstrap resamples of robots in sessions.
     Raises:
         InputError: fewer than two robots with ten drives; a robot counts once in each session.
@@ -227,7 +227,7 @@ def fit_drive(found: Dataset, base: Scenario, draws: int = DRAWS) -> DriveFit:
 def timed_drive_ms(base: Scenario) -> float:
     """Return how long a robot drives from a sample to the next stop, without turns: until its timer exceeds tau, ms.
 
-    It is the first multiple of the control period above the sampling interval tau.
+    It is the first multiple of the control period above the sample interval tau.
     """
     period = base.run.control_period_ms
     return period * (math.floor(base.sample.sample_interval_ms / period) + 1.0)

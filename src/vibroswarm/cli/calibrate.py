@@ -180,7 +180,7 @@ def fit(
 ) -> None:
     """Fit the robots (speeds, veer, avoidance, sensing, losses) to recordings.
 
-    Their programmed settings (sampling interval, leg times, decisions) come from --base.
+    Their programmed settings (sample interval, leg times, decisions) come from --base.
 
     examples:
       vibroswarm calibrate fit lab --out mine.toml

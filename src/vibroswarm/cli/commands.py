@@ -123,7 +123,9 @@ GROUPS: Final[dict[str, tuple[Command, ...]]] = {
         Command("floors show", "draw a floor in the terminal or to a file", "floors:show"),
         Command("floors measure", "measure fill ratio, Moran index, entropy and clusters", "floors:measure"),
         Command("floors make", "make a floor of given difficulty", "floors:make"),
-        Command("check", "check a strategy, network, task, motion source or search method", "check:check"),
+        Command(
+            "check", "check a strategy, network, sensor, task, motion source or search method", "check:check"
+        ),
         Command("export", "write the robot's program as C for microcontrollers", ""),
         Command("export c", "C99 library with a sketch for Arduino and PlatformIO", "export:c"),
         Command("export check", "compare an exported header of parameters with a scenario", "export:check"),

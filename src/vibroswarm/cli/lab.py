@@ -41,7 +41,7 @@ def import_logs(
 ) -> None:
     """Read logs of sessions (one file each) of the same robots on one floor, into a folder that is read as a result.
 
-    Some fields of the scenario are inferred from the logs, unless options set them: threshold, gate, sampling interval,
+    Some fields of the scenario are inferred from the logs, unless options set them: threshold, gate, sample interval,
     strategy and others.
 
     examples:

@@ -158,7 +158,7 @@ Motion = Annotated[
     str, Option("engine: {names} (default event), or FILE.py:NAME", names=partial(list, MOTIONS))
 ]
 Json = Annotated[bool, Option("print JSON and nothing else on stdout")]
-Force = Annotated[bool, Option("replace it if it exists")]
+Force = Annotated[bool, Option("replace the file or folder if it exists")]
 
 
 def toml_path(text: str) -> Path:

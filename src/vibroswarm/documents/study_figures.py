@@ -73,7 +73,7 @@ def time_figures(outcome: Outcome) -> Iterator[Figure]:
     """
     yield from _incidences(outcome)
     if len(outcome.cells) <= MOST_ROWS // 2:
-        yield _figure("consensus-box", "Time of consensus, run by run", partial(_spread, outcome))
+        yield _figure("consensus-box", "Consensus time, run by run", partial(_spread, outcome))
     if len(outcome.cells) <= MOST_SERIES and any(_sampled(outcome, one) for one in outcome.cells):
         yield _figure("belief", "Belief over time", partial(_belief, outcome))
 
@@ -251,7 +251,7 @@ def _spread(outcome: Outcome, style: str) -> Picture:
     t_end_s = max(cell_outcome.summary.t_end_s for cell_outcome in outcome.cells)
     return draw_boxes(
         pl.concat(frames),
-        label="time of consensus (s)",
+        label="consensus time (s)",
         t_end=t_end_s,
         missing="without consensus",
         style=style,

@@ -37,7 +37,7 @@ MARGIN_S: Final = 0.3
 LEAST: Final = 30
 """Fewest intervals with avoidance, and fewest calm intervals with turns, that tell rules apart."""
 LEAST_TAU_S: Final = 1.5
-"""With a shorter sampling interval, avoidances that are shorter than it are too short to tell rules apart, s."""
+"""With a shorter sample interval, avoidances that are shorter than it are too short to tell rules apart, s."""
 COUNTED: Final = 0.65
 """Avoidance counts if at least this share of the rests is shorter than the usual interval."""
 SOME: Final = 0.05
