@@ -18,6 +18,8 @@ from vibroswarm.recordings.recording import Recording
 from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import Scenario, preset
 
+pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
+
 CAMERA = Camera(1.05, 0.004, -0.006)
 
 

@@ -10,8 +10,9 @@ import pytest
 from scipy import stats
 from scipy.spatial.distance import cdist
 
-from vibroswarm.calibrate.classifier import balanced_accuracy, classifier_accuracy, fit_logistic
+from vibroswarm.calibrate.classifier import RIDGE, classifier_accuracy, stretch_classifier
 from vibroswarm.calibrate.features import histogram, sample_table, sessions_of, values_of
+from vibroswarm.calibrate.held_out_accuracy import mean_accuracy
 from vibroswarm.calibrate.similarity import (
     at_equal_counts,
     ceiling,
@@ -25,6 +26,8 @@ from vibroswarm.calibrate.similarity import (
 from vibroswarm.errors import InputError
 from vibroswarm.scenario.scenario import preset
 from vibroswarm.simulation import simulate
+
+pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
 
 
 def test_cosine_of_vectors() -> None:
@@ -100,17 +103,38 @@ def test_the_logistic_fit_is_at_its_minimum() -> None:
     rng = np.random.default_rng(10)
     columns = rng.normal(size=(800, 3))
     label = rng.random(800) < 1 / (1 + np.exp(-2 * columns[:, 0] + 0.5))
-    weights = fit_logistic(columns, label)
-    assert weights[1] == pytest.approx(2.0, abs=0.35)
-    assert np.abs(weights[2:]).max() < 0.3
+    fitted = stretch_classifier().fit(columns, label)
+    weights = fitted[-1].coef_[0] / fitted[0].scale_
+    assert weights[0] == pytest.approx(2.0, abs=0.35)
+    assert np.abs(weights[1:]).max() < 0.3
+    # The loss of both classes at equal weights, with the ridge, is least there.
+    sign, weight = np.where(label, 1.0, -1.0), np.where(label, 0.5 / label.mean(), 0.5 / (1.0 - label.mean()))
+    standard = fitted[0].transform(columns)
+
+    def loss(moved: np.ndarray) -> float:
+        score = standard @ (fitted[-1].coef_[0] + moved) + fitted[-1].intercept_[0]
+        ridge = 0.5 * RIDGE * np.sum((fitted[-1].coef_[0] + moved) ** 2)
+        return float(weight @ np.logaddexp(0.0, -sign * score) + ridge)
+
+    least = loss(np.zeros(3))
+    for step in (0.05, -0.05):
+        assert all(loss(step * np.eye(3)[k]) > least for k in range(3))
+
+
+def accuracy(*classes: np.ndarray) -> float:
+    """Of the classifier of stretches, trained on the first two sets of rows and tested on the others."""
+    label = np.repeat([0, 1, 0, 1], [len(one) for one in classes])
+    trained = sum(len(one) for one in classes[:2])
+    split = np.arange(trained), np.arange(trained, label.size)
+    return mean_accuracy(stretch_classifier(), np.concatenate(classes), label, [split])
 
 
 def test_what_cannot_be_told_is_told_by_chance_only() -> None:
     rng = np.random.default_rng(11)
     sets = [rng.normal(size=(400, 4)) for _ in range(4)]
-    assert balanced_accuracy((sets[0], sets[1]), (sets[2], sets[3])) == pytest.approx(0.5, abs=0.06)
+    assert accuracy(*sets) == pytest.approx(0.5, abs=0.06)
     moved = [one + np.array([1.5, 0, 0, 0]) for one in (sets[1], sets[3])]
-    assert balanced_accuracy((sets[0], moved[0]), (sets[2], moved[1])) > 0.72
+    assert accuracy(sets[0], moved[0], sets[2], moved[1]) > 0.72
 
 
 @pytest.fixture(scope="module")

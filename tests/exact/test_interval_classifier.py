@@ -7,16 +7,28 @@ import polars as pl
 import pytest
 
 from vibroswarm.calibrate.drive import course_of, undisturbed
+from vibroswarm.calibrate.held_out_accuracy import mean_accuracy
 from vibroswarm.calibrate.interval_classifier import (
-    boosted_accuracy,
+    boosted_trees,
     interval_accuracy,
     other_robots,
     same_robots,
 )
 
+pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
+
 
 def rows(seed: int, count: int = 1500) -> np.ndarray:
     return np.random.default_rng(seed).normal(size=(count, 2))
+
+
+def boosted_accuracy(train: tuple[np.ndarray, np.ndarray], test: tuple[np.ndarray, np.ndarray]) -> float:
+    """Of boosted trees, trained on rows of two classes and tested on others."""
+    parts = [*train, *test]
+    label = np.repeat([0, 1, 0, 1], [len(part) for part in parts])
+    trained = len(train[0]) + len(train[1])
+    split = np.arange(trained), np.arange(trained, label.size)
+    return mean_accuracy(boosted_trees(), np.concatenate(parts), label, [split])
 
 
 def test_trees_reach_the_best_rule_where_it_is_known() -> None:

@@ -279,6 +279,7 @@ def test_a_recording_has_no_random_floor(task, redraw, tmp_path, capsys):
 
 
 def test_too_few_intervals_to_tell_apart_are_said(kept, capsys):
+    pytest.importorskip("sklearn")
     assert main(["calibrate", "compare", str(kept), str(kept), "--intervals"]) == 0
     assert "A session has fewer than 200 undisturbed intervals" in " ".join(capsys.readouterr().out.split())
 
@@ -326,6 +327,7 @@ def test_a_fit_is_a_scenario_that_runs(kept, tmp_path, capsys, monkeypatch):
 
 @pytest.mark.slow
 def test_folds_judge_on_what_was_held_out(kept, capsys):
+    pytest.importorskip("sklearn")
     command = ["calibrate", "fit", str(kept), "--candidates", "200", "--set", "run.t_end_s=120", "--folds"]
     assert main([*command, "--against", str(kept), "--json"]) == 0
     found = told(capsys)["tables"]

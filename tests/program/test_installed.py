@@ -146,6 +146,7 @@ NEED_EXTRAS = {
     "view": ["view", "first"],
     "video": ["lab", "track", "video.mp4", "--markers", "0,1", "--out", "tracked"],
     "optimize": ["optimize", "--method", "tpe", "--budget", "600"],
+    "lab": ["calibrate", "compare", "first", "first"],
     "dask": ["evaluate", "--runs", "4", "--executor", "dask://127.0.0.1:1"],
 }
 

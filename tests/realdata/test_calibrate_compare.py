@@ -19,6 +19,8 @@ from vibroswarm.recordings.assemble_recording import recording_of
 from vibroswarm.recordings.log_readers import read_log
 from vibroswarm.scenario.scenario import preset
 
+pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
+
 FOLDER = os.environ.get("VIBROSWARM_RUGBOT", "")
 pytestmark = pytest.mark.skipif(
     not FOLDER, reason="VIBROSWARM_RUGBOT does not name the folder of the recordings"

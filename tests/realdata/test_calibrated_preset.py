@@ -26,6 +26,8 @@ from vibroswarm.result import Result
 from vibroswarm.scenario.scenario import preset, value_of
 from vibroswarm.simulation import simulate
 
+pytest.importorskip("sklearn", reason="scikit-learn is not installed: pip install 'vibroswarm[lab]'")
+
 FOLDER = Path(os.environ.get("VIBROSWARM_RUGBOT", ""))
 pytestmark = [
     pytest.mark.skipif(

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.skipif(
 
 
 def test_the_printed_similarities_come_out_and_say_little(tmp_path: Path) -> None:
+    pytest.importorskip("sklearn")
     settings = Settings(runs=9, columns=("paper",), recordings=Path(FOLDER))
     made = reproduce(settings, tmp_path, items_named(["calibration"])).made[0]
     verdicts = {one.claim.id: one for one in decide(made.tables[CLAIMS])}

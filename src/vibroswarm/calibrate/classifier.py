@@ -1,10 +1,10 @@
 """Train a classifier to distinguish real robots' samples from simulated ones, and test it on other robots and sessions.
 
 A session is one run. A stretch is ``STRETCH`` consecutive samples of one robot in one session, about a minute. The
-classifier is a ridge logistic regression on features of a stretch: mean and standard deviation of energies by kind of
-tile, distances, times, avoidance, positions, turns from step to step, and the correlation of neighbouring samples. A
-single sample says little; a stretch shows that a robot keeps its speed, veers, or reads similar energies twice in a
-row.
+classifier is a logistic regression, with a ridge and classes of equal weight, on standardised features of a stretch:
+mean and standard deviation of energies by kind of tile, distances, times, avoidance, positions, turns from step to
+step, and the correlation of neighbouring samples. A single sample says little; a stretch shows that a robot keeps its
+speed, veers, or reads similar energies twice in a row.
 
 The classifier is tested on other robots and other sessions than it was trained on, so it cannot recognise a robot by
 its speed or a session by its battery. The result is the balanced accuracy, the mean of the two classes' shares of
@@ -12,7 +12,7 @@ correct predictions; 0.5 is chance. The accuracy for real sessions against each 
 how far sessions alone differ. (It is below 0.5 where the difference between two sessions has opposite sign for
 different robots.)
 
-With some hundred rows and some twenty columns scipy's optimiser is enough, so no machine-learning library is needed.
+Classifier, splits and accuracy are scikit-learn's (extra ``lab``).
 """
 
 from __future__ import annotations
@@ -20,21 +20,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy.optimize import minimize
-from scipy.special import expit
 
 from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 
 Floats = NDArray[np.float64]
 Stretches = dict[int, Floats]
 """Features of one session's stretches by robot: ``columns_of`` each, (stretches, columns)."""
+Classes = tuple[Sequence[Stretches], Sequence[Stretches]]
+"""Sessions of the first and of the second class."""
 STRETCH: Final = 20
 """Samples of a stretch."""
 RIDGE: Final = 3.0
@@ -69,7 +70,7 @@ def columns_of(samples: pl.DataFrame) -> Floats:
     Samples without a previous sample or without a time spent avoiding are left out, and so is an incomplete last
     stretch. Energies, times and distances from the wall have skewed distributions, so their logarithms are used. Before
     a logarithm is taken, values are raised to a smallest value, which keeps the logarithm finite. The arena is taken to
-    be 1 m by 1 m. Constant factors do not matter, because ``balanced_accuracy`` standardises the columns.
+    be 1 m by 1 m. Constant factors do not matter, because ``stretch_classifier`` standardises the columns.
 
     Args:
         samples: samples of one robot in one session, ordered by time (``features.sample_table``).
@@ -123,59 +124,15 @@ def _lag_one_correlation(values: Floats) -> float:
     return float((deviation[1:] * deviation[:-1]).mean()) / variance if variance > 0 else 0.0
 
 
-def fit_logistic(columns: Floats, label: NDArray[np.bool_]) -> Floats:
-    """Fit a logistic regression with a ridge penalty, and return its coefficients, shape (1 + columns,).
-
-    The intercept comes first and is not penalised. Rows are weighted so that the two labels have equal total weight.
-
-    Args:
-        columns: features, (rows, columns), standardised, because one penalty (``RIDGE``) applies to all of them.
-        label: class of each row, (rows,).
-    """
-    design = np.column_stack([np.ones(len(columns)), columns])
-    # The smallest value keeps the weight finite if a label does not occur.
-    weight = np.where(label, 0.5 / max(label.mean(), 1e-9), 0.5 / max(1 - label.mean(), 1e-9))
-    sign = np.where(label, 1.0, -1.0)
-    ridge = np.append(0.0, np.full(columns.shape[1], RIDGE))
-
-    def loss(w: Floats) -> float:
-        return float(weight @ np.logaddexp(0.0, -sign * (design @ w))) + 0.5 * float(ridge @ w**2)
-
-    def gradient(w: Floats) -> Floats:
-        return np.asarray(ridge * w - design.T @ (weight * sign * expit(-sign * (design @ w))))
-
-    def hessian(w: Floats) -> Floats:
-        probability = expit(design @ w)
-        return np.asarray((design.T * (weight * probability * (1.0 - probability))) @ design + np.diag(ridge))
-
-    # With about twenty columns, the exact Hessian is cheap and saves iterations.
-    optimum = minimize(
-        loss,
-        np.zeros(design.shape[1]),
-        jac=gradient,
-        hess=hessian,
-        method="trust-exact",
-        options={"gtol": 1e-4},
+def stretch_classifier() -> Any:
+    """Return the untrained classifier of stretches: standardised columns, and a logistic regression with a ridge."""
+    return scikit_learn("pipeline").make_pipeline(
+        scikit_learn("preprocessing").StandardScaler(),
+        # Its penalty is |w|^2 / (2 C): C is the inverse of the ridge.
+        scikit_learn("linear_model").LogisticRegression(
+            C=1.0 / RIDGE, class_weight="balanced", max_iter=1000
+        ),
     )
-    return np.asarray(optimum.x)
-
-
-def balanced_accuracy(train: tuple[Floats, Floats], test: tuple[Floats, Floats]) -> float:
-    """Train a classifier on rows of two classes, and return its balanced accuracy on other rows.
-
-    Args:
-        train, test: rows of the first and of the second class, each (rows, columns) with at least one row.
-    """
-    columns = np.concatenate(train)
-    mean, spread = columns.mean(axis=0), columns.std(axis=0)
-    spread = np.where(spread > 1e-9, spread, 1.0)  # a constant column becomes 0
-    label = np.r_[np.zeros(len(train[0]), dtype=np.bool_), np.ones(len(train[1]), dtype=np.bool_)]
-    weights = fit_logistic((columns - mean) / spread, label)
-    shares = []
-    for class_number, rows in enumerate(test):
-        predicted = (rows - mean) / spread @ weights[1:] + weights[0] > 0
-        shares.append(float((predicted == bool(class_number)).mean()))
-    return float(np.mean(shares))
 
 
 def classifier_accuracy(
@@ -196,7 +153,7 @@ def classifier_accuracy(
             are 0 and 1.
     Raises:
         InputError: a session has no times spent avoiding, or is too short for one stretch of each robot; or fewer than
-            two robots took part in all sessions.
+            two robots took part in all sessions; or scikit-learn is not installed.
     """
     if any(session["avoid_s"].null_count() == session.height for session in (*real, *simulated)):
         raise InputError(
@@ -222,7 +179,7 @@ def classifier_accuracy(
         ),
         simulated_by_robot=_share_interval(
             [
-                float(np.mean([_accuracy_over_robots(own, other, robots) for other in simulated_stretches]))
+                float(np.mean([_accuracy_between(own, other, robots) for other in simulated_stretches]))
                 for own in real_stretches
             ],
             level,
@@ -242,9 +199,31 @@ def _stretches_by_robot(samples: pl.DataFrame) -> Stretches:
     return {int(key[0]): columns_of(own) for key, own in samples.group_by("robot", maintain_order=True)}
 
 
-def _rows(sessions: Sequence[Stretches], robots: Sequence[int]) -> Floats:
-    """Return the stretches of these robots in all these sessions, (rows, columns)."""
-    return np.concatenate([session[robot] for session in sessions for robot in robots])
+class _Rows(NamedTuple):
+    """Stretches of several sessions of two classes."""
+
+    features: Floats
+    """(rows, columns)."""
+    label: NDArray[np.int64]
+    """0 for the first class, 1 for the second, (rows,)."""
+    robot: NDArray[np.int64]
+    """(rows,)."""
+
+
+def _rows(classes: Classes, robots: Sequence[int]) -> _Rows:
+    """Return the stretches of these robots in all sessions of two classes."""
+    each = [
+        (session[robot], label, robot)
+        for label, sessions in enumerate(classes)
+        for session in sessions
+        for robot in robots
+    ]
+    counts = [len(features) for features, _, _ in each]
+    return _Rows(
+        np.concatenate([features for features, _, _ in each]),
+        np.repeat([label for _, label, _ in each], counts),
+        np.repeat([robot for _, _, robot in each], counts),
+    )
 
 
 def _held_out(real: list[Stretches], simulated: list[Stretches], session: int, robots: list[int]) -> float:
@@ -261,29 +240,29 @@ def _held_out(real: list[Stretches], simulated: list[Stretches], session: int, r
     other = session % len(simulated)  # simulated sessions are used again where there are fewer of them
     rest_real = [table for i, table in enumerate(real) if i != session] or real
     rest_simulated = [table for i, table in enumerate(simulated) if i != other] or simulated
-    return _accuracy_over_robots(real[session], simulated[other], robots, (rest_real, rest_simulated))
+    return _accuracy_over_robots((rest_real, rest_simulated), ([real[session]], [simulated[other]]), robots)
 
 
-def _accuracy_over_robots(
-    one: Stretches,
-    other: Stretches,
-    robots: list[int],
-    train: tuple[list[Stretches], list[Stretches]] | None = None,
-) -> float:
+def _accuracy_over_robots(train: Classes, test: Classes, robots: Sequence[int]) -> float:
     """Return the mean accuracy over robots, each tested by a classifier trained on the other robots.
 
     Args:
-        one, other: the two sessions to distinguish; a robot's stretches in ``one`` and in ``other`` are the test rows.
+        train, test: sessions of the first and of the second class.
         robots: robots that take part in all sessions.
-        train: sessions of the first and of the second class to train on; None: ``one`` and ``other`` themselves.
     """
-    train = train or ([one], [other])
-    shares = []
-    for robot in robots:
-        others = [each for each in robots if each != robot]
-        rows = (_rows(train[0], others), _rows(train[1], others))
-        shares.append(balanced_accuracy(train=rows, test=(one[robot], other[robot])))
-    return float(np.mean(shares))
+    trained, tested = _rows(train, robots), _rows(test, robots)
+    both = [np.concatenate(parts) for parts in zip(trained, tested, strict=True)]
+    splits = [
+        (np.flatnonzero(trained.robot != robot), len(trained.robot) + np.flatnonzero(tested.robot == robot))
+        for robot in robots
+    ]
+    return mean_accuracy(stretch_classifier(), both[0], both[1], splits)
+
+
+def _accuracy_between(one: Stretches, other: Stretches, robots: Sequence[int]) -> float:
+    """Return the mean accuracy over robots between two sessions, both of which are trained and tested on."""
+    classes = ([one], [other])
+    return _accuracy_over_robots(classes, classes, robots)
 
 
 def _accuracy_among(sessions: list[Stretches], robots: list[int], level: float) -> Interval | None:
@@ -295,7 +274,7 @@ def _accuracy_among(sessions: list[Stretches], robots: list[int], level: float) 
         return None
     numbers = range(len(sessions))
     accuracies = {
-        (i, j): _accuracy_over_robots(sessions[i], sessions[j], robots) for i, j in combinations(numbers, 2)
+        (i, j): _accuracy_between(sessions[i], sessions[j], robots) for i, j in combinations(numbers, 2)
     }
     by_session = [
         float(np.mean([accuracy for pair, accuracy in accuracies.items() if i in pair])) for i in numbers

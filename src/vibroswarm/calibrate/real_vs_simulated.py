@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vibroswarm.calibrate.camera import RIGHT, Camera, seen_through
 from vibroswarm.calibrate.classifier import ClassifierAccuracy, classifier_accuracy
 from vibroswarm.calibrate.features import FEATURES, WORDS, Sessions, sessions_of
+from vibroswarm.calibrate.held_out_accuracy import scikit_learn
 from vibroswarm.calibrate.interval_classifier import IntervalAccuracy, interval_accuracy
 from vibroswarm.calibrate.similarity import (
     EnergyDistance,
@@ -126,8 +127,9 @@ def compare(
             only drove. It takes half a minute.
     Raises:
         InputError: no samples, no energies, or sessions that ``classifier_accuracy`` refuses: with fewer than two
-            robots in common, without times spent avoiding, or too short.
+            robots in common, without times spent avoiding, or too short; or scikit-learn is not installed.
     """
+    scikit_learn("model_selection")  # without it the classifiers would fail, at the end
     for words, result in (("the recording", real), ("the simulation", simulated)):
         if result.observations.is_empty():
             raise InputError("has no samples, and nothing can be compared", field=words)

@@ -12,7 +12,6 @@ Samplers are kept in memory only, and are rebuilt from the steps when a search i
 
 from __future__ import annotations
 
-import importlib
 import math
 import warnings
 from abc import abstractmethod
@@ -22,6 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from vibroswarm.core.optional_library import needed
 from vibroswarm.errors import InputError
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.methods import BATCH, Method, Sampler, chance, register
@@ -29,20 +29,6 @@ from vibroswarm.optimize.space import Dimension, Point
 
 STARTUP_TRIALS: Final = 25
 """Random candidates before tpe and gp use their model."""
-
-
-def needed(library: str, extra: str = "optimize", what: str = "search.method") -> Any:
-    """Import a library of an extra of this package.
-
-    Raises:
-        InputError: it is not installed; the message names the field ``what``.
-    """
-    try:
-        return importlib.import_module(library)
-    except ImportError:
-        raise InputError(
-            f"needs {library.partition('.')[0]}: pip install 'vibroswarm[{extra}]'", field=what
-        ) from None
 
 
 @contextmanager
@@ -73,7 +59,7 @@ class OptunaSampler(Sampler):
             InputError: a library is not installed, or the method cannot search over these fields.
         """
         super().__init__(archive, seed, budget, evaluations, batch=self.population(archive.space.size))
-        self.optuna = needed("optuna")
+        self.optuna = needed("optuna", "optimize", "search.method")
         # Optuna gives the seed to NumPy's ``RandomState``, which takes at most 32 bits.
         sampler_seed = int(chance(seed, self.name).integers(2**31))
         with quiet(self.optuna):
@@ -145,7 +131,7 @@ class Gp(OptunaSampler):
 
     def sampler(self, samplers: Any, seed: int, starts: Sequence[Point]) -> Any:
         """Return the sampler; scores are noisy, so that the model must not pass through them exactly."""
-        needed("torch", "gp")
+        needed("torch", "gp", "search.method")
         return samplers.GPSampler(seed=seed, deterministic_objective=False, n_startup_trials=STARTUP_TRIALS)
 
 
@@ -178,7 +164,7 @@ class Cmaes(OptunaSampler):
         Raises:
             InputError: cmaes is not installed, or the space has one field only.
         """
-        needed("cmaes")
+        needed("cmaes", "optimize", "search.method")
         size = self.archive.space.size
         if size < 2:
             raise InputError("needs at least two fields", field="search.method")

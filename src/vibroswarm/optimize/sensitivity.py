@@ -35,13 +35,14 @@ from numpy.typing import NDArray
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.atomic_io import write_files
 from vibroswarm.core.notebook_view import NotebookView
+from vibroswarm.core.optional_library import needed
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError, RunError, whole_number_of
 from vibroswarm.optimize.archive import Archive
 from vibroswarm.optimize.evaluate import PIECE, RUN_LIMIT, Evaluator, derived_seed, do_asks
 from vibroswarm.optimize.loop import Found
 from vibroswarm.optimize.methods import Ask
-from vibroswarm.optimize.optuna_samplers import needed, quiet
+from vibroswarm.optimize.optuna_samplers import quiet
 from vibroswarm.optimize.space import Dimension
 from vibroswarm.optimize.spec import Search
 from vibroswarm.study.executors import workers_for
@@ -149,7 +150,7 @@ def saltelli(dimensions: int, points: int, seed: int) -> Array:
     Raises:
         InputError: SALib is not installed, or N would be below 8, which is too few for the indices.
     """
-    sobol = needed("SALib.sample.sobol", what="optimize sensitivity")
+    sobol = needed("SALib.sample.sobol", "optimize", "optimize sensitivity")
     # N: the bit length of a number, less 1, is the exponent of the largest power of two up to that number. If there are
     # no points, N is 1, and refused below.
     base = 1 << max((points // (dimensions + 2)).bit_length() - 1, 0)
@@ -265,7 +266,7 @@ def ped_anova(found: Found, best_share: float = 0.1) -> dict[str, float]:
     """
     if not 0 < best_share < 1:
         raise InputError(f"{best_share!r} is not a share; give one between 0 and 1", field="best_share")
-    library, archive = needed("optuna"), found.archive
+    library, archive = needed("optuna", "optimize", "search.method"), found.archive
     distributions = {d.name: distribution_of(library, d) for d in archive.space}
     scored = [(c, archive.score(c.key)) for c in archive.candidates]
     finite = [(c, score) for c, score in scored if math.isfinite(score)]

@@ -22,6 +22,7 @@ from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
 from vibroswarm.calibrate.real_vs_simulated import Comparison, camera_between, compare
 from vibroswarm.calibrate.session_statistics import FIGURES, figures_of
 from vibroswarm.calibrate.similarity import RealCache, null_similarity, similarity
+from vibroswarm.core.optional_library import lacking
 from vibroswarm.paper.claim_values import Row, exact, frame, mean
 from vibroswarm.paper.columns import EMPIRICAL, published
 from vibroswarm.paper.item import CLAIMS, Drawn, Item, Picture, Settings, Tables, TableView, Work
@@ -470,6 +471,6 @@ ITEM: Final = Item(
     compute=compute,
     pictures=pictures,
     shown=_SHOWN,
-    skipped=lambda settings: missing(settings.recordings),
+    skipped=lambda settings: missing(settings.recordings) or lacking("sklearn", "lab"),
     also=lambda settings: "" if settings.recordings is None else hash_of(settings.recordings),
 )

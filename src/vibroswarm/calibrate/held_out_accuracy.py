@@ -1,0 +1,58 @@
+"""Train a classifier of scikit-learn on some rows of two classes, and measure its accuracy on others.
+
+All accuracies are balanced: the mean of the two classes' shares of correct predictions; 0.5 is chance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from vibroswarm.core.optional_library import needed
+
+Split = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Indices of the rows that are trained on, and of those that are tested."""
+
+
+def scikit_learn(module: str) -> Any:
+    """Return a module of scikit-learn, such as "linear_model".
+
+    Raises:
+        InputError: scikit-learn is not installed.
+    """
+    return needed(f"sklearn.{module}", "lab", "calibrate")
+
+
+def mean_accuracy(
+    classifier: Any, rows: NDArray[np.float64], label: NDArray[np.int64], splits: Iterable[Split]
+) -> float:
+    """Return the mean balanced accuracy over the splits, or NaN if there is none.
+
+    A split that trains or tests a single class is left out.
+
+    Args:
+        classifier: of scikit-learn, untrained. rows: features, (rows, columns). label: class of each row, 0 or 1.
+    """
+    whole = [split for split in splits if all(np.unique(label[part]).size == 2 for part in split)]
+    if not whole:
+        return np.nan
+    # Threads cost more than they save with so few rows: fifty times as much on a busy machine.
+    with threadpool_limits(1):
+        shares = scikit_learn("model_selection").cross_val_score(
+            classifier, rows, label, cv=whole, scoring="balanced_accuracy", error_score="raise"
+        )
+    return float(np.mean(shares))
+
+
+def accuracy_over_groups(
+    classifier: Any, rows: NDArray[np.float64], label: NDArray[np.int64], groups: NDArray[np.int64]
+) -> float:
+    """Return the mean balanced accuracy on each group of rows, trained on the other groups (``mean_accuracy``)."""
+    if np.unique(groups).size < 2:
+        return np.nan
+    one_out = scikit_learn("model_selection").LeaveOneGroupOut()
+    return mean_accuracy(classifier, rows, label, one_out.split(rows, label, groups))
