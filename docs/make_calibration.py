@@ -15,7 +15,7 @@ import json
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,7 +27,7 @@ from vibroswarm.calibrate.cross_validation import folds, on_floor
 from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.calibrate.drive import undisturbed
 from vibroswarm.calibrate.features import FEATURES, WORDS, sessions_of
-from vibroswarm.calibrate.fit import fit
+from vibroswarm.calibrate.fit import FITS, fit
 from vibroswarm.calibrate.interval_classifier import other_robots, same_robots
 from vibroswarm.calibrate.real_vs_simulated import compare
 from vibroswarm.paper.columns import EMPIRICAL, scenario_of
@@ -35,7 +35,8 @@ from vibroswarm.paper.real_data import AUTHORS, REAL, read_recordings, real_floo
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import simulate
 
-PAGE: Final = Path(__file__).parent / "figures" / "calibration.md"
+PAGE: Final = Path(__file__).with_name("calibration.md")
+FIGURES: Final = Path(__file__).parent / "figures" / "calibration.md"
 PRESET: Final = Path(vibroswarm.scenario.presets.__file__).parent / "calibrated.toml"
 BASE: Final = "paper-empirical"
 SEEDS: Final = (150, 151, 152, 153)
@@ -184,6 +185,19 @@ def fields_table(found: Values) -> str:
     return table(["figure of the fit", "value"], rows)
 
 
+def fits_table() -> str:
+    """What each fit estimates, from which intervals, with which error."""
+    rows = []
+    for source in FITS:
+        sections: dict[str, list[str]] = {}
+        for name in source.fields:
+            section, _, field = name.rpartition(".")
+            sections.setdefault(section, []).append(field)
+        fields = "; ".join(f"`[{section}]` {', '.join(own)}".rstrip() for section, own in sections.items())
+        rows.append([source.name, fields, source.intervals, source.error])
+    return table(["fit", "fields", "from which intervals between samples", "error"], rows)
+
+
 def pieces(found: dict[str, Values]) -> Iterator[tuple[str, str]]:
     """The tables of the page by name."""
     yield "figures", fields_table(found["fit"])
@@ -192,14 +206,14 @@ def pieces(found: dict[str, Values]) -> Iterator[tuple[str, str]]:
     yield "told", told_table(found["told"])
 
 
-def write_page(found: dict[str, Values]) -> None:
-    """Put the tables between their marks."""
-    text = PAGE.read_text(encoding="utf-8")
-    for name, piece in pieces(found):
+def write_page(page: Path, named: Iterable[tuple[str, str]]) -> None:
+    """Put tables between their marks."""
+    text = page.read_text(encoding="utf-8")
+    for name, piece in named:
         begin = f"<!-- made: {name} -->\n"
         first = text.index(begin) + len(begin)
         text = f"{text[:first]}\n{piece}\n\n{text[text.index('<!-- end -->', first) :]}"
-    PAGE.write_text(text, encoding="utf-8")
+    page.write_text(text, encoding="utf-8")
 
 
 def main() -> None:
@@ -218,8 +232,9 @@ def main() -> None:
     found["compared"] = kept(given.work, "compared", lambda: compared(folder, fields))
     found["told"] = kept(given.work, "told", lambda: told(folder, found["folds"]))
     write_preset(fields)
-    write_page(found)
-    print(f"wrote {PRESET} and {PAGE}")
+    write_page(FIGURES, pieces(found))
+    write_page(PAGE, [("fits", fits_table())])
+    print(f"wrote {PRESET}, {PAGE} and {FIGURES}")
     if given.item is not None:
         command = [
             "reproduce",

@@ -15,7 +15,7 @@ from vibroswarm.calibrate.camera import RIGHT, Camera
 from vibroswarm.calibrate.cross_validation import Fold, Reading, Score, on_floor, readings_of
 from vibroswarm.calibrate.dataset import Dataset, dataset_of, signed_edge_distance
 from vibroswarm.calibrate.features import FEATURES
-from vibroswarm.calibrate.fit import avoidance_beyond, fit_loss, stop_of
+from vibroswarm.calibrate.fit import FITS, avoidance_beyond, fit_loss, stop_of
 from vibroswarm.calibrate.fit_avoidance import (
     CANDIDATES,
     CHECKS,
@@ -291,6 +291,16 @@ def test_a_statistic_that_the_first_session_lacks_is_printed() -> None:
         ("share of ones", "0.500", "0.400", "+1.0, +1.0"),
         ("false negative, 0 to 10 mm", "0.300", "0.200", "-, +2.0"),  # the first session has no value
     }
+
+
+def test_a_fit_changes_the_fields_of_the_table_of_fits_and_no_other(found: Dataset) -> None:
+    fitted = fit_module.fit(found, BASE, candidates=200)
+    named = [name for source in FITS for name in source.fields]
+    for name in fitted.changed:
+        assert any(name == own or (own.endswith(".") and name.startswith(own)) for own in named), name
+    for source in FITS:  # robots of this dataset have all but a physics of vibration, and a camera
+        given = [name for name in fitted.changed if name in source.fields]
+        assert bool(given) == (source.name not in ("camera", "vibration, in place of laws")), source.name
 
 
 def test_progress_of_avoidance_ends_at_1(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,9 +8,9 @@ from the centre (``fit_camera``).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import polars as pl
@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 from vibroswarm.calibrate.camera import Camera
 from vibroswarm.calibrate.dataset import Dataset
 from vibroswarm.calibrate.fit_avoidance import AvoidanceFit, fit_avoidance
-from vibroswarm.calibrate.fit_camera import fit_camera
-from vibroswarm.calibrate.fit_drive import fit_drive, timed_drive_ms
-from vibroswarm.calibrate.fit_rays import fit_rays
+from vibroswarm.calibrate.fit_camera import CameraFit, fit_camera
+from vibroswarm.calibrate.fit_drive import DriveFit, fit_drive, timed_drive_ms
+from vibroswarm.calibrate.fit_rays import RaysFit, fit_rays
+from vibroswarm.calibrate.fit_sensor import FIELDS as LAWS
 from vibroswarm.calibrate.fit_sensor import SPREADS, SensorFit, fit_sensor
 from vibroswarm.calibrate.fit_vibration import VibrationFit, fit_vibration
 from vibroswarm.core.notebook_view import NotebookView
@@ -41,8 +42,66 @@ LACKS: Final = (
 """Known differences between real robots and every fitted scenario, as sentences."""
 
 
+DIGITS: Final = 5
+"""Digits after the point of fitted values in the scenario."""
 INTERRUPTED_BELOW: Final = 0.02
 """If a smaller share of the avoidance times exceeds the sample interval, samples are taken to interrupt avoidance."""
+
+
+@dataclass(frozen=True)
+class Source(NotebookView):
+    """What one fit estimates, and from what."""
+
+    name: str
+    fields: tuple[str, ...]
+    """Fields of the scenario that it gives, by dotted name; a name that ends with a point is all of a section."""
+    intervals: str
+    """Samples, or intervals between two samples of a robot, that it uses."""
+    error: str
+    """How the errors of its estimates are found."""
+
+
+FITS: Final = (
+    Source(
+        "camera", ("camera.",), "all samples: where energies change", "bootstrap over robots in sessions",
+    ),
+    Source(
+        "driving",
+        (
+            "robot.speed_factor_shape", "robot.speed_factor_scale", "robot.speed_factor_location",
+            "robot.speed_factor_min", "robot.speed_factor_max", "robot.speed_factors", "robot.speed_redraw",
+            "robot.speed_wander", "robot.speed_run_spread", "robot.battery_life_s", "robot.misalignment_min",
+            "robot.misalignment_max", "robot.misalignments", "robot.misalignment_wander",
+            "robot.misalignment_drift", "robot.misalignment_run_spread",
+        ),
+        "undisturbed: the robot only drove", "bootstrap over robots in sessions",
+    ),
+    Source(
+        "laws of energy", tuple(f"sensor.{name}" for name in (*LAWS, *SPREADS)), "all samples",
+        "bootstrap over robots in sessions",
+    ),
+    Source(
+        "vibration, in place of laws", ("sensor.acceleration.",), "all samples",
+        "bootstrap of samples within sessions",
+    ),
+    Source("interruption", ("sample.interrupts_avoidance",), "with avoidance", "none: yes or no"),
+    Source(
+        "rays", ("rays.angle_deg", "rays.forward_m", "rays.forward_each_m", "walk.turn_max_deg"),
+        "with a turn away from a wall, or at the end of a leg",
+        "bootstrap of the approaches of each robot, and of turns",
+    ),
+    Source("stop", ("sample.stop_ms",), "without avoidance or turn", "none: whole control periods"),
+    Source("losses", ("network.name", "network.loss.share"), "none: counted messages", "scatter of sessions"),
+    Source(
+        "avoidance",
+        (
+            "robot.turn_track_m", "walk.turn_gain_percent_per_deg", "walk.blind_after_turn_ms", "walk.leg_max_ms",
+            "robot.body_radius_m", "rays.disc_radius_m", "walk.avoidance_threshold_mm", "rays.angle_deg",
+        ),
+        "all, compared with 4,000 simulated runs", "posterior sample, checked with 40 more runs",
+    ),
+)  # fmt: skip
+"""The fits in their order, but for the camera's fields, which no simulation uses: the table of docs/calibration.md."""
 
 
 @dataclass(frozen=True)
@@ -118,71 +177,103 @@ def fit(
     Raises:
         InputError: too few robots or drives, or all samples lie on one kind of tile.
     """
-    camera = fit_camera(found)  # the camera, with its bootstrap draws
+    camera = fit_camera(found)
     found = found.corrected(camera.camera)
     # The base may have been fitted to other recordings, with another camera.
     base = base.with_values({f"camera.{name}": None for name in Camera.__dataclass_fields__})
-    drive, rays = fit_drive(found, base), fit_rays(found, base)
+    drive = fit_drive(found, base)
     vibration = fit_vibration(found, base, folds=folds) if base.sensor.model == "acceleration" else None
-    sensor = fit_sensor(found) if vibration is None else SensorFit({}, {})
-    loss = fit_loss(found)
-    # The fitted fields, by dotted name; None for what these robots do not have.
-    changed: dict[str, Any] = drive.fields(base)
-    # Where a law is fitted, values of individual robots in the base would be used instead of it.
-    changed.setdefault("robot.speed_factors", None)
-    if "robot.misalignment_min" in changed:
-        changed.setdefault("robot.misalignments", None)
-    for name, value in sensor.values.items():
-        rounded = round(value, 5)  # the scenario holds fitted values with five digits after the point
-        # A spread field must be positive, and is absent without a spread.
-        changed[f"sensor.{name}"] = rounded if name not in SPREADS or rounded > 0 else None
-    if vibration is not None:
-        changed |= {
-            f"sensor.acceleration.{name}": round(value, 5) for name, value in vibration.values.items()
-        }
-    changed["sample.interrupts_avoidance"] = avoidance_beyond(found, base).value < INTERRUPTED_BELOW
-    changed |= rays.fields(base)
-    changed.setdefault("rays.forward_each_m", None)  # without it, ``fit_avoidance`` fits the rays
-    stop_ms = stop_of(found, base)
-    if stop_ms is not None:
-        changed["sample.stop_ms"] = stop_ms
-    if loss is not None:
-        changed["network.name"], changed["network.loss.share"] = "loss", round(loss.value, 5)
-    # The base may have been fitted to other robots: what these robots do not have is reset.
-    base = base.with_values({name: None for name, value in changed.items() if value is None})
-    changed = {name: value for name, value in changed.items() if value is not None}
+    parts = [
+        _of_drive(drive, base),
+        _of_sensor(fit_sensor(found)) if vibration is None else _of_vibration(vibration),
+        _Part({"sample.interrupts_avoidance": avoidance_beyond(found, base).value < INTERRUPTED_BELOW}),
+        _of_rays(fit_rays(found, base), base),
+        _of_stop(stop_of(found, base)),
+        _of_loss(fit_loss(found)),
+    ]
+    base, changed = _applied(base, parts)
+    # Avoidance is fitted last, by simulations with all other fields fitted.
+    fitted = base.with_values(changed)
     # Mean speed of the scenario's robots at the start.
     speed_m_s = drive.distance_ratio * drive.values["start_speed_m_s"]
     options = {} if candidates is None else {"candidates": candidates}
-    # Avoidance is fitted last, by simulations with all other fields fitted.
-    avoidance = fit_avoidance(found, base.with_values(changed), speed_m_s, progress=progress, **options)
-    changed |= avoidance.fields(base.with_values(changed), speed_m_s)
-    changed |= camera.camera.fields()
-    # Without a camera error there are no draws, and the camera gives no estimates.
-    camera_values = {name: getattr(camera.camera, name) for name in camera.draws}
-    # Estimates of the camera and the sensor are fields of these sections; the others have names of their own.
-    figures = [
-        _estimate(f"{section}{name}", value, draws[name])
-        for section, values, draws in (
-            ("camera.", camera_values, camera.draws),
-            ("", drive.values, drive.draws),
-            ("sensor.", sensor.values, sensor.draws),
-            *([] if vibration is None else [("sensor.acceleration.", vibration.values, vibration.draws)]),
-            ("", rays.values, rays.draws),
-        )
-        for name, value in values.items()
-    ]
-    figures += [*([] if loss is None else [loss]), *_of_avoidance(avoidance)]
+    avoidance = fit_avoidance(found, fitted, speed_m_s, progress=progress, **options)
+    of_camera = _Part(camera.camera.fields(), _of_camera(camera))
+    of_avoidance = _Part(avoidance.fields(fitted, speed_m_s), _of_avoidance(avoidance))
+    changed |= of_avoidance.fields | of_camera.fields
     return Fit(
         scenario=base.with_values(changed),
         changed=changed,
-        figures=tuple(figures),
+        figures=tuple(figure for part in (of_camera, *parts, of_avoidance) for figure in part.figures),
         predicted=avoidance.predicted,
         motion_runs=avoidance.runs,
         sessions=len(found.sessions),
         camera=camera.camera,
         vibration=vibration,
     )
+
+
+class _Part(NamedTuple):
+    """What one fit gives to the scenario, and its estimates."""
+
+    fields: dict[str, Any]
+    """Fitted fields, by dotted name; None for what these robots do not have."""
+    figures: Sequence[Fitted] = ()
+
+
+def _applied(base: Scenario, parts: Sequence[_Part]) -> tuple[Scenario, dict[str, Any]]:
+    """Return the base without what these robots do not have, and the fitted fields of all parts."""
+    changed = {name: value for part in parts for name, value in part.fields.items()}
+    # The base may have been fitted to other robots.
+    without = base.with_values({name: None for name, value in changed.items() if value is None})
+    return without, {name: value for name, value in changed.items() if value is not None}
+
+
+def _of_camera(found: CameraFit) -> Sequence[Fitted]:
+    """Return the estimates of the camera; an exact camera has no draws, and gives none."""
+    values = {name: getattr(found.camera, name) for name in found.draws}
+    return _estimates("camera.", values, found.draws)
+
+
+def _of_drive(found: DriveFit, base: Scenario) -> _Part:
+    fields = found.fields(base)
+    # Where a law is fitted, values of individual robots in the base would be used instead of it.
+    fields.setdefault("robot.speed_factors", None)
+    if "robot.misalignment_min" in fields:
+        fields.setdefault("robot.misalignments", None)
+    return _Part(fields, _estimates("", found.values, found.draws))
+
+
+def _of_sensor(found: SensorFit) -> _Part:
+    rounded = {name: round(value, DIGITS) for name, value in found.values.items()}
+    # A spread field must be positive, and is absent without a spread.
+    fields = {
+        f"sensor.{name}": value if name not in SPREADS or value > 0 else None
+        for name, value in rounded.items()
+    }
+    return _Part(fields, _estimates("sensor.", found.values, found.draws))
+
+
+def _of_vibration(found: VibrationFit) -> _Part:
+    section = "sensor.acceleration."
+    fields = {f"{section}{name}": round(value, DIGITS) for name, value in found.values.items()}
+    return _Part(fields, _estimates(section, found.values, found.draws))
+
+
+def _of_rays(found: RaysFit, base: Scenario) -> _Part:
+    # Without an own start of each robot's rays, ``fit_avoidance`` fits the rays.
+    fields = {"rays.forward_each_m": None} | found.fields(base)
+    return _Part(fields, _estimates("", found.values, found.draws))
+
+
+def _of_stop(stop_ms: float | None) -> _Part:
+    return _Part({} if stop_ms is None else {"sample.stop_ms": stop_ms})
+
+
+def _of_loss(found: Fitted | None) -> _Part:
+    if found is None:
+        return _Part({})
+    return _Part({"network.name": "loss", "network.loss.share": round(found.value, DIGITS)}, [found])
 
 
 def avoidance_beyond(found: Dataset, base: Scenario) -> Fitted:
@@ -252,10 +343,18 @@ def fit_loss(found: Dataset) -> Fitted | None:
     return _share("network.loss.share", max(float(weights @ shares / weights.sum()), 0.0), shares)
 
 
-def _estimate(name: str, value: float, draws: Floats) -> Fitted:
-    """Return an estimate with its standard error and 95 % interval from its bootstrap draws, (draws,)."""
-    low, high = np.quantile(draws, [0.025, 0.975])
-    return Fitted(name, value, float(draws.std(ddof=1)), float(low), float(high))
+def _estimates(section: str, values: Mapping[str, float], draws: Mapping[str, Floats]) -> list[Fitted]:
+    """Return estimates with standard errors and 95 % intervals from their bootstrap draws, (draws,) each.
+
+    Args:
+        section: begins their names: of the scenario if they are its fields, else empty.
+    """
+    figures = []
+    for name, value in values.items():
+        low, high = np.quantile(draws[name], [0.025, 0.975])
+        error = float(draws[name].std(ddof=1))
+        figures.append(Fitted(f"{section}{name}", value, error, float(low), float(high)))
+    return figures
 
 
 def _of_avoidance(found: AvoidanceFit) -> Sequence[Fitted]:

@@ -1,0 +1,30 @@
+"""The table of what each fit estimates is that of the documentation, and its fields are those of scenarios."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+from vibroswarm.calibrate.fit import FITS
+from vibroswarm.scenario.scenario import field_names
+
+DOCS = Path(__file__).parents[2] / "docs"
+
+
+def test_the_documentation_has_the_table_of_the_code() -> None:
+    spec = importlib.util.spec_from_file_location("make_calibration", DOCS / "make_calibration.py")
+    assert spec is not None
+    assert spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    page = (DOCS / "calibration.md").read_text(encoding="utf-8")
+    assert f"<!-- made: fits -->\n\n{made.fits_table()}\n\n<!-- end -->" in page
+
+
+def test_every_field_is_one_of_a_scenario_and_is_fitted_once() -> None:
+    known = set(field_names())
+    named = [name for source in FITS for name in source.fields]
+    # Rays are fitted with avoidance where robots turned away from walls too seldom.
+    assert [name for name in set(named) if named.count(name) > 1] == ["rays.angle_deg"]
+    for name in named:
+        assert name in known or (name.endswith(".") and any(own.startswith(name) for own in known)), name
