@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from helpers.inspections import drawn_samples, enumerated
+from vibroswarm.analysis.map_scores import calibration, map_scores
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.samples import Samples, check_law, ratios_of_values
-from vibroswarm.inspection.scores import calibration, map_scores
 from vibroswarm.inspection.sources import grid_of
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset

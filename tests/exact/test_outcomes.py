@@ -163,7 +163,11 @@ def by_hand(finals: Arrays, cell: int, run: int) -> dict[str, Any]:
         "agreement_held": math.nan,
         # Of floors that change; tests/exact/test_change_strategies.py has them by hand.
         **dict.fromkeys(
-            ("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"), math.nan
+            (
+                *("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
+                *("map_brier", "map_auc", "map_location_error_m"),
+            ),
+            math.nan,
         ),
     }
 

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.calibrate.dataset import dataset_of
 from vibroswarm.inspection.assessment import still_by_map
 from vibroswarm.inspection.checks import law_checks
 from vibroswarm.inspection.inspection import Inspection, inspect
 from vibroswarm.inspection.laws import law_named, law_of_sessions, write_law
-from vibroswarm.inspection.scores import map_scores
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.paper.real_data import REAL, read_recordings

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from vibroswarm.analysis.map_scores import calibration, map_scores
 from vibroswarm.inspection.inspection import inspect
 from vibroswarm.inspection.samples import Samples
-from vibroswarm.inspection.scores import calibration, map_scores
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset
 

@@ -12,5 +12,6 @@
 | ``decidability`` | whether the question can be decided |
 | ``centralised_baseline``, ``oracle_posterior`` | references for a strategy |
 | ``tile_posterior`` | the posterior that ``oracle_posterior`` uses |
+| ``map_scores``, ``map_figures``, ``floor_maps`` | how good maps of the floor are |
 | ``intervals`` | confidence intervals for all of them |
 """

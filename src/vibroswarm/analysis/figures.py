@@ -55,11 +55,14 @@ FOLLOWED: Final = {
     "agreement_held": "holds",
     **{
         name: name
-        for name in ("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h")
+        for name in (
+            *("right_at_decision", "right_time_share", "answer_delay_s", "false_changes_per_h"),
+            *("map_brier", "map_auc", "map_location_error_m"),
+        )
     },
 }
-"""Columns of runs that only those have whose answers are followed over time, by name, with their name in the table of
-agreements (``analysis.agreement``)."""
+"""Columns of runs that only some have, by name, with their name in the table of agreements: of answers followed over
+time (``analysis.agreement``), and of maps (``analysis.map_figures``)."""
 
 
 class Swarms(NotebookView):
@@ -479,6 +482,21 @@ FIGURES: Final = (
     ),
     RunFigure(
         "false_changes_per_h", "false changes an hour", lambda s: s.runs["false_changes_per_h"], better=-1
+    ),
+    RunFigure(
+        "map_brier",
+        "Brier score of the map",
+        lambda s: s.runs["map_brier"],
+        better=-1,
+        picture="Brier score of robots' maps at the end (0.25: know nothing)",
+    ),
+    RunFigure("map_auc", "AUC of the map", lambda s: s.runs["map_auc"], better=1),
+    RunFigure(
+        "map_location_error_m",
+        "location error of the map",
+        lambda s: s.runs["map_location_error_m"],
+        better=-1,
+        unit="m",
     ),
 )
 """All figures, in the order in which tables have them."""

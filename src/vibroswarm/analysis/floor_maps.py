@@ -65,7 +65,7 @@ def floor_maps(result: Result) -> pl.DataFrame:
     scenario = result.scenario
     timeline = timeline_of(scenario, Motion(samples=result.motion, ends=result.ends, moves=result.moves))
     robots, runs = scenario.swarm.robots, timeline.runs.tolist()
-    by_robot, pooled = _beliefs(
+    by_robot, pooled = beliefs_of(
         replay_to_end(scenario, seed, timeline, *bits_and_energies(result.observations)),
         len(runs),
         robots,
@@ -114,7 +114,7 @@ def maps_over_time(result: Result, run: int, time_s: NDArray[np.float64]) -> NDA
             so_far = replace(so_far, _estimates=cache)
         energy_so_far = None if energy is None else energy[taken]
         swarm = replay_to_end(scenario, seed, so_far, read_only(observation[taken]), energy_so_far)
-        by_robot, pooled = _beliefs(swarm, runs=1, robots=robots, draws=draws_read(scenario))
+        by_robot, pooled = beliefs_of(swarm, runs=1, robots=robots, draws=draws_read(scenario))
         maps.append(np.concatenate([by_robot[0], pooled]))
     return np.array(maps).reshape(len(time_s), robots + 1, tiles)
 
@@ -137,7 +137,7 @@ def _check_maps(result: Result) -> int:
     return result.seed
 
 
-def _beliefs(
+def beliefs_of(
     swarm: Swarm, runs: int, robots: int, draws: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return each robot's map, (runs, robots, tiles), and the pooled map, (runs, tiles).

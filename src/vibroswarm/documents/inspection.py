@@ -9,10 +9,10 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.map_scores import SURE, calibration
 from vibroswarm.documents.damage import damage_answer, damage_sections, not_certified
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.samples import Samples
-from vibroswarm.inspection.scores import SURE, calibration
 from vibroswarm.plots.picture import Picture
 from vibroswarm.plots.run import maps_figure
 from vibroswarm.plots.style import MATPLOTLIB_LOCK

@@ -17,6 +17,7 @@ import polars as pl
 
 from vibroswarm.analysis.answers_over_time import JUDGED
 from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
+from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.analysis.paired import ESTIMATED
 from vibroswarm.documents.cell_figures import column_of, figure_columns, limits_of, with_limits_of
 from vibroswarm.documents.knowledge import told
@@ -209,6 +210,8 @@ def _outcome_section(outcome: Outcome) -> Section:
     changing = [one.cell.number for one in outcome.cells if one.cell.scenario.change.is_given]
     if changing:
         parts.append(_change_table(outcome, changing))
+    if mapping := [one.cell.number for one in outcome.cells if keeps_map(one.cell.scenario)]:
+        parts.append(_map_table(outcome, mapping))
     if words := _levels(outcome):
         parts.append(Text(words))
     parts.append(Section("What these figures are", (Text(_OUTCOME_WORDS),), wide=True))
@@ -252,6 +255,19 @@ def _change_table(outcome: Outcome, changing: Sequence[int]) -> Table:
         "end. 95 % intervals over runs."
     )
     return Table(rows, columns, caption=caption, name="change")
+
+
+def _map_table(outcome: Outcome, mapping: Sequence[int]) -> Table:
+    """Tabulate how good the robots' maps are, of the cells whose robots keep them."""
+    rows = outcome.table.filter(pl.col("cell").is_in(mapping)).select(
+        "name", "runs", *with_limits_of(MAPPED, outcome.table.columns)
+    )
+    columns = {"name": Column("cell"), **figure_columns(rows.columns, ("runs",))}
+    caption = (
+        "Maps of the tiles that robots have at the end, mean over robots: Brier score (0.25: knows nothing), AUC (0.5: "
+        "knows nothing), distance between the centres of gravity of map and truth. 95 % intervals over runs."
+    )
+    return Table(rows, columns, caption=caption, name="maps")
 
 
 def _agreement_table(outcome: Outcome, lacking: Sequence[int]) -> Table:

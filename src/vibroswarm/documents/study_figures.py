@@ -15,7 +15,7 @@ import numpy as np
 import polars as pl
 from scipy.special import betainc
 
-from vibroswarm.analysis.figures import FIGURES, RunFigure
+from vibroswarm.analysis.figures import FIGURES, FOLLOWED, RunFigure
 from vibroswarm.analysis.incidence import robot_incidence, swarm_incidence
 from vibroswarm.documents.figure_axes import Layout, label_of, layout_of, name_of, number_of, plane_of
 from vibroswarm.observation.decision_boundary import readings_boundary
@@ -55,7 +55,8 @@ def outcome_figures(outcome: Outcome) -> Iterator[Figure]:
     if len(cells) <= MOST_ROWS:
         yield _figure("outcomes", "Outcomes of the swarms", partial(_outcomes, cells))
     for figure in FIGURES:
-        if figure.picture and (layout.x is not None or len(cells) <= MOST_ROWS):
+        is_there = figure.by_run not in FOLLOWED or any(row.summary.figures[figure.name].n for row in cells)
+        if figure.picture and is_there and (layout.x is not None or len(cells) <= MOST_ROWS):
             yield _figure(figure.name, figure.picture, partial(_bars, cells, layout, figure))
     yield from _planes(cells)
     # ``swarm_right.n`` counts the runs with a truth: those in which one of the two decisions is right.

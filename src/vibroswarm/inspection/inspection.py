@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 import polars as pl
 
+from vibroswarm.analysis.map_scores import map_scores
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
@@ -26,7 +27,6 @@ from vibroswarm.inspection.laws import (
 from vibroswarm.inspection.patches import SIZES_M
 from vibroswarm.inspection.samples import Floats, Samples, check_law
 from vibroswarm.inspection.scan import REPLICATES, Question
-from vibroswarm.inspection.scores import map_scores
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
 from vibroswarm.inspection.tile_map import kind_map, tile_map
 from vibroswarm.recordings.column_map import LARGEST_BYTES

@@ -27,6 +27,7 @@ from vibroswarm.analysis.agreement import (
     may_change,
 )
 from vibroswarm.analysis.answers_over_time import answers_in, answers_table
+from vibroswarm.analysis.map_figures import keeps_map, map_figures, map_figures_of
 from vibroswarm.analysis.sampling import Walk
 from vibroswarm.core.fork_guard import check_threads
 from vibroswarm.core.tables import Schema, check_table, parquet_bytes, read_frame
@@ -54,6 +55,8 @@ from vibroswarm.study.batch_table import (
     AGREED_TABLE,
     FAILED_ROWS,
     FAILED_TABLE,
+    MAPPED_ROWS,
+    MAPS_TABLE,
     ROWS,
     WALK,
     BatchRows,
@@ -61,6 +64,7 @@ from vibroswarm.study.batch_table import (
     agreed_rows,
     columns_of,
     failed_rows,
+    of_cells,
     walked,
 )
 from vibroswarm.study.plan import Group, Texts, scenario_of
@@ -94,6 +98,8 @@ class BatchOutcomes(NamedTuple):
     """The failed runs of each cell; empty if no run failed."""
     agreements: list[pl.DataFrame]
     """The agreements of each cell whose opinions may change after the swarm has decided."""
+    maps: list[pl.DataFrame]
+    """The scores of maps of each cell whose robots keep them."""
 
 
 class BatchRequest(NamedTuple):
@@ -166,8 +172,9 @@ def _closed_loop(scenario: Scenario, cells: Sequence[int], request: BatchRequest
     failures = failed_rows(result.failures, [cells], scenario.run.t_end_s)
     answers = answers_in(result) if scenario.change.is_given else None
     agreements = agreed_rows(agreements_in(result), answers, cells) if is_followed(scenario) else []
+    maps = of_cells(map_figures_of(result), cells) if keeps_map(scenario) else []
     of_runs = {**of_runs, **walked(walk, request.runs)}
-    return BatchOutcomes([cells], robots, of_runs, samples, failures, agreements)
+    return BatchOutcomes([cells], robots, of_runs, samples, failures, agreements, maps)
 
 
 class _SharedMotion:
@@ -200,6 +207,7 @@ class _SharedMotion:
         energy = energies_read(common, readings) if with_energies else None
         finals_by_scenario = []  # for each scenario, the columns of its robots at the end, (runs * robots,) each
         agreements: list[pl.DataFrame] = []
+        maps: list[pl.DataFrame] = []
         for scenario, equal_cells in zip(scenarios, cells, strict=True):
             self.request.check()
             replayed = (scenario, seed, self.timeline, readings.observation, energy)
@@ -213,6 +221,8 @@ class _SharedMotion:
             if is_followed(scenario):
                 agreed = agreements_of(swarm, runs) if may_change(scenario) else NO_AGREEMENTS
                 agreements += agreed_rows(agreed, answers, equal_cells)
+            if keeps_map(scenario):
+                maps += of_cells(map_figures(scenario, swarm, floors, self.end_s), equal_cells)
         # The same columns, (scenarios, runs, robots) each.
         shape = (len(runs), self.timeline.robots)
         finals = {
@@ -229,7 +239,8 @@ class _SharedMotion:
         }
         samples = self._samples(scenarios, cells, readings) if self.request.samples else []
         failures = failed_rows(self.motion.failures, cells, common.run.t_end_s)
-        return BatchOutcomes(cells, robot_columns(finals, truth), of_runs, samples, failures, agreements)
+        of_robots = robot_columns(finals, truth)
+        return BatchOutcomes(cells, of_robots, of_runs, samples, failures, agreements, maps)
 
     def _answers(
         self, scenario: Scenario, floors: dict[int, Floor], decision: NDArray[np.int8]
@@ -423,7 +434,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     Args:
         cancelled: called between two steps; if it returns true, the batch is given up.
     Returns: the tables as Parquet files: ``robots``, ``samples`` if the study saves them, ``failures`` if runs failed,
-        ``agreements`` if opinions of a cell may change after its swarms have decided.
+        ``agreements`` if opinions of a cell may change after its swarms have decided, ``maps`` if robots keep maps.
     Raises:
         Cancelled: ``cancelled`` returned true.
         RunError: this process was forked after polars had begun its threads.
@@ -443,6 +454,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
     samples: list[pl.DataFrame] = []
     failures: list[pl.DataFrame] = []
     agreements: list[pl.DataFrame] = []
+    maps: list[pl.DataFrame] = []
     for low in range(work.first, work.last, runs_at_a_time):
         request = BatchRequest(
             runs=range(low, min(low + runs_at_a_time, work.last)),
@@ -456,6 +468,7 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
             samples += outcomes.samples
             failures += outcomes.failures
             agreements += outcomes.agreements
+            maps += outcomes.maps
     tables = {"robots": rows.table()}
     if "samples" in work.keep:
         order = ["cell", "run", "time_s", "robot"]
@@ -464,6 +477,8 @@ def do_batch(work: Batch, cancelled: Callable[[], bool] = lambda: False) -> Batc
         tables[FAILED_TABLE] = pl.concat(failures).sort("cell", "run")
     if agreements:
         tables[AGREED_TABLE] = pl.concat(agreements).sort("cell", "run")
+    if maps:
+        tables[MAPS_TABLE] = pl.concat(maps).sort("cell", "run")
     metadata = {"vibroswarm_study": work.study}
     files = {name: parquet_bytes(table, metadata) for name, table in tables.items()}
     return BatchResult(work=work, files=files, rows=tables["robots"].height, versions=versions())
@@ -492,8 +507,9 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
             error names the file.
     """
     required = {"robots", *study.keep}  # ``keep`` names the further tables that the study saves
-    # The table of failures exists only if a run failed, that of agreements only if opinions may change.
-    if set(files) - {FAILED_TABLE, AGREED_TABLE} != required:
+    # The table of failures exists only if a run failed, that of agreements only if opinions may change, that of maps
+    # only if robots keep maps.
+    if set(files) - {FAILED_TABLE, AGREED_TABLE, MAPS_TABLE} != required:
         raise InputError(
             f"has the tables {', '.join(sorted(files)) or 'none'}, not {', '.join(sorted(required))}"
         )
@@ -505,7 +521,9 @@ def check_shard(files: Mapping[str, Path], study: Study, group: Group, runs: ran
         )
     for table, path in files.items():
         # After the check of names above, any other table is ``samples``.
-        schemas = {"robots": ROBOTS, FAILED_TABLE: FAILED_ROWS, AGREED_TABLE: AGREED_ROWS}
+        schemas = {
+            "robots": ROBOTS, FAILED_TABLE: FAILED_ROWS, AGREED_TABLE: AGREED_ROWS, MAPS_TABLE: MAPPED_ROWS,
+        }  # fmt: skip
         schema = schemas.get(table, SAMPLE_ROWS)
         frame = read_frame(path, table)
         frame = check_table(frame, schema, path.name, table)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from vibroswarm.analysis.agreement import AGREEMENTS
 from vibroswarm.analysis.answers_over_time import JUDGED
+from vibroswarm.analysis.map_figures import MAP_FIGURES, MAPPED
 from vibroswarm.analysis.sampling import WALK as OF_WALK
 from vibroswarm.core.tables import Schema
 from vibroswarm.inference.outcomes import ROBOTS, RUNS, as_series
@@ -182,6 +183,12 @@ AGREED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **AGREEMENTS, **dict.fr
 """Columns of the table of agreements, and of answers over time where the floor changes."""
 AGREED_ROWS: Final = Schema(AGREED_RUNS, frozenset({"holds", *JUDGED}), ("cell", "run"))
 """Schema of that table of a shard."""
+MAPS_TABLE: Final = "maps"
+"""Name of the table of the scores of maps in a shard; only groups with cells whose robots keep maps have it."""
+MAPPED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **MAP_FIGURES}
+"""Columns of that table."""
+MAPPED_ROWS: Final = Schema(MAPPED_RUNS, frozenset(MAPPED), ("cell", "run"))
+"""Schema of that table of a shard."""
 FAILED_TABLE: Final = "failures"
 """Name of the table in a shard."""
 FAILED_RUNS: Final[dict[str, Any]] = {"cell": pl.UInt32, **FAILURES}
@@ -203,8 +210,12 @@ def agreed_rows(
         rows = agreements.with_columns(pl.lit(None, dtype=pl.Float64).alias(name) for name in JUDGED)
     else:
         rows = answers.join(agreements, on="run", how="left", maintain_order="left")
-    names = [name for name in AGREED_RUNS if name != "cell"]
-    return [rows.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *names) for cell in cells]
+    return of_cells(rows.select(name for name in AGREED_RUNS if name != "cell"), cells)
+
+
+def of_cells(rows: pl.DataFrame, cells: Sequence[int]) -> list[pl.DataFrame]:
+    """Return the same rows for each of several cells with equal scenarios, with the column ``cell`` in front."""
+    return [rows.select(pl.lit(cell, dtype=pl.UInt32).alias("cell"), *rows.columns) for cell in cells]
 
 
 def failed_rows(

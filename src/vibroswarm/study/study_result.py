@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 import polars as pl
 
 from vibroswarm.analysis.agreement import is_followed
+from vibroswarm.analysis.map_figures import keeps_map
 from vibroswarm.core.atomic_io import remove_leftovers_once, tag
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, check_choice, nearest, path_of, shown, whole_number_of
@@ -27,7 +28,14 @@ from vibroswarm.motion.source import ROBOT_S, robot_s_of
 from vibroswarm.result import Result
 from vibroswarm.simulation import simulate
 from vibroswarm.study.batch import SAMPLES
-from vibroswarm.study.batch_table import AGREED_TABLE, FAILED_RUNS, FAILED_TABLE, arrays_of, tables_of
+from vibroswarm.study.batch_table import (
+    AGREED_TABLE,
+    FAILED_RUNS,
+    FAILED_TABLE,
+    MAPS_TABLE,
+    arrays_of,
+    tables_of,
+)
 from vibroswarm.study.frames import dataset_of, pandas_of
 from vibroswarm.study.plan import Group, Plan, missing, plan_of
 from vibroswarm.study.settled import Settled, runs_that_count, settled
@@ -221,7 +229,7 @@ class StudyResult(NotebookView):
         """Return a table of the store, not read yet, for some cells.
 
         Args:
-            table: ``robots``, ``samples``, ``failures`` or ``agreements``.
+            table: ``robots``, ``samples``, ``failures``, ``agreements`` or ``maps``.
             cells: by number; if empty, all selected cells.
         Raises:
             InputError: none of these cells has runs yet.
@@ -234,7 +242,7 @@ class StudyResult(NotebookView):
         """Return a lazy table of the store for each group with stored rows, limited to the cells with these numbers.
 
         Args:
-            table: ``robots``, ``samples``, ``failures`` or ``agreements``.
+            table: ``robots``, ``samples``, ``failures``, ``agreements`` or ``maps``.
             cells: by number; if empty, all selected cells.
         """
         chosen, frames = cells or self.selected, []
@@ -339,13 +347,20 @@ class StudyResult(NotebookView):
         )
 
     def agreements(self, cell: int) -> pl.DataFrame | None:
-        """Return the table of agreements of one cell (``batch_table.AGREED_RUNS``), sorted by run.
+        """Return agreements and the scores of maps of one cell, sorted by run.
 
-        It is None if neither the decisions of this cell's robots nor its floor may change, or if its runs were made
-        before the table existed.
+        The columns are those of ``batch_table.AGREED_RUNS``, if decisions of this cell's robots or its floor may
+        change, and of ``batch_table.MAPPED_RUNS``, if its robots keep maps. It is None if neither is so, or if the runs
+        were made before the tables existed.
         """
-        scans = self._scans(AGREED_TABLE, (cell,)) if is_followed(self.cell(cell).scenario) else []
-        return pl.concat(scans).drop("cell").sort("run").collect() if scans else None
+        scenario, found = self.cell(cell).scenario, []
+        for table, has in ((AGREED_TABLE, is_followed), (MAPS_TABLE, keeps_map)):
+            if scans := self._scans(table, (cell,)) if has(scenario) else []:
+                found.append(pl.concat(scans).drop("cell").sort("run").collect())
+        if not found:
+            return None
+        both = found[0] if len(found) == 1 else found[0].join(found[1], on="run", how="full", coalesce=True)
+        return both.sort("run")
 
     def result(self, cell: int, runs: int | Sequence[int], *, segments: bool = False) -> Result:
         """Simulate runs of a cell again from the seed, with all their samples; runs of a slow source are cached.

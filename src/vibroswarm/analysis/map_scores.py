@@ -17,10 +17,13 @@ from typing import Final
 
 import numpy as np
 import polars as pl
+from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.floors.floor import Floor
-from vibroswarm.inspection.samples import Floats
+
+Floats = NDArray[np.float64]
 
 BINS: Final = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 """Edges of the bins of calibration."""
@@ -47,10 +50,11 @@ def map_scores(p: Floats, floor: Floor) -> dict[str, float]:
 
 def _auc(p: Floats, x: Floats) -> float:
     """Return the area under the curve of hits against false calls; nan if all tiles are alike."""
-    ones, zeros = p[x == 1], p[x == 0]
-    if not ones.size or not zeros.size:
+    ones, zeros = int((x == 1).sum()), int((x == 0).sum())
+    if not ones or not zeros:
         return float("nan")
-    return float(np.mean((ones[:, None] > zeros) + 0.5 * (ones[:, None] == zeros)))
+    # Mann and Whitney: ranks of the vibrating tiles, ties at their mean rank, less those among themselves.
+    return float((rankdata(p)[x == 1].sum() - 0.5 * ones * (ones + 1)) / (ones * zeros))
 
 
 def _location_error_m(p: Floats, x: Floats, floor: Floor) -> float:
