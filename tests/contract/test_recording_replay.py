@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -92,17 +93,40 @@ def test_without_loss_a_replay_is_what_was(
 ) -> None:
     """With exact times, row for row and bit for bit, soft feedback's numbers too (they are addressed alike)."""
     result = simulate(told.with_values({"strategy.name": strategy}), 9, 1)
+    found = exactly_logged(result, ground, tmp_path)
+    scenario = scenario_of(found, told).with_values({"strategy.name": strategy})
+    frame, unsent = replayed_table(found, scenario, seed=9)
+    assert unsent == 0
+    assert_frame_equal(frame, result.inference.select(frame.columns), check_exact=True)
+
+
+def test_a_map_is_replayed_as_it_was(told: Scenario, ground: Floor, tmp_path: Path) -> None:
+    """Without loss, robots of ``places`` that know their places decide as they did; with another share, they do not."""
+    values = {"strategy.name": "places", "localisation.method": "true", "network.name": "ideal"}
+    result = simulate(told.with_values(values), 9, 1)
+    found = exactly_logged(result, ground, tmp_path)
+    scenario = scenario_of(found, told).with_values({"strategy.name": "places"})
+    found = replace(found, scenario=found.scenario.with_values({"run.t_end_s": told.run.t_end_s}))
+    scenario = scenario.with_values({"run.t_end_s": told.run.t_end_s})
+    names = ["decision", "decision_time_s", "belief_below"]
+    replayed = replay_recording(found, scenario, draws=1).robots.select(names)
+    assert_frame_equal(replayed, result.robots.select(names), check_exact=True)
+    heard = found.inference.with_columns(
+        messages_received=(pl.col("messages_received") * 0.3).cast(pl.UInt32)
+    )
+    deaf = replay_recording(replace(found, inference=heard), scenario, draws=1).robots.select(names)
+    assert deaf["belief_below"].to_list() != replayed["belief_below"].to_list()
+
+
+def exactly_logged(result: Result, ground: Floor, tmp_path: Path) -> Recording:
+    """A recording of one run, with exact times."""
     table = result.motion.join(result.observations, on=KEY).join(result.inference, on=KEY)
     table.with_columns(
         stopped=pl.col("stop_s").cast(pl.Float64).cum_sum().over("robot"), energy=pl.col("energy").cast(float)
     ).drop("heading_rad").write_csv(tmp_path / "exact.csv")
     (tmp_path / "map.toml").write_text(MAP)
     log = read_log(tmp_path / "exact.csv", columns=tmp_path / "map.toml")
-    found = recording_of([log], ground, described(told), RULES)
-    scenario = scenario_of(found, told).with_values({"strategy.name": strategy})
-    frame, unsent = replayed_table(found, scenario, seed=9)
-    assert unsent == 0
-    assert_frame_equal(frame, result.inference.select(frame.columns), check_exact=True)
+    return recording_of([log], ground, described(result.scenario), RULES)
 
 
 def test_of_rows_that_are_not_printed_little_is_lost(

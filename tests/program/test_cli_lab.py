@@ -398,3 +398,17 @@ def test_sessions_are_judged_by_the_threshold_of_the_others(kept, tmp_path, caps
     capsys.readouterr()
     assert main(["lab", "threshold", str(one)]) == 0
     assert "judges itself" in capsys.readouterr().out
+
+
+def test_places_are_replayed_with_the_law_of_a_file(kept, tmp_path, capsys):
+    law = tmp_path / "law.toml"
+    law.write_text(preset("calibrated").with_values({"law.sessions": ("0123456789abcdef",)}).to_toml())
+    given = ["lab", "replay", str(kept), "--strategy", "none,places,field", "--draws", "3"]
+    assert main([*given, "--laws", str(law), "--set", "min_observations=0"]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert "as if robots knew where the camera saw them" in said
+    assert "upper bound" in said
+    assert "judges itself" not in said
+    assert main(["lab", "replay", str(kept), "--strategy", "explore"]) == 2
+    assert "steers its robots" in capsys.readouterr().err
+    assert main(["lab", "replay", str(kept), "--laws", str(tmp_path / "none.toml")]) == 2

@@ -153,31 +153,45 @@ def replay(
             name="--set",
         ),
     ] = (),
+    laws: Annotated[
+        str | None,
+        Option(
+            "law of the sensor that robots know, of other sessions: file of lab threshold --law, or as inspect --laws",
+            "FROM",
+        ),
+    ] = None,
     draws: Annotated[int, Option("draws of the lost packets")] = 200,
     seed: Annotated[int, Option("seed of the draws", "S")] = 1,
     json: Json = False,
 ) -> None:
     """Replay strategies on the energies of a recording: what each would have decided on these observations.
 
-    As many packets are lost as its log counts; which ones is not logged and is drawn at random.
+    As many packets are lost as its log counts; which ones is not logged and is drawn at random. Strategies that read
+    places get those of the recording, as if robots knew them.
 
-    example:
+    examples:
       vibroswarm lab replay lab --strategy none,positive,soft --gate own --set rms_threshold=1.4
+      vibroswarm lab replay day2 --strategy places --laws day1.toml --set strategy.places.edge_reach_m=0.01
     """
     from vibroswarm.cli.scenario_options import chosen
     from vibroswarm.documents.recording import replay_document
+    from vibroswarm.inspection.laws import law_named, with_law
     from vibroswarm.recordings.recording import Recording
     from vibroswarm.recordings.replay import replay_recording, replayed_settings
 
     for name in strategy:
         chosen("strategy", name)  # refuses an unknown name
     recording = Recording.read(folder)
-    scenario = recording.scenario.with_values(replayed_settings(settings, gate))
+    scenario, warnings = recording.scenario, tuple[str, ...]()
+    if laws is not None:
+        recording, warnings = with_law(recording, law_named(laws, draws=0))
+        scenario = recording.scenario
+    scenario = scenario.with_values(replayed_settings(settings, gate))
     replays = {
         name: replay_recording(recording, scenario.with_values({"strategy.name": name}), draws, seed)
         for name in strategy
     }
-    print_document(replay_document(recording, replays, draws, seed), as_json=json)
+    print_document(replay_document(recording, replays, draws, seed, warnings), as_json=json)
 
 
 def costs(text: str) -> tuple[float, float]:

@@ -150,7 +150,9 @@ def _number_of(value: Any) -> float | None:
     return float(value) if is_number else None
 
 
-def replay_document(recording: Recording, replays: Mapping[str, Replayed], draws: int, seed: int) -> Document:
+def replay_document(
+    recording: Recording, replays: Mapping[str, Replayed], draws: int, seed: int, warnings: Sequence[str] = ()
+) -> Document:
     """Return what strategies would have decided on a recording's observations.
 
     Samples that are missing in the log are restored (``put_back``). If the log counts more messages received by a robot
@@ -174,6 +176,7 @@ def replay_document(recording: Recording, replays: Mapping[str, Replayed], draws
             ),
         ),
         knew=told(replay.scenario for replay in replays.values()),
+        warnings=tuple(warnings),
         parts=(
             _replayed(logged, outcomes),
             Text(
@@ -182,6 +185,11 @@ def replay_document(recording: Recording, replays: Mapping[str, Replayed], draws
             Text(
                 f"Restored {count(first.put_back, 'sample')} without a row; left out {unsent} messages per draw that "
                 "nobody could have sent at that time."
+            ),
+            *(
+                [Text(_WITH_PLACES)]
+                if any(one.scenario.strategy.reads_places for one in replays.values())
+                else []
             ),
         ),
         made_by={"seed": str(seed), "draws": str(draws)},
@@ -312,6 +320,10 @@ def threshold_document(
     )
 
 
+_WITH_PLACES: Final = (
+    "Strategies that read places: as if robots knew where the camera saw them. Each message is lost at random, with "
+    "the share that the session's log counts, since logs do not say who heard what; samples without a row are left out."
+)
 _SELF_JUDGED: Final = (
     "The session judges itself: the threshold was chosen by the same samples whose errors are shown."
 )

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,7 +23,7 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import generator
-from vibroswarm.calibrate.camera import RIGHT, Camera
+from vibroswarm.calibrate.camera import RIGHT, Camera, corrected
 from vibroswarm.calibrate.dataset import Dataset, dataset_of
 from vibroswarm.calibrate.fit_camera import fit_camera
 from vibroswarm.calibrate.fit_sensor import FIELDS, SPREADS, SensorFit, fit_sensor
@@ -31,7 +31,7 @@ from vibroswarm.core.atomic_io import whole_file
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import csv_bytes
 from vibroswarm.errors import InputError
-from vibroswarm.inspection.samples import Law, session_hash
+from vibroswarm.inspection.samples import SELF_JUDGED, Law, session_hash
 from vibroswarm.observation.measured_csv import read_energies
 from vibroswarm.recordings.recording import Recording
 from vibroswarm.recordings.threshold import robot_clusters
@@ -74,8 +74,8 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
     """
     chosen = found.only(sessions)
     camera = fit_camera(chosen, draws=0).camera
-    corrected = chosen.corrected(camera)
-    fitted = fit_sensor(corrected, draws=draws)
+    seen = chosen.corrected(camera)
+    fitted = fit_sensor(seen, draws=draws)
     base = found.results[0].scenario
     return FittedLaw(
         Law(
@@ -83,7 +83,7 @@ def law_of_sessions(found: Dataset, sessions: Sequence[int], words: str, *, draw
             words,
             hashlib.sha256(csv_bytes(chosen.samples)).hexdigest()[:16],
             _hashes(found, sessions),
-            tuple(_sensor_of(base, values) for values in _drawn(fitted, corrected, draws)),
+            tuple(_sensor_of(base, values) for values in _drawn(fitted, seen, draws)),
         ),
         camera,
     )
@@ -96,9 +96,9 @@ def _sensor_of(base: Scenario, values: dict[str, float]) -> Any:
     return base.with_values({"sensor.model": "gamma"} | rounded | spreads).sensor
 
 
-def _drawn(fitted: SensorFit, corrected: Dataset, draws: int) -> list[dict[str, float]]:
+def _drawn(fitted: SensorFit, seen: Dataset, draws: int) -> list[dict[str, float]]:
     """Return the values of each draw by field, with the error of the mean factor of the tiles and robots."""
-    samples = corrected.samples
+    samples = seen.samples
     tiles = samples.select("tile").n_unique()
     robots = int(robot_clusters(samples).max()) + 1
     tile_spread, robot_spread = (fitted.values[name] for name in SPREADS)
@@ -222,6 +222,19 @@ def scenario_of_law(fitted: FittedLaw, base: Scenario) -> Scenario:
         | changed
         | fitted.camera.fields()
     )
+
+
+def with_law(recording: Recording, fitted: FittedLaw) -> tuple[Recording, tuple[str, ...]]:
+    """Return a recording whose scenario has a law, with its own threshold, and places corrected by the law's camera.
+
+    Returns: the recording, and a warning if the law was fitted to one of its sessions.
+    """
+    threshold = recording.scenario.sensor.rms_threshold
+    sensor = fitted.law.sensor.model_copy(update={"rms_threshold": threshold})
+    seen = corrected(recording, fitted.camera)
+    assert isinstance(seen, Recording)
+    own = any(hash_of_run(recording, run) in fitted.law.sessions for run in recording.runs["run"].to_list())
+    return replace(seen, scenario=seen.scenario.model_copy(update={"sensor": sensor})), (SELF_JUDGED,) * own
 
 
 def law_table(law: Law) -> pl.DataFrame:

@@ -5,6 +5,10 @@ receives as many messages as its log counts (``replay_from_counts``). Which mess
 drawn at random, so a replay consists of many draws. A sample whose row was lost is restored: between its neighbours in
 time, at the robot's position, with an energy drawn from those that were read in the session on tiles of the same kind.
 Motion is that of the recording, in which robots continued to sample after deciding.
+
+Strategies that read places, such as ``places``, need to know who sent what, which no log says. For them each message is
+lost with the share that the session's log counts, at random, and places are those of the recording (of the camera), as
+if robots knew them. Lost rows are not restored: nobody heard of those samples.
 """
 
 from __future__ import annotations
@@ -17,12 +21,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
+from vibroswarm.analysis.sampling import packet_loss
 from vibroswarm.core.jit import zero_rows
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.rng import Purpose, uniform
 from vibroswarm.errors import CodeError, InputError, nearest
 from vibroswarm.inference.agents import FINALS, empty_swarm, final_frame, world_of
 from vibroswarm.inference.code_errors import translate_errors
+from vibroswarm.inference.deliveries import timeline_of
 from vibroswarm.inference.generated_kernels import kernels
 from vibroswarm.inference.outcomes import (
     ROBOTS,
@@ -89,8 +95,9 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         scenario: that of the recording, in which the sections ``REPLAYABLE`` may be changed; of the sensor, the bits
             depend on the threshold alone. seed: of the first draw; each further draw has the next seed.
     Raises:
-        InputError: ``draws`` is below 1, another section differs, the strategy is not one of ``counts_only``, the logs
-            do not count the messages received, or a row was lost on a kind of tile of which its session has no energy.
+        InputError: ``draws`` is below 1, another section differs, the strategy is not one of ``counts_only`` and reads
+            no places, or steers, the logs do not count the messages received, or a row was lost on a kind of tile of
+            which its session has no energy.
         CodeError: the strategy is a user's, and did something that strategies may not do.
     """
     if draws < 1:
@@ -99,8 +106,10 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         if section not in REPLAYABLE and getattr(scenario, section) != getattr(recording.scenario, section):
             raise InputError("cannot be changed in the replay of a recording", field=section)
     strategy = strategy_of(scenario.strategy.name)
-    if not counts_only(strategy):
-        if strategy.on_counts is None:
+    if not counts_only(strategy) and not (scenario.strategy.reads_places and strategy.steer is None):
+        if strategy.steer is not None:
+            reason = "steers its robots, but recorded ones moved as they did"
+        elif strategy.on_counts is None:
             reason = "needs to know who sent what and when, but logs only count messages"
         elif strategy.on_timer is not None:
             reason = "has a timer, but a replay calls strategies at samples only"
@@ -109,12 +118,14 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
         counting = ", ".join(name for name, one in known().items() if counts_only(one))
         raise InputError(
             f"'{scenario.strategy.name}' {reason}; choose a strategy that counts bits, has no timer and decides once: "
-            f"{counting}",
+            f"{counting}; or one that reads places: places, field",
             field="strategy.name",
         )
     if recording.inference["messages_received"].null_count():
         raise InputError("do not count the messages received, which a replay needs", field="the logs")
     runs = recording.runs["run"].to_list()
+    if scenario.strategy.reads_places:
+        return _replay_with_places(recording, scenario, draws, seed)
     parts = [_rows_of(recording, run) for run in runs]
     tables, unsent = [], 0
     for draw in range(draws):
@@ -130,6 +141,31 @@ def replay_recording(recording: Recording, scenario: Scenario, draws: int = 200,
     return Replayed(
         scenario=scenario, draws=draws, robots=robots, runs=of_runs, unsent=unsent / draws, put_back=lost
     )
+
+
+def _replay_with_places(recording: Recording, scenario: Scenario, draws: int, seed: int) -> Replayed:
+    """Replay a strategy that reads places, with messages that are lost as often as in each session's log."""
+    lost = dict(packet_loss(recording).select("run", "packet_loss").iter_rows())
+    scenario = scenario.with_values({"localisation.method": "true"})
+    runs = recording.runs["run"].to_list()
+    replays = []
+    for run in runs:
+        of_run = pl.col("run") == run
+        samples = recording.motion.filter(of_run)
+        motion = Motion(samples=samples, ends=recording.ends.filter(of_run))
+        key = ["run", "robot", "sample"]
+        energy = samples.join(recording.rows.select(*key, "energy"), on=key, maintain_order="left")["energy"]
+        bits = (energy > scenario.sensor.rms_threshold).cast(pl.UInt8)
+        seen = recording.observations.filter(of_run).with_columns(observation=bits)
+        radio = {"network.name": "loss", "network.loss.share": min(max(lost.get(run) or 0.0, 0.0), 1.0)}
+        of_session = scenario.with_values(radio)
+        replays.append((of_session, timeline_of(of_session, motion), seen))
+    tables = []
+    for draw in range(draws):
+        finals = [infer(one, seed + draw, timeline, seen)[1] for one, timeline, seen in replays]
+        tables.append(_outcome(recording, scenario, pl.concat(finals), draw))
+    robots, of_runs = (pl.concat([pair[k] for pair in tables]) for k in (0, 1))
+    return Replayed(scenario=scenario, draws=draws, robots=robots, runs=of_runs, unsent=0.0, put_back=0)
 
 
 def _replay_once(
