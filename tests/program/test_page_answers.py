@@ -138,6 +138,19 @@ def test_the_scale_bar_is_as_long_as_it_says(open_page: Open) -> None:
     assert bar["width"] == pytest.approx(0.2 * width, rel=0.01)
 
 
+def test_the_scale_bar_covers_nothing(open_page: Open) -> None:
+    """It is drawn below the floor, above the legend, and says something there."""
+    page = open_page()
+    frame, scale, legend = (
+        page.locator(f"#{name}").bounding_box() for name in ("arena-frame", "scale", "legend")
+    )
+    assert scale["y"] >= frame["y"] + frame["height"]
+    assert legend["y"] >= scale["y"] + scale["height"]
+    inked = """() => document.getElementById("scale").getContext("2d")
+        .getImageData(0, 0, scale.width, scale.height).data.some((value) => value > 0)"""
+    assert page.evaluate(inked)
+
+
 NARROW = {"width": 800, "height": 800}
 """A window in one column: the arena is as wide as the page, whatever the height of its legend."""
 

@@ -81,7 +81,7 @@ def test_data_and_picture_are_saved(open_page: Open, record: RunRecord, tmp_path
     head = saved.value.path().read_bytes()[:24]
     frame = page.locator("#arena-frame").evaluate("(frame) => [frame.clientWidth, frame.clientHeight]")
     assert head[:8] == b"\x89PNG\r\n\x1a\n"
-    assert [int.from_bytes(head[16:20]), int.from_bytes(head[20:24])] == [frame[0], frame[1] + 30]
+    assert [int.from_bytes(head[16:20]), int.from_bytes(head[20:24])] == [frame[0], frame[1] + 50]
 
 
 def test_a_video_is_recorded(open_page: Open) -> None:

@@ -27,10 +27,10 @@ function layOutArena() {
   const frame = byId("arena-frame"), legend = byId("legend"), controls = byId("controls");
   legend.parentElement.style.minWidth = "";
   // How legend and controls break depends on the width, and the width on their height.
-  let width = arenaWidth(66);
+  let width = arenaWidth(66 + SCALE_STRIP);
   for (let again = 0; again < 3; again++) {
     legend.style.width = controls.style.width = `${width}px`;
-    width = Math.min(width, arenaWidth(legend.offsetHeight + controls.offsetHeight));
+    width = Math.min(width, arenaWidth(legend.offsetHeight + controls.offsetHeight + SCALE_STRIP));
   }
   legend.style.width = controls.style.width = `${width}px`;
   arena.view = arenaView(width);
@@ -41,6 +41,7 @@ function layOutArena() {
   drawFloor(fit("floor"), arena.view);
   resetPast(fit("past"), arena.view);
   arena.context = fit("actors");
+  drawScaleBar(arena.view);
 }
 
 // The same canvases, seen from nearer or farther.
@@ -48,6 +49,7 @@ function layOutZoom() {
   arena.view = arenaView(arena.view.width);
   drawFloor(byId("floor").getContext("2d"), arena.view);
   resetPast(byId("past").getContext("2d"), arena.view);
+  drawScaleBar(arena.view);
 }
 
 function drawArena(t, followed, speed) {

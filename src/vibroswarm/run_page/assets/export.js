@@ -1,6 +1,6 @@
 // Pictures, videos and data to keep: made in the browser, and saved like a download.
 
-const STRIP = 30; // CSS pixels below the floor for the title and the time
+const STRIP = 30; // CSS pixels below floor and scale bar for the title and the time
 const VIDEO_TYPES = ["video/webm;codecs=vp9", "video/webm;codecs=vp8", "video/webm"];
 
 function save(blob, ending) {
@@ -13,9 +13,10 @@ function save(blob, ending) {
 
 // The floor as it is seen now, with title and time below it, onto a canvas of its own.
 function composePicture(canvas, t) {
-  const { width, height } = arena.view, context = fitCanvas(canvas, width, height + STRIP);
+  const { width, height } = arena.view, below = height + SCALE_STRIP;
+  const context = fitCanvas(canvas, width, below + STRIP);
   context.fillStyle = colours.paper;
-  context.fillRect(0, 0, width, height + STRIP);
+  context.fillRect(0, 0, width, below + STRIP);
   for (const id of ["floor", "past", "actors"]) {
     const layer = byId(id);
     if (layer.style.visibility === "hidden") continue;
@@ -23,13 +24,14 @@ function composePicture(canvas, t) {
     context.drawImage(layer, 0, 0, width, height);
   }
   context.globalAlpha = 1;
+  context.drawImage(byId("scale"), 0, height, width, SCALE_STRIP);
   context.font = `13px ${FONT}`;
   context.textBaseline = "middle";
   context.fillStyle = colours.ink;
   context.textAlign = "right";
-  context.fillText(bothTimes(t), width - 8, height + STRIP / 2);
+  context.fillText(bothTimes(t), width - 8, below + STRIP / 2);
   context.textAlign = "left";
-  context.fillText(run.title, 8, height + STRIP / 2, width - 16 - 1.1 * context.measureText(bothTimes(t)).width);
+  context.fillText(run.title, 8, below + STRIP / 2, width - 16 - 1.1 * context.measureText(bothTimes(t)).width);
 }
 
 function savePicture(t) {

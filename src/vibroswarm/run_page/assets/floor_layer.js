@@ -8,7 +8,6 @@ function drawFloor(context, view) {
   context.fillRect(0, 0, view.width, view.height);
   drawTiles(context, view);
   drawRuler(context, view);
-  drawScaleBar(context, view);
 }
 
 // Edges of tile columns and rows in whole pixels, so that no seams show.
@@ -100,19 +99,18 @@ function scaleBar(view) {
   return { metres, width: metres * view.scale, words: metres < 1 ? `${Math.round(100 * metres)} cm` : `${metres} m` };
 }
 
-function drawScaleBar(context, view) {
-  const { width, words } = scaleBar(view), right = view.width - 14, y = view.height - 14;
-  context.globalAlpha = 0.85;
-  context.fillStyle = colours.panel;
-  context.fillRect(right - width - 8, y - 20, width + 16, 28);
-  context.globalAlpha = 1;
+const SCALE_STRIP = 20; // CSS pixels below the floor: the bar covers nothing
+
+function drawScaleBar(view) {
+  const context = fitCanvas(byId("scale"), view.width, SCALE_STRIP);
+  const { width, words } = scaleBar(view), right = view.width - 2, y = SCALE_STRIP / 2;
   context.strokeStyle = context.fillStyle = colours.ink;
   context.lineWidth = 2;
   line(context, right - width, y, right, y);
   context.lineWidth = 1.5;
   for (const x of [right - width, right]) line(context, x, y - 4, x, y + 4);
   context.font = `600 11px ${FONT}`;
-  context.textAlign = "center";
-  context.textBaseline = "bottom";
-  context.fillText(words, right - width / 2, y - 4);
+  context.textAlign = "right";
+  context.textBaseline = "middle";
+  context.fillText(words, right - width - 6, y + 0.5);
 }
