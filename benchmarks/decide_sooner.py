@@ -23,7 +23,7 @@ from vibroswarm.scenario.scenario import Scenario
 
 SEED = 7
 TRACKS = {"robot.drive_track_m": 0.0949, "robot.turn_track_m": 0.0545}
-"""Effective tracks of robots on wheels (docs/mujoco.md)."""
+"""Effective tracks of robots on wheels (docs/figures/mujoco.md)."""
 
 
 class SingleRays(WheelsRun):
