@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import linecache
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -88,3 +90,65 @@ def test_a_file_that_is_imported_and_loaded_by_name_has_two_keys(tmp_path, monke
     assert code.startswith("voter_of_a_test.py:voter_of_a_test sha256:")
     assert loaded.source == _text_of(imported)
     assert key_of(loaded) != key_of(imported)
+
+
+ELSEWHERE = """import numba
+K = 1.0
+LIMITS = (1, 2)
+NOT_READ = 0
+@numba.njit
+def inner():
+    return 3.0
+@numba.njit
+def limit():
+    return inner()
+"""
+READING = """from vibroswarm.strategies import strategy_in
+import {name} as elsewhere
+from {name} import K, limit
+class State:
+    n: float
+def begin(s, a, d, p, w):
+    s.n = 0.0
+def on_sample(s, a, x, out, d, p, w):
+    s.n += K * elsewhere.LIMITS[0]
+    return False
+def on_message(s, a, m, sender, t_s, d, p, w):
+    pass
+def decision(s, a, p, w):
+    return 1 if s.n > limit() else -1
+mine = strategy_in(__name__, "of_another_file", decides="opinion", about="reads another file")
+"""
+
+
+@pytest.fixture
+def key_after(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[[str, str], str]]:
+    """The key of a strategy that takes constants and a compiled function from another file, after a change there."""
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "reading_strategy.py").write_text(READING.format(name="read_by_it"), encoding="utf-8")
+
+    def key(before: str, after: str) -> str:
+        assert before in ELSEWHERE
+        (tmp_path / "read_by_it.py").write_text(ELSEWHERE.replace(before, after), encoding="utf-8")
+        for name in ("read_by_it", "reading_strategy"):
+            sys.modules.pop(name, None)
+        monkeypatch.setattr(sys, "dont_write_bytecode", True)
+        importlib.invalidate_caches()
+        return key_of(importlib.import_module("reading_strategy").mine)
+
+    yield key
+    for name in ("read_by_it", "reading_strategy"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"), [("K = 1.0", "K = 0.25"), ("(1, 2)", "(2, 2)"), ("return 3.0", "return 1.0")]
+)
+def test_what_is_read_from_another_file_is_in_the_key(
+    before: str, after: str, key_after: Callable[[str, str], str]
+) -> None:
+    """A constant, a module's constant, and what a compiled function calls; a cached kernel has all of them inside."""
+    same = key_after(before, before)
+    assert key_after(before, after) != same
+    assert key_after(before, before) == same
+    assert key_after("NOT_READ = 0", "NOT_READ = 1") == same

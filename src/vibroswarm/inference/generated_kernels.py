@@ -112,10 +112,28 @@ def key_of(*declared: Strategy | Network) -> str:
     # and networks of this package, of installed packages and of a user's own program.
     texts = [item.source or _text_of(item) for item in declared]
     modules = {function.__module__ for item in declared for function in _functions_of(item)}
-    texts += sorted(str(name) for name in modules if not str(name).startswith("vibroswarm."))
+    texts += sorted(str(name) for name in modules if not _is_ours(name))
+    # What a user's file takes from other files is compiled in, and is not in its text.
+    texts += [
+        _described(function, set())
+        for item in declared
+        for function in _functions_of(item)
+        if not _is_ours(function.__module__)
+    ]
     # ``source_hash`` is that of this package's own source, which includes the templates.
     text = "\0".join((source_hash(), *texts))
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _is_ours(module: object) -> bool:
+    """Return whether a module, by name, belongs to this package, of which ``source_hash`` has all sources."""
+    return str(module).startswith("vibroswarm.")
+
+
+def _is_known(module: object) -> bool:
+    """Return whether the name of the cache folder tells the code of a module, by name: by a hash, or by a version."""
+    root = str(module).partition(".")[0]
+    return _is_ours(module) or root in ("numpy", "numba") or root in sys.stdlib_module_names
 
 
 def _text_of(declared: Strategy | Network) -> str:
@@ -139,7 +157,7 @@ def _text_of(declared: Strategy | Network) -> str:
 def _described(function: Callable[..., Any], seen: set[Callable[..., Any]]) -> str:
     """Return a text of all that is compiled with a function: its bytecode, the values that it reads, what it calls.
 
-    Functions of this package are left out: ``source_hash`` covers them.
+    Functions of this package and of libraries are left out (``_is_known``).
 
     Args:
         seen: functions that are described already; extended.
@@ -149,16 +167,27 @@ def _described(function: Callable[..., Any], seen: set[Callable[..., Any]]) -> s
     # Closures hold values, or functions, of the function in which this one was defined.
     enclosed = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
     values = {name: _enclosed_value(cell) for name, cell in enclosed.items()} | globals_of(function)
+    modules = [value for value in values.values() if isinstance(value, ModuleType)]
+    for module in (each for each in modules if not _is_known(each.__name__)):
+        # Numba takes what a function reads from a module as a constant, like a global.
+        read = _names_in(function.__code__) & vars(module).keys()
+        values |= {f"{module.__name__}.{name}": vars(module)[name] for name in sorted(read)}
     for name, value in values.items():
         plain = getattr(value, "py_func", value)  # of a function that is compiled already
         if isinstance(plain, FunctionType):
-            if plain not in seen and not str(plain.__module__).startswith("vibroswarm."):
+            if plain not in seen and not _is_known(plain.__module__):
                 texts.append(f"{name}: {_described(plain, seen)}")
         elif isinstance(value, np.ndarray):
             texts.append(f"{name} = {value.dtype} {value.shape} {value.tobytes()!r}")
         elif isinstance(value, int | float | str | tuple | np.generic):
             texts.append(f"{name} = {value!r}")
     return "; ".join((*texts, repr(function.__defaults__)))
+
+
+def _names_in(code: CodeType) -> set[str]:
+    """Return all names that a function's code uses, with those of the functions inside it."""
+    inside = [value for value in code.co_consts if isinstance(value, CodeType)]
+    return set(code.co_names).union(*map(_names_in, inside))
 
 
 def _enclosed_value(cell: CellType) -> Any:
