@@ -1,6 +1,6 @@
 """Damaged and foreign files given to every command that reads them: the long check.
 
-    python benchmarks/fuzz_files.py [--inputs 2000] [--seed 1] [--only study,archive] [--list]
+    python benchmarks/fuzz_files.py [--inputs 2000] [--seed 1] [--only study,league] [--list]
 
 Valid folders and files are made by the commands themselves. Then one of them is copied, damaged in one or two ways
 (bytes, whole files, columns and values of tables, keys of JSON and TOML, cells of CSV; hashes are made to fit half of
@@ -31,7 +31,6 @@ import sys
 import tempfile
 import tomllib
 import traceback
-import zipfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -137,15 +136,16 @@ def made(base: Path) -> None:
     asked(["lab", "export", base / "result", "--format", "webots", "--out", base / "console.txt"])
     logs = [base / "log-1.csv", base / "log-2.csv"]
     asked(["lab", "import", *logs, "--floor", floor, "--any-floor", "--out", base / "recording"])
-    shown = ["--no-pictures", "--no-confirm"]
-    asked(["sweep", base / "study.toml", "--out", base / "study", *shown])
+    asked([*_evaluate(base), "--out", base / "study"])
     for share in ("1/2", "2/2"):
-        asked(["sweep", base / "study.toml", "--out", base / f"share-{share[0]}", "--shard", share, *shown])
+        asked([*_evaluate(base), "--out", base / f"share-{share[0]}", "--shard", share])
     for method in ("pso", "random"):
         asked([*_search(base, method), "--out", base / f"search-{method}"])
     asked(["optimize", base / "grid.toml", "--method", "grid", "--fresh", "3", "--no-pictures",
            "--out", base / "grid"])  # fmt: skip
-    asked([*_reproduce(base / "paper"), "--archive", base / "paper.zip"])
+    asked(_reproduce(base / "paper"))
+    for name in OTHERS:
+        asked([*OTHERS[name], "--out", base / name])
 
 
 def asked(line: Sequence[str | Path]) -> None:
@@ -154,6 +154,10 @@ def asked(line: Sequence[str | Path]) -> None:
         code = main([str(word) for word in line])
     if code:
         raise SystemExit(f"{line}: {told.getvalue()}")
+
+
+def _evaluate(base: Path) -> list[str | Path]:
+    return ["evaluate", base / "study.toml", "--no-pictures", "--no-confirm"]
 
 
 def _search(base: Path, method: str) -> list[str | Path]:
@@ -165,11 +169,32 @@ def _reproduce(out: Path) -> list[str | Path]:
     return ["reproduce", *asked, "--out", out]
 
 
+SHORT = ["--set", "run.t_end_s=60"]
+OTHERS: dict[str, list[str]] = {
+    "league": ["league", "--runs", "2", "--strategy", "none,soft", "--robots", "2", "--belief-runs", "2",
+               "--fault-runs", "2", "--untuned", "--patterns", "diagonal", "--fills", "0.46", *SHORT],
+    "detect": ["detect", "--robots", "2", "--runs", "4", "--fills", "0.4,0.6", "--no-pictures", *SHORT],
+    "tradeoff": ["evaluate", "tradeoff", "--runs", "4", "--no-pictures", *SHORT],
+    "inspect": ["inspect", "--floor", "diagonal:0.46", "--no-pictures", "--seed", "2", *SHORT],
+}  # fmt: skip
+"""Further folders: what made them, and makes them again."""
+
+
+def _again(name: str) -> list[tuple[str, Line]]:
+    return [("show", lambda base, it: ["show", it]), (name, lambda base, it: [*OTHERS[name], "--out", it])]
+
+
+def _verified(base: Path, it: Path) -> list[str | Path]:
+    return ["verify", it, "--runs", "2"]
+
+
 Line = Callable[[Path, Path], "list[str | Path]"]
 """The command line that reads what is damaged (second) with the valid things beside it (first)."""
 
 READERS: dict[str, list[tuple[str, Line | Callable[[Path], None]]]] = {
     "result": [
+        ("show", lambda base, it: ["show", it]),
+        ("verify", _verified),
         ("read in Python", lambda there: in_python(there)),
         ("lab export csv", lambda base, it: ["lab", "export", it, "--format", "csv", "--out", it / "out"]),
         ("lab export rugbot", lambda base, it: ["lab", "export", it, "--out", it / "out.csv"]),
@@ -178,6 +203,7 @@ READERS: dict[str, list[tuple[str, Line | Callable[[Path], None]]]] = {
         ("calibrate compare", lambda base, it: ["calibrate", "compare", base / "recording", it]),
     ],
     "recording": [
+        ("show", lambda base, it: ["show", it]),
         ("lab replay", lambda base, it: ["lab", "replay", it, "--draws", "2"]),
         ("lab threshold", lambda base, it: ["lab", "threshold", it]),
         ("lab export rugbot", lambda base, it: ["lab", "export", it, "--out", it / "out.csv"]),
@@ -187,14 +213,17 @@ READERS: dict[str, list[tuple[str, Line | Callable[[Path], None]]]] = {
     ],
     "study": [
         ("show", lambda base, it: ["show", it]),
-        ("sweep", lambda base, it: ["sweep", base / "study.toml", "--out", it, "--no-pictures", "--no-confirm"]),
-        ("merge", lambda base, it: ["merge", it.with_name("merged"), it, "--no-pictures"]),
+        ("verify", _verified),
+        ("evaluate", lambda base, it: [*_evaluate(base), "--out", it]),
+        ("merge", lambda base, it: ["evaluate", "merge", it.with_name("merged"), it, "--no-pictures"]),
     ],
     "share-1": [
-        ("merge", lambda base, it: ["merge", it.with_name("merged"), it, base / "share-2", "--no-pictures"]),
+        ("merge", lambda base, it: ["evaluate", "merge", it.with_name("merged"), it, base / "share-2",
+                                    "--no-pictures"]),
     ],
     "search-pso": [
         ("show", lambda base, it: ["show", it]),
+        ("verify", _verified),
         ("optimize", lambda base, it: [*_search(base, "pso"), "--out", it]),
     ],
     "search-random": [
@@ -206,11 +235,11 @@ READERS: dict[str, list[tuple[str, Line | Callable[[Path], None]]]] = {
         ("optimize", lambda base, it: ["optimize", base / "grid.toml", "--method", "grid", "--fresh", "3",
                                        "--no-pictures", "--out", it]),
     ],
-    "paper.zip": [("check", lambda base, it: ["reproduce", "--from", it, "--check", "1"])],
-    "paper": [("reproduce", lambda base, it: _reproduce(it))],
+    "paper": [("show", lambda base, it: ["show", it]), ("reproduce", lambda base, it: _reproduce(it))],
+    **{name: _again(name) for name in OTHERS},
     "scenario.toml": [("scenario", lambda base, it: ["scenario", "--scenario", it]),
                       ("run", lambda base, it: ["run", "--scenario", it, "--set", "run.t_end_s=60"])],
-    "study.toml": [("sweep", lambda base, it: ["sweep", it, "--no-pictures", "--no-confirm"])],
+    "study.toml": [("evaluate", lambda base, it: ["evaluate", it, "--no-pictures", "--no-confirm"])],
     "search.toml": [("optimize", lambda base, it: ["optimize", it, "--method", "random", "--no-pictures"])],
     "grid.toml": [("optimize", lambda base, it: ["optimize", it, "--method", "grid", "--fresh", "3"])],
     "floor.txt": [("floors", lambda base, it: ["scenario", "--floor", it])],
@@ -225,7 +254,7 @@ READERS: dict[str, list[tuple[str, Line | Callable[[Path], None]]]] = {
 }  # fmt: skip
 """By what is damaged: the commands that read it."""
 
-WEIGHTS = {"result": 6, "recording": 5, "study": 5, "paper.zip": 4, "search-pso": 2, "search-random": 2}
+WEIGHTS = {"result": 6, "recording": 5, "study": 5, "search-pso": 3, "search-random": 3}
 
 
 def in_python(folder: Path) -> None:
@@ -247,8 +276,6 @@ TEXTS = (".toml", ".json", ".jsonl")
 
 def damage(it: Path, dice: random.Random) -> str:
     """Damage a file or one of a folder's files; gives what was done."""
-    if it.suffix == ".zip" and it.is_file() and dice.random() < 0.7:  # a pipe by now would not be opened
-        return _zip(it, dice)
     path = it if it.is_file() else dice.choice(sorted(p for p in it.rglob("*") if p.is_file()))
     ways: list[Callable[[Path, random.Random], str]] = [_bytes, _file]
     if path.suffix in TABLES:
@@ -468,9 +495,9 @@ def _of_frame(frame: pl.DataFrame, name: str, how: str, dice: random.Random) -> 
 
 
 def _honest_shard(path: Path) -> str:
-    """Make the description of a shard fit its damaged file."""
+    """Make the description of tables fit a damaged file."""
     about = path.with_name(path.name.partition(".")[0] + ".json")
-    if path.parent.name != "shards" or not about.is_file():
+    if path.parent.name not in ("shards", "steps", "fresh") or not about.is_file():
         return ""
     with contextlib.suppress(ValueError, KeyError, TypeError, UnicodeDecodeError):
         values = json.loads(about.read_text())
@@ -478,33 +505,6 @@ def _honest_shard(path: Path) -> str:
         values["files"][path.name] |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
         about.write_text(json.dumps(values))
     return ", hash made to fit"
-
-
-def _zip(path: Path, dice: random.Random) -> str:
-    with zipfile.ZipFile(path) as file:
-        entries = {name: file.read(name) for name in file.namelist()}
-    with tempfile.TemporaryDirectory() as folder:
-        name = dice.choice(
-            [*entries, "archive.json", "cells.csv", "robots.csv", "measured.csv", "claims.csv"]
-        )
-        inner = Path(folder) / Path(name).name
-        inner.write_bytes(entries[name])
-        kind = {".toml": _values, ".json": _values, ".csv": _cells}[inner.suffix]
-        done = dice.choice([_bytes, kind, kind, kind])(inner, dice)
-        entries[name] = inner.read_bytes()
-    if dice.random() < 0.05:
-        del entries[name]
-    with contextlib.suppress(ValueError, KeyError, TypeError, UnicodeDecodeError):
-        head = json.loads(entries["archive.json"])
-        if dice.random() < 0.7:
-            head["sha256"] = {
-                n: hashlib.sha256(d).hexdigest() for n, d in entries.items() if n != "archive.json"
-            }
-            entries["archive.json"] = json.dumps(head).encode()
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
-        for entry, data in entries.items():
-            file.writestr(entry, data)
-    return f"{name}: {done}"
 
 
 # ---- one input -------------------------------------------------------------------------------------------------------

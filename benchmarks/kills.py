@@ -1,6 +1,6 @@
 """Commands killed at random moments and given again leave what they leave when nobody kills them: the long check.
 
-    python benchmarks/kills.py [--kills 96] [--seed 1] [--only run optimize ...]
+    python benchmarks/kills.py [--kills 96] [--ctrl-c] [--seed 1] [--only run optimize ...]
 
 Each command that writes a folder (or a file) is begun and killed (SIGKILL) at a random moment of its whole time, or
 right when something new appears in its folder; then it is begun again, and so on, up to ``ROUND`` kills; at last it is
@@ -9,6 +9,8 @@ let finish. What then counts is the outcome of the round:
     equal     the same tables, bit by bit, as of the command left alone, no hidden file and no process left
     refused   exit code 2 or 1 with one sentence, no traceback, in any of the beginnings
     other     anything else: other tables, a traceback, something left over, a command that hangs
+
+With ``--ctrl-c`` the signal is that of Ctrl-C, after which the command must end with exit code 130 and say so.
 
 Studies are also begun by threads and by processes, and until a precision. A round that is refused is shown with its
 sentence. Exit code 1 where any round ended otherwise. The control: a table changed by hand must be found.
@@ -21,6 +23,7 @@ import json
 import os
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -97,20 +100,37 @@ def commands(folder: Path, runs: int) -> list[Attacked]:
         (folder / f"{method}.toml").write_text(text)
     sessions = [str(lab / f"session-{k}.csv") for k in (1, 2)]
     numbers = ["--no-pictures", "--no-confirm"]
-    sweep = ["sweep", str(study), *numbers, "--workers", "2"]
-    drawn = ["sweep", str(study), "--runs", "40", "--no-confirm", "--pictures"]
+    sweep = ["evaluate", str(study), *numbers, "--workers", "2"]
+    drawn = ["evaluate", str(study), "--runs", "40", "--no-confirm", "--pictures"]
+    short = [
+        "--set",
+        "run.t_end_s=120",
+        "--strategy",
+        "none,soft",
+        "--robots",
+        "2",
+        "--patterns",
+        "diagonal,stripe",
+    ]
+    few = str(max(runs // 10, 4))
+    league = ["league", "--runs", few, "--belief-runs", few, "--fault-runs", few, "--untuned", *short]
+    tune = ["league", "tune", "--runs", "5", "--points", "8", *short]
+    detect = ["detect", "--runs", few, "--robots", "2", "--set", "run.t_end_s=120", "--no-pictures"]
     searched = ["--fresh", "50", "--no-pictures", "--workers", "2"]
-    search = ("best.toml", "candidates.csv", "history.csv")
+    search = ("best.toml", "candidates.csv", "history.csv", "steps/*.parquet", "fresh/*.parquet")
     imported = ["lab", "import", *sessions, "--floor", str(lab / "floor.txt"), "--tiles", "5x5"]
     return [
         Attacked("run", ["run", "--seed", "4"], "run", ["--force"]),
         Attacked("sweep", sweep, "sweep", study=True),
         Attacked("sweep, processes", [*sweep, "--executor", "processes"], "processes", study=True),
-        Attacked("sweep until", ["sweep", str(until), *numbers], "until", study=True),
+        Attacked("sweep until", ["evaluate", str(until), *numbers], "until", study=True),
         Attacked("sweep, drawn", drawn, "drawn", study=True),
         Attacked("evaluate", ["evaluate", "--runs", str(runs), *numbers], "evaluate", study=True),
         Attacked("optimize pso", ["optimize", str(folder / "pso.toml"), *searched], "pso", compared=search),
         Attacked("optimize tpe", ["optimize", str(folder / "tpe.toml"), *searched], "tpe", compared=search),
+        Attacked("league", league, "league", study=True, compared=("*.csv",)),
+        Attacked("tune", tune, "tuned.toml", compared=()),
+        Attacked("detect", detect, "detect", study=True),
         Attacked("reproduce", ["reproduce", "--only", "difficulty", "fill-ratios", "--columns", "paper",
                                "--runs", "40"], "paper", compared=("items/*/*.parquet", "tables/*.csv")),
         Attacked("lab import", imported, "lab", ["--force"]),
@@ -154,7 +174,7 @@ def begun(words: Sequence[str], sessions: set[int]) -> subprocess.Popen[str]:
 
 
 def kill_once(words: Sequence[str], out: Path, takes_s: float, dice: random.Random, round_: Round,
-              sessions: set[int]) -> None:  # fmt: skip
+              sessions: set[int], stop: signal.Signals) -> None:  # fmt: skip
     """Begin, and kill at some moment: of the whole time, or just after something was written."""
     process, before = begun(words, sessions), entries(out)
     until_s = time.monotonic() + dice.random() * takes_s
@@ -166,9 +186,14 @@ def kill_once(words: Sequence[str], out: Path, takes_s: float, dice: random.Rand
     if on_change:
         time.sleep(dice.random() ** 3 * 0.1)
     if process.poll() is None:
-        process.kill()
+        process.send_signal(stop)
         round_.kills += 1
-    told = process.communicate()[1]
+    try:
+        told = process.communicate(timeout=LONGEST_S)[1]
+    except subprocess.TimeoutExpired:
+        process.kill()
+        told = process.communicate()[1]
+        round_.wrong.append(f"did not end in {LONGEST_S:g} s")
     note(process.returncode, told, round_)
 
 
@@ -176,17 +201,21 @@ def note(code: int, told: str, round_: Round) -> None:
     """Note what a command said that was not killed and did not end well."""
     if code in (0, -9):
         return
+    if code == 130 and "Traceback" not in told and "interrupted" in told:
+        return
     last = told.strip().splitlines()[-1] if told.strip() else f"exit code {code}, no word"
     clear = code in (1, 2) and "Traceback" not in told and "error: " in last
     (round_.refused if clear else round_.wrong).append(last)
 
 
-def attack(command: Attacked, place: Path, alone: Path, takes_s: float, dice: random.Random) -> Round:
+def attack(
+    command: Attacked, place: Path, alone: Path, takes_s: float, dice: random.Random, stop: signal.Signals
+) -> Round:
     """One round: kills, then the command is let finish, and compared."""
     place.mkdir()
     out, round_, sessions = place / command.out, Round(), set[int]()
     for _ in range(ROUND):
-        kill_once(line(command, out, out.exists()), out, takes_s, dice, round_, sessions)
+        kill_once(line(command, out, out.exists()), out, takes_s, dice, round_, sessions, stop)
     last = begun(line(command, out, out.exists()), sessions)
     try:
         told = last.communicate(timeout=LONGEST_S)[1]
@@ -212,9 +241,8 @@ def differing(command: Attacked, alone: Path, out: Path) -> list[str]:
     if command.study:
         mine, theirs = StudyResult.open(out), StudyResult.open(alone)
         found = [what for what in ("robots", "runs", "cells") if not same(mine, theirs, what)]
-        summed = (
-            [] if (alone / "summary.csv").read_bytes() == (out / "summary.csv").read_bytes() else ["summary"]
-        )
+        names = {path.name for path in (*alone.glob("*.csv"), *out.glob("*.csv"))}
+        summed = sorted(name for name in names if not same_file(alone / name, out / name))
         return [*found, *summed, *mine.store.damaged, *(str(one) for one in mine.store.failures)]
     names = {
         path.relative_to(root) for root in (alone, out) for one in command.compared for path in root.glob(one)
@@ -264,6 +292,9 @@ def main() -> int:
     )
     parser.add_argument("--kills", type=int, default=96, help="in all, at least (default 96)")
     parser.add_argument("--runs", type=int, default=2000, help="of each cell and search (default 2000)")
+    parser.add_argument(
+        "--ctrl-c", action="store_true", help="interrupt as Ctrl-C does, in the place of killing"
+    )
     parser.add_argument("--seed", type=int, default=1, help="of the moments")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="only commands whose names begin so")
     options = parser.parse_args()
@@ -273,6 +304,7 @@ def main() -> int:
 
 def attack_all(folder: Path, options: argparse.Namespace) -> int:
     """Attack all commands in turn until the wanted number of kills; report how each round ended."""
+    stop = signal.SIGINT if options.ctrl_c else signal.SIGKILL
     dice, rounds, kills = random.Random(options.seed), Counter[tuple[str, str]](), Counter[str]()
     chosen = [
         one for one in commands(folder, options.runs)
@@ -291,7 +323,7 @@ def attack_all(folder: Path, options: argparse.Namespace) -> int:
         for command in chosen:
             number += 1
             place = folder / f"round {number}"
-            made = attack(command, place, folder / "alone" / command.out, times[command.name], dice)
+            made = attack(command, place, folder / "alone" / command.out, times[command.name], dice, stop)
             kills[command.name] += made.kills
             rounds[command.name, made.outcome] += 1
             for words in {*made.refused, *made.wrong}:

@@ -80,7 +80,10 @@ def remove_leftovers(folder: Path) -> int:
     try:
         # Temporary names contain "vs": a cheap test before the pattern is tried.
         names = [entry.name for entry in os.scandir(folder) if "vs" in entry.name]
-    except OSError:  # the folder does not exist or cannot be read
+    except (
+        OSError,
+        ValueError,
+    ):  # the folder does not exist or cannot be read; ValueError: a NUL in its name
         return 0
     for name in names:
         match = TEMPORARY_NAME.fullmatch(name)
@@ -366,6 +369,8 @@ def make_folder(folder: Path) -> None:
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+    except ValueError as error:  # a NUL in the name
+        raise InputError(f"cannot be made: {error}", field=repr(str(folder))) from None
     except OSError as error:
         if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EIO):
             raise RunError(f"could not write '{folder}': {error.strerror}") from error

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 from typing import Final
 
 from vibroswarm.analysis.figures import BY_NAME, FIGURES, RunFigure
-from vibroswarm.show.document import Column
+from vibroswarm.show.document import Column, limits_of
 
 _NUMBERS: Final = {
     "icc_decision_time": Column("correlation within a run: decision time", decimals=3),
@@ -24,11 +24,6 @@ _NUMBERS: Final = {
 }
 
 
-def limits_of(name: str) -> tuple[str, str]:
-    """Return the names of the columns with the limits of a figure."""
-    return f"{name}_low", f"{name}_high"
-
-
 def with_limits_of(names: Iterable[str], columns: Collection[str]) -> list[str]:
     """Return the names of figures, each followed by those of its limits if a table has them."""
     return [each for name in names for each in (name, *limits_of(name)) if each in columns]
@@ -41,23 +36,8 @@ def column_of(figure: RunFigure) -> Column:
     return Column(figure.title, share=True) if figure.is_share else Column(figure.title, decimals=3)
 
 
-def figure_columns(columns: Collection[str], wide: Collection[str] = ()) -> dict[str, Column]:
-    """Return the formats of the figures in a table.
-
-    Args:
-        columns: names of the columns of the table. wide: figures that a terminal prints on request only.
-    """
+def figure_columns(wide: Collection[str] = ()) -> dict[str, Column]:
+    """Return the formats of all figures of a cell; a terminal prints those named in ``wide`` on request only."""
     formats = {figure.name: column_of(figure) for figure in FIGURES} | _NUMBERS
     formats["error"] = column_of(BY_NAME["robots_wrong"])
-    return columns_of({name: replace(column, wide=name in wide) for name, column in formats.items()}, columns)
-
-
-def columns_of(formats: Mapping[str, Column], columns: Collection[str]) -> dict[str, Column]:
-    """Return the formats of the columns that a table has; a figure whose limits it has too gets them."""
-    return {
-        name: replace(formats[name], limits=limits_of(name))
-        if set(limits_of(name)) <= set(columns)
-        else formats[name]
-        for name in columns
-        if name in formats
-    }
+    return {name: replace(column, wide=name in wide) for name, column in formats.items()}

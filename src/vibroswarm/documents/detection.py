@@ -15,7 +15,7 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.documents.cell_figures import limits_of
+from vibroswarm.documents.cell_figures import with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.plots.curves import draw_detection
 from vibroswarm.plots.picture import Picture
@@ -213,13 +213,18 @@ def _curve_table(curve: pl.DataFrame) -> Table:
         "fill_ratio": _fills(curve, "fill_ratio"),
         "robots": Column("robots"),
         "horizon_s": Column("time", "s", decimals=0),
-        **{name: Column(title, share=True, limits=limits_of(name)) for name, title in titles.items()},
+        **{name: Column(title, share=True) for name, title in titles.items()},
         "truth": Column("answer that is right"),
         "runs": Column("runs"),
     }
-    shown = [each for name, column in columns.items() for each in (name, *(column.limits or ()))]
     caption = "Shares of runs, and of robots, by several times; 95 % intervals."
-    return Table(curve.select(shown), columns, caption=caption, name="detection", names=3)
+    return Table(
+        curve.select(with_limits_of(columns, curve.columns)),
+        columns,
+        caption=caption,
+        name="detection",
+        names=3,
+    )
 
 
 def _figures(curve: pl.DataFrame, scenario: Scenario, tolerated: Detection) -> Iterator[Figure]:

@@ -10,10 +10,10 @@ import polars as pl
 from vibroswarm.analysis.figures import BY_COLUMN
 from vibroswarm.analysis.paired import Confirmation
 from vibroswarm.calibrate.effect import Effect
-from vibroswarm.documents.cell_figures import figure_columns, limits_of
+from vibroswarm.documents.cell_figures import figure_columns
 from vibroswarm.documents.knowledge import told
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.show.document import Column, Document, Table
+from vibroswarm.show.document import Column, Document, Table, limits_of
 from vibroswarm.show.numbers import with_limits
 
 
@@ -60,7 +60,7 @@ def _figures(found: Sequence[Effect], names: tuple[str, str]) -> Table:
             rows.append(row | {f"swarm_{outcome}": share for outcome, share in shares.items()})
     frame = pl.DataFrame(rows)
     caption = "Means over runs (95 %), and shares of runs by consensus."
-    return Table(frame, figure_columns(frame.columns), caption, "figures", names=2)
+    return Table(frame, figure_columns(), caption, "figures", names=2)
 
 
 def _differences(found: Sequence[Effect], names: tuple[str, str]) -> Table:

@@ -11,7 +11,6 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.documents.cell_figures import columns_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.search import captioned, commands, file_section, truth_section
 from vibroswarm.documents.search_words import (
@@ -155,13 +154,12 @@ def _cell_table(nodes: Nodes) -> Table:
         "robots_undecided", "belief_in_truth", "runs",
     )  # fmt: skip
     decimals = decimals_of(table["score"], 4)
-    formats = {name: Column(end) for name, end in short_names(varied).items()}
-    formats |= {
+    columns = {name: Column(end) for name, end in short_names(varied).items()}
+    columns |= {
         "score": Column("score", unit, decimals=decimals),
         "above_best": Column("above the lowest", unit, decimals=decimals, sign=True, wide=True),
         **CELLS,
     }
-    columns = columns_of(formats, frame.columns)
     return Table(frame, columns, "With 95 % intervals.", "grid", names=len(varied))
 
 

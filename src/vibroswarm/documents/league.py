@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 
 import polars as pl
 
-from vibroswarm.documents.cell_figures import columns_of, with_limits_of
+from vibroswarm.documents.cell_figures import with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.league_answer import answers
 from vibroswarm.league.belief_calibration import AT_95
@@ -50,10 +50,6 @@ DIFFERENCES: Final = {
     "decision_time_s_p": Column("p", p_value=True),
 }
 """Headings and formats of differences from the reference, by column."""
-
-
-def _table(frame: pl.DataFrame, name: str, formats: Mapping[str, Column], **how: Any) -> Table:
-    return Table(frame, columns_of(formats, frame.columns), name=name, **how)
 
 
 def league_document(standings: Standings, tables: Mapping[str, pl.DataFrame] | None = None) -> Document:
@@ -151,15 +147,15 @@ def _time_and_error(standings: Standings) -> Section:
     if table.height < standings.table.height:
         words = f"For each strategy the setting tuned for {percent(MAIN_AIM, 0)}, or the nearest that it has. {words}"
         return Section(
-            "One setting of each", (_table(frame, "main", FIGURES), Text(words, "aside")), folded=True
+            "One setting of each", (Table(frame, FIGURES, name="main"), Text(words, "aside")), folded=True
         )
-    return Section("Time and error", (front, _table(frame, "standings", FIGURES), Text(words, "aside")))
+    return Section("Time and error", (front, Table(frame, FIGURES, name="standings"), Text(words, "aside")))
 
 
 def _costs(table: pl.DataFrame) -> Section:
     frame = table.select("name", "told", "sent", "bytes_on_air", "bytes_sent")
     caption = "Messages and bytes are those that a robot sends in a run."
-    costs = _table(frame, "costs", FIGURES, caption=caption, folded=True)
+    costs = Table(frame, FIGURES, name="costs", caption=caption, folded=True)
     return Section("What it costs, and what a robot knows", (costs,))
 
 
@@ -175,7 +171,7 @@ def _differences(differences: pl.DataFrame, folded: bool) -> tuple[Section, ...]
         "Entry - reference, motion by motion, with 95 % intervals; p by Holm over the entries. No significant "
         "difference is not evidence of no difference."
     )
-    table = _table(_side_by_side(differences, "name"), "differences", DIFFERENCES)
+    table = Table(_side_by_side(differences, "name"), DIFFERENCES, name="differences")
     title = f"Difference from {differences['reference'][0]}"
     return (Section(title, (table, Text(words, "aside")), folded=folded),)
 
@@ -222,9 +218,7 @@ def _fronts(standings: Standings, fronts: pl.DataFrame) -> tuple[Section, ...]:
     parts: list[Part] = [Figure("fronts", lambda style: _draw_fronts(standings, style)), *levels]
     if compared.height:
         parts.append(Text(words, "aside"))
-        parts.append(
-            Table(compared, columns_of(columns, compared.columns), name="fronts", names=2, folded=True)
-        )
+        parts.append(Table(compared, columns, name="fronts", names=2, folded=True))
     return (Section("Time at equal error", tuple(parts)),)
 
 
@@ -280,7 +274,7 @@ def _every_setting(standings: Standings) -> tuple[Section, ...]:
         return ()
     frame = table.select("name", *with_limits_of(["forced_error"], table.columns), "right", "wrong", "undecided",
                          *with_limits_of(["decision_time_s"], table.columns))  # fmt: skip
-    return (Section("All settings", (_table(frame, "standings", FIGURES),), folded=True),)
+    return (Section("All settings", (Table(frame, FIGURES, name="standings"),), folded=True),)
 
 
 def _beliefs(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
@@ -303,7 +297,7 @@ def _beliefs(beliefs: pl.DataFrame | None) -> tuple[Section, ...]:
         "name", "settings", "prior", *with_limits_of(["confidence", "right"], beliefs.columns), "decided"
     )
     figure = Figure("beliefs", lambda style: _draw_beliefs(beliefs, style))
-    table = _table(frame, "beliefs", columns, names=3, folded=True)
+    table = Table(frame, columns, name="beliefs", names=3, folded=True)
     return (Section("Belief and truth", (figure, table, Text(words, "aside"))),)
 
 
@@ -339,14 +333,14 @@ def _faults(curves: pl.DataFrame | None) -> tuple[Section, ...]:
     )
     caption = "Number of faulty robots that a strategy tolerates: forced error (%) of the others with 0, 1, ... of them"
     columns = {"name": ENTRY, **{kind: Column(kind.replace("_", " ")) for kind in kinds}}
-    table = _table(_tolerated(curves), "tolerated", columns, caption=caption)
+    table = Table(_tolerated(curves), columns, name="tolerated", caption=caption)
     shown = {
         "name": ENTRY,
         "forced_error": FIGURES["forced_error"],
         "rise": Column(unit="points", share=True, sign=True),
         "bears": Column("tolerated"),
     }
-    every = _table(curves, "faults", shown, names=3)
+    every = Table(curves, shown, name="faults", names=3)
     return (
         Section(
             "Faulty robots", (table, Text(words, "aside"), *(_fault_figure(curves, kind) for kind in kinds))
@@ -389,7 +383,7 @@ def _by_floor(floors: pl.DataFrame, differences: pl.DataFrame) -> tuple[Section,
         floors: ``Standings.floor_table``. differences: ``Standings.floor_differences``; empty for a single entry.
     """
     picture = Figure("floors", lambda style: _draw_floors(floors, style))
-    every = _table(floors.drop("strategy"), "floors", FIGURES, names=3)
+    every = Table(floors.drop("strategy"), FIGURES, name="floors", names=3)
     return (
         Section("Floor by floor", (picture,)),
         *_floor_differences(differences),
@@ -401,7 +395,7 @@ def _floor_differences(differences: pl.DataFrame) -> tuple[Section, ...]:
     if differences.is_empty():
         return ()
     frame = _side_by_side(differences, "name", "pattern", "fill_ratio")
-    table = _table(frame, "floor_differences", DIFFERENCES, names=3)
+    table = Table(frame, DIFFERENCES, name="floor_differences", names=3)
     words = Text("Entry - reference; p by Holm over entries and floors.", "aside")
     return (Section("Differences from the reference, floor by floor", (table, words), folded=True),)
 
@@ -443,4 +437,4 @@ def _settings(league: League) -> Section:
     ]
     frame = pl.DataFrame(rows, schema=["name", "strategy", "settings", "tuned"], orient="row")
     columns = {"name": ENTRY, "settings": Column(prose=True)}
-    return Section("Settings", (_table(frame, "settings", columns, folded=True),))
+    return Section("Settings", (Table(frame, columns, name="settings", folded=True),))

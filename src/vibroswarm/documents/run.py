@@ -297,7 +297,7 @@ def robot_tables(found: Verdict, posterior: str) -> list[Table]:
     columns = {
         "decision_time_s": Column("at", "s", decimals=1),
         "confidence": Column(share=True),
-        "posterior": Column(f"{posterior} (95 %)", decimals=3, limits=("posterior_low", "posterior_high")),
+        "posterior": Column(f"{posterior} (95 %)", decimals=3),
         "samples": Column("own"),
         "received": Column("heard"),
     }
@@ -332,7 +332,6 @@ def _by_decision(robots: pl.DataFrame, posterior: str) -> Table:
             *titles.get(name, (name, "")),
             share=name == "confidence",
             decimals=None if name == "confidence" else decimals,
-            limits=(f"{name}_low", f"{name}_high"),
         )
         for name, decimals in figures.items()
     }

@@ -53,7 +53,7 @@ def _scores(found: Checked) -> Table:
     ]
     columns = {
         "name": Column("scenario"),
-        "score": Column("score", found.objective.unit, limits=("score_low", "score_high")),
+        "score": Column("score", found.objective.unit),
         "failed": Column("failed runs", wide=True),
     }
     return Table(frame_of(rows), columns, name="scores")
@@ -77,6 +77,6 @@ def _figures(figures: pl.DataFrame, found: Checked) -> Table:
     columns = {
         "first": Column(found.first.name, decimals=1),
         "second": Column(found.second.name, decimals=1),
-        "difference": Column(sign=True, decimals=1, limits=("difference_low", "difference_high")),
+        "difference": Column(sign=True, decimals=1),
     }
     return Table(shown, columns, "First - second, run by run, with 95 % intervals.", "figures")

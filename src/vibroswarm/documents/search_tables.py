@@ -82,7 +82,7 @@ def _believed_and_true(truth: Truth, believed_runs: int | None, unit: str) -> Ta
     ]
     columns = {
         "what": Column("score of the winner"),
-        "score": Column("score", unit, limits=("score_low", "score_high")),
+        "score": Column("score", unit),
         "share": Column("of the true score", share=True, sign=True),
         "luck": Column("luck of the choice", tones=LUCK_TONES),
     }
@@ -122,7 +122,7 @@ def parts_of(scored: Sequence[Scored], cases: Sequence[str], unit: str) -> tuple
 def _case_table(rows: list[dict[str, Any]], unit: str) -> Table:
     columns = {
         "name": Column("score of"),
-        "score": Column("score", unit, limits=("score_low", "score_high")),
+        "score": Column("score", unit),
     }
     return Table(frame_of(rows), columns, "In each case by itself, on fresh runs.", "cases", 2, folded=True)
 
@@ -130,7 +130,7 @@ def _case_table(rows: list[dict[str, Any]], unit: str) -> Table:
 def _part_table(rows: list[dict[str, Any]], in_cases: bool) -> Table:
     columns = {
         "name": Column("score of"),
-        "value": Column(limits=("value_low", "value_high"), decimals=1),
+        "value": Column(decimals=1),
         "against limit": Column(prose=True, tones=LIMIT_TONES),
     }
     worst = " Each in the case where it is worst." if in_cases else ""
@@ -157,10 +157,8 @@ def against(truth: Truth, names: Sequence[str], unit: str = "") -> Table:
     ]
     columns = {
         "other": Column("against"),
-        "score": Column("its score", unit, limits=("score_low", "score_high")),
-        "difference": Column(
-            "winner - this", unit, sign=True, limits=("difference_low", "difference_high"), strip=True
-        ),
+        "score": Column("its score", unit),
+        "difference": Column("winner - this", unit, sign=True, strip=True),
         "failed": Column("failed runs", wide=True),
         "standing": Column("the winner is", tones=STANDING_TONES),
     }

@@ -18,8 +18,8 @@ def sensitivity_document(found: Sensitivity) -> Document:
     frame = pl.DataFrame([vars(index) for index in found.fields])
     columns = {
         "name": Column("field"),
-        "total": Column("with interactions", decimals=2, limits=("total_low", "total_high")),
-        "first": Column("alone", decimals=2, limits=("first_low", "first_high")),
+        "total": Column("with interactions", decimals=2),
+        "first": Column("alone", decimals=2),
     }
     caption = "Shares of the variance of the mean cost over the space (Sobol indices), with 95 % bootstrap intervals."
     shown = frame.select("name", "total", "total_low", "total_high", "first", "first_low", "first_high")

@@ -25,4 +25,4 @@ def columns_of(name: str, interval: Interval | None) -> dict[str, float]:
 
 def limited(name: str, title: str, **form: Any) -> dict[str, Column]:
     """Return the format of the columns that ``columns_of`` makes."""
-    return {name: Column(title, limits=(f"{name}_low", f"{name}_high"), **form)}
+    return {name: Column(title, **form)}

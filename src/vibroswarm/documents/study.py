@@ -19,7 +19,7 @@ from vibroswarm.analysis.answers_over_time import JUDGED
 from vibroswarm.analysis.figures import BY_COLUMN, ESTIMATES, FIGURES, RunFigure
 from vibroswarm.analysis.map_figures import MAPPED, keeps_map
 from vibroswarm.analysis.paired import ESTIMATED
-from vibroswarm.documents.cell_figures import column_of, figure_columns, limits_of, with_limits_of
+from vibroswarm.documents.cell_figures import column_of, figure_columns, with_limits_of
 from vibroswarm.documents.knowledge import told
 from vibroswarm.documents.study_figures import (
     comparison_figures,
@@ -38,7 +38,7 @@ from vibroswarm.documents.study_words import (
     traded,
     warnings_of,
 )
-from vibroswarm.show.document import Column, Document, Part, Section, Table, Text
+from vibroswarm.show.document import Column, Document, Part, Section, Table, Text, limits_of
 from vibroswarm.show.made_by import versions_in_words
 from vibroswarm.show.numbers import count, counts, listed, number, percent
 from vibroswarm.study.answers import SIGNIFICANT, Answer, lacks_truth
@@ -155,15 +155,10 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
         rows.append(row)
     columns = {
         "name": Column("compared"),
+        **{name: Column(SHORT[name], decimals=4, sign=True, strip=True) for name in ESTIMATED},
+        "decision_time_s": Column("time", "s", decimals=0, sign=True, strip=True),
         **{
-            name: Column(SHORT[name], decimals=4, sign=True, strip=True, limits=limits_of(name))
-            for name in ESTIMATED
-        },
-        "decision_time_s": Column(
-            "time", "s", decimals=0, sign=True, strip=True, limits=limits_of("decision_time_s")
-        ),
-        **{
-            name: Column(SHORT[name], "points", share=True, sign=True, strip=True, limits=limits_of(name))
+            name: Column(SHORT[name], "points", share=True, sign=True, strip=True)
             for name in ("right_share", "wrong_share", "undecided_share")
         },
         "better": Column("better in", tones={"": "good"}),
@@ -177,7 +172,6 @@ def _differences_table(answers: Sequence[Answer]) -> Table:
     frame = pl.DataFrame(
         rows, infer_schema_length=None, schema_overrides={"better": pl.String, "worse": pl.String}
     )
-    columns = {name: column for name, column in columns.items() if name in frame.columns}
     return Table(frame, columns, caption=caption, name="differences")
 
 
@@ -227,7 +221,7 @@ def _outcome_table(outcome: Outcome) -> Table:
     names = dict.fromkeys(["runs", *(["failed_runs"] if outcome.has_failed_runs else []), *figures])
     rows = outcome.table.select("name", *with_limits_of(names, outcome.table.columns))
     wide = [name for name in ("runs", *figures) if name not in shown]
-    columns = {"name": Column("cell"), **figure_columns(rows.columns, wide)}
+    columns = {"name": Column("cell"), **figure_columns(wide)}
     caption = f"{runs} per cell; in brackets 95 % intervals over runs (Wilson, t). Undecided robots count as {whole}."
     return Table(rows, columns, caption=caption, name="outcome")
 
@@ -248,7 +242,7 @@ def _change_table(outcome: Outcome, changing: Sequence[int]) -> Table:
     rows = outcome.table.filter(pl.col("cell").is_in(changing)).select(
         "name", "runs", *with_limits_of(JUDGED, outcome.table.columns)
     )
-    columns = {"name": Column("cell"), **figure_columns(rows.columns, ("runs",))}
+    columns = {"name": Column("cell"), **figure_columns(("runs",))}
     caption = (
         "The floor changes: right when they decided, over time, and how long after a change of the truth the swarm "
         "answered anew; at most to the next change or the end of the run. All other figures are of the floor at the "
@@ -283,7 +277,7 @@ def _agreement_table(outcome: Outcome, lacking: Sequence[int]) -> Table:
     rows = outcome.table.filter(pl.col("cell").is_in(lacking)).select(
         "name", "runs", *with_limits_of(names, outcome.table.columns)
     )
-    columns = {"name": Column("cell"), **figure_columns(rows.columns, ("runs",))}
+    columns = {"name": Column("cell"), **figure_columns(("runs",))}
     caption = (
         "Runs without a right answer: on what their swarms agreed, as a share of all runs; 95 % intervals over runs. "
         "Lasted: share of the agreements that held at the end, where opinions may change (a dash: decisions are "
@@ -334,21 +328,20 @@ def _compared_table(table: pl.DataFrame, figure: RunFigure) -> Table:
     of_cell = column_of(figure)
     unit, decimals = ("points", 1) if figure.is_share else (figure.unit, of_cell.decimals)
 
-    def difference(name: str, title: str) -> Column:
-        return replace(of_cell, title=title, unit=unit, decimals=decimals, sign=True, limits=limits_of(name))
+    def difference(title: str) -> Column:
+        return replace(of_cell, title=title, unit=unit, decimals=decimals, sign=True)
 
     columns = {
         "name": Column("compared"),
-        "difference": difference("difference", "difference"),
+        "difference": difference("difference"),
         "p_holm": Column("p, corrected", p_value=True),
-        "again_difference": difference("again_difference", "on other seeds"),
+        "again_difference": difference("on other seeds"),
         "confirmed": Column("difference is", tones={"confirmed": "good", "not confirmed": "open"}),
         "wins": Column("runs better"),
         "ties": Column("equal"),
         "losses": Column("worse"),
     }
-    columns = {name: column for name, column in columns.items() if name in table.columns}
-    if "confirmed" in columns:
+    if "confirmed" in table.columns:
         words = pl.when("confirmed").then(pl.lit("confirmed")).otherwise(pl.lit("not confirmed"))
         table = table.with_columns(confirmed=words)
     rows = table.filter(pl.col("figure") == figure.by_run).select(with_limits_of(columns, table.columns))
@@ -373,16 +366,13 @@ def _equal_error_section(answers: Sequence[Answer]) -> Section:
     columns = {
         "name": Column("compared"),
         "error": Column("at the forced error", share=True),
-        "time_difference_s": Column(
-            "difference in time", "s", decimals=0, sign=True, limits=limits_of("time_difference_s")
-        ),
+        "time_difference_s": Column("difference in time", "s", decimals=0, sign=True),
         "time_s": Column("at the time", "s", decimals=0),
         "error_difference": Column(
             "difference in forced error",
             "points",
             share=True,
             sign=True,
-            limits=limits_of("error_difference"),
         ),
         "runs": Column("runs"),
     }
@@ -423,13 +413,15 @@ def _reference_parts(references: Sequence[References]) -> tuple[Part, ...]:
     table = reference_table(list(references))
     # A reference that is missing in all cells has no column in the table.
     names = [name for name in _REFERENCE_COLUMNS if name in table.columns]
-    columns = {name: replace(_REFERENCE_COLUMNS[name], limits=limits_of(name)) for name in names}
     runs = max(reference.runs for reference in references)
     again = f"From {count(runs, 'run')} per cell, simulated again from the seed"
     caption = f"{again}; half of them tuned the pooled threshold."
     rows = table.select("name", *with_limits_of(names, table.columns))
     notes = tuple(map(Text, (*_REFERENCE_WORDS, *_reference_notes(references))))
-    return (*notes, Table(rows, {"name": Column("cell"), **columns}, caption=caption, name="references"))
+    return (
+        *notes,
+        Table(rows, {"name": Column("cell"), **_REFERENCE_COLUMNS}, caption=caption, name="references"),
+    )
 
 
 def _reference_notes(references: Sequence[References]) -> Iterable[str]:
@@ -516,7 +508,7 @@ def _made_by(outcome: Outcome) -> Mapping[str, str]:
     folder = outcome.result.store.folder
     if not outcome.result.is_saved:
         return made_by
-    again = ["vibroswarm", "sweep", f"{folder}/study.toml", "--out", f"{folder}"]
+    again = ["vibroswarm", "evaluate", f"{folder}/study.toml", "--out", f"{folder}"]
     return made_by | {"again": shlex.join(again)}
 
 

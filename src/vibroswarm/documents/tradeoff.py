@@ -91,7 +91,7 @@ _FIRST: Final = ("decision_time_s", "error", "robots_undecided", "robots_right",
 def _front_table(front: pl.DataFrame) -> Table:
     """Tabulate the settings on the front."""
     rows = front.select(*_SETTINGS, *with_limits_of(_FIRST, front.columns))
-    columns = _SETTINGS | figure_columns(rows.columns, wide=_FIRST[3:])
+    columns = _SETTINGS | figure_columns(wide=_FIRST[3:])
     return Table(rows, columns, caption=_CAPTION, name="front", names=2)
 
 
@@ -99,7 +99,7 @@ def _all_table(curve: pl.DataFrame) -> Table:
     """Tabulate all settings with all figures."""
     first = [*_SETTINGS, *with_limits_of(_FIRST, curve.columns)]
     rows = curve.select(*first, pl.exclude(first))
-    columns = {**_SETTINGS, **figure_columns(rows.columns), "pareto": Column("on the front")}
+    columns = {**_SETTINGS, **figure_columns(), "pareto": Column("on the front")}
     return Table(rows, columns, caption=_CAPTION, name="tradeoff", names=2)
 
 

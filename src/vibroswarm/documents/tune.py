@@ -6,17 +6,14 @@ from typing import Final
 
 import polars as pl
 
-from vibroswarm.documents.cell_figures import columns_of
 from vibroswarm.league.tuning import Tuned
 from vibroswarm.show.document import Column, Document, Section, Table, Text
 from vibroswarm.show.numbers import count, span
 
 COLUMNS: Final = {
     "is_chosen": Column("chosen"),
-    "forced_error": Column("forced error", share=True, limits=("forced_error_low", "forced_error_high")),
-    "decision_time_s": Column(
-        "decision time", "s", decimals=0, limits=("decision_time_s_low", "decision_time_s_high")
-    ),
+    "forced_error": Column("forced error", share=True),
+    "decision_time_s": Column("decision time", "s", decimals=0),
     "settings": Column(prose=True),
 }
 
@@ -27,13 +24,12 @@ def tune_document(tuned: Tuned) -> Document:
     settings = pl.when(pl.col("settings") == "").then(pl.lit(unchanged)).otherwise("settings")
     table = tuned.table.with_columns(settings=settings)
     chosen = table.filter("is_chosen").drop("name", "is_chosen").sort("strategy", "forced_error")
-    shown = columns_of(COLUMNS, chosen.columns)
     return Document(
         title="Settings for a league",
         answer=tuple(_found(name, chosen.filter(strategy=name)) for name in tuned.settings),
         warnings=("The figures favour the settings that were lucky: play a league with another seed.",),
         parts=(
-            Table(chosen, shown, name="settings"),
+            Table(chosen, COLUMNS, name="settings"),
             Text(tuned.how, "aside"),
             Section(
                 "All settings of the last round",

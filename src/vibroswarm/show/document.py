@@ -82,7 +82,8 @@ class Column(NotebookView):
     sign: bool = False
     """Whether positive numbers have a plus sign."""
     limits: tuple[str, str] | None = None
-    """Names of the columns with the lower and the upper limit, which stand in brackets behind each number."""
+    """Names of the columns with the lower and the upper limit, which stand in brackets behind each number; by default
+    NAME_low and NAME_high, where the table has them and no format of theirs (``Table``)."""
     strip: bool = False
     """Whether pages also draw each number and its limits on a line, on one scale for the column."""
     wide: bool = False
@@ -98,9 +99,17 @@ class Column(NotebookView):
         return self.unit or ("%" if self.share else "")
 
 
+def limits_of(name: str) -> tuple[str, str]:
+    """Return the names of the columns with the limits of a figure, by which a table finds them."""
+    return f"{name}_low", f"{name}_high"
+
+
 @dataclass(frozen=True)
 class Table(NotebookView):
-    """A table. Columns without a format are written as ``Column()`` says; limits have no column of their own."""
+    """A table. Columns without a format are written as ``Column()`` says; limits have no column of their own.
+
+    Formats of columns that the frame does not have are dropped, so that one set of formats serves several tables.
+    """
 
     frame: Frame
     columns: Mapping[str, Column] = field(default_factory=dict)
@@ -115,7 +124,16 @@ class Table(NotebookView):
     """Whether a terminal leaves it out unless asked for everything."""
 
     def __post_init__(self) -> None:
-        """Refuse limits that the frame does not have, and names of rows beyond its columns."""
+        """Find limits by their names; refuse limits that the frame does not have, and names beyond its columns."""
+        there = set(self.frame.columns)
+        columns = {
+            name: replace(column, limits=limits_of(name))
+            if column.limits is None and set(limits_of(name)) <= there - set(self.columns)
+            else column
+            for name, column in self.columns.items()
+            if name in there
+        }
+        object.__setattr__(self, "columns", columns)
         limits = {name for column in self.columns.values() for name in column.limits or ()}
         if missing := limits - set(self.frame.columns):
             raise ValueError(f"columns of limits are missing: {', '.join(sorted(missing))}")
