@@ -188,6 +188,7 @@ BAD = {
     "--preset papr": ("preset", "did you mean 'paper'?"),
     "--strategy sof": ("--strategy", "did you mean 'soft'?"),
     "--robots many": ("--robots", "'many' is not a whole number"),
+    f"--seed {'9' * 400}": ("--seed", "is not a whole number"),
     "--robots 0": ("swarm.robots", "0 is wrong"),
     "--robots 901": ("swarm.robots", "at most 900"),
     "--robots -3": ("swarm.robots", "-3"),

@@ -256,6 +256,7 @@ BAD = {
     "evaluate one.toml --out newer": ("newer", "update vibroswarm"),
     "evaluate one.toml --out other": ("other", "holds another study", "seed is 9 there and 1 here"),
     "evaluate one.toml --out /proc/nobody": ("/proc/nobody", "cannot be made"),
+    "evaluate one.toml --out nul\0": ("nul", "embedded null byte"),
     "evaluate --runs 0": ("runs", "0 is wrong"),
     "evaluate --runs 5 --until 2%": ("--until", "not both"),
     "evaluate --until 2": ("until", "give one such as 2%"),

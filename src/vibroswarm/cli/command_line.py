@@ -254,9 +254,10 @@ def number(text: str, kind: type, low: float = -math.inf, high: float = math.inf
     """
     try:
         value = kind(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
+        is_number = math.isfinite(value)
+    except (ValueError, OverflowError):  # OverflowError: an integer of hundreds of digits
+        is_number = False
+    if not is_number:
         what = "a whole number" if kind is int else "a number"
         raise argparse.ArgumentTypeError(f"{shown(text)} is not {what}")
     if not low <= value <= high:
