@@ -256,7 +256,7 @@ def _map_table(outcome: Outcome, mapping: Sequence[int]) -> Table:
     rows = outcome.table.filter(pl.col("cell").is_in(mapping)).select(
         "name", "runs", *with_limits_of(MAPPED, outcome.table.columns)
     )
-    columns = {"name": Column("cell"), **figure_columns(rows.columns, ("runs",))}
+    columns = {"name": Column("cell"), **figure_columns(("runs",))}
     caption = (
         "Maps of the tiles that robots have at the end, mean over robots: Brier score (0.25: knows nothing), AUC (0.5: "
         "knows nothing), distance between the centres of gravity of map and truth. 95 % intervals over runs."
