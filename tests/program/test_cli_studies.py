@@ -206,7 +206,11 @@ def test_show_tells_what_is_there(study, tmp_path, capsys):
     ):
         assert words in told
     shard = next((out / "shards").glob("*.parquet"))
-    shard.write_bytes(shard.read_bytes()[:-7])
+    whole = shard.read_bytes()
+    shard.write_bytes(whole + b"more")
+    assert main(["show", str(out), "--json"]) == 0
+    assert "was added to" in json.loads(capsys.readouterr().out)["damaged"][0]
+    shard.write_bytes(whole[:-7])
     (out / "shards" / ".half.parquet").write_bytes(b"")
     assert main(["show", str(out), "--json"]) == 0
     about = json.loads(capsys.readouterr().out)

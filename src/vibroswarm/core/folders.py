@@ -178,8 +178,10 @@ def _check(path: Path, size: int, sha256: str) -> None:
     """Refuse a file that is missing, or has not the size and the content that its description gives."""
     if not path.is_file():
         raise InputError("is missing or not a plain file", field=str(path))
-    if path.stat().st_size != size:
-        raise InputError(f"is cut off: {path.stat().st_size} bytes of {size}", field=str(path))
+    found = path.stat().st_size
+    if found != size:
+        how = "is cut off" if found < size else "was added to"
+        raise InputError(f"{how}: {found} bytes of {size}", field=str(path))
     with path.open("rb") as stream:
         if hashlib.file_digest(stream, "sha256").hexdigest() != sha256:
             raise InputError("is not what was written", field=str(path))
