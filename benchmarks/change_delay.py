@@ -5,7 +5,7 @@
 Five robots, 10 x 10 tiles, inverted at 1200 s of 2400. A swarm has left the right side if at any time from 600 to
 1200 s its answer (on which all robots agreed last) is not the right one. Settings are chosen on one seed: of those that
 leave in at most 5 % of the runs, the one with the least mean delay. They are then simulated on another seed.
-docs/change.md has the numbers and what they mean.
+docs/figures/change.md has the numbers and what they mean.
 """
 
 from __future__ import annotations
