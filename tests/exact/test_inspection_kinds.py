@@ -12,7 +12,9 @@ import vibroswarm as v
 from vibroswarm.documents.inspection import inspection_document
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.inspection import Inspection
+from vibroswarm.inspection.kind_map import kind_map
 from vibroswarm.inspection.scan import Question
+from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.observation.energy_model import rates
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.show.terminal import print_document
@@ -60,9 +62,47 @@ def shown(found: Inspection) -> str:
     return text.getvalue()
 
 
+def test_with_two_kinds_the_map_of_kinds_is_that_of_tiles() -> None:
+    values = CONFUSION | {
+        "sensor.confusion.kinds": 2, "floor.source": "random:0.4", "localisation.method": "mixture",
+    }  # fmt: skip
+    samples = v.inspect(v.simulate(Scenario().with_values(values), 1, 1), bits=True).samples
+    times_s = [100.0, 300.0]
+    assert samples.column("spread_x_m").any()  # places are not exact
+    found = kind_map(samples, times_s)
+    assert found[..., 1] == pytest.approx(tile_map(samples, times_s), abs=1e-6)
+    assert found.sum(axis=-1) == pytest.approx(1.0)
+
+
+def test_three_kinds_at_estimated_places_are_weighed_against_each_other() -> None:
+    """Compared each with kind 0 alone, as if all other tiles were of kind 0, the log loss was 0.058."""
+    scenario = Scenario().with_values(CONFUSION | {"localisation.method": "mixture", "run.t_end_s": 600.0})
+    losses = []
+    for seed in range(3):
+        result = v.simulate(scenario, seed, 1)
+        found = v.inspect(result)
+        assert found.by_kind is not None
+        right = found.by_kind[np.arange(25), result.floor(0).tiles.ravel()]
+        losses.append(-np.log(np.maximum(right, 1e-12)).mean())
+    assert np.mean(losses) < 0.055
+
+
+def test_damage_is_any_kind_but_0() -> None:
+    question = Question(contrasts=(1.0,))
+    floors = {"intact": "random:1,0,0", "two motors": "random:0.8,0.12,0.08"}
+    p_values = {}
+    for name, floor in floors.items():
+        result = v.simulate(Scenario().with_values(CONFUSION | {"floor.source": floor}), 1, 1)
+        found = v.inspect(result, question=question, replicates=99)
+        assert found.assessment is not None
+        p_values[name] = found.assessment.scan.p_value
+    assert p_values["two motors"] <= 0.02
+    assert p_values["intact"] > 0.1
+
+
 def test_what_means_nothing_for_many_kinds_is_refused() -> None:
     result = v.simulate(Scenario().with_values(CONFUSION), 1, 1)
-    with pytest.raises(InputError, match="more than two kinds"):
+    with pytest.raises(InputError, match="classes have one contrast"):
         v.inspect(result, question=Question())
     with pytest.raises(InputError, match="3 kinds of tile, and the law 2"):
         v.inspect(result, laws="paper")

@@ -82,7 +82,7 @@ def assess(
     """
     question = question or Question()
     if bits and question.contrasts != (1.0,):
-        raise InputError("readings of 0 and 1 have one contrast; give 1", field="--contrasts")
+        raise InputError("readings of classes have one contrast; give 1", field="--contrasts")
     patches = declared(samples.size_m, sides_m)
     shares = shares_of(samples, patches)
     found = scan(samples, patches, shares, prior=question.prior, replicates=replicates, seed=seed, bits=bits)

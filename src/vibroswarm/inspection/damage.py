@@ -28,6 +28,7 @@ from vibroswarm.floors.patches import Patch, mixed, place_within
 from vibroswarm.inspection.samples import Floats, Law, Samples, ratios_of_values
 from vibroswarm.observation.energy_model import energy_of, readings_of
 from vibroswarm.scenario.fields import Sensor
+from vibroswarm.sensors.base import MOST_KINDS
 
 TILE_M: Final = 0.2
 """Side of the tiles that differ where there is no grid: that of the floors of the recordings."""
@@ -55,9 +56,12 @@ def tables_of(law: Law, bits: bool) -> Table:
     """Return the tables of a law; with ``bits`` the log ratios are those of the readings that values give."""
     # Denser at the ends of (0, 1), where quantiles change most.
     u = ndtr(np.linspace(-4.5, 4.5, POINTS))
-    still, vibrating = (energy_of(law.sensor, kind, u).astype(np.float64) for kind in (False, True))
+    still, vibrating = (energy_of(law.sensor, kind, u).astype(np.float64) for kind in (0, 1))
     low, high = min(still[0], vibrating[0]), max(still[-1], vibrating[-1])
     value = np.linspace(low - 0.5 * (high - low), high + (high - low), POINTS)
+    few = np.unique((still, vibrating))
+    if few.size <= MOST_KINDS:  # a sensor of classes: there is nothing between them
+        value = few
     read = readings_of(law.sensor, value).astype(np.float64) if bits else value
     return Table(u, still, vibrating, value, ratios_of_values(law, read, bits=bits))
 
@@ -82,7 +86,7 @@ def _drawn_quantiles(law: Law) -> list[tuple[Floats, Floats, Floats]]:
     """Return u, and the quantiles at u on still and on vibrating places, of each law in ``Law.draws``."""
     u = tables_of(law, False).u
     return [
-        (u, *(energy_of(drawn, kind, u).astype(np.float64) for kind in (False, True)))  # type: ignore[misc]
+        (u, *(energy_of(drawn, kind, u).astype(np.float64) for kind in (0, 1)))  # type: ignore[misc]
         for drawn in law.draws
     ]
 

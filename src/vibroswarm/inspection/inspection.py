@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import polars as pl
@@ -16,6 +16,7 @@ from vibroswarm.core.untrusted_files import check_plain
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.inspection.assessment import Assessment, assess, still_by_map
+from vibroswarm.inspection.kind_map import any_but_still, kind_map
 from vibroswarm.inspection.laws import (
     DRAWS,
     FittedLaw,
@@ -28,7 +29,7 @@ from vibroswarm.inspection.patches import SIZES_M
 from vibroswarm.inspection.samples import Floats, Samples, check_law
 from vibroswarm.inspection.scan import REPLICATES, Question
 from vibroswarm.inspection.sources import grid_of, samples_of_csv, samples_of_result
-from vibroswarm.inspection.tile_map import kind_map, tile_map
+from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.recordings.column_map import LARGEST_BYTES
 from vibroswarm.recordings.recording import Recording, read_result
 from vibroswarm.result import Result
@@ -143,7 +144,7 @@ def inspect(
     if samples.floor is None:
         return Inspection(samples, times_s, None, {}, assessment=assess(samples, question, **damage))  # type: ignore[arg-type]
     if samples.kinds is not None:
-        return _of_kinds(samples, times_s, question)
+        return _of_kinds(samples, times_s, question, damage)
     own = {
         robot: tile_map(samples.with_frame(samples.of(robot)), times_s)
         for robot in samples.robots
@@ -157,19 +158,22 @@ def inspect(
     return Inspection(samples, times_s, pooled, own, assessment=assessed)
 
 
-def _of_kinds(samples: Samples, times_s: Floats, question: Question | None) -> Inspection:
+def _of_kinds(
+    samples: Samples, times_s: Floats, question: Question | None, damage: Mapping[str, Any]
+) -> Inspection:
     """Return what samples of more than two kinds of tile say: the probability of each kind, and of any but kind 0."""
-    if question is not None:
-        raise InputError(
-            "is asked of still and vibrating places; these are more than two kinds", field="--damage"
-        )
     pooled = kind_map(samples, times_s)
     own = {
         robot: 1.0 - kind_map(samples.with_frame(samples.of(robot)), times_s)[..., 0]
         for robot in samples.robots
         if len(samples.robots) > 1
     }
-    return Inspection(samples, times_s, 1.0 - pooled[..., 0], own, by_kind=pooled[-1])
+    any_kind = 1.0 - pooled[..., 0]
+    if question is None:
+        return Inspection(samples, times_s, any_kind, own, by_kind=pooled[-1])
+    still = still_by_map(samples, any_kind[-1])
+    assessed = assess(any_but_still(samples), question, still=still, **{**damage, "bits": True})
+    return Inspection(samples, times_s, any_kind, own, by_kind=pooled[-1], assessment=assessed)
 
 
 def _samples_of(

@@ -22,12 +22,11 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import expit, logit, softmax
+from scipy.special import expit, logit
 
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.samples import Floats, Samples
-from vibroswarm.observation.energy_model import log_ratios_of_classes
 from vibroswarm.strategies.place_evidence import add_evidence
 from vibroswarm.strategies.place_map import share_place
 
@@ -37,7 +36,7 @@ CONVERGED: Final = 1e-6
 """Largest change of log odds in the last repetition."""
 
 
-class _Ground(NamedTuple):
+class Ground(NamedTuple):
     """The grid, under the names by which ``place_map`` reads what a robot knows of it."""
 
     robots: int
@@ -49,13 +48,13 @@ class _Ground(NamedTuple):
     bottom_m: float
 
 
-class _Reach(NamedTuple):
+class Reach(NamedTuple):
     """How far beyond its edges a tile is felt."""
 
     edge_reach_m: float
 
 
-class _Memory(NamedTuple):
+class Memory(NamedTuple):
     """A robot's arrays as ``place_evidence`` uses them: one map, one sender."""
 
     odds: Floats
@@ -69,7 +68,7 @@ class _Memory(NamedTuple):
     """(tiles,): room for the earlier evidence of a sample."""
 
 
-class _Taken(NamedTuple):
+class Taken(NamedTuple):
     """Where samples were taken and what they say, (samples,) each."""
 
     tile: NDArray[np.int64]
@@ -82,7 +81,7 @@ class _Taken(NamedTuple):
 
 
 @kernel
-def _count_touched(a: _Memory, p: _Reach, w: Any, taken: _Taken, first: NDArray[np.int64]) -> None:
+def count_touched(a: Memory, p: Reach, w: Any, taken: Taken, first: NDArray[np.int64]) -> None:
     """Write to ``first``, (samples + 1,), where the evidence of each sample begins: one number for each tile."""
     for s in range(taken.tile.size):
         first[s + 1] = first[s] + 1
@@ -94,7 +93,7 @@ def _count_touched(a: _Memory, p: _Reach, w: Any, taken: _Taken, first: NDArray[
 
 
 @inner
-def _renew(a: _Memory, p: _Reach, w: Any, taken: _Taken, s: int, first: int, sites: Floats) -> float:
+def _renew(a: Memory, p: Reach, w: Any, taken: Taken, s: int, first: int, sites: Floats) -> float:
     """Put the evidence of sample ``s``, given all others, in the place of its earlier evidence; return the change."""
     if taken.tile[s] >= 0:
         change: float = abs(taken.log_ratio[s] - sites[first])
@@ -125,10 +124,10 @@ def _renew(a: _Memory, p: _Reach, w: Any, taken: _Taken, s: int, first: int, sit
 
 @kernel
 def _propagate(
-    a: _Memory,
-    p: _Reach,
+    a: Memory,
+    p: Reach,
     w: Any,
-    taken: _Taken,
+    taken: Taken,
     first: NDArray[np.int64],
     ends: NDArray[np.int64],
     sites: Floats,
@@ -138,7 +137,7 @@ def _propagate(
     """Write the log odds of all tiles after each number of samples in ``ends`` to ``out``, (ends, tiles).
 
     Args:
-        a: memory, with the prior log odds in ``odds``. first: as ``_count_touched`` writes it.
+        a: memory, with the prior log odds in ``odds``. first: as ``count_touched`` writes it.
         sites: evidence of each sample on each tile that it touches, all 0 at first, changed.
     Returns: the largest change of evidence in the last sweep.
     """
@@ -167,38 +166,34 @@ def tile_map(samples: Samples, times_s: ArrayLike, *, prior: float = 0.5, sweeps
     return np.asarray(expit(_log_odds(samples, times_s, prior, sweeps)))
 
 
-def kind_map(samples: Samples, times_s: ArrayLike) -> Floats:
-    """Return the probability that each tile is of each kind, by each time, (times, tiles, kinds).
-
-    Each kind is compared with kind 0 by a map of its own. For exact places that is exact: the odds of a tile depend on
-    its own samples alone. All kinds have the same probability before any sample.
-
-    Args:
-        samples: with a grid, and with readings of classes as values. times_s: increasing.
-    """
-    value, sensor = samples.column("value"), samples.law.sensor
-    odds = [np.zeros((np.atleast_1d(times_s).size, _tiles(samples)))]
-    for kind in range(1, sensor.kinds):
-        ratios = log_ratios_of_classes(sensor, value, kind)
-        odds.append(_log_odds(samples.with_columns(log_ratio=ratios), times_s, 0.5, SWEEPS))
-    return np.asarray(softmax(np.stack(odds, axis=-1), axis=-1))
-
-
-def _tiles(samples: Samples) -> int:
-    return 0 if samples.floor is None else samples.floor.tiles.size
-
-
 def _log_odds(samples: Samples, times_s: ArrayLike, prior: float, sweeps: int) -> Floats:
     """Return the log odds of each tile of which ``tile_map`` returns the probabilities, (times, tiles)."""
+    memory, reach, ground, taken, ends = kernel_arguments(samples, times_s)
+    memory.odds[:] = logit(prior)
+    first = np.zeros(taken.tile.size + 1, dtype=np.int64)
+    count_touched(memory, reach, ground, taken, first)
+    out = np.empty((ends.size, memory.odds.size))
+    _propagate(memory, reach, ground, taken, first, ends, np.zeros(first[-1]), sweeps, out)
+    return out
+
+
+def kernel_arguments(
+    samples: Samples, times_s: ArrayLike
+) -> tuple[Memory, Reach, Ground, Taken, NDArray[np.int64]]:
+    """Return what kernels of maps need: empty memory, edges, the grid, the samples, and how many count by each time.
+
+    Raises:
+        InputError: there is no grid.
+    """
     if samples.floor is None:
         raise InputError(
             "a map of tiles needs a grid; give --tiles, or leave it to the raster", field="--tiles"
         )
     rows, columns, *position = samples.floor.geometry
-    ground, taken, reach = _Ground(1, int(rows), int(columns), *position), _taken(samples), _reach(samples)
+    ground, taken, reach = Ground(1, int(rows), int(columns), *position), _taken(samples), _reach(samples)
     tiles = ground.rows * ground.columns
-    memory = _Memory(
-        odds=np.full(tiles, logit(prior)),
+    memory = Memory(
+        odds=np.zeros(tiles),
         weight=np.ones(1),
         of_column=np.zeros(2 * ground.columns),
         of_row=np.zeros(2 * ground.rows),
@@ -208,18 +203,14 @@ def _log_odds(samples: Samples, times_s: ArrayLike, prior: float, sweeps: int) -
         before=np.zeros(tiles),
     )
     ends = np.searchsorted(samples.column("time_s"), np.atleast_1d(times_s), side="right").astype(np.int64)
-    first = np.zeros(taken.tile.size + 1, dtype=np.int64)
-    _count_touched(memory, reach, ground, taken, first)
-    out = np.empty((ends.size, tiles))
-    _propagate(memory, reach, ground, taken, first, ends, np.zeros(first[-1]), sweeps, out)
-    return out
+    return memory, reach, ground, taken, ends
 
 
-def _reach(samples: Samples) -> _Reach:
-    return _Reach(max(samples.law.sensor.edge_reach_m or 0.0, 0.0))
+def _reach(samples: Samples) -> Reach:
+    return Reach(max(samples.law.sensor.edge_reach_m or 0.0, 0.0))
 
 
-def _taken(samples: Samples) -> _Taken:
+def _taken(samples: Samples) -> Taken:
     """Return the samples as the kernels read them; the blur of edges is added to the spread of places."""
     assert samples.floor is not None
     x_m, y_m = samples.column("x_m"), samples.column("y_m")
@@ -227,4 +218,4 @@ def _taken(samples: Samples) -> _Taken:
     spread_x_m, spread_y_m = (np.hypot(samples.column(name), blur_m) for name in ("spread_x_m", "spread_y_m"))
     is_exact = (spread_x_m == 0.0) & (spread_y_m == 0.0) & (_reach(samples).edge_reach_m == 0.0)
     tile = np.where(is_exact, samples.floor.tile_at(x_m, y_m), -1).astype(np.int64)
-    return _Taken(tile, x_m, y_m, spread_x_m, spread_y_m, samples.column("log_ratio"))
+    return Taken(tile, x_m, y_m, spread_x_m, spread_y_m, samples.column("log_ratio"))
