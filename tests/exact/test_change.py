@@ -11,7 +11,7 @@ import numpy as np
 import polars as pl
 import pytest
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import ndimage, stats
 
 from vibroswarm import Scenario, preset, replay, simulate
 from vibroswarm.cli import main
@@ -64,6 +64,14 @@ CASES: dict[str, tuple[Scenario, list[tuple[float, float]]]] = {
     "0, 1/4, 1/2, 3/4: a patch grows": (
         on("00", "00", **{"change.at_s": [100, 200, 300], "change.to": ["00/01", "00/11", "01/11"]}),
         [(0, 0), (200, NAN), (300, 1)],
+    ),
+    "1/9, 5/9, 9/9: what vibrates grows": (
+        on("000", "010", "000", **{"change.at_s": [100, 200], "change.to": "grow"}),
+        [(0, 0), (100, 1)],
+    ),
+    "0, 1/4: a patch within one of four tiles": (
+        on("00", "00", **{"change.at_s": 7, "change.to": "patch:0.01", "decision.decision_boundary": 0.2}),
+        [(0, 0), (7, 1)],
     ),
     "1/4, 3/4, 1/4: there and back": (
         on("01", "00", **{"change.at_s": [10, 20], "change.to": ["10/11", "01/00"]}),
@@ -277,6 +285,32 @@ def test_runs_are_judged_by_the_floor_at_their_end() -> None:
     assert ended["truth"].to_list() == [0] * ended.height
 
 
+def test_patches_appear_where_they_are_drawn_and_grow_by_tiles() -> None:
+    scenario = preset("paper").with_values(
+        {
+            "floor.rows": 50,
+            "floor.columns": 50,
+            "floor.source": "random:0",
+            "change.at_s": [10, 20, 30],
+            "change.to": ["patch:disc0.3", "grow", "patch:0.2"],
+        }
+    )
+    places = set()
+    for run in range(20):
+        floor = scenario.floor_for(3, run)
+        disc, larger, both = (floor.at(time_s).tiles for time_s in (10, 20, 30))
+        assert disc.sum() == pytest.approx(np.pi * 7.5**2, rel=0.06)  # in tiles of 2 cm
+        around = ndimage.binary_dilation(disc)  # the four neighbours
+        np.testing.assert_array_equal(larger, around)
+        new = both.astype(bool) & ~larger.astype(bool)
+        assert new.sum() <= 121
+        np.testing.assert_array_equal(both >= larger, True)
+        places.add(tuple(np.argwhere(disc)[0]))
+        assert scenario.floor_for(3, run) == floor
+    assert len(places) > 15  # another place in each run
+    assert scenario.floors_differ
+
+
 # What is refused, in words, before any run.
 
 
@@ -290,6 +324,10 @@ def test_runs_are_judged_by_the_floor_at_their_end() -> None:
         ({"change.at_s": 10, "change.to": "inverted"}, "change.to", "did you mean 'invert'?"),
         ({"change.at_s": 10, "change.to": "diagonal:0.46"}, "change.to", "10x10 tiles, and the floor 5x5"),
         ({"change.at_s": 10, "change.to": "random:0.46"}, "change.to", "is 11.5 tiles"),
+        ({"change.at_s": 10, "change.to": "patch:2"}, "change.to", "is not within the floor"),
+        ({"change.at_s": 10, "change.to": "patch:0.1@0.5"}, "change.to", "has a contrast"),
+        ({"change.at_s": 10, "change.to": "patches"}, "change.to", "patches"),
+        ({"change.at_s": 10, "change.to": "field:2"}, "change", "for kinds of tile"),
         ({"change.at_s": 10, "change.to": "01/1"}, "change.to", "differ in length"),
         ({"change.at_s": 10, "change.to": "22222/" * 4 + "22222"}, "change.to", "kind 2, and the sensor"),
         ({"change.at_s": 0, "change.to": "invert"}, "change.at_s.0", "greater than 0"),

@@ -93,7 +93,7 @@ def test_without_segments_robots_go_straight_between_samples(result: Result) -> 
 def test_the_picture_of_the_floor_lies_as_the_floor(result: Result) -> None:
     """Each sample's tile, by the table, has the colour of its kind at the sample's place."""
     playback = Playback(result, 2)
-    picture, tiles = floor_picture(playback), playback.floor.tiles
+    picture, tiles = floor_picture(playback, 0.0), playback.floor.tiles
     joined = result.motion.join(result.observations, on=["run", "robot", "sample"]).filter(
         pl.col("tile") >= 0
     )
@@ -104,6 +104,25 @@ def test_the_picture_of_the_floor_lies_as_the_floor(result: Result) -> None:
         assert tuple(pixel) == (VIBRATING if kind else STILL)
         kinds.add(kind)
     assert kinds == {0, 1}
+
+
+def test_the_floor_is_drawn_as_it_is_at_the_time() -> None:
+    changing = preset("paper").with_values({**QUICK, "change.at_s": [10.0, 20.0], "change.to": "invert"})
+    server = Server(simulate(changing, 3, [0]), 0)
+    try:
+        server.playing.value = False
+        shown = []
+        for time_s in (0.0, 10.0, 19.0, 20.0, 5.0):
+            server.time.value = time_s
+            server.step(0.0)
+            shown.append(server.scene.floor_image.image.copy())
+        still, inverted = shown[0], shown[1]
+        assert not np.array_equal(still, inverted)
+        assert [np.array_equal(one, inverted) for one in shown] == [False, True, True, False, False]
+        assert np.array_equal(shown[3], still)
+        assert np.array_equal(shown[4], still)
+    finally:
+        server.stop()
 
 
 def test_robots_on_wheels_are_drawn_as_mujoco_has_them(result: Result) -> None:

@@ -47,6 +47,13 @@ NO_CHANGES: Final = Changes(np.empty(0), np.empty(0, dtype=np.int32), np.empty(0
 """A floor that stays as it is."""
 
 
+def grown(tiles: Tiles) -> Tiles:
+    """Return tiles of which those of kind 0 beside others become like the neighbour of the highest kind."""
+    padded = np.pad(tiles, 1)
+    beside = (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:])
+    return np.where(tiles == 0, np.maximum.reduce(beside), tiles).astype(np.uint8)
+
+
 def changes_between(start: Tiles, later: Sequence[tuple[float, Tiles]]) -> Changes:
     """Return the changes that turn a floor into other floors of the same size, one after the other.
 

@@ -151,12 +151,13 @@ def random_field(rows: int, columns: int, length: float, seed: int, run: int) ->
 
 
 def named_patches(
-    name: str, box_m: tuple[float, float, float, float], seed: int, run: int
+    name: str, box_m: tuple[float, float, float, float], seed: int, run: int, *, draw: int = 0
 ) -> tuple[Patch, ...]:
     """Return the patches of a floor by its name, at random places of (seed, run).
 
     Args:
-        box_m: left, bottom, right and top of the part of the floor that is in the arena.
+        box_m: left, bottom, right and top of the part of the floor that is in the arena. draw: number of the draw of
+            patches in a run: each has places of its own.
     Raises:
         InputError: the name is not one of these, a number is out of range, or the patches do not fit.
     """
@@ -179,7 +180,7 @@ def named_patches(
             raise InputError(f"'{name}' has more than {MOST_PATCHES} patches", field=_FIELD)
         for _ in range(int(number or 1)):
             patches.append(
-                _placed(name, patches, bool(disc), (width, height, contrast or "1"), box_m, seed, run)
+                _placed(name, patches, bool(disc), (width, height, contrast or "1"), box_m, seed, run, draw)
             )
     return tuple(patches)
 
@@ -192,17 +193,18 @@ def _placed(
     box_m: tuple[float, float, float, float],
     seed: int,
     run: int,
+    draw: int,
 ) -> Patch:
     """Return a patch at the first random place at which it overlaps none of the ``others``.
 
     Args:
         words: width, height (None: as the width) and contrast, as in the name.
     """
-    k = len(others)
+    k, first = len(others), draw * (TRIES + 1)
 
     def drawn(text: str, peer: int) -> float:
         low, high = ([float(part) for part in text.split("..")] * 2)[:2]
-        return low + (high - low) * uniform(seed, run, k, PATCH, 0, peer)
+        return low + (high - low) * uniform(seed, run, k, PATCH, first, peer)
 
     width = drawn(words[0], _OF_WIDTH)
     height = width if words[1] is None else drawn(words[1], _OF_HEIGHT)
@@ -217,8 +219,8 @@ def _placed(
             field=_FIELD,
         )
     for attempt in range(1, TRIES + 1):
-        x = place_within(uniform(seed, run, k, PATCH, attempt, _OF_X), width, left, right)
-        y = place_within(uniform(seed, run, k, PATCH, attempt, _OF_Y), height, bottom, top)
+        x = place_within(uniform(seed, run, k, PATCH, first + attempt, _OF_X), width, left, right)
+        y = place_within(uniform(seed, run, k, PATCH, first + attempt, _OF_Y), height, bottom, top)
         patch = Patch(x, y, width, height, contrast, is_disc)
         if not any(patch.overlaps(other) for other in others):
             return patch

@@ -7,6 +7,7 @@ docs/change.md says what a right answer is then.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Annotated, Final, Self
 
 import numpy as np
@@ -15,14 +16,17 @@ from pydantic import Field, field_validator, model_validator
 
 from vibroswarm.core.frozen_model import FrozenModel
 from vibroswarm.errors import InputError, nearest, shown
-from vibroswarm.floors.changes import Changes, changes_between, markov_changes, permuted
-from vibroswarm.floors.floor import DIGITS, as_tiles
-from vibroswarm.floors.source import SUM_TO_1, is_random, named_tiles
+from vibroswarm.floors.changes import Changes, changes_between, grown, markov_changes, permuted
+from vibroswarm.floors.floor import DIGITS, Floor, as_tiles
+from vibroswarm.floors.source import SUM_TO_1, is_random, is_redrawn, named_tiles
+from vibroswarm.floors.surfaces import PATCHES, kind_of_name, named_patches
 
 INVERT: Final = "invert"
 """What vibrates becomes still, and what is still vibrates."""
 REDRAW: Final = "redraw"
 """The same tiles, at random places."""
+GROW: Final = "grow"
+"""Still tiles beside others become like them."""
 MOST_CHANGES: Final = 1_000_000
 """Largest number of changes of tiles that is expected of a run."""
 
@@ -44,8 +48,9 @@ class Change(FrozenModel):
     """Times at which it changes, s, ascending: one, or a list. If this and ``rate_per_h`` are omitted, it does not."""
     to: Steps | None = None
     """What it becomes then, one for each time, or one for all: ``invert`` (vibrating tiles become still, still ones
-    vibrate), ``redraw`` (the same tiles at random places), another floor of the same size, such as ``diagonal:0.46`` or
-    ``random:0.6``, or its rows, such as ``0110/1001/1111``."""
+    vibrate), ``redraw`` (the same tiles at random places), ``patch:0.3`` (tiles below a patch of that side, at a random
+    place, vibrate; also discs and cracks), ``grow`` (still tiles beside vibrating ones vibrate), another floor of the
+    same size, such as ``diagonal:0.46`` or ``random:0.6``, or its rows, such as ``0110/1001/1111``."""
     rate_per_h: Annotated[float, Field(gt=0, le=1e5)] | None = None
     """How often an hour each tile is redrawn, at random times: a Markov chain for each tile."""
     shares: Shares | None = None
@@ -102,39 +107,44 @@ class Change(FrozenModel):
     @property
     def is_random(self) -> bool:
         """Whether runs on the same floor may differ in its changes."""
-        return self.rate_per_h is not None or any(to == REDRAW or is_random(to) for to in self.to or ())
+        return self.rate_per_h is not None or any(to == REDRAW or is_redrawn(to) for to in self.to or ())
 
     def steps(self) -> Iterator[tuple[float, str]]:
         """Yield each time (s), and what the floor becomes then; nothing if it does not change at given times."""
         times_s, to = self.at_s or (), self.to or ()
         yield from zip(times_s, to * len(times_s) if len(to) == 1 else to, strict=True)
 
-    def changes(self, tiles: NDArray[np.uint8], until_s: float, seed: int, run: int) -> Changes:
+    def changes(self, floor: Floor, until_s: float, seed: int, run: int) -> Changes:
         """Return the changes of a run's floor.
 
         Args:
-            tiles: those at time 0, (rows, columns). until_s: time up to which tiles are redrawn. seed, run: select
-                random changes.
+            floor: at time 0. until_s: time up to which tiles are redrawn. seed, run: select random changes.
         Raises:
             InputError: ``to`` names no floor, or one of another size.
         """
+        tiles = floor.tiles
         if self.rate_per_h is not None:
             shares = self.shares or (np.bincount(tiles.ravel()) / tiles.size).tolist()
             return markov_changes(tiles, self.rate_per_h, shares, until_s, seed, run)
         later: list[tuple[float, NDArray[np.uint8]]] = []
         before = tiles
         for number, (time_s, to) in enumerate(self.steps()):
-            before = _next(to, before, number, seed, run)
+            before = _next(to, replace(floor, tiles=before), number, seed, run)
             later.append((time_s, before))
         return changes_between(tiles, later)
 
 
-def _next(to: str, tiles: NDArray[np.uint8], number: int, seed: int, run: int) -> NDArray[np.uint8]:
-    """Return what tiles become at change ``number`` (from 0) of a run.
+def _next(to: str, floor: Floor, number: int, seed: int, run: int) -> NDArray[np.uint8]:
+    """Return what the tiles of a floor become at change ``number`` (from 0) of a run.
 
     Raises:
         InputError: ``to`` names no floor, a floor of another size, or inverts tiles of more than two kinds.
     """
+    tiles = floor.tiles
+    if to == GROW:
+        return grown(tiles)
+    if kind_of_name(to) == PATCHES:
+        return patched(to, floor, number, seed, run)
     if to == INVERT:
         if tiles.max() > 1:
             raise InputError(
@@ -154,6 +164,31 @@ def _next(to: str, tiles: NDArray[np.uint8], number: int, seed: int, run: int) -
     return permuted(found, number, seed, run) if is_random(to) else found
 
 
+def patched(name: str, floor: Floor, number: int, seed: int, run: int) -> NDArray[np.uint8]:
+    """Return the tiles of a floor with patches that appear at change ``number`` of a run.
+
+    Tiles vibrate whose middle is in a patch, and that below its middle.
+
+    Raises:
+        InputError: the name is no patch, the patches do not fit, or have a contrast below 1.
+    """
+    rows, columns, width_m, height_m, left_m, bottom_m = floor.geometry
+    box_m = (left_m, bottom_m, left_m + columns * width_m, bottom_m + rows * height_m)
+    try:
+        patches = named_patches(name, box_m, seed, run, draw=number + 1)
+    except InputError as error:
+        raise InputError(str(error).removeprefix(f"{error.field}: "), field="change.to") from None
+    if any(patch.contrast != 1.0 for patch in patches):
+        raise InputError(f"'{name}' has a contrast; tiles vibrate or do not", field="change.to")
+    x_m = (left_m + (np.arange(columns) + 0.5) * width_m)[None, :]
+    y_m = (bottom_m + (rows - np.arange(rows) - 0.5) * height_m)[:, None]
+    tiles = floor.tiles.copy()
+    for patch in patches:
+        tiles[patch.distance_m(x_m, y_m) <= 0.0] = 1
+        tiles.ravel()[floor.tile_at(np.array([patch.x_m]), np.array([patch.y_m]))] = 1
+    return tiles
+
+
 def _tiles_of(to: str, rows: int, columns: int, seed: int, run: int) -> NDArray[np.uint8]:
     """Return the tiles that ``to`` names or draws.
 
@@ -169,7 +204,7 @@ def _tiles_of(to: str, rows: int, columns: int, seed: int, run: int) -> NDArray[
         return named_tiles(to, rows, columns, seed, run)
     except InputError as error:
         reason = str(error).removeprefix(f"{error.field}: ")
-        raise InputError(f"{reason}{nearest(to, (INVERT, REDRAW))}", field="change.to") from None
+        raise InputError(f"{reason}{nearest(to, (INVERT, REDRAW, GROW))}", field="change.to") from None
 
 
 def change_words(change: Change) -> str:
@@ -181,7 +216,12 @@ def change_words(change: Change) -> str:
             else ", ".join(f"{s:.4g}" for s in change.shares)
         )
         return f"Each tile is redrawn {change.rate_per_h:g} times an hour on average (shares of kinds: {shares})."
-    words = {INVERT: "it is inverted", REDRAW: "its tiles move to random places"}
+    words = {
+        INVERT: "it is inverted",
+        REDRAW: "its tiles move to random places",
+        GROW: "what vibrates grows by a tile",
+        **{to: f"{to} appears" for to in change.to or () if kind_of_name(to) == PATCHES},
+    }
     steps = [f"{words.get(to, f'it becomes {to}')} at {time_s:g} s" for time_s, to in change.steps()]
     return f"The floor changes: {', '.join(steps)}." if steps else ""
 

@@ -13,7 +13,7 @@ from vibroswarm import networks, sensors, strategies, tasks
 from vibroswarm.core.user_code import errors_in
 from vibroswarm.errors import InputError
 from vibroswarm.floors.source import is_random, random_shares, shadows
-from vibroswarm.floors.surfaces import kind_of_name
+from vibroswarm.floors.surfaces import VALUES, kind_of_name
 from vibroswarm.scenario.change_fields import MOST_CHANGES
 from vibroswarm.scenario.fault_fields import check_faults
 from vibroswarm.scenario.fields import Sections
@@ -431,14 +431,16 @@ def _check_floor(s: Sections) -> None:
 
 def _check_change(s: Sections) -> None:
     """Refuse changes to what is no floor of this size or of the sensor's kinds, and more than memory holds."""
-    change, tiles = (
-        s.change,
-        s.floor.tiles_for(0, 0)[0],
-    )  # seed 0, run 0: sizes and kinds are those of all runs
-    if change.is_given and (s.floor.has_surface or any(kind_of_name(to) for _, to in change.steps())):
+    change = s.change
+    if not change.is_given:
+        return
+    if s.floor.has_surface or any(kind_of_name(to) in VALUES for _, to in change.steps()):
         raise InputError(
-            "is defined for kinds of tile, and not for patches and values; leave it out", field="change"
+            "is defined for kinds of tile, and not for floors of patches and values; leave it out",
+            field="change",
         )
+    floor = s.floor.placed_in(s.arena, 0, 0)  # seed 0, run 0: sizes and kinds are those of all runs
+    tiles = floor.tiles
     if change.rate_per_h is not None:
         expected = tiles.size * change.rate_per_h * s.run.t_end_s / 3600.0
         if expected > MOST_CHANGES:
@@ -451,8 +453,8 @@ def _check_change(s: Sections) -> None:
                 f"has shares of {len(change.shares)} kinds, and the sensor '{s.sensor.model}' knows {s.sensor.kinds}",
                 field="change.shares",
             )
-    elif change.is_given:
-        kinds = change.changes(tiles, math.inf, 0, 0).kind
+    else:
+        kinds = change.changes(floor, math.inf, 0, 0).kind
         if kinds.size and kinds.max() >= s.sensor.kinds:
             raise InputError(
                 f"makes tiles of kind {kinds.max()}, and the sensor '{s.sensor.model}' knows {s.sensor.kinds} kinds, "

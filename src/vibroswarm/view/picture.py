@@ -65,7 +65,7 @@ def write_picture(result: Result, run: int, path: Path, time_s: float | None = N
     at_s = playback.end_s if time_s is None else time_s
     if not 0.0 <= at_s <= playback.end_s:
         raise InputError(f"{at_s:g} is not from 0 to {playback.end_s:g} s", field="--at")
-    pixels, way = _drawn(scene_xml(playback, at_s), floor_picture(playback))
+    pixels, way = _drawn(scene_xml(playback, at_s), floor_picture(playback, at_s))
     encoded = io.BytesIO()
     Image.fromarray(pixels).save(encoded, "png")
     with whole_file(path) as part:

@@ -196,9 +196,9 @@ def words_of(belief: float, decision: int) -> str:
     return f"p {belief:.2f} decided {'less' if decision == 0 else 'more'}"
 
 
-def floor_picture(playback: Playback) -> NDArray[np.uint8]:
-    """Return the floor of the arena as RGB pixels, top row first, (rows, columns, 3); white off all tiles."""
-    arena, floor = playback.result.scenario.arena, playback.floor
+def floor_picture(playback: Playback, time_s: float) -> NDArray[np.uint8]:
+    """Return the floor of the arena at a time as RGB pixels, top row first, (rows, columns, 3); white off all tiles."""
+    arena, floor = playback.result.scenario.arena, playback.floor.at(time_s)
     pixel_m = max(arena.width_m, arena.height_m) / PIXELS
     # Coordinates of the middles of pixels, and the tile that each lies on.
     x = (np.arange(max(round(arena.width_m / pixel_m), 1)) + 0.5) * pixel_m
@@ -211,7 +211,7 @@ def floor_picture(playback: Playback) -> NDArray[np.uint8]:
     inside = ((row >= 0) & (row < rows))[:, None] & ((column >= 0) & (column < columns))[None, :]
     # Pixels off all tiles get some tile here, and become white below.
     tile = floor.tiles[np.clip(row, 0, rows - 1)[:, None], np.clip(column, 0, columns - 1)[None, :]]
-    picture = np.where(tile[..., None] == 1, np.array(VIBRATING), np.array(STILL)).astype(np.uint8)
+    picture = np.where(tile[..., None] > 0, np.array(VIBRATING), np.array(STILL)).astype(np.uint8)
     picture[~inside] = 255
     return picture
 
@@ -231,8 +231,8 @@ class Scene:
         api.configure_environment_map(None)  # no surroundings, only the ambient light of the next line
         api.add_light_ambient("/light", intensity=1.2)
         # viser draws an image with its first row at low y; half a turn about the x axis puts it at high y.
-        api.add_image(
-            "/floor", np.ascontiguousarray(floor_picture(playback)), width_m, height_m, format="png",
+        self.floor_image = api.add_image(
+            "/floor", np.ascontiguousarray(floor_picture(playback, 0.0)), width_m, height_m, format="png",
             position=(width_m / 2, height_m / 2, 0.0), wxyz=(0.0, 1.0, 0.0, 0.0), receive_shadow=False,
         )  # fmt: skip
         thick_m = 0.005
@@ -261,6 +261,7 @@ class Scene:
             )  # fmt: skip
         # Samples are shown in chunks of ``CHUNK``. By index of a chunk: its cloud of points, and the number of samples
         # that the cloud shows.
+        self.stage = 0  # number of changes of the floor that are shown
         self.clouds: dict[int, Any] = {}
         self.shown: dict[int, int] = {}
         # By robot: the pose and the text that are shown.
@@ -277,6 +278,10 @@ class Scene:
         """Show the state of the run at a time, s; only what differs from the state shown is sent to the browser."""
         for robot in range(self.playback.robots):
             self._place(robot, time_s)
+        stage = int(np.searchsorted(self.playback.floor.changes.times_s, time_s, side="right"))
+        if stage != self.stage:
+            self.stage = stage
+            self.floor_image.image = np.ascontiguousarray(floor_picture(self.playback, time_s))
         self._show_samples(self.playback.samples_by(time_s))
 
     def _place(self, robot: int, time_s: float) -> None:
