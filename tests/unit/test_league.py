@@ -480,6 +480,29 @@ def test_what_guesses_plays_only_when_named(capsys: pytest.CaptureFixture[str]) 
     assert "Left out" not in said
 
 
+def test_a_league_of_shares_chooses_a_sensor_and_a_task_and_says_so(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    from vibroswarm.cli.league import Players, players_of
+
+    shares = (0.4, 0.3, 0.2, 0.1)
+    _, base, _, _ = players_of(Players(shares=shares))
+    assert (base.sensor.model, base.sensor.kinds, base.task.name) == ("confusion", 4, "majority")
+    said = capsys.readouterr().err
+    assert "with --set sensor.model=confusion --set sensor.confusion.kinds=4 --task majority." in said
+    own = (
+        "sensor.model=confusion",
+        "sensor.confusion.kinds=4",
+        "sensor.confusion.accuracy=0.7",
+        "task.name=majority",
+    )
+    _, base, _, _ = players_of(Players(shares=shares, settings=own))
+    assert base.sensor.params.accuracy == 0.7  # type: ignore[attr-defined]
+    assert capsys.readouterr().err == ""
+    with pytest.raises(InputError, match="knows 3 kinds"):
+        players_of(Players(shares=shares, settings=("sensor.model=confusion",)))
+
+
 def test_a_league_of_three_kinds_gives_each_kind_each_share() -> None:
     from vibroswarm.league.best import GUESS, guess_level
     from vibroswarm.league.entries import floors_of_kinds

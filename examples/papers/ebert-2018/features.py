@@ -1,6 +1,6 @@
 """Three binary features of each tile, one of which a robot reads at a time: Ebert, Gauci and Nagpal (AAMAS 2018).
 
-Bit f of a tile's kind says whether feature f is there. A robot counts readings of each feature, own and heard, and locks
+Bit f of a tile's kind says whether it has feature f. A robot counts readings of each feature, own and heard, and locks
 the decision on a feature once it is sure of it; then it may go on to another.
 """
 

@@ -6,6 +6,7 @@ wrong robots, where an undecided robot counts as if it had decided for the answe
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -122,7 +123,7 @@ def league(
       vibroswarm league --strategy none,soft --vary none:decision.credible_threshold=0.8,0.9,0.95 --out out/league
       vibroswarm league --strategy soft,totals,mine.py:mine --settings frozen.toml --robots 5,10,20
       vibroswarm league --own-motion --runs 300 --out out/own-motion
-      vibroswarm league --shares 0.4,0.36,0.24 --set sensor.model=confusion --task majority
+      vibroswarm league --shares 0.4,0.36,0.24
     """
     from vibroswarm.cli.deliver import deliver
     from vibroswarm.cli.out_folder import claim
@@ -275,6 +276,7 @@ def _players_of_kinds(
     if players.patterns or players.fills:
         raise InputError("conflicts with --patterns and --fills; use one of them", field="--shares")
     floors = floors_of_kinds(shares)
+    players = _with_kinds(players, len(shares))
     names = [chosen("strategy", name) for name in players.strategy or default_strategies(len(shares))]
     tiles = f"{SIZE['floor.rows']}x{SIZE['floor.columns']}"
     base = scenario_from(
@@ -287,6 +289,25 @@ def _players_of_kinds(
             field="--shares",
         )
     return names, base, floors, players.robots or (5, 10)
+
+
+def _with_kinds(players: Players, kinds: int) -> Players:
+    """Return players with a sensor of as many kinds, and a task, where their options name none; print a note of it."""
+    named = {setting.partition("=")[0].strip() for setting in players.settings}
+    has_base = players.preset is not None or players.scenario is not None
+    settings, notes = list(players.settings), []
+    if not has_base and players.energies is None and not any(name.startswith("sensor.") for name in named):
+        settings += ["sensor.model=confusion", f"sensor.confusion.kinds={kinds}"]
+        notes.append(f"--set sensor.model=confusion --set sensor.confusion.kinds={kinds}")
+    task = players.task
+    if not has_base and task is None and "task.name" not in named:
+        task = "majority"
+        notes.append("--task majority")
+    if notes:
+        print(
+            f"--shares without a sensor or a task of {kinds} kinds: with {' '.join(notes)}.", file=sys.stderr
+        )
+    return replace(players, settings=settings, task=task)
 
 
 def _varied(entries: tuple[Entry, ...], text: str) -> tuple[Entry, ...]:
