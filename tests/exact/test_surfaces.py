@@ -236,6 +236,9 @@ def test_gradients_and_hills_are_as_their_formula() -> None:
     ("values", "words"),
     [
         ({"floor.source": "patch:1.5"}, "is not within the floor of 1 m x 1 m"),
+        ({"floor.source": "patch:0.05..1.5"}, "1.5 m x 1.5 m, is not within the floor"),
+        ({"floor.source": "patch:0.0..0.2"}, "0 m x 0 m, is not within the floor"),
+        ({"floor.source": "patch:0.1@0.5..1.5"}, "is 1.5; give one from 0 to 1"),
         ({"floor.source": "patch:0"}, None),
         ({"floor.source": "patch:0.1@1.5"}, "give one from 0 to 1"),
         ({"floor.source": "patch:disc0.1x0.2"}, "a disc has one diameter"),
@@ -309,7 +312,8 @@ def test_the_mean_is_asked_of_values_and_the_share_of_kinds() -> None:
 def test_floors_of_patches_and_values_do_not_change() -> None:
     for values in (
         {"floor.source": "field:2", "change.at_s": [100.0], "change.to": ["invert"]},
-        {"floor.source": "random:0.48", "change.at_s": [100.0], "change.to": ["patch:0.1"]},
+        {"floor.source": "random:0.48", "change.at_s": [100.0], "change.to": ["field:2"]},
+        {"floor.source": "patch:0.1", "change.at_s": [100.0], "change.to": ["grow"]},
     ):
         with pytest.raises(InputError, match="defined for kinds of tile"):
             PAPER.with_values(values)

@@ -202,22 +202,16 @@ def _placed(
     """
     k, first = len(others), draw * (TRIES + 1)
 
+    _check_sizes(name, words, box_m)  # of all that may be drawn, so that no later run is refused
+
     def drawn(text: str, peer: int) -> float:
-        low, high = ([float(part) for part in text.split("..")] * 2)[:2]
+        low, high = _ends(text)
         return low + (high - low) * uniform(seed, run, k, PATCH, first, peer)
 
     width = drawn(words[0], _OF_WIDTH)
     height = width if words[1] is None else drawn(words[1], _OF_HEIGHT)
     contrast = round(drawn(words[2], _OF_CONTRAST) * STEPS) / STEPS
     left, bottom, right, top = box_m
-    if not 0.0 <= contrast <= 1.0:
-        raise InputError(f"a contrast of '{name}' is {contrast:g}; give one from 0 to 1", field=_FIELD)
-    if not (0.0 < width <= right - left and 0.0 < height <= top - bottom):
-        raise InputError(
-            f"a patch of '{name}', {width:.4g} m x {height:.4g} m, is not within the floor of {right - left:.4g} m x "
-            f"{top - bottom:.4g} m",
-            field=_FIELD,
-        )
     for attempt in range(1, TRIES + 1):
         x = place_within(uniform(seed, run, k, PATCH, first + attempt, _OF_X), width, left, right)
         y = place_within(uniform(seed, run, k, PATCH, first + attempt, _OF_Y), height, bottom, top)
@@ -225,6 +219,30 @@ def _placed(
         if not any(patch.overlaps(other) for other in others):
             return patch
     raise InputError(f"the patches of '{name}' do not fit side by side", field=_FIELD)
+
+
+def _ends(text: str) -> tuple[float, float]:
+    """Return both ends of a range of numbers, or a single number twice."""
+    low, _, high = text.partition("..")
+    return float(low), float(high or low)
+
+
+def _check_sizes(
+    name: str, words: tuple[str, str | None, str], box_m: tuple[float, float, float, float]
+) -> None:
+    """Refuse patches of which one that may be drawn has no size, is larger than the floor, or of a wrong contrast."""
+    widths, heights, contrasts = _ends(words[0]), _ends(words[1] or words[0]), _ends(words[2])
+    left, bottom, right, top = box_m
+    for contrast in contrasts:
+        if not 0.0 <= contrast <= 1.0:
+            raise InputError(f"a contrast of '{name}' is {contrast:g}; give one from 0 to 1", field=_FIELD)
+    for width, height in zip(widths, heights, strict=True):
+        if not (0.0 < width <= right - left and 0.0 < height <= top - bottom):
+            raise InputError(
+                f"a patch of '{name}', {width:.4g} m x {height:.4g} m, is not within the floor of {right - left:.4g} m "
+                f"x {top - bottom:.4g} m",
+                field=_FIELD,
+            )
 
 
 def _parts(text: str, separator: str, count: int, name: str, example: str) -> list[float]:
