@@ -48,7 +48,7 @@ from vibroswarm.run_page.write import record_of
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.simulation import replay, simulate
 
-ANSWER_S = 20.0
+ANSWER_S = 60.0
 MEMORY = 6 * 2**30
 TILES = ("01010", "10010", "10101", "01101", "10010")
 STUDY = """
@@ -240,8 +240,10 @@ READERS: dict[str, list[tuple[str, Line | Callable[[Path], None]]]] = {
     "scenario.toml": [("scenario", lambda base, it: ["scenario", "--scenario", it]),
                       ("run", lambda base, it: ["run", "--scenario", it, "--set", "run.t_end_s=60"])],
     "study.toml": [("evaluate", lambda base, it: ["evaluate", it, "--no-pictures", "--no-confirm"])],
-    "search.toml": [("optimize", lambda base, it: ["optimize", it, "--method", "random", "--no-pictures"])],
-    "grid.toml": [("optimize", lambda base, it: ["optimize", it, "--method", "grid", "--fresh", "3"])],
+    "search.toml": [("optimize", lambda base, it: ["optimize", it, "--method", "random", "--budget", "24",
+                                                   "--fresh", "4", "--no-pictures"])],
+    "grid.toml": [("optimize", lambda base, it: ["optimize", it, "--method", "grid", "--runs", "2",
+                                                 "--fresh", "3", "--no-pictures"])],
     "floor.txt": [("floors", lambda base, it: ["scenario", "--floor", it])],
     "energies.csv": [("scenario", lambda base, it: ["scenario", "--energies", it])],
     "log-1.csv": [("lab import", lambda base, it: ["lab", "import", it, "--floor", base / "floor.txt",
@@ -557,6 +559,8 @@ def _read(command: str, read: Any, base: Path, it: Path) -> tuple[str, str]:
     if code == 0:
         return "accepted", ""
     said = last[-1] if last else ""
+    if command == "verify" and code == 1 and "NOT VERIFIED" in out.getvalue():
+        return "refused", "runs differ"
     if code in (1, 2) and said.startswith("vibroswarm: error: ") and "Traceback" not in told.getvalue():
         return ("raw", "out of memory") if "out of memory" in said else ("refused", said)
     return "raw", f"exit code {code}: {said}"

@@ -40,6 +40,8 @@ from vibroswarm.study.study_result import StudyResult
 
 ROUND = 4
 """Kills before a command is let finish."""
+STARTS_S = 1.0
+"""Time in which Python and the package are loaded, on a machine that does much else."""
 LONGEST_S = 600.0
 """What takes longer hangs."""
 ROOT = Path(__file__).parents[1]
@@ -177,7 +179,9 @@ def kill_once(words: Sequence[str], out: Path, takes_s: float, dice: random.Rand
               sessions: set[int], stop: signal.Signals) -> None:  # fmt: skip
     """Begin, and kill at some moment: of the whole time, or just after something was written."""
     process, before = begun(words, sessions), entries(out)
-    until_s = time.monotonic() + dice.random() * takes_s
+    # Python itself answers Ctrl-C with a traceback before the program has begun.
+    least_s = STARTS_S if stop == signal.SIGINT else 0.0
+    until_s = time.monotonic() + least_s + dice.random() * max(takes_s - least_s, 0.0)
     on_change = dice.random() < 0.7
     while process.poll() is None and (on_change or time.monotonic() < until_s):
         if on_change and time.monotonic() > until_s and entries(out) != before:
