@@ -199,20 +199,19 @@ def _tables_of(
     from vibroswarm.league.fault_curves import KINDS, fault_curves
     from vibroswarm.league.tables import league_tables
 
-    how: dict[str, Any] = {"workers": execution.workers, "executor": execution.executor}
     tables = league_tables(standings, reference)
     if tests.belief_runs:
         folder = None if out is None else out / BELIEFS
         with study_progress("comparing beliefs") as progress:
             tables["beliefs"] = belief_calibration(
-                basic, folder, runs=tests.belief_runs, progress=progress, **how
+                basic, folder, runs=tests.belief_runs, progress=progress, **execution.where
             )
     if tests.fault_runs:
         folder = None if out is None else out / FAULTS_FOLDER
         kinds = tests.faults or KINDS
         with study_progress("with faulty robots") as progress:
             tables["faults"] = fault_curves(
-                basic, folder, kinds=kinds, runs=tests.fault_runs, progress=progress, **how
+                basic, folder, kinds=kinds, runs=tests.fault_runs, progress=progress, **execution.where
             )
     return tables
 
@@ -394,8 +393,7 @@ def tune(
             seed=scenario.seed,
             progress=progress,
             folder=runs_folder,
-            workers=execution.workers,
-            executor=execution.executor,
+            **execution.where,
         )
         if file is not None:
             file.write_text(tuned.to_toml(), encoding="utf-8", newline="\n")

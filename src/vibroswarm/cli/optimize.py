@@ -127,11 +127,6 @@ def _counting(what: str, runs: int) -> Iterator[Callable[[int], None]]:
         yield lambda done: progress(StudyProgress(done=done, wanted=runs, failed=0))
 
 
-def _where(execution: Execution) -> dict[str, Any]:
-    """Return workers and executor as keyword arguments of functions that simulate."""
-    return {"executor": execution.executor, "workers": execution.workers}
-
-
 def _search(search: Search, execution: Execution, output: Drawn) -> None:
     """Run a search, score its winner or its Pareto front on fresh runs, print and save the result."""
     from vibroswarm.cli.deliver import deliver
@@ -169,10 +164,10 @@ def _validated(found: Found, execution: Execution, out: Path | None) -> tuple[Tr
     search, truth, front = found.search, None, None
     if found.front:  # never with one objective
         with _counting("scoring on fresh runs", fresh_runs(found) * len(found.front)) as counted:
-            front = front_of(found, folder=out, progress=counted, **_where(execution))
+            front = front_of(found, folder=out, progress=counted, **execution.where)
     if len(search.objectives) == 1:  # the winner, and each start of the search for comparison
         with _counting("scoring on fresh runs", search.settings.fresh * (1 + len(search.starts))) as counted:
-            truth = truth_of(found, folder=out, progress=counted, **_where(execution))
+            truth = truth_of(found, folder=out, progress=counted, **execution.where)
     return truth, front
 
 
@@ -210,7 +205,7 @@ def _grid(file: Path | None, options: SearchOptions, execution: Execution, outpu
         result = run_study(study, output.out, progress=progress, **execution.how)
     nodes = scores_of(Grid(study, objective), result)
     with study_progress("scoring on fresh runs") as progress:
-        truth = truth_of_grid(nodes, fresh, progress=progress, **_where(execution))
+        truth = truth_of_grid(nodes, fresh, progress=progress, **execution.where)
     versions = []
     if output.out is not None:
         write_grid(nodes, output.out)
@@ -247,7 +242,7 @@ def sensitivity(
     claim(output, lambda folder: refuse_other(folder, "optimize sensitivity", work))
     _start(made)
     with _counting("simulating", budget) as counted:
-        indices = sobol_indices(made, budget, progress=counted, **_where(execution))
+        indices = sobol_indices(made, budget, progress=counted, **execution.where)
     if output.out is not None:
         write_sensitivity(indices, output.out)
     deliver(sensitivity_document(indices), output, "optimize sensitivity", work)
@@ -295,6 +290,6 @@ def compare(
             cases=[cell.point for cell in made.cases],
             motion=made.study.motion,
             progress=counted,
-            **_where(execution),
+            **execution.where,
         )
     print_document(checked_document(comparison), as_json=json)

@@ -272,9 +272,14 @@ class Execution:
     mixed: Annotated[bool, Option("resume results of other versions; the report says so")] = False
 
     @property
+    def where(self) -> dict[str, Any]:
+        """Executor and workers as keyword arguments of functions that simulate."""
+        return {"executor": self.executor, "workers": self.workers}
+
+    @property
     def how(self) -> dict[str, Any]:
         """The options as keyword arguments of functions that run a study."""
-        return {"executor": self.executor, "workers": self.workers, "mixed": self.mixed}
+        return {**self.where, "mixed": self.mixed}
 
 
 @dataclass(kw_only=True)
