@@ -11,7 +11,9 @@ from scipy.special import ndtr
 from helpers.inspections import drawn_samples
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.damage import (
+    CRACK_M,
     contrast_ratios,
+    drawn_patches,
     drawn_values,
     patch_of,
     random_places,
@@ -30,7 +32,7 @@ from vibroswarm.inspection.patches import (
     told_risk,
 )
 from vibroswarm.inspection.samples import Law, ratios_of_values
-from vibroswarm.inspection.scan import Question, risk_of, stopping
+from vibroswarm.inspection.scan import Question, intact_statistics, risk_of, scan, stopping
 from vibroswarm.observation.energy_model import energy_of
 from vibroswarm.scenario.scenario import preset
 
@@ -172,3 +174,55 @@ def test_surfaces_are_drawn_from_the_error_of_the_law() -> None:
     means = np.array([0.5, 1.0, 2.0]) * sensor.still_scale * sensor.still_shape + sensor.still_location
     assert spreads[0] < 0.05
     assert spreads[1] == pytest.approx(means.std(), rel=0.05)
+
+
+def test_cracks_lie_along_both_axes_within_the_surface() -> None:
+    patch = drawn_patches(np.random.default_rng(2), np.full(2000, 0.3), (1.0, 0.5), 0.5, "crack")
+    upright = patch.height_m == 0.3
+    assert 0.45 < upright.mean() < 0.55
+    assert (np.where(upright, patch.width_m, patch.height_m) == CRACK_M).all()
+    assert np.abs(patch.x_m - 0.5).max() <= 0.5 * (1.0 - CRACK_M)
+    assert np.abs(patch.y_m[upright] - 0.25).max() <= 0.1
+    assert patch.area_m2 == pytest.approx(0.3 * CRACK_M)
+
+
+def test_false_calls_of_repeated_looks_are_those_of_their_own_threshold() -> None:
+    samples = replace(drawn_samples(5, count=240, spread_m=0.0), law=LAW)
+    patches = declared(samples.size_m, SIDES_M)
+    shares = shares_of(samples, patches)
+    once, often = (
+        np.quantile(intact_statistics(samples, patches, shares, 1000, 1, looks=looks), 0.95)
+        for looks in (1, 8)
+    )
+    fresh = intact_statistics(samples, patches, shares, 1000, 2, looks=8)
+    assert 0.03 < (fresh >= often).mean() < 0.07
+    assert (fresh >= once).mean() > 0.09  # the control: the threshold of one look
+    found = scan(samples, patches, shares, replicates=99, looks=8)
+    assert found.looks == 8
+    assert found.called_s is None or found.called_s <= samples.column("time_s").max()
+
+
+def test_a_threshold_from_the_plates_that_are_judged_says_nothing_of_others() -> None:
+    """The control: on the same 20 plates false calls are 5 % whatever they are, on fresh ones more."""
+    samples = replace(drawn_samples(6, count=120, spread_m=0.0), law=LAW)
+    patches = declared(samples.size_m, SIDES_M)
+    plates = intact_statistics(samples, patches, shares_of(samples, patches), 4000, 3).reshape(100, 40)
+    own, fresh = plates[:, :20], plates[:, 20:]
+    critical = np.quantile(own, 0.95, axis=1)[:, None]
+    assert np.unique((own >= critical).mean(axis=1)) == pytest.approx([0.05])
+    assert (fresh >= critical).mean() > 0.06
+
+
+def test_robots_that_lose_messages_stop_later_than_a_centre() -> None:
+    samples = replace(drawn_samples(7, count=400, spread_m=0.0), law=LAW)
+    samples = samples.with_columns(value=np.full(400, 0.4), log_ratio=np.full(400, -1.0))  # intact
+    patches = declared(samples.size_m, SIDES_M)
+    shares = shares_of(samples, patches)
+    all_heard, some, none = (
+        stopping(samples, patches, shares, Question(least_m=0.2, contrasts=(1.0,), loss=loss), drawn=20)
+        for loss in (0.0, 0.5, 1.0)
+    )
+    assert all_heard.robots_s == all_heard.cleared_s == some.cleared_s
+    assert some.robots_s is not None
+    assert some.robots_s > some.cleared_s
+    assert none.robots_s is None or none.robots_s > some.robots_s

@@ -77,3 +77,20 @@ def test_too_few_inspections_are_refused() -> None:
         fit_pod(np.repeat(SIDES_M[:2], 20), np.zeros(40), 0, 2000)
     with pytest.raises(InputError, match="intact"):
         fit_pod(np.repeat(SIDES_M, 20), np.zeros(200), 0, 0)
+
+
+def test_places_that_are_not_visited_are_an_asymptote_below_one() -> None:
+    random = np.random.default_rng(9)
+    size_m = np.repeat(SIDES_M, 100)
+    found = random.random(size_m.size) < FALSE + (0.8 - FALSE) * expit(-6.0 + 80.0 * size_m)
+    trials = Trials(size_m, found.astype(float), 200, 2000)
+    fit = trials.fit(asymptote=True)
+    assert fit.top == pytest.approx(0.8, abs=0.03)
+    assert np.isnan(fit.a90_m)
+    assert np.isnan(fit.a90_95_m)
+    assert fit.a50_m == pytest.approx((logit(0.4 / 0.7) + 6.0) / 80.0, rel=0.06)
+    # The control: a curve that must end at 1 promises what no size reaches.
+    assert trials.fit().at(0.3) > 0.9
+    # Where all places are visited, the asymptote is not taken, or is 1 as nearly as can be told.
+    whole = drawn(2, 200)
+    assert whole.fit(asymptote=True).a90_m == pytest.approx(whole.fit().a90_m, rel=0.05)

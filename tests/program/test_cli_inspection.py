@@ -186,3 +186,50 @@ def test_questions_that_make_no_sense_are_refused(capsys: pytest.CaptureFixture[
     assert "as large as the smallest" in error_of(capsys, *given, "--least-cm", "50", "--replicates", "19")
     assert "--contrasts" in error_of(capsys, *given, "--contrasts", "2")
     assert "--risk" in error_of(capsys, *given, "--risk", "0%")
+
+
+def test_shapes_looks_and_who_stops_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    example = ROOT / "examples" / "inspection"
+    given = [
+        example / "plate.csv",
+        "--laws",
+        example / "reference.csv",
+        "--size",
+        "1x1",
+        "--replicates",
+        "39",
+    ]
+    more = [
+        "--shapes",
+        "square,disc,crack",
+        "--looks",
+        "3",
+        "--loss",
+        "30%",
+        "--sizes",
+        "10,20,30x5",
+        "--contrasts",
+        "1",
+    ]
+    assert run("inspect", *given, *more) == 0
+    said = capsys.readouterr().out
+    rows = [line.split()[0] for line in said.splitlines() if line.startswith(("square ", "disc ", "crack "))]
+    assert rows == ["square", "disc", "crack"]
+    words = " ".join(said.split())
+    assert "Scan of 10, 20, 30 x 5 and 5 x 30 cm" in words
+    assert "3 looks, T and its p-value are of the largest over them" in words
+    assert "all but 30 % of the others" in words
+    assert "--shapes" in error_of(capsys, *given, "--shapes", "star")
+    assert "--loss" in error_of(capsys, *given, "--loss", "2")
+
+
+def test_a_plan_says_what_robots_and_time_buy(capsys: pytest.CaptureFixture[str]) -> None:
+    small = ["--plan", "3", "--minutes", "1,2", "--runs", "4", "--plates", "20"]
+    assert run("inspect", *small, "--want-cm", "25", "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    rows = document["tables"]["plan"]
+    assert [row["robots"] for row in rows] == [3, 3]
+    assert rows[1]["samples"] > rows[0]["samples"]
+    assert rows[1]["sweep_a90_m"] is None or rows[1]["sweep_a90_m"] > 0
+    assert "25 cm" in document["answer"][0]
+    assert "leave the result or file out" in error_of(capsys, "plate.csv", "--plan", "3")

@@ -58,3 +58,25 @@ def test_a_control_must_fail(inspected: list[Samples], control: str) -> None:
         scores.append(map_scores(tile_map(samples.with_columns(**wrong), [300.0])[0], samples.floor))
     assert np.mean([score["brier"] for score in scores]) > 0.25  # worse than a map that knows nothing
     assert np.mean([score["surely_wrong"] for score in scores]) >= 4
+
+
+@pytest.mark.parametrize("name", ["optimised-places", "calibrated"])
+def test_places_that_are_stated_too_exactly_must_fail(name: str) -> None:
+    """Spreads a tenth of those stated, on tiles of 10 cm, cost more than chance.
+
+    Halved ones cost nothing in ``calibrated``, whose robots overstate them: 88 % of the errors are within one.
+    """
+    small = {"floor.rows": 10, "floor.columns": 10, "floor.tile_width_m": 0.1, "floor.tile_height_m": 0.1}
+    scenario = preset(name).with_values(
+        {"run.t_end_s": 310.0, "strategy.name": "places", "floor.source": "random:0.48", **small}
+    )
+    costs = []
+    for run in range(16):
+        samples = inspect(scenario, seed=900, run=run).samples
+        exact = {axis: 0.1 * samples.column(axis) for axis in ("spread_x_m", "spread_y_m")}
+        told, wrong = (
+            map_scores(tile_map(one, [300.0])[0], samples.floor)["brier"]
+            for one in (samples, samples.with_columns(**exact))
+        )
+        costs.append(wrong - told)
+    assert np.mean(costs) > 2.5 * np.std(costs, ddof=1) / 4.0

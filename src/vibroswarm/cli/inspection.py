@@ -14,6 +14,7 @@ from vibroswarm.errors import InputError
 if TYPE_CHECKING:
     from vibroswarm.floors.floor import Floor
     from vibroswarm.inspection.inspection import Inspection
+    from vibroswarm.show.document import Document
 
 DEFAULT: Final = "optimised-places"
 """Preset that is simulated by default: its robots walk to be mapped, and estimate their places."""
@@ -51,9 +52,13 @@ class Evidence:
     spread_mm: Annotated[float, Option("of a CSV: standard deviation of its places", "MM", low=0)] = 0.0
 
 
-def centimetres(text: str) -> tuple[float, ...]:
-    """Return lengths in m from lengths in cm, such as ``5,10,20``."""
-    return tuple(number(part, float, low=0.1, high=1e5) / 100.0 for part in text.split(","))
+def centimetres(text: str) -> tuple[float | tuple[float, float], ...]:
+    """Return lengths in m from lengths in cm, such as ``5,10,20``; ``20x2`` is a crack along x, and one along y."""
+    found: list[float | tuple[float, float]] = []
+    for part in text.split(","):
+        sides = [number(side, float, low=0.1, high=1e5) / 100.0 for side in part.lower().split("x", 1)]
+        found += [sides[0]] if len(sides) == 1 else [(sides[0], sides[1]), (sides[1], sides[0])]
+    return tuple(found)
 
 
 @dataclass(kw_only=True)
@@ -64,11 +69,22 @@ class Damage:
         bool, Option("ask for damage that is not bound to the grid (always asked without one)")
     ] = False
     sizes: Annotated[
-        tuple[float, ...] | None,
+        tuple[Any, ...] | None,
         Option(
-            "sides of squares that are scanned for, cm (default 7,10,14,20,28)", "CM,...", read=centimetres
+            "sides of squares that are scanned for, cm, or length x width of cracks (default 7,10,14,20,28)",
+            "CM,...",
+            read=centimetres,
         ),
     ] = None
+    shapes: Annotated[
+        tuple[str, ...], Option("shapes whose probability of detection is told: square, disc, crack", "A,...")
+    ] = ("square",)
+    looks: Annotated[
+        int,
+        Option(
+            "how often the scan is looked at, evenly spaced; false calls are of all looks", low=1, high=100
+        ),
+    ] = 1
     least_cm: Annotated[float, Option("side of the smallest damage that must be found", "CM", low=0.1)] = 10.0
     contrasts: Annotated[
         tuple[float, ...], Option("contrasts of damage that must be found; 1: as in the reference", "C,...")
@@ -76,7 +92,35 @@ class Damage:
     prior: Annotated[str, Option("probability of damage before any sample", "P%")] = "50%"
     risk: Annotated[str, Option("tolerated probability of damage after clearing", "P%")] = "5%"
     strict: Annotated[bool, Option("the risk must be tolerated at every place, not on average")] = False
+    loss: Annotated[
+        str | None,
+        Option("share of messages that a robot loses, if robots stop by themselves (default none)", "P%"),
+    ] = None
     replicates: Annotated[int, Option("intact surfaces drawn for the scan's p-value")] = 999
+
+
+@dataclass(kw_only=True)
+class Planned:
+    """What robots and time would buy, of a scenario."""
+
+    plan: Annotated[
+        tuple[int, ...] | None,
+        Option(
+            "do not inspect, but say what so many robots would find (a simulated scenario)", "N,...", low=1
+        ),
+    ] = None
+    minutes: Annotated[tuple[float, ...], Option("with --plan: ends of the inspection", "MIN,...")] = (
+        5.0,
+        10.0,
+        20.0,
+    )
+    want_cm: Annotated[
+        float | None, Option("with --plan: size to be found in 90 % of inspections", "CM", low=0.1)
+    ] = None
+    plates: Annotated[
+        int, Option("with --plan: drawn surfaces of each size, on which a90/95 depends", low=10)
+    ] = 100
+    runs: Annotated[int, Option("with --plan: simulated inspections", low=4)] = 40
 
 
 def inspect(
@@ -87,6 +131,7 @@ def inspect(
     *,
     evidence: Evidence,
     damage: Damage,
+    planned: Planned,
     scenario: ScenarioOptions,
     seed: Seed = 1,
     output: Drawn,
@@ -105,6 +150,7 @@ def inspect(
       vibroswarm inspect lab --run 1                               the second session of a recording
       vibroswarm inspect plate.csv --laws reference.csv --size 1x1 --tiles 5x5
       vibroswarm inspect plate.csv --laws reference.csv --size 1x1 --least-cm 15 --risk 1% --out plate
+      vibroswarm inspect --plan 3,5,8 --minutes 5,10,20 --want-cm 10       how many robots, how long? (minutes)
     """
     from vibroswarm.cli.deliver import deliver
     from vibroswarm.cli.out_folder import claim
@@ -113,8 +159,12 @@ def inspect(
     from vibroswarm.documents.saved import hash_of, refuse_other
     from vibroswarm.study.summary import write_table
 
-    work = hash_of(str(source), evidence, damage, scenario, seed)
+    work = hash_of(str(source), evidence, damage, planned, scenario, seed)
     claim(output, lambda folder: refuse_other(folder, "inspect", work))
+    if planned.plan is not None:
+        _refuse(source is not None, "--plan", "is asked of a scenario; leave the result or file out")
+        deliver(_plan_document(planned, scenario, seed), output, "inspect", work)
+        return
     found = _inspected(source, evidence, damage, scenario, seed)
     if output.out is not None:
         for name, table in (("samples", found.samples.frame), ("map", found.maps), ("scores", found.scores)):
@@ -123,6 +173,30 @@ def inspect(
         if found.assessment is not None:
             write_certificate(output.out / CERTIFICATE, found)
     deliver(inspection_document(found), output, "inspect", work)
+
+
+def _plan_document(planned: Planned, scenario: ScenarioOptions, seed: int) -> Document:
+    """Plan inspections of the scenario that the options name."""
+    from vibroswarm.cli.progress import progress_bar
+    from vibroswarm.cli.scenario_options import scenario_from
+    from vibroswarm.documents.damage import plan_document
+    from vibroswarm.inspection.missed import SIDES_M, plan
+
+    assert planned.plan is not None
+    made = scenario_from(_with_default(scenario))
+    runs = planned.runs
+    with progress_bar("plan") as progress:
+        table = plan(
+            made, planned.plan, [60.0 * end for end in planned.minutes], runs=runs, seed=seed,
+            each=max(1, round(planned.plates / (runs - runs // 2))), progress=progress,
+        )  # fmt: skip
+    want_m = None if planned.want_cm is None else planned.want_cm / 100.0
+    return plan_document(table, want_m, runs, planned.plates * len(SIDES_M), f"{made}, seed {seed}")
+
+
+def _with_default(scenario: ScenarioOptions) -> ScenarioOptions:
+    is_named = scenario.preset is not None or scenario.scenario is not None
+    return scenario if is_named else replace(scenario, preset=DEFAULT)
 
 
 def _inspected(
@@ -138,9 +212,7 @@ def _inspected(
     }  # fmt: skip
     if source is None:
         _refuse(evidence.size is not None, "--size", "describes a CSV; give one")
-        if scenario.preset is None and scenario.scenario is None:
-            scenario = replace(scenario, preset=DEFAULT)
-        made = scenario_from(scenario)
+        made = scenario_from(_with_default(scenario))
         say_compiling(scenario=made)
         return inspect_source(made, **known)
     given = scenario.preset or scenario.scenario or scenario.settings or scenario.strategy or scenario.robots
@@ -160,7 +232,8 @@ def _inspected(
 
 def _asked(damage: Damage) -> dict[str, Any]:
     """Return the question about damage as keywords of ``inspect``; the question is None if it was not asked."""
-    from vibroswarm.errors import share_from
+    from vibroswarm.errors import check_choice, share_from
+    from vibroswarm.inspection.damage import SHAPES
     from vibroswarm.inspection.patches import SIZES_M
     from vibroswarm.inspection.scan import Question
 
@@ -170,12 +243,18 @@ def _asked(damage: Damage) -> dict[str, Any]:
         prior=share_from(damage.prior, "--prior"),
         risk=share_from(damage.risk, "--risk"),
         strict=damage.strict,
+        loss=0.0 if damage.loss is None else share_from(damage.loss, "--loss"),
     )
+    for shape in damage.shapes:
+        check_choice(shape, "--shapes", SHAPES)
     is_asked = damage.damage or damage.strict or damage.sizes is not None or question != Question()
+    is_asked = is_asked or damage.looks > 1 or damage.shapes != ("square",)
     return {
         "question": question if is_asked else None,
         "sides_m": damage.sizes or SIZES_M,
         "replicates": damage.replicates,
+        "looks": damage.looks,
+        "shapes": damage.shapes,
     }
 
 

@@ -11,9 +11,12 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.core.atomic_io import whole_file
-from vibroswarm.inspection.assessment import Assessment
+from vibroswarm.inspection.assessment import WHOLLY, Assessment
+from vibroswarm.inspection.damage import CRACK_M
 from vibroswarm.inspection.inspection import Inspection
 from vibroswarm.inspection.pod import INTACT
+from vibroswarm.inspection.samples import Law
+from vibroswarm.inspection.scan import Scan
 from vibroswarm.plots.certainty import draw_certainty
 from vibroswarm.plots.picture import Picture
 from vibroswarm.show.document import Column, Document, Figure, Section, Table, Text
@@ -85,8 +88,10 @@ def damage_sections(found: Inspection) -> list[Section]:
 
 
 _POD: Final = (
-    f"Squares at random places of this inspection, {INTACT:,} intact surfaces; PoD(a) = p_f + (1 - p_f) logit^-1(b0 + "
-    "b1 g(a)), a90/95 by profile likelihood (one-sided 95 %). Discs, cracks and other places are not covered."
+    f"At random places of this inspection, {INTACT:,} intact surfaces; PoD(a) = p_f + (1 - p_f) logit^-1(b0 + "
+    "b1 g(a)), a90/95 by profile likelihood (one-sided 95 %). Size: side of squares, diameter of discs, length of "
+    f"cracks of {100 * CRACK_M:g} cm. Where less than {percent(WHOLLY, 0)} of the cells are visited the curve may end "
+    "below 1 (by AIC). Other places are not covered."
 )
 _UNTESTED: Final = (
     "Holm's correction; at most 5 % of right laws are refused. The law of damage cannot be tested where there is none: "
@@ -98,23 +103,36 @@ _RISK: Final = {"time_s": Column("time", "s", decimals=0), "risk": Column("told 
 def _scan_parts(found: Assessment) -> tuple[Text | Table, ...]:
     scan = found.scan
     words = (
-        f"Scan of squares of {listed(f'{_cm(side[0])}' for side in scan.sizes)} cm: T = {number(scan.statistic, 2)} "
+        f"Scan of {listed(map(_size, scan.sizes))} cm: T = {number(scan.statistic, 2)} "
         f"(5 % of intact surfaces reach {number(scan.critical, 2)}), p = {p_value(scan.p_value)} from "
         f"{count(scan.replicates, 'intact surface')} drawn at the same places; values exchanged within robots and "
-        f"blocks of time: p = {p_value(scan.permuted_p_value)}. One look, at the end. If there is one patch of damage, "
+        f"blocks of time: p = {p_value(scan.permuted_p_value)}. {_looks(scan)} If there is one patch of damage, "
         f"its centre is within {number(1e4 * scan.region_m2, 0)} cm2 with 90 %."
     )
-    sizes = pl.DataFrame({"side": [100 * side[0] for side in scan.sizes], "probability": scan.size_posterior})
+    sizes = pl.DataFrame({"size": [_size(sides) for sides in scan.sizes], "probability": scan.size_posterior})
     columns = {
-        "side": Column(unit="cm"),
+        "size": Column(unit="cm"),
         "probability": Column("probability, if there is damage", share=True),
     }
     return Text(words), Table(sizes, columns, name="sizes")
 
 
+def _size(sides_m: tuple[float, float]) -> str:
+    return _cm(sides_m[0]) if sides_m[0] == sides_m[1] else f"{_cm(sides_m[0])} x {_cm(sides_m[1])}"
+
+
+def _looks(scan: Scan) -> str:
+    """Return how often was looked, and what false calls presume."""
+    if scan.looks == 1:
+        return "One look, at the end."
+    called = "" if scan.called_s is None else f"; first called at {number(scan.called_s, 0)} s"
+    return f"{scan.looks} looks, T and its p-value are of the largest over them{called}."
+
+
 def _stopping_parts(found: Assessment) -> tuple[Text, ...]:
     told, question = found.stopping, found.question
     when = "not by the end" if told.cleared_s is None else f"from {number(told.cleared_s, 0)} s on"
+    robots = "not by the end" if told.robots_s is None else f"from {number(told.robots_s, 0)} s on"
     contrasts = listed(f"{c:g}" for c in question.contrasts)
     share, low, high = told.missed
     worst, _, worst_high = told.worst
@@ -122,7 +140,9 @@ def _stopping_parts(found: Assessment) -> tuple[Text, ...]:
     return (
         Text(
             f"Risk of damage of at least {_cm(question.least_m)} cm, {rule}, of the worst size and contrast "
-            f"({contrasts}), prior {percent(question.prior)}: tolerated {when}. A centre that has all samples decides."
+            f"({contrasts}), prior {percent(question.prior)}: tolerated {when}, if a centre that has all samples "
+            f"decides; if the robots do, each by its samples and all but {percent(question.loss, 0)} of the others', "
+            f"{robots}."
         ),
         Text(
             f"Of {told.drawn:,} drawn squares of {_cm(question.least_m)} cm with contrast {min(question.contrasts):g}, "
@@ -138,11 +158,15 @@ def _risk(found: Assessment) -> pl.DataFrame:
 
 
 def _pod_table(found: Assessment) -> Table:
+    each = [("square", contrast, pod) for contrast, pod in found.pods.items()]
+    each += [(shape, max(found.pods), pod) for shape, pod in found.shaped.items()]
     rows = [
-        (contrast, 100 * pod.a50_m, 100 * pod.a90_m, 100 * pod.a90_95_m, pod.false_calls, pod.trials)
-        for contrast, pod in found.pods.items()
-    ]
-    names = ("contrast", "a50", "a90", "a90_95", "false_calls", "surfaces")
+        (
+            shape, contrast, 100 * pod.a50_m, 100 * pod.a90_m, 100 * pod.a90_95_m, pod.false_calls, pod.top, pod.trials,
+        )
+        for shape, contrast, pod in each
+    ]  # fmt: skip
+    names = ("shape", "contrast", "a50", "a90", "a90_95", "false_calls", "top", "surfaces")
     frame = pl.DataFrame(rows, schema=list(names), orient="row").with_columns(
         pl.col(pl.Float64).fill_nan(None)
     )
@@ -152,6 +176,7 @@ def _pod_table(found: Assessment) -> Table:
             for name, title in (("a50", "a50"), ("a90", "a90"), ("a90_95", "a90/95"))
         },
         "false_calls": Column("false calls", share=True),
+        "top": Column("PoD of the largest", share=True, wide=True),
         "surfaces": Column("drawn"),
     }
     return Table(
@@ -183,6 +208,61 @@ def _figure(found: Inspection) -> Figure:
     return Figure("damage", partial(draw), "Damage")
 
 
+def plan_document(table: pl.DataFrame, want_m: float | None, runs: int, plates: int, source: str) -> Document:
+    """Return what robots and time buy (``missed.plan``), and what is enough for a wanted size.
+
+    Args:
+        want_m: size that should be found in 90 % of inspections; None: none is asked for. runs: simulated inspections.
+        plates: drawn surfaces of all sizes. source: of the inspections, in words.
+    """
+    lengths = ("a50_m", "a90_m", "a90_95_m", "sweep_a90_m")
+    shown = table.with_columns(pl.col("until_s") / 60.0, *(pl.col(name) * 100.0 for name in lengths))
+    columns = {
+        "until_s": Column("time", "min"),
+        "samples": Column("samples", decimals=0),
+        "false_calls": Column("false calls", share=True),
+        "a50_m": Column("a50", "cm", decimals=1),
+        "a90_m": Column("a90", "cm", decimals=1),
+        "a90_95_m": Column("a90/95", "cm", decimals=1),
+        "sweep_a90_m": Column("a90 of a sweep", "cm", decimals=1),
+    }
+    words = (
+        f"{count(runs, 'simulated inspection')}, half of which give the threshold; {plates:,} surfaces with squares "
+        "drawn from the law of the sensor (model-assisted); a90/95 is the upper 95 % limit of a90 for so many. "
+        "A sweep: as many samples on a regular grid, of one sensor with exact places. A dash: does not exist."
+    )
+    return Document(
+        title="Plan of an inspection",
+        answer=(_planned(table, want_m),),
+        parts=(Table(shown, columns, name="plan"), Text(words)),
+        made_by={"scenario": source, **versions()},
+    )
+
+
+def _planned(table: pl.DataFrame, want_m: float | None) -> str:
+    """Return the plan with the fewest robot minutes that finds the wanted size, or the size found by each plan."""
+    if want_m is None:
+        best = table.drop_nulls("a90_m").sort("a90_m")
+        if best.is_empty():
+            return "No plan finds squares of any drawn size in 90 % of inspections."
+        row = best.row(0, named=True)
+        return (
+            f"{count(row['robots'], 'robot')} in {number(row['until_s'] / 60, 1)} min find squares of "
+            f"{_cm(row['a90_m'])} cm in 90 % of inspections, the smallest of these plans."
+        )
+    enough = table.filter(pl.col("a90_95_m") <= want_m).sort(pl.col("robots") * pl.col("until_s"))
+    if enough.is_empty():
+        return (
+            f"None of these plans surely finds squares of {_cm(want_m)} cm in 90 % of inspections (a90/95)."
+        )
+    row = enough.row(0, named=True)
+    return (
+        f"{count(row['robots'], 'robot')} in {number(row['until_s'] / 60, 1)} min are enough for squares of "
+        f"{_cm(want_m)} cm: a90 {_cm(row['a90_m'])} cm, with 95 % confidence at most {_cm(row['a90_95_m'])} cm (fewest "
+        "robot minutes)."
+    )
+
+
 def certificate_document(found: Inspection) -> Document:
     """Return the certificate of an inspection as a document: question, answer, map, what is not covered, origin."""
     samples, assessment = found.samples, found.assessment
@@ -195,9 +275,9 @@ def certificate_document(found: Inspection) -> Document:
     )
     covered = (
         f"Visited: {percent(assessment.visited, 0)} of the cells of 10 cm. Not covered: damage smaller than "
-        f"{_cm(question.least_m)} cm or weaker than contrast {min(question.contrasts):g}; places not visited; discs "
-        f"and cracks; damage that does not follow the reference. Places: {samples.places}; errors of places taken as "
-        "independent."
+        f"{_cm(question.least_m)} cm or weaker than contrast {min(question.contrasts):g}; places not visited; shapes "
+        f"without a row above; damage that does not follow the reference. Places: {samples.places}; errors of places "
+        f"taken as independent. Error of the law: {_error_of(samples.law)}."
     )
     return Document(
         title=f"Inspection of {samples.source}",
@@ -215,6 +295,10 @@ def certificate_document(found: Inspection) -> Document:
         ),
         made_by={"samples": samples.hash, "law": samples.law.hash, **versions()},
     )
+
+
+def _error_of(law: Law) -> str:
+    return f"drawn, {count(len(law.draws), 'law')} of resampled references" if law.draws else "not known"
 
 
 def _what(found: Inspection) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Literal
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.checks import law_checks
-from vibroswarm.inspection.missed import own_trials
+from vibroswarm.inspection.missed import CRACKS_M, SIDES_M, own_trials
 from vibroswarm.inspection.patches import SIZES_M, declared, shares_of
 from vibroswarm.inspection.pod import Pod
 from vibroswarm.inspection.samples import Floats, Samples
@@ -31,6 +31,8 @@ from vibroswarm.inspection.scan import (
 
 SURELY_STILL: Final = 0.01
 """Tiles with a smaller probability count as still when the law is checked."""
+WHOLLY: Final = 0.95
+"""Below this share of visited cells PoD may end below 1."""
 VISITED_M: Final = 0.1
 """Cells of this side are visited if a sample was taken in them."""
 
@@ -52,6 +54,8 @@ class Assessment(NotebookView):
     """Reasons not to certify anything; empty: none."""
     visited: float
     """Share of the surface's cells of 10 cm in which a sample was taken."""
+    shaped: dict[str, Pod] = field(default_factory=dict)
+    """Fitted probability of detection of discs and cracks of the largest contrast, by shape."""
 
     @property
     def verdict(self) -> Verdict:
@@ -65,18 +69,21 @@ def assess(
     samples: Samples,
     question: Question | None = None,
     *,
-    sides_m: Sequence[float] = SIZES_M,
+    sides_m: Sequence[float | tuple[float, float]] = SIZES_M,
     replicates: int = REPLICATES,
     seed: int = 1,
     bits: bool = False,
     still: NDArray[np.bool_] | None = None,
+    looks: int = 1,
+    shapes: Sequence[str] = ("square",),
 ) -> Assessment:
     """Answer a question about damage by the samples of one inspection.
 
     Args:
-        question: by default ``Question()``. sides_m: declared sizes, sides of squares. replicates: intact surfaces
-            drawn for the scan. seed: of all that is drawn. bits: the values are readings of 0 and 1.
+        question: by default ``Question()``. sides_m: declared sizes, sides of squares or of rectangles. replicates:
+            intact surfaces drawn for the scan. seed: of all that is drawn. bits: the values are readings of 0 and 1.
         still: samples on places that are known to be still; by default all, away from called damage.
+        looks: how often the scan is looked at, evenly spaced. shapes: of ``damage.SHAPES``, of which PoD is fitted.
     Raises:
         InputError: no declared size is as large as the smallest that must be found, or none fits the surface.
     """
@@ -85,17 +92,26 @@ def assess(
         raise InputError("readings of classes have one contrast; give 1", field="--contrasts")
     patches = declared(samples.size_m, sides_m)
     shares = shares_of(samples, patches)
-    found = scan(samples, patches, shares, prior=question.prior, replicates=replicates, seed=seed, bits=bits)
-    told = stopping(samples, patches, shares, question, seed=seed)
-    pods = {
-        contrast: own_trials(
-            samples, patches, shares, found.critical, contrast=contrast, seed=seed + 1, bits=bits
-        ).fit()
-        for contrast in question.contrasts
-    }
+    found = scan(
+        samples, patches, shares,
+        prior=question.prior, replicates=replicates, seed=seed, bits=bits, looks=looks,
+    )  # fmt: skip
+    told, visited = stopping(samples, patches, shares, question, seed=seed), _visited(samples)
+
+    def pod(contrast: float, shape: str = "square") -> Pod:
+        longest_m = min(samples.size_m)
+        sides = SIDES_M if shape != "crack" else [side for side in CRACKS_M if side <= longest_m]
+        trials = own_trials(
+            samples, patches, shares, found.critical, contrast=contrast, sides_m=sides, seed=seed + 1,
+            bits=bits, shape=shape, looks=looks,
+        )  # fmt: skip
+        return trials.fit(asymptote=visited < WHOLLY)
+
+    pods = {contrast: pod(contrast) for contrast in question.contrasts}
+    shaped = {shape: pod(max(question.contrasts), shape) for shape in shapes if shape != "square"}
     quiet = still if still is not None else _away(samples, found)
     checks = law_checks(samples, quiet, seed=seed) if not bits else pl.DataFrame()
-    return Assessment(question, found, told, pods, checks, _refusals(samples, checks), _visited(samples))
+    return Assessment(question, found, told, pods, checks, _refusals(samples, checks), visited, shaped)
 
 
 def still_by_map(samples: Samples, p: Floats) -> NDArray[np.bool_]:

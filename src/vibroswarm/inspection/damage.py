@@ -132,6 +132,25 @@ def _contrast_table(law: Law, contrast: float) -> Floats:
     return np.asarray(np.clip(logs[1] - logs[0], -8.0, 8.0))
 
 
+CRACK_M: Final = 0.02
+"""Width of a crack."""
+SHAPES: Final = ("square", "disc", "crack")
+"""Shapes of drawn damage: its size is the side, the diameter, or the length of a crack that lies along x or y."""
+
+
+def drawn_patches(
+    random: np.random.Generator, side_m: Floats, size_m: tuple[float, float], contrast: float, shape: str
+) -> Patch:
+    """Return damage of sizes ``side_m`` and of one shape, at random places within the surface, (replicates,)."""
+    if shape != "crack":
+        return patch_of(*random_places(random, side_m, size_m), side_m, contrast, disc=shape == "disc")
+    u, upright = random.random((2, side_m.size)), random.random(side_m.size) < 0.5
+    narrow = np.full(side_m.size, CRACK_M)
+    sides = np.where(upright, narrow, side_m), np.where(upright, side_m, narrow)
+    x_m, y_m = (place_within(at, side, 0.0, whole) for at, side, whole in zip(u, sides, size_m, strict=True))
+    return Patch(x_m, y_m, *sides, np.full(side_m.size, contrast))
+
+
 def patch_of(
     x_m: Floats, y_m: Floats, side_m: Floats | float, contrast: float = 1.0, *, disc: bool = False
 ) -> Patch:

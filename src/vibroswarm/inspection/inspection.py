@@ -114,8 +114,10 @@ def inspect(
     spread_m: float = 0.0,
     floor: Floor | tuple[int, int] | None = None,
     question: Question | None = None,
-    sides_m: Sequence[float] = SIZES_M,
+    sides_m: Sequence[float | tuple[float, float]] = SIZES_M,
     replicates: int = REPLICATES,
+    looks: int = 1,
+    shapes: Sequence[str] = ("square",),
 ) -> Inspection:
     """Inspect a surface by the samples of one run, session or file: where does it vibrate, and how sure is that?
 
@@ -130,7 +132,8 @@ def inspect(
         size_m: width and height of the surface, for a CSV. spread_m: standard deviation of its places. floor: its grid
             of tiles, as a floor that says which tiles vibrate, or as rows and columns.
         question: what damage must be found, and how surely; without a grid it is always asked.
-        sides_m: declared sizes of damage: sides of squares. replicates: intact surfaces drawn for the scan.
+        sides_m: declared sizes of damage: sides of squares, or width and height of cracks. replicates: intact surfaces
+            drawn for the scan. looks: how often it is looked at. shapes: of ``damage.SHAPES``, of which PoD is fitted.
     Raises:
         InputError: nothing can be said of these samples, with the reason.
     """
@@ -140,7 +143,9 @@ def inspect(
     check_law(samples.law)
     end_s = float(samples.column("time_s").max())
     times_s = np.linspace(end_s / TIMES, end_s, TIMES)
-    damage = {"sides_m": sides_m, "replicates": replicates, "seed": seed, "bits": bits}
+    damage = {
+        "sides_m": sides_m, "replicates": replicates, "seed": seed, "bits": bits, "looks": looks, "shapes": shapes,
+    }  # fmt: skip
     if samples.floor is None:
         return Inspection(samples, times_s, None, {}, assessment=assess(samples, question, **damage))  # type: ignore[arg-type]
     if samples.kinds is not None:

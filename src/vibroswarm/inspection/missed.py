@@ -6,7 +6,7 @@ places and times of this inspection; another one has other places (``pooled_tria
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -14,25 +14,26 @@ import polars as pl
 
 from vibroswarm.analysis.intervals import generator
 from vibroswarm.core.displayed import html_view
-from vibroswarm.inspection.damage import drawn_values, patch_of, random_places, ratios_at
+from vibroswarm.errors import InputError
+from vibroswarm.inspection.damage import drawn_patches, drawn_values
 from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.patches import (
     Patches,
     Shares,
     declared,
-    log_likelihoods,
-    scan_statistic,
     shares_of,
 )
 from vibroswarm.inspection.pod import INTACT, Pod, fit_pod
-from vibroswarm.inspection.samples import Floats, Samples
-from vibroswarm.inspection.scan import intact_statistics
+from vibroswarm.inspection.samples import SAMPLES, Floats, Samples
+from vibroswarm.inspection.scan import intact_statistics, statistic_of
 from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.scenario.scenario import Scenario
 from vibroswarm.simulation import simulate
 
 SIDES_M: Final = (0.03, 0.05, 0.07, 0.09, 0.12, 0.15, 0.2, 0.25, 0.3)
 """Sides of the drawn damage."""
+CRACKS_M: Final = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8)
+"""Lengths of drawn cracks."""
 EACH: Final = 60
 """Damaged surfaces drawn of each side."""
 
@@ -45,9 +46,9 @@ class Trials(NamedTuple):
     false: int
     intact: int
 
-    def fit(self, *, floor: bool = True) -> Pod:
-        """Return the fitted PoD."""
-        return fit_pod(self.size_m, self.found, self.false, self.intact, floor=floor)
+    def fit(self, *, floor: bool = True, asymptote: bool = False) -> Pod:
+        """Return the fitted PoD; the other arguments are those of ``fit_pod``."""
+        return fit_pod(self.size_m, self.found, self.false, self.intact, floor=floor, asymptote=asymptote)
 
     def _repr_html_(self) -> str:
         return html_view(self)
@@ -65,17 +66,29 @@ def own_trials(
     intact: int = INTACT,
     seed: int = 2,
     bits: bool = False,
+    shape: str = "square",
+    looks: int = 1,
 ) -> Trials:
     """Draw damage and intact surfaces at the places of one inspection, and scan them.
 
     Args:
-        critical: T from which a surface is called. sides_m: of square damage. each: surfaces of each side.
+        critical: T from which a surface is called. sides_m: sizes of damage. each: surfaces of each size.
         intact: intact surfaces, other than those that gave ``critical``. seed: of what is drawn.
+        shape: of ``damage.SHAPES``. looks: how often is looked, as for ``critical``.
     """
     statistics = damaged_statistics(
-        samples, patches, shares, sides_m, each, contrast=contrast, seed=seed, bits=bits
+        samples,
+        patches,
+        shares,
+        sides_m,
+        each,
+        contrast=contrast,
+        seed=seed,
+        bits=bits,
+        shape=shape,
+        looks=looks,
     )
-    false = intact_statistics(samples, patches, shares, intact, seed, bits=bits) >= critical
+    false = intact_statistics(samples, patches, shares, intact, seed, bits=bits, looks=looks) >= critical
     return Trials(
         np.repeat(sides_m, each), (statistics >= critical).astype(np.float64), int(false.sum()), intact
     )
@@ -91,16 +104,16 @@ def damaged_statistics(
     contrast: float = 1.0,
     seed: int = 2,
     bits: bool = False,
-    disc: bool = False,
+    shape: str = "square",
+    looks: int = 1,
 ) -> Floats:
-    """Return T of surfaces with square damage (or discs) at random places, (sides x each,), side by side."""
+    """Return T of surfaces with damage of a shape at random places, (sides x each,), size by size."""
     random = generator(seed, f"damage of contrast {contrast:g}")
     found = []
     for side_m in sides_m:
-        x_m, y_m = random_places(random, np.full(each, side_m), samples.size_m)
-        values = drawn_values(random, samples, each, patch_of(x_m, y_m, side_m, contrast, disc=disc))
-        ratios = ratios_at(samples.law, values, bits=bits)
-        found.append(scan_statistic(patches, log_likelihoods(shares, ratios)))
+        patch = drawn_patches(random, np.full(each, side_m), samples.size_m, contrast, shape)
+        values = drawn_values(random, samples, each, patch)
+        found.append(statistic_of(samples, patches, shares, values, bits=bits, looks=looks))
     return np.concatenate(found)
 
 
@@ -155,17 +168,24 @@ def plan(
     sides_m: Sequence[float] = SIDES_M,
     each: int = 5,
     level: float = 0.05,
+    progress: Callable[[float], None] | None = None,
 ) -> pl.DataFrame:
     """Return what robots and time buy: a row for each number of robots and end of the inspection.
 
-    The columns are robots, until_s, samples (of a run, on average), a50_m, a90_m, a90_95_m, false_calls; lengths are
+    The columns are robots, until_s, samples (of a run, on average), a50_m, a90_m, a90_95_m, false_calls, and
+    sweep_a90_m: a90 of as many samples on a regular grid, of one sensor with exact places, as a reference. Lengths are
     null where they do not exist. a90_95_m depends on the number of drawn surfaces.
 
     Args:
         scenario: with the walk and the sensor; its floor does not matter. runs: simulated inspections, half of which
             give the threshold. sides_m, each: drawn damage, as in ``pooled_trials``. level: wanted false calls.
+        progress: called with the share that is done.
+    Raises:
+        InputError: fewer than 4 runs, with which there is no threshold.
     """
-    rows = []
+    if runs < 4:
+        raise InputError(f"{runs} runs are too few; at least 4", field="runs")
+    rows: list[tuple[float | None, ...]] = []
     for number in robots:
         made = scenario.with_values(
             {
@@ -183,7 +203,48 @@ def plan(
             pod = pooled_trials(
                 damaged, fresh, until_s=end_s, sides_m=sides_m, each=each, level=level, seed=seed
             ).fit()
-            samples = np.mean([one.by_time(end_s).frame.height for one in inspections])
-            rows.append((number, end_s, samples, pod.a50_m, pod.a90_m, pod.a90_95_m, pod.false_calls))
-    names = ["robots", "until_s", "samples", "a50_m", "a90_m", "a90_95_m", "false_calls"]
+            samples = float(np.mean([one.by_time(end_s).frame.height for one in inspections]))
+            swept = _sweep_trials(inspections[0], round(samples), sides_m, each, level, seed).fit()
+            rows.append(
+                (number, end_s, samples, pod.a50_m, pod.a90_m, pod.a90_95_m, pod.false_calls, swept.a90_m)
+            )
+            if progress is not None:
+                progress(len(rows) / (len(robots) * len(until_s)))
+    names = ["robots", "until_s", "samples", "a50_m", "a90_m", "a90_95_m", "false_calls", "sweep_a90_m"]
     return pl.DataFrame(rows, schema=names, orient="row").fill_nan(None)
+
+
+SWEEPS: Final = 8
+"""Systematic sweeps, with other offsets, half of which give the threshold."""
+
+
+def _sweep_trials(
+    like: Samples, count: int, sides_m: Sequence[float], each: int, level: float, seed: int
+) -> Trials:
+    """Draw damage at the places of systematic sweeps: as many samples on a regular grid, of one sensor."""
+    random = generator(seed, "offsets of sweeps")
+    sweeps = []
+    for _ in range(SWEEPS):
+        across = max(1, round(np.sqrt(count * like.size_m[0] / like.size_m[1])))
+        up = max(1, round(count / across))
+        x, y = (
+            (np.arange(number) + random.random()) * whole / number
+            for number, whole in zip((across, up), like.size_m, strict=True)
+        )
+        x_m, y_m = (places.ravel() for places in np.meshgrid(x, y))
+        exact = dict.fromkeys(("spread_x_m", "spread_y_m", "value", "log_ratio"), 0.0)
+        frame = pl.DataFrame(
+            {
+                "x_m": x_m,
+                "y_m": y_m,
+                "true_x_m": x_m,
+                "true_y_m": y_m,
+                "time_s": np.arange(x_m.size) / x_m.size,
+            }
+        ).with_columns(robot=0, **{name: pl.lit(value) for name, value in exact.items()})
+        sweeps.append(like.with_frame(frame.select(list(SAMPLES)).cast(SAMPLES)))
+    half = SWEEPS // 2
+    more = max(1, round(each * 20 / half))  # as many surfaces as 20 inspections would have
+    return pooled_trials(
+        sweeps[:half], sweeps[half:], until_s=1.0, sides_m=sides_m, each=more, level=level, seed=seed
+    )

@@ -3,6 +3,7 @@
 | name | symbol | equation |
 |---|---|---|
 | probability of detection | PoD(a) | p_f + (1 - p_f) / (1 + exp(-b0 - b1 g(a))) |
+| upper asymptote | c | c - p_f in the place of 1 - p_f: places that are not visited are not found, however large |
 | false calls | p_f | share of intact surfaces that are called, of at least ``INTACT`` inspections of their own |
 | size | a, g(a) | side of the damage; g is the identity or the logarithm, by AIC |
 | size found in 50, 90 % | a50, a90 | PoD(a50) = .5, PoD(a90) = .9 |
@@ -50,18 +51,21 @@ class Pod(NotebookView):
     """Upper 95 % limit of a90; nan: does not exist, because too few large patches were found."""
     trials: int
     intact: int
+    top: float = 1.0
+    """Upper asymptote."""
 
     def at(self, size_m: Floats | float) -> Floats:
         """Return PoD at sizes."""
-        return _pod(np.asarray(size_m, dtype=np.float64), self.false_calls, self.b0, self.b1, self.scale)
+        size = np.asarray(size_m, dtype=np.float64)
+        return _pod(size, self.false_calls, self.b0, self.b1, self.scale, self.top)
 
 
 def _g(size_m: Floats, scale: str) -> Floats:
     return np.log(size_m) if scale == "log size" else np.asarray(size_m)
 
 
-def _pod(size_m: Floats, p_f: float, b0: float, b1: float, scale: str) -> Floats:
-    return np.asarray(p_f + (1.0 - p_f) * expit(b0 + b1 * _g(size_m, scale)))
+def _pod(size_m: Floats, p_f: float, b0: float, b1: float, scale: str, top: float = 1.0) -> Floats:
+    return np.asarray(p_f + (top - p_f) * expit(b0 + b1 * _g(size_m, scale)))
 
 
 @dataclass(frozen=True)
@@ -75,22 +79,25 @@ class _Trials:
     intact: int
     scale: str
 
-    def loss(self, p_f: float, b0: float, b1: float) -> float:
+    def loss(self, p_f: float, b0: float, b1: float, top: float = 1.0) -> float:
         """Return -ln likelihood."""
-        p = np.clip(_pod(self.size_m, p_f, b0, b1, self.scale), LEAST, 1.0 - LEAST)
+        p = np.clip(_pod(self.size_m, p_f, b0, b1, self.scale, top), LEAST, 1.0 - LEAST)
         of_damaged = xlogy(self.found, p) + xlogy(self.number - self.found, 1.0 - p)
         q = min(max(p_f, LEAST), 1.0 - LEAST)
         of_intact = xlogy(self.false, q) + xlogy(self.intact - self.false, 1.0 - q) if self.intact else 0.0
         return -float(of_damaged.sum() + of_intact)
 
 
-def fit_pod(size_m: Floats, found: Floats, false: int, intact: int, *, floor: bool = True) -> Pod:
+def fit_pod(
+    size_m: Floats, found: Floats, false: int, intact: int, *, floor: bool = True, asymptote: bool = False
+) -> Pod:
     """Fit PoD to inspections.
 
     Args:
         size_m, found: size of the damage of each inspection, and whether it was called (1) or not (0), (inspections,).
         false, intact: number of intact surfaces that were called, and that were inspected.
         floor: whether the curve begins at p_f; without, only for the control that such a fit fails.
+        asymptote: whether the curve may end below 1, by AIC, as where coverage is incomplete.
     Raises:
         InputError: there are fewer than 20 inspections, of fewer than 3 sizes, or none of intact surfaces.
     """
@@ -104,13 +111,37 @@ def fit_pod(size_m: Floats, found: Floats, false: int, intact: int, *, floor: bo
     fits = []
     for scale in ("size", "log size"):
         trials = _Trials(sizes, hits, number, false if floor else 0, intact if floor else 0, scale)
-        fits.append((trials, *_best(trials, false / intact if floor else 0.0)))
-    trials, p_f, b0, b1, loss = min(fits, key=lambda fit: fit[4])
-    a50, a90 = (_size_at(share, p_f, b0, b1, trials.scale) for share in (0.5, 0.9))
+        p_f, b0, b1, loss = _best(trials, false / intact if floor else 0.0)
+        fits.append((trials, p_f, b0, b1, 1.0, loss))
+        if asymptote:
+            b0, b1, top, loss = _with_top(trials, p_f, b0, b1)
+            fits.append((trials, p_f, b0, b1, top, loss + 1.0))  # one parameter more costs 1, by AIC
+    trials, p_f, b0, b1, top, loss = min(fits, key=lambda fit: fit[5])
+    loss -= float(top < 1.0)
+    a50, a90 = (_size_at(share, p_f, b0, b1, trials.scale, top) for share in (0.5, 0.9))
     # Beyond the sizes that were tried the curve says nothing.
     a50, a90 = (size if size <= sizes[-1] else float("nan") for size in (a50, a90))
-    limit = _limit(trials, p_f, b0, b1, loss, a90)
-    return Pod(p_f, b0, b1, trials.scale, a50, a90, limit, int(at.size), intact)  # type: ignore[arg-type]
+    limit = _limit(trials, p_f, b0, b1, loss, a90, top)
+    return Pod(p_f, b0, b1, trials.scale, a50, a90, limit, int(at.size), intact, top)  # type: ignore[arg-type]
+
+
+def _with_top(trials: _Trials, p_f: float, b0: float, b1: float) -> tuple[float, float, float, float]:
+    """Return b0, b1 and the asymptote of the largest likelihood at this p_f, and -ln of it."""
+    search: Any = optimize.minimize
+    highest = float((trials.found / trials.number).max())
+    best = None
+    for steep in (1.0, 3.0):
+        start = np.array([steep * b0, steep * b1, logit(min(max(highest, 0.5), 0.98))])
+        found = search(
+            lambda at: trials.loss(p_f, at[0], at[1], p_f + (1.0 - p_f) * float(expit(at[2]))),
+            start,
+            method="Nelder-Mead",
+            options=SEARCH,
+        )
+        best = found if best is None or found.fun < best.fun else best
+    assert best is not None
+    top = min(p_f + (1.0 - p_f) * float(expit(best.x[2])), 1.0 - LEAST)
+    return float(best.x[0]), float(best.x[1]), top, float(best.fun)
 
 
 def _best(trials: _Trials, p_f: float) -> tuple[float, float, float, float]:
@@ -142,20 +173,38 @@ def _best(trials: _Trials, p_f: float) -> tuple[float, float, float, float]:
     return float(expit(whole.x[2])), float(whole.x[0] - b1 * middle), float(b1), float(whole.fun)
 
 
-def _size_at(share: float, p_f: float, b0: float, b1: float, scale: str) -> float:
+def _with_top_at(trials: _Trials, p_f: float, b0: float, b1: float, top: float) -> tuple[float, float]:
+    """Return b0 and b1 of the largest likelihood at this p_f and asymptote."""
+    search: Any = optimize.minimize
+    found = search(
+        lambda at: trials.loss(p_f, at[0], at[1], top),
+        np.array([b0, b1]),
+        method="Nelder-Mead",
+        options=SEARCH,
+    )
+    return float(found.x[0]), float(found.x[1])
+
+
+def _size_at(share: float, p_f: float, b0: float, b1: float, scale: str, top: float = 1.0) -> float:
     """Return the size at which PoD is a share; nan: there is none."""
-    if p_f >= share or b1 <= 0.0:
+    if not p_f < share < top or b1 <= 0.0:
         return float("nan")
-    g = (logit((share - p_f) / (1.0 - p_f)) - b0) / b1
+    g = (logit((share - p_f) / (top - p_f)) - b0) / b1
     size = float(np.exp(g)) if scale == "log size" else float(g)
     return size if size > 0.0 else float("nan")
 
 
-def _limit(trials: _Trials, p_f: float, b0: float, b1: float, loss: float, a90: float) -> float:
-    """Return a90/95 by profile likelihood; nan if there is none up to 1.5 times the largest size."""
+def _limit(
+    trials: _Trials, p_f: float, b0: float, b1: float, loss: float, a90: float, top: float = 1.0
+) -> float:
+    """Return a90/95 by profile likelihood at this p_f and asymptote; nan: none up to 1.5 times the largest size."""
     if not np.isfinite(a90):
         return float("nan")
-    wanted = float(logit((0.9 - p_f) / (1.0 - p_f)))
+    if top < 1.0:  # an asymptote that is not known well may be below 0.9, and then there is no a90
+        lower = trials.loss(p_f, *_with_top_at(trials, p_f, b0, b1, 0.9), 0.9)
+        if 2.0 * (lower - loss) <= DROP:
+            return float("nan")
+    wanted = float(logit((0.9 - p_f) / (top - p_f)))
 
     def excess(size_m: float) -> float:
         """Return twice the loss of log likelihood if a90 is this size, less what is allowed."""
@@ -163,7 +212,7 @@ def _limit(trials: _Trials, p_f: float, b0: float, b1: float, loss: float, a90: 
 
         def of_slope(log_slope: float) -> float:
             slope = np.exp(log_slope)
-            return trials.loss(p_f, wanted - slope * g, slope)
+            return trials.loss(p_f, wanted - slope * g, slope, top)
 
         at = np.log(max(b1, 1e-6))
         found = minimize_scalar(

@@ -12,8 +12,11 @@
 The risk is that of the worst size and contrast, because an average over them promises too much: told 5 %, damage of
 just the least size was there in 12 % of cleared surfaces (squares of 10 cm, those of 10 to 28 cm averaged).
 
-Intact surfaces have the differences between robots and tiles that the law states. The p-value is that of one look at
-the end: a scan that is looked at again and again has more false calls.
+Intact surfaces have the differences between robots and tiles that the law states. With several looks T is the largest
+over looks, of the surface as of the intact ones, so that false calls are as stated however often is looked.
+
+Who stops: a centre that has all samples, or the robots, each by its own samples and the messages that it has heard,
+when the told risk of each of them is tolerated. A message is one sample; each receiver loses it with the same share.
 """
 
 from __future__ import annotations
@@ -98,6 +101,10 @@ class Scan(NotebookView):
     """Area of the raster's cells that hold 90 % of the most likely place."""
     raster: Floats
     """Probability that each cell is damaged, (CELLS, CELLS), top row first."""
+    looks: int = 1
+    """Times at which is looked, evenly spaced; T is the largest over them."""
+    called_s: float | None = None
+    """First look at which T reaches the critical value; None: it does not."""
 
 
 def scan(
@@ -109,12 +116,13 @@ def scan(
     replicates: int = REPLICATES,
     seed: int = 1,
     bits: bool = False,
+    looks: int = 1,
 ) -> Scan:
     """Scan a surface for one patch of damage.
 
     Args:
         shares: of the samples in the patches. prior: probability of damage. replicates: intact surfaces, B.
-        seed: of what is drawn.
+        seed: of what is drawn. looks: how often is looked.
     Raises:
         InputError: fewer than 19 replicates, with which no p-value is below 5 %.
     """
@@ -123,15 +131,19 @@ def scan(
             f"{replicates} intact surfaces cannot give a p-value below 5 %; at least 19", field="--replicates"
         )
     observed = samples.column("log_ratio")
-    logs = log_likelihoods(shares, observed[:, None])
-    statistic = float(scan_statistic(patches, logs)[0])
-    drawn = intact_statistics(samples, patches, shares, replicates, seed, bits=bits)
+    times_s, there = looks_of(samples, looks)
+    each = np.array([_statistic(patches, shares, observed[:, None], [one])[0] for one in there])
+    statistic = float(each.max())
+    drawn = intact_statistics(samples, patches, shares, replicates, seed, bits=bits, looks=looks)
     permuted = _permuted(samples, observed, replicates, seed)
-    exchanged = scan_statistic(patches, log_likelihoods(shares, permuted))
+    exchanged = _statistic(patches, shares, permuted, there)
+    logs = log_likelihoods(shares, observed[:, None])
     posterior = patches.weights * np.exp(np.minimum(logs[:, 0] - logs.max(), 0.0).astype(np.float64))
     posterior /= posterior.sum()
     critical = float(np.quantile(drawn, 1.0 - CALLED))
-    called, cells = _called(samples, patches, shares, critical, prior)
+    reached = np.flatnonzero(each >= critical)
+    # By the samples of the look with the largest T, which is the last one unless there are several.
+    called, cells = _called(samples, patches, shares, critical, prior, there[int(each.argmax())])
     return Scan(
         statistic,
         p_value(statistic, drawn),
@@ -143,18 +155,49 @@ def scan(
         np.bincount(patches.size, posterior, len(patches.sides_m)).astype(np.float64),
         _region_m2(patches, posterior, samples.size_m),
         cells,
+        looks,
+        float(times_s[reached[0]]) if reached.size else None,
     )
 
 
+def looks_of(samples: Samples, looks: int) -> tuple[Floats, list[NDArray[np.bool_]]]:
+    """Return the times of evenly spaced looks, (looks,), and which samples count at each, (samples,)."""
+    time_s = samples.column("time_s")
+    times_s = np.linspace(0.0, float(time_s.max()), looks + 1)[1:]
+    return times_s, [time_s <= now_s for now_s in times_s]
+
+
+def _statistic(
+    patches: Patches, shares: Shares, ratios: Floats, there: Sequence[NDArray[np.bool_]]
+) -> Floats:
+    """Return T of each replicate, the largest over looks, (replicates,).
+
+    Args:
+        ratios: log ratios, (samples, replicates). there: which samples count at each look.
+    """
+    each = [
+        scan_statistic(
+            patches, log_likelihoods(shares, ratios if one.all() else np.where(one[:, None], ratios, 0.0))
+        )
+        for one in there
+    ]
+    return np.asarray(np.max(each, axis=0))
+
+
 def _called(
-    samples: Samples, patches: Patches, shares: Shares, critical: float, prior: float
+    samples: Samples,
+    patches: Patches,
+    shares: Shares,
+    critical: float,
+    prior: float,
+    there: NDArray[np.bool_],
 ) -> tuple[tuple[Box, ...], Floats]:
-    """Return the patches that are called, one after the other, and the raster of all of them.
+    """Return the patches that are called by the samples that are ``there``, one after the other, and their raster.
 
     A patch is scanned for without the samples on those before it. The raster joins those of each step, of which each
     presumes one patch at most.
     """
-    rest = samples.column("log_ratio").copy()
+    rest = np.where(there, samples.column("log_ratio"), 0.0)
     penalty = np.log(np.bincount(patches.size))[patches.size]
     called: list[Box] = []
     sound = np.ones((CELLS, CELLS))
@@ -185,16 +228,23 @@ def p_value(statistic: float, drawn: Floats) -> float:
 
 
 def intact_statistics(
-    samples: Samples, patches: Patches, shares: Shares, replicates: int, seed: int, *, bits: bool = False
-) -> Floats:
+    samples: Samples, patches: Patches, shares: Shares, replicates: int, seed: int, *, bits: bool = False,
+    looks: int = 1,
+) -> Floats:  # fmt: skip
     """Return T of intact surfaces drawn at the samples' own places, (replicates,)."""
     random = generator(seed, "intact surfaces")
     parts = []
     for begin in range(0, replicates, 256):  # so that memory stays small
         values = drawn_values(random, samples, min(256, replicates - begin))
-        ratios = ratios_at(samples.law, values, bits=bits)
-        parts.append(scan_statistic(patches, log_likelihoods(shares, ratios)))
+        parts.append(statistic_of(samples, patches, shares, values, bits=bits, looks=looks))
     return np.concatenate(parts)
+
+
+def statistic_of(
+    samples: Samples, patches: Patches, shares: Shares, values: Floats, *, bits: bool = False, looks: int = 1
+) -> Floats:
+    """Return T of surfaces on which the samples would have measured ``values``, (samples, replicates)."""
+    return _statistic(patches, shares, ratios_at(samples.law, values, bits=bits), looks_of(samples, looks)[1])
 
 
 def _permuted(samples: Samples, observed: Floats, replicates: int, seed: int) -> Floats:
@@ -240,12 +290,16 @@ class Question(NotebookView):
     """Tolerated probability of damage after clearing."""
     strict: bool = False
     """Whether the risk must hold at every place, not on average."""
+    loss: float = 0.0
+    """Share of messages that a robot loses, if the robots stop by themselves."""
 
     def __post_init__(self) -> None:
         """Refuse probabilities outside (0, 1), and contrasts outside (0, 1]."""
         for name in ("prior", "risk"):
             if not 0.0 < getattr(self, name) < 1.0:
                 raise InputError("must be a share between 0 and 1", field=f"--{name}")
+        if not 0.0 <= self.loss <= 1.0:
+            raise InputError("must be a share from 0 to 1", field="--loss")
         if not self.contrasts or not all(0.0 < c <= 1.0 for c in self.contrasts):
             raise InputError("must be above 0 and at most 1", field="--contrasts")
 
@@ -266,6 +320,8 @@ class Stopping(NotebookView):
     """The same at the worst of the blocks of places."""
     drawn: int
     """Damaged surfaces drawn for these shares."""
+    robots_s: float | None = None
+    """First time at which each robot tolerates its own told risk, by what it has heard; None: never."""
 
 
 def stopping(
@@ -313,7 +369,29 @@ def stopping(
         _share(int(cleared.sum()), drawn),
         _share(int(of_block[worst]), int(number[worst])),
         drawn,
+        _robots_s(samples, patches, shares, question, times_s, counts, seed),
     )
+
+
+def _robots_s(
+    samples: Samples, patches: Patches, shares: Shares, question: Question, times_s: Floats,
+    counts: NDArray[np.bool_], seed: int,
+) -> float | None:  # fmt: skip
+    """Return from when on each robot tolerates its told risk, by its own samples and what it has heard.
+
+    Args:
+        counts: which samples count at each time, (samples, times).
+    """
+    random = generator(seed, "lost messages")
+    robot, values = samples.frame["robot"].to_numpy(), samples.column("value")[:, None]
+    tolerated = np.ones(times_s.size, dtype=bool)
+    for one in samples.robots:
+        has = (robot == one) | (random.random(robot.size) >= question.loss)
+        told = risk_of(samples, patches, shares, question, values, counts & has[:, None])
+        tolerated &= told <= question.risk
+    late = np.flatnonzero(~tolerated)
+    first = int(late[-1]) + 1 if late.size else 0
+    return float(times_s[first]) if first < times_s.size else None
 
 
 def risk_of(
