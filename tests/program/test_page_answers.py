@@ -292,3 +292,35 @@ def test_kinds_of_tile_and_patches_are_shown(open_page: Open, tmp_path: Path) ->
     bits = patched.observations["observation"].to_numpy()
     assert f"{round(100 * (bits != on).mean(), 1):g} % misread" in page.inner_text("#facts")
     assert not page.evaluate(BLANK, "floor")
+
+
+STOPS = np.array([[0, 34, 78], [65, 77, 107], [124, 123, 120], [188, 174, 108], [254, 232, 56]])
+CORNER = """id => {
+  const copy = document.createElement("canvas"), context = copy.getContext("2d", { willReadFrequently: true });
+  context.drawImage(document.getElementById(id), 0, 0);
+  return Array.from(context.getImageData(3, 3, 1, 1).data).slice(0, 3);
+}"""
+
+
+def test_the_map_stands_beside_its_uncertainty(open_page: Open, record: RunRecord, tmp_path: Path) -> None:
+    """The first tile has the colours of its probability and standard deviation, of all samples or of one robot."""
+    rows, columns = record.floor.tiles.shape
+    robots = record.robots.height
+    beliefs = np.random.default_rng(6).random((41, robots + 1, rows * columns))
+    time_s = np.linspace(0.0, record.t_end_s, 41)
+    file = tmp_path / "map.html"
+    write_page(replace(record, maps=MapsOverTime(time_s, beliefs)), file)
+    page = open_page("#t=100", file=file)
+    assert page.is_visible("#map-section")
+    for t, robot in ((100.0, None), (record.t_end_s, None), (100.0, 0)):
+        page.evaluate("t => vibroswarm.seek(t)", t)
+        if robot is not None:
+            page.keyboard.press(str(robot))
+            settled(page)
+        at = np.searchsorted(time_s, t, side="right") - 1
+        p = np.rint(255 * beliefs[at, robots if robot is None else robot, 0]) / 255  # as the page has it
+        for canvas, share in (("map-probability", p), ("map-uncertainty", np.sqrt(p * (1 - p)) / 0.5)):
+            colour = [np.interp(4 * share, range(5), STOPS[:, k]) for k in range(3)]
+            assert page.evaluate(CORNER, canvas) == pytest.approx(colour, abs=1.5), (t, robot, canvas)
+    plain = open_page("#t=100")
+    assert not plain.is_visible("#map-section")

@@ -49,6 +49,7 @@ SCRIPTS = (
     "robots.js",
     "places.js",
     "map_layer.js",
+    "map_view.js",
     "radio.js",
     "zoom.js",
     "arena.js",

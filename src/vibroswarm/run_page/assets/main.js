@@ -8,6 +8,7 @@ function draw(now = performance.now()) {
   drawArena(state.t, state.followed, state.speed);
   drawBelief(state.t, state.followed);
   drawCards(state.t, state.followed);
+  drawMaps(state.t, state.followed);
   drawVerdict(state.t);
   drawPlayer(state);
   drawLoop(state.loop);
@@ -119,6 +120,7 @@ function layOut() {
   layOutArena();
   layOutBelief();
   layOutCards();
+  layOutMaps();
   draw();
 }
 
