@@ -7,9 +7,12 @@ import pytest
 
 from vibroswarm.analysis.map_scores import calibration, map_scores
 from vibroswarm.inspection.inspection import inspect
+from vibroswarm.inspection.laws import law_of_scenario
 from vibroswarm.inspection.samples import Samples
+from vibroswarm.inspection.sources import samples_of_result
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.simulation import simulate
 
 pytestmark = pytest.mark.slow
 RUNS = range(20)
@@ -70,9 +73,9 @@ def test_places_that_are_stated_too_exactly_must_fail(name: str) -> None:
     scenario = preset(name).with_values(
         {"run.t_end_s": 310.0, "strategy.name": "places", "floor.source": "random:0.48", **small}
     )
-    costs = []
+    result, law, costs = simulate(scenario, 900, 16), law_of_scenario(scenario, "the preset"), []
     for run in range(16):
-        samples = inspect(scenario, seed=900, run=run).samples
+        samples = samples_of_result(result, run, law)
         exact = {axis: 0.1 * samples.column(axis) for axis in ("spread_x_m", "spread_y_m")}
         told, wrong = (
             map_scores(tile_map(one, [300.0])[0], samples.floor)["brier"]
