@@ -18,7 +18,6 @@ from typing import Final
 import numpy as np
 import polars as pl
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from vibroswarm.analysis.intervals import wilson_limits
 from vibroswarm.floors.floor import Floor
@@ -54,7 +53,10 @@ def _auc(p: Floats, x: Floats) -> float:
     if not ones or not zeros:
         return float("nan")
     # Mann and Whitney: ranks of the vibrating tiles, ties at their mean rank, less those among themselves.
-    return float((rankdata(p)[x == 1].sum() - 0.5 * ones * (ones + 1)) / (ones * zeros))
+    ranks = (
+        pl.Series(p).rank().to_numpy()
+    )  # the mean rank of equal values; scipy.stats takes a second to import
+    return float((ranks[x == 1].sum() - 0.5 * ones * (ones + 1)) / (ones * zeros))
 
 
 def _location_error_m(p: Floats, x: Floats, floor: Floor) -> float:
