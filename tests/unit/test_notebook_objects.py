@@ -241,7 +241,14 @@ def test_a_fit_shows_fields_and_estimates() -> None:
 
 def test_a_reproduction_shows_a_verdict_for_each_claim() -> None:
     claim = next(claim for claim in all_claims() if claim.cells == 1 and claim.kind == "claim")
-    row = {"claim": claim.id, "column": claim.columns[0], "cell": "", "estimate": 1e9, "n": 10, "exact": True}
+    row = {
+        "value": claim.value,
+        "column": claim.columns[0],
+        "cell": "",
+        "estimate": 1e9,
+        "n": 10,
+        "exact": True,
+    }
     rows = pl.DataFrame([row], schema={name: MEASURED[name] for name in row}).with_columns(
         pl.lit(None, MEASURED[name]).alias(name) for name in MEASURED if name not in row
     )

@@ -6,12 +6,14 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
 
+import vibroswarm.paper
 from vibroswarm.errors import InputError
 from vibroswarm.paper.claim_values import exact, frame, log_spread, mean, row, share_saved
 from vibroswarm.paper.claims import MEASURED, Claim, all_claims, claims_from, decide, interval, verdict_of
@@ -221,3 +223,25 @@ def test_a_value_that_scattered_points_hold_as_well_is_not_asked() -> None:
     }
     asked, not_asked = "reproduced", "cannot be asked"
     assert list(by_scattered.values()) == [asked, not_asked, not_asked, asked]
+
+
+def test_claims_are_data_and_no_code_knows_one() -> None:
+    """Items give values by name, and claims name them: no id of a claim is written in the code of an item."""
+    values = [claim.value for claim in all_claims()]
+    assert all(values)
+    assert len(set(values)) == len(values)
+    top = Path(vibroswarm.paper.__file__).parent
+    code = "\n".join(path.read_text(encoding="utf-8") for path in top.rglob("*.py"))
+    named_otherwise = {"estimate", "corners", "headline-seeds"}  # a figure, a table, a picture
+    written = {claim.id for claim in all_claims() if f'"{claim.id}"' in code}
+    assert written <= named_otherwise
+    assert all(f'"{value}"' in code for value in values)
+
+
+def test_two_claims_may_be_about_the_same_values() -> None:
+    more, less = (
+        Claim(name, "difficulty", "About it.", "difference", test, 1, effect=5.0, value="v")
+        for name, test in (("more", "at_least"), ("less", "at_most"))
+    )
+    made = [row("v", "paper", "x", 9.0, 1.0, 10_000)]
+    assert _decided(made, [more, less]) == {"more": "reproduced", "less": "not reproduced"}

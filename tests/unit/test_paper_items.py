@@ -76,7 +76,7 @@ def test_every_claim_is_measured_in_every_column_it_is_asked_in(tables: dict[str
     found = {(one.claim.id, one.column) for one in decided}
     asked = {(c.id, column) for c in all_claims() if c.item in tables for column in c.columns}
     assert found == asked
-    assert set(measured["claim"]) == {claim.id for claim in all_claims() if claim.item in tables}
+    assert set(measured["value"]) == {claim.value for claim in all_claims() if claim.item in tables}
     assert measured.height == sum(c.cells * len(c.columns) for c in all_claims() if c.item in tables)
 
 
@@ -181,7 +181,12 @@ def test_larger_swarms_of_calibrated_robots_lose_messages_by_size() -> None:
         assert share_lost(robots) == pytest.approx(experiment_times.loss_of(robots), abs=0.0045)
 
 
-OF_SHORT_SEARCHES = ("search-settles", "search-score-holds", "search-bests-meet", "search-mean-falls")
+OF_SHORT_SEARCHES = (
+    "late-change-of-parameter",
+    "believed-score-over-fresh",
+    "gap-of-bests-left",
+    "change-of-mean-cost",
+)
 
 
 def test_a_search_that_is_long_enough_gets_a_verdict() -> None:
@@ -195,10 +200,10 @@ def test_what_cannot_be_asked_is_found_in_every_item(tables: dict[str, Tables]) 
     """In `text` what is decided on floors of 0.52 and 0.56, in `calibrated` patterns of small tiles; else none but
     what so short searches cannot say."""
     measured = pl.concat([made[CLAIMS] for made in tables.values()])
-    of_short = measured.filter(pl.col("claim").is_in(OF_SHORT_SEARCHES))
+    of_short = measured.filter(pl.col("value").is_in(OF_SHORT_SEARCHES))
     assert of_short.height >= len(OF_SHORT_SEARCHES)
     assert of_short["cannot"].str.contains("fewer than").all()
-    measured = measured.filter(~pl.col("claim").is_in(OF_SHORT_SEARCHES))
+    measured = measured.filter(~pl.col("value").is_in(OF_SHORT_SEARCHES))
     there = pl.col("cannot").is_not_null()
     assert measured.filter(there & (pl.col("column") == "paper")).is_empty()
     text = measured.filter(pl.col("column") == "text")
@@ -206,7 +211,7 @@ def test_what_cannot_be_asked_is_found_in_every_item(tables: dict[str, Tables]) 
     assert text.filter(far).height >= 20
     assert text.filter(far & ~there).is_empty()
     assert text.filter(there & ~far).is_empty()
-    patterns = {claim.id for claim in all_claims() if claim.item == "patterns"}
+    patterns = {claim.value for claim in all_claims() if claim.item == "patterns"}
     calibrated = measured.filter(pl.col("column") == "calibrated")
-    assert set(calibrated.filter(there)["claim"]) == patterns
-    assert calibrated.filter(pl.col("claim").is_in(patterns) & ~there).is_empty()
+    assert set(calibrated.filter(there)["value"]) == patterns
+    assert calibrated.filter(pl.col("value").is_in(patterns) & ~there).is_empty()

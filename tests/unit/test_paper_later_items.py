@@ -156,7 +156,7 @@ def test_the_timers_item_finds_what_it_was_given(tmp_path: Path) -> None:
     """Small, but whole: the timer that is always on samples nearer, by far more than chance."""
     made = reproduce(Settings(runs=RUNS, columns=("paper",)), tmp_path, [readings.TIMER])
     measured = made.made[0].tables[CLAIMS]
-    near = measured.filter(pl.col("claim") == "timer-near").row(0, named=True)
+    near = measured.filter(pl.col("value") == "distance-timer-always-less-frozen").row(0, named=True)
     assert near["estimate"] < -0.02
     assert near["estimate"] < -10 * near["standard_error"]
 

@@ -9,9 +9,9 @@
 | difference from a published mean of N runs | - | error sqrt(s^2 / n + S^2 / N), n - 1 degrees of freedom |
 
 Every public function below returns one row of the table ``claims.MEASURED``. Its first arguments name the value:
-``claim`` is the id of the claim, ``column`` the preset of the reproduction, and ``cell`` a label for people. ``cannot``
-is the reason why the column cannot answer the question, or None. ``less`` is a number that is subtracted from the
-estimate, such as a published value.
+``value_name`` is what claims name (``Claim.value``), ``column`` the preset of the reproduction, and ``cell`` a label
+for people. ``cannot`` is the reason why the column cannot answer the question, or None. ``less`` is a number that is
+subtracted from the estimate, such as a published value.
 
 **Error of a published mean.** The error bars of the real experiments treat robots as independent, but the results of
 the robots in one run are strongly correlated (r = 0.97). The bars are therefore too short by a factor of
@@ -52,7 +52,7 @@ FAR: Final = 0.5
 
 
 def row(
-    claim: str,
+    value_name: str,
     column: str,
     cell: str,
     estimate: float,
@@ -66,12 +66,12 @@ def row(
     claim is decided, unless a caller also sets ``exact``, or ``above`` and ``below``.
 
     Args:
-        claim, column, cell, cannot: see the head of this module.
+        value_name, column, cell, cannot: see the head of this module.
         estimate, error: the value and its standard error. n: number of runs.
     """
     known = None if error is None or not math.isfinite(error) else error
     return {
-        "claim": claim,
+        "value": value_name,
         "column": column,
         "cell": cell,
         "estimate": estimate,
@@ -86,12 +86,12 @@ def row(
     }
 
 
-def exact(claim: str, column: str, cell: str, value: float, cannot: str | None = None) -> Row:
+def exact(value_name: str, column: str, cell: str, value: float, cannot: str | None = None) -> Row:
     """Return the row of a constant, which has no sampling error."""
-    return row(claim, column, cell, value, error=None, n=1, cannot=cannot) | {"exact": True}
+    return row(value_name, column, cell, value, error=None, n=1, cannot=cannot) | {"exact": True}
 
 
-def of_interval(claim: str, column: str, cell: str, found: Interval, cannot: str | None = None) -> Row:
+def of_interval(value_name: str, column: str, cell: str, found: Interval, cannot: str | None = None) -> Row:
     """Return the row of an estimate that is given as an interval with Student's limits.
 
     The row holds a standard error instead of limits, because a claim is decided at a level of its own, from which its
@@ -102,11 +102,11 @@ def of_interval(claim: str, column: str, cell: str, found: Interval, cannot: str
     half = (found.high - found.low) / 2
     # With one run, which has no degree of freedom, the interval is infinite whatever the quantile is.
     quantile = float(stdtrit(max(found.n - 1, 1), 0.5 + found.level / 2))
-    return row(claim, column, cell, found.estimate, error=half / quantile, n=found.n, cannot=cannot)
+    return row(value_name, column, cell, found.estimate, error=half / quantile, n=found.n, cannot=cannot)
 
 
 def mean(
-    claim: str,
+    value_name: str,
     column: str,
     cell: str,
     values: ArrayLike,
@@ -132,7 +132,7 @@ def mean(
         cannot: why the column cannot answer the question.
     """
     runs_values = np.asarray(values, dtype=np.float64)
-    estimated = of_interval(claim, column, cell, mean_interval(runs_values - less))
+    estimated = of_interval(value_name, column, cell, mean_interval(runs_values - less))
     runs_values = runs_values[~np.isnan(runs_values)]
     if _nearly_all_equal(runs_values):
         estimated["standard_error"] = None  # the few other values say too little about the scatter
@@ -147,7 +147,13 @@ def mean(
 
 
 def share(
-    claim: str, column: str, cell: str, values: ArrayLike, less: float = 0.0, *, cannot: str | None = None
+    value_name: str,
+    column: str,
+    cell: str,
+    values: ArrayLike,
+    less: float = 0.0,
+    *,
+    cannot: str | None = None,
 ) -> Row:
     """Return the row of the mean over runs of a share or of a difference of shares, minus ``less``.
 
@@ -160,9 +166,9 @@ def share(
     runs_values = np.asarray(values, dtype=np.float64)
     runs_values = runs_values[~np.isnan(runs_values)]
     if not runs_values.size:
-        return row(claim, column, cell, math.nan, error=None, n=0, cannot=cannot)
+        return row(value_name, column, cell, math.nan, error=None, n=0, cannot=cannot)
     estimate = float(runs_values.mean()) - less
-    return row(claim, column, cell, estimate, error=None, n=runs_values.size, cannot=cannot) | _parts(
+    return row(value_name, column, cell, estimate, error=None, n=runs_values.size, cannot=cannot) | _parts(
         runs_values
     )
 
@@ -199,7 +205,7 @@ def _parts(values: NDArray[np.float64]) -> Row:
 
 
 def share_saved(
-    claim: str,
+    value_name: str,
     column: str,
     cell: str,
     first: NDArray[np.float64],
@@ -222,7 +228,7 @@ def share_saved(
     # First-order (delta) approximation: one value for each run, with the mean ``saved``; their scatter gives the error.
     linearised = mean_interval(saved - (first - (1.0 - saved) * second) / second.mean())
     # ``of_interval`` takes only the width from the limits, so ``less`` need not be subtracted from them.
-    estimated = of_interval(claim, column, cell, linearised._replace(estimate=saved - less))
+    estimated = of_interval(value_name, column, cell, linearised._replace(estimate=saved - less))
     if published_runs is not None and estimated["standard_error"] is not None:
         variance = first.var(ddof=1) + (1.0 - saved) ** 2 * second.var(ddof=1)
         published_error = math.sqrt(variance / published_runs) / float(second.mean())
@@ -231,7 +237,7 @@ def share_saved(
 
 
 def log_spread(
-    claim: str,
+    value_name: str,
     column: str,
     cell: str,
     first: NDArray[np.float64],
@@ -246,13 +252,13 @@ def log_spread(
     """
     s1, s2 = float(first.std(ddof=1)), float(second.std(ddof=1))
     if min(s1, s2) <= 0.0:
-        return row(claim, column, cell, math.nan, error=None, n=first.size, cannot=cannot)
+        return row(value_name, column, cell, math.nan, error=None, n=first.size, cannot=cannot)
     # First-order (delta) approximation of the log ratio: one value for each run. The scatter of these values gives the
     # standard error. Their mean is not the log ratio, so it is replaced by the log ratio below.
     first_part = (first - first.mean()) ** 2 / s1**2
     second_part = (second - second.mean()) ** 2 / s2**2
     linearised = mean_interval((first_part - second_part) / 2)
-    return of_interval(claim, column, cell, linearised._replace(estimate=math.log(s1 / s2))) | {
+    return of_interval(value_name, column, cell, linearised._replace(estimate=math.log(s1 / s2))) | {
         "cannot": cannot
     }
 

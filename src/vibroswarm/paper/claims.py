@@ -179,7 +179,7 @@ ALPHA: Final = 0.05
 """Largest probability of any false verdict in a column, a."""
 
 MEASURED: Final[dict[str, Any]] = {
-    "claim": pl.String,
+    "value": pl.String,
     "column": pl.String,
     "cell": pl.String,
     "estimate": pl.Float64,
@@ -193,10 +193,11 @@ MEASURED: Final[dict[str, Any]] = {
 }
 """Columns of the table of measured values, one row per value; ``interval`` gives the limits of a row.
 
-claim: its id. column: preset of the reproduction. cell: label of the value. n: number of runs. exact: whether it is a
-constant, not an estimate. above, below: means of the positive and of the negative parts of values between -1 and 1.
-cannot: why the column cannot answer the question, or null. scattered: the value that evenly scattered points have, in
-place of those that were simulated; null if nothing of the kind is known.
+value: name of what is measured, which claims name (``Claim.value``). column: preset of the reproduction. cell: label
+of the value. n: number of runs. exact: whether it is a constant, not an estimate. above, below: means of the positive
+and of the negative parts of values between -1 and 1. cannot: why the column cannot answer the question, or null.
+scattered: the value that evenly scattered points have, in place of those that were simulated; null if nothing of the
+kind is known.
 """
 UNKNOWN: Final = frozenset({"estimate", "standard_error", "above", "below", "cannot", "scattered"})
 """Columns of ``MEASURED`` that may be null."""
@@ -225,6 +226,8 @@ class Claim(NotebookView):
     """Presets of the reproduction in which the claim is decided."""
     kind: str = "claim"
     """One of ``KINDS``: a claim about robots, or a check of numbers."""
+    value: str = ""
+    """Name of its measured values, in the column ``value`` of ``MEASURED``; empty: its ``id``."""
     no_control: str | None = None
     """Why negative controls need not change its verdict."""
     cannot: str | None = None
@@ -439,7 +442,7 @@ def decide(measured: pl.DataFrame, claims: Sequence[Claim] | None = None) -> lis
 
 def _rows_of(claim: Claim, measured: pl.DataFrame) -> Rows:
     """Return the measured rows of a claim; those that the claim or scattered points rule out state the reason."""
-    rows = measured.filter(pl.col("claim") == claim.id).to_dicts()
+    rows = measured.filter(pl.col("value") == (claim.value or claim.id)).to_dicts()
     return [
         row | {"cannot": claim.cannot or row["cannot"] or _too_easy(claim, row["scattered"])} for row in rows
     ]

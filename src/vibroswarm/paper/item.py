@@ -31,14 +31,14 @@ from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.core.tables import parquet_bytes, read_frame
 from vibroswarm.core.untrusted_files import entry
 from vibroswarm.errors import InputError
+from vibroswarm.floors import is_random
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.source import is_random
 from vibroswarm.observation.decision_boundary import expected_ones
 from vibroswarm.paper.cells import WALKED, Cell, CellResults
 from vibroswarm.paper.claim_values import Row, frame, mean, share
 from vibroswarm.paper.columns import COLUMNS, scenario_of
 from vibroswarm.paper.real_data import real_floor
-from vibroswarm.plots import picture
+from vibroswarm.plots import Picture as DrawnPicture
 from vibroswarm.scenario.scenario import Scenario, preset
 from vibroswarm.show.document import Column
 from vibroswarm.simulation import versions
@@ -82,7 +82,6 @@ class Settings(NotebookView):
 
 Cells = dict[Hashable, Cell]
 """The cells of an item; keys are mostly tuples, such as (column, strategy, fill ratio)."""
-Drawn = picture.Picture
 
 
 @dataclass(frozen=True)
@@ -136,7 +135,7 @@ class Work:
 
     def change(
         self,
-        claim: str,
+        value_name: str,
         column: str,
         label: str,
         name: str,
@@ -145,10 +144,11 @@ class Work:
         *,
         check: bool = True,
     ) -> Row:
-        """Return the row of a claim about the paired difference (first - second) of a figure between two cells.
+        """Return the row of the paired difference (first - second) of a figure between two cells.
 
         Args:
-            claim: id of the claim. column: preset of the reproduction. label: names the value for people.
+            value_name: what claims name (``Claim.value``). column: preset of the reproduction.
+            label: names the value for people.
             name: name of the figure. first, second: keys of the cells.
             check: whether to check that the column can answer the question; if it cannot, the row states why. Figures
                 of how robots walk (``WALKED``) are never checked, because they can be compared on any floor.
@@ -157,11 +157,11 @@ class Work:
         cannot = self.cannot(first, second) if check and name not in WALKED else None
         # Wrong decisions may be rare, and the limits of ``share`` hold for rare events too.
         if name == "wrong_share":
-            return share(claim, column, label, values, cannot=cannot)
+            return share(value_name, column, label, values, cannot=cannot)
         # A belief lies between 0 and 1, so a difference of beliefs lies between -1 and 1. ``bounded`` lets ``mean`` use
         # this bound to widen the limits for rare large differences that did not occur in these runs. Times and
         # distances have no such bound.
-        return mean(claim, column, label, values, bounded=name == "belief_in_truth", cannot=cannot)
+        return mean(value_name, column, label, values, bounded=name == "belief_in_truth", cannot=cannot)
 
     def claims(self, measure: Callable[[Work, str], Iterable[Row]]) -> pl.DataFrame:
         """Return the rows that ``measure`` yields for each column, as a table with the columns of ``claims.MEASURED``.
@@ -170,6 +170,10 @@ class Work:
             measure: called with this object and a column (preset); yields the rows of the measured values.
         """
         return frame([row for column in self.settings.columns for row in measure(self, column)])
+
+
+Drawn = DrawnPicture
+"""What a drawing function returns."""
 
 
 class Picture(NamedTuple):

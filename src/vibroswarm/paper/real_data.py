@@ -17,8 +17,8 @@ import polars as pl
 
 from vibroswarm.calibrate.features import FEATURES, sessions_of
 from vibroswarm.calibrate.real_vs_simulated import AXES, SPANS
+from vibroswarm.floors import read_tiles
 from vibroswarm.floors.floor import Floor
-from vibroswarm.floors.io import read_tiles
 from vibroswarm.plots.layout import new_figure, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import look, style_named

@@ -147,7 +147,7 @@ def authors_rows(found: Comparison) -> list[Row]:
     """
     return [
         exact(
-            claim="calibration-printed",
+            value_name="recomputed-similarity-less-printed",
             column="paper",
             cell=WORDS[similarities.feature],
             value=similarities.as_published - printed(similarities.feature),
@@ -172,7 +172,7 @@ def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
         published_value = printed(feature)
         rows.append(
             mean(
-                claim="calibration-ours",
+                value_name="simulated-similarity-less-printed",
                 column=column,
                 cell=WORDS[feature],
                 values=similarities,
@@ -181,7 +181,7 @@ def column_rows(settings: Settings, column: str, sets: Sets) -> list[Row]:
             )
             | {"scattered": float(nulls.mean()) - published_value}
         )
-        rows.append(mean("calibration-tells", column, WORDS[feature], similarities - nulls))
+        rows.append(mean("similarity-less-scattered", column, WORDS[feature], similarities - nulls))
     return rows + error_rows(settings, column) + battery_rows(settings, column)
 
 
@@ -207,7 +207,7 @@ def error_rows(settings: Settings, column: str) -> list[Row]:
     names = ("false_positive", "false_negative")
     return [
         mean(
-            "calibration-errors",
+            "error-rate-less-printed",
             column,
             name,
             share,
@@ -227,7 +227,12 @@ def battery_rows(settings: Settings, column: str) -> list[Row]:
     scenario = settings.scenario(column)
     ends = zip((0.0, scenario.run.t_end_s), published("calibration.battery_first_last"), strict=True)
     return [
-        exact("battery", column, f"at {t_s:g} s", 1.0 - t_s / scenario.robot.battery_life_s - printed_factor)
+        exact(
+            "battery-factor-less-printed",
+            column,
+            f"at {t_s:g} s",
+            1.0 - t_s / scenario.robot.battery_life_s - printed_factor,
+        )
         for t_s, printed_factor in ends
     ]
 

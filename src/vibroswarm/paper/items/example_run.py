@@ -12,7 +12,7 @@ from vibroswarm.paper.cells import options_of
 from vibroswarm.paper.claim_values import frame, mean
 from vibroswarm.paper.columns import STRATEGIES
 from vibroswarm.paper.item import CLAIMS, Cells, Drawn, Item, Picture, Settings, Tables, TableView, Work
-from vibroswarm.plots.picture import Picture as Plotted
+from vibroswarm.plots import Picture as Plotted
 from vibroswarm.plots.run import run_figure
 from vibroswarm.plots.style import settings as drawn_with
 from vibroswarm.plots.style import style_named
@@ -70,7 +70,7 @@ def compute(work: Work) -> Tables:
             cell = work.cells[column, strategy]
             estimate = work.values((column, strategy), "estimate")
             error = abs(estimate - FILL)
-            measured.append(mean("estimate", column, strategy, error, less=TILE))
+            measured.append(mean("error-of-estimate-less-tile", column, strategy, error, less=TILE))
             figures = (float(estimate.mean()), float(error.mean()), float(estimate.std()))  # over runs
             command = cell.command(work.results.runs, work.results.seed)
             rows.append((column, strategy, error.size, *figures, command))

@@ -123,7 +123,7 @@ def compute(work: Work) -> Tables:
     measured = [row for column in columns for row in _measured(work, column)]
     if POOL_COLUMN in columns:
         for robots, off in tables["loss"].select("robots", "off the line").iter_rows():
-            measured.append(exact("robots-loss-linear", POOL_COLUMN, f"{robots} robots", off))
+            measured.append(exact("plotted-loss-less-line", POOL_COLUMN, f"{robots} robots", off))
         unexplained = {robots: _to_explain(work, robots) for robots in _subset_sizes()}
         measured += list(unexplained.values())
         tables["distance"] = _distances(work, unexplained)
@@ -178,15 +178,19 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
             error = error_of_difference(values, largest_sd(work, column, robots, strategy, BELIEF))
             difference, label = float(values.mean()) - published_mean, f"{robots} robots, {strategy}"
             # n is the number of experiments, not of our runs: the scatter of the experiments dominates the error.
-            yield row("robots-belief", column, label, estimate=difference, error=error, n=REAL_EXPERIMENTS)
+            yield row(
+                "belief-less-robots", column, label, estimate=difference, error=error, n=REAL_EXPERIMENTS
+            )
         first, second = (_key(column, n, strategy) for n in (max(sizes()), min(sizes())))
         # ``check=False``: with a check, presets that cannot answer the paper's question would have no estimate here,
         # while ``robots-belief`` above has one for all presets.
-        yield work.change("robots-belief-size", column, strategy, BELIEF, first, second, check=False)
+        yield work.change(
+            "belief-on-real-floor-many-less-few", column, strategy, BELIEF, first, second, check=False
+        )
     for robots in _subset_sizes():
         first, second = (_key(column, n) for n in (robots, WHOLE))
         label = f"{robots} less {WHOLE} robots"
-        yield work.change("robots-distance-rises", column, label, DISTANCE, first, second)
+        yield work.change("distance-less-eight-robots", column, label, DISTANCE, first, second)
 
 
 def _to_explain(work: Work, robots: int) -> Row:
@@ -223,7 +227,14 @@ def _to_explain(work: Work, robots: int) -> Row:
     rise_error = np.sqrt(2 * float(redrawn.var(ddof=1)) / REAL_EXPERIMENTS)
     published_error = rise_error / _subset_sd(drawn_once, redrawn, robots)  # z is a rise divided by S
     error = float(np.hypot(own_error, published_error))
-    return row("robots-subset", POOL_COLUMN, f"{robots} of {POOL} robots", estimate, error, REAL_EXPERIMENTS)
+    return row(
+        "published-rise-less-ours",
+        POOL_COLUMN,
+        f"{robots} of {POOL} robots",
+        estimate,
+        error,
+        REAL_EXPERIMENTS,
+    )
 
 
 def _without(values: NDArray[np.float64], group: int) -> NDArray[np.float64]:

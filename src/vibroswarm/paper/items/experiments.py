@@ -47,8 +47,13 @@ from vibroswarm.plots import draw_error_bars
 from vibroswarm.show.document import Column
 
 WALKED: Final = (
-    ("robots-avoidance", "avoid_per_sample_s", "avoidance per sample (s)", "avoidance_s_per_sample_none"),
-    ("robots-distance", "distance_m", "distance between samples (m)", "distance_between_samples_m_none"),
+    (
+        "avoidance-less-robots",
+        "avoid_per_sample_s",
+        "avoidance per sample (s)",
+        "avoidance_s_per_sample_none",
+    ),
+    ("distance-less-robots", "distance_m", "distance between samples (m)", "distance_between_samples_m_none"),
 )
 """Figures of how robots walk. Of each: claim, name of our figure, label, and name in ``published.json``."""
 _AS_TEXT: Final = (pl.col("theta_E") == AS_TEXT[0]) & (pl.col("gate") == AS_TEXT[1])
@@ -74,7 +79,7 @@ def compute(work: Work) -> Tables:
             (largest, plotted[-1], in_text[1]),
         ):
             difference = (plotted_percent - stated_percent) / 100
-            measured.append(exact("robots-loss-sizes", "paper", f"{robots} robots", difference))
+            measured.append(exact("plotted-loss-less-text", "paper", f"{robots} robots", difference))
     bands = _bands(table)
     return {
         "cells": table,
@@ -145,22 +150,24 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     for threshold, gate in SETTINGS:
         *_, change = gaps(work, column, threshold, gate, max(sizes()))
         cannot = work.cannot((column, LOSSES[0], threshold, gate, max(sizes()), "none"))
-        yield mean("robots-loss", column, f"theta_E {threshold}, gate {gate}", change, cannot=cannot)
+        yield mean(
+            "lead-with-loss-less-without", column, f"theta_E {threshold}, gate {gate}", change, cannot=cannot
+        )
     for robots in sizes():
         for strategy in STRATEGIES:
             cannot = work.cannot((column, LOSSES[0], *AS_TEXT, robots, strategy))
             yield _less_published(
-                work, "robots-times", column, label=f"{robots} robots, {strategy}", robots=robots, strategy=strategy,
-                name=TIME, path=f"decision_time_s.{strategy}", cannot=cannot,
+                work, "time-less-robots", column, label=f"{robots} robots, {strategy}", robots=robots,
+                strategy=strategy, name=TIME, path=f"decision_time_s.{strategy}", cannot=cannot,
             )  # fmt: skip
-        for claim, name, _, path in WALKED:
+        for value_name, name, _, path in WALKED:
             yield _less_published(
-                work, claim, column, label=f"{robots} robots", robots=robots, strategy="none", name=name, path=path
+                work, value_name, column, label=f"{robots} robots", robots=robots, strategy="none", name=name, path=path
             )  # fmt: skip
 
 
 def _less_published(
-    work: Work, claim: str, column: str, label: str, robots: int, strategy: str, name: str, path: str,
+    work: Work, value_name: str, column: str, label: str, robots: int, strategy: str, name: str, path: str,
     cannot: str | None = None,
 ) -> Row:  # fmt: skip
     """Return the row of a claim about the difference between our mean and a published mean.
@@ -172,7 +179,7 @@ def _less_published(
         cannot: why the column cannot answer the question, or None.
     """
     return mean(
-        claim, column, label, work.values((column, LOSSES[0], *AS_TEXT, robots, strategy), name),
+        value_name, column, label, work.values((column, LOSSES[0], *AS_TEXT, robots, strategy), name),
         less=published_by_size(f"experiments.{path}")[robots], published_runs=REAL_EXPERIMENTS,
         published_sd=largest_sd(work, column, robots, strategy, name), cannot=cannot,
     )  # fmt: skip
@@ -186,7 +193,7 @@ def _soft(work: Work, column: str, threshold: float, gate: str, robots: int) -> 
     keys = {name: (column, LOSSES[0], threshold, gate, robots, name) for name in STRATEGIES}
     faster = min(STRATEGIES[:2], key=lambda name: float(work.values(keys[name], TIME).mean()))
     words = f"{robots} robots, theta_E {threshold}, gate {gate}"
-    return work.change("robots-soft", column, words, TIME, keys["soft"], keys[faster])
+    return work.change("time-soft-less-faster", column, words, TIME, keys["soft"], keys[faster])
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:

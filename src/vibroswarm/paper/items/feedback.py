@@ -88,22 +88,24 @@ def _measured_grid(work: Work, column: str) -> Iterator[Row]:
     none = (column, "none", None, None)
     most_eta, most_kappa = max(_etas()), max(_kappas())
     most = (column, "soft", most_eta, most_kappa)
-    yield work.change("grid-approaches-none", column, f"eta {most_eta}, kappa {most_kappa}", time, most, none)
+    yield work.change(
+        "time-weakest-soft-less-none", column, f"eta {most_eta}, kappa {most_kappa}", time, most, none
+    )
     for eta in _etas():
         kappa_1, kappa_2, kappa_4 = ((column, "soft", eta, kappa) for kappa in (1, 2, 4))
-        for claim, name, first, second in (
-            ("grid-kappa-4", time, kappa_4, none),
-            ("grid-kappa-1-fast", time, kappa_1, kappa_2),
-            ("grid-kappa-1-belief", belief, kappa_1, kappa_2),
-            ("grid-kappa-1-wrong", wrong, kappa_1, kappa_2),
+        for value_name, name, first, second in (
+            ("time-kappa-4-less-none", time, kappa_4, none),
+            ("time-kappa-1-less-2", time, kappa_1, kappa_2),
+            ("belief-kappa-1-less-2", belief, kappa_1, kappa_2),
+            ("wrong-kappa-1-less-2", wrong, kappa_1, kappa_2),
         ):
-            yield work.change(claim, column, f"eta {eta}", name, first, second)
+            yield work.change(value_name, column, f"eta {eta}", name, first, second)
     for kappa in _kappas():
         least_eta = min(_etas())
         low, high = (column, "soft", least_eta, kappa), (column, "soft", most_eta, kappa)
-        for claim, name in (("grid-eta-fast", time), ("grid-eta-belief", belief)):
+        for value_name, name in (("time-low-eta-less-high", time), ("belief-low-eta-less-high", belief)):
             label = f"kappa {kappa}, eta {least_eta} less {most_eta}"
-            yield work.change(claim, column, label, name, low, high)
+            yield work.change(value_name, column, label, name, low, high)
 
 
 def pictures_of_grid(tables: Tables, settings: Settings) -> Iterator[Picture]:
@@ -209,8 +211,11 @@ def compute(work: Work) -> Tables:
     if COLUMN in columns:
         costs = {case: _costs(work, case) for case in CASES}
         tables["costs"] = _cost_table(costs)
-        for claim, case in (("soft-optimum-size", "ten robots"), ("soft-optimum-difficulty", "easier floor")):
-            measured.append(mean(claim, COLUMN, case, regrets(costs["as searched"], costs[case])))
+        for value_name, case in (
+            ("regret-of-other-size", "ten robots"),
+            ("regret-of-other-floor", "easier floor"),
+        ):
+            measured.append(mean(value_name, COLUMN, case, regrets(costs["as searched"], costs[case])))
     return tables | {CLAIMS: frame(measured)}
 
 
@@ -225,11 +230,11 @@ def _positive(work: Work, column: str) -> Iterator[Row]:
         pair = (column, robots, floor, "positive"), (column, robots, floor, "none")
         gaps[robots, floor] = work.difference("decision_time_s", *pair)
         words, cannot = f"{robots} robots, {floor}", work.cannot(pair[1])
-        yield mean("positive-all-to-all", column, words, gaps[robots, floor], cannot=cannot)
+        yield mean("time-positive-less-none", column, words, gaps[robots, floor], cannot=cannot)
     few, many = int(published("simulation.robots")), max(sizes())
     grown = gaps[many, HERE] - gaps[few, HERE]
     cannot = work.cannot((column, many, HERE, "none"))  # the same for both: the swarm's size does not matter
-    yield mean("positive-lead-grows", column, f"{many} less {few} robots", grown, cannot=cannot)
+    yield mean("lead-many-less-few", column, f"{many} less {few} robots", grown, cannot=cannot)
 
 
 def _gaps(measured: list[Row]) -> pl.DataFrame:
@@ -238,7 +243,7 @@ def _gaps(measured: list[Row]) -> pl.DataFrame:
     Args:
         measured: rows of ``_positive``; the rows of other claims are skipped.
     """
-    rows = [row for row in measured if row["claim"] == "positive-all-to-all"]
+    rows = [row for row in measured if row["value"] == "time-positive-less-none"]
     table = frame(rows).rename({"estimate": "gap_s"})
     half = 1.96 * pl.col("standard_error")
     return table.select("column", "cell", "gap_s", low=pl.col("gap_s") - half, high=pl.col("gap_s") + half)

@@ -67,33 +67,37 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
     for strategy in STRATEGIES:
         for near, far in NEAR:
             pair = (column, near, strategy), (column, far, strategy)
-            for claim, name in (("fill-time", time), ("fill-belief", belief)):
-                yield work.change(claim, column, f"{near} less {far}, {strategy}", name, *pair)
+            for value_name, name in (
+                ("time-near-half-less-far", time),
+                ("belief-near-half-less-far", belief),
+            ):
+                yield work.change(value_name, column, f"{near} less {far}, {strategy}", name, *pair)
     for fill in fills():
         none, positive, soft = ((column, fill, strategy) for strategy in STRATEGIES)
-        for claim, name, other in (
-            ("soft-faster-than-none", time, none),
-            ("soft-faster-than-positive", time, positive),
-            ("soft-belief", belief, none),
-            ("soft-wrong", wrong, none),
+        for value_name, name, other in (
+            ("time-soft-less-none", time, none),
+            ("time-soft-less-positive", time, positive),
+            ("belief-soft-less-none", belief, none),
+            ("wrong-soft-less-none", wrong, none),
         ):
-            yield work.change(claim, column, f"fill ratio {fill}", name, soft, other)
+            yield work.change(value_name, column, f"fill ratio {fill}", name, soft, other)
     printed = published("simulation.claim_speed_up_soft_vs_none")
     for near, far in NEAR:
         none, _, soft = ((column, near, strategy) for strategy in STRATEGIES)
         yield share_saved(
-            "soft-gain", column, f"fill ratio {near}", work.values(soft, time), work.values(none, time),
+            "share-of-time-saved-less-printed", column, f"fill ratio {near}", work.values(soft, time),
+            work.values(none, time),
             less=printed["percent"] / 100, published_runs=published("simulation.runs"), cannot=work.cannot(none),
         )  # fmt: skip
         saved_near = work.difference(time, none, soft)
         saved_far = work.difference(time, (column, far, "none"), (column, far, "soft"))
         cannot = work.cannot(none, (column, far, "none"))
         label = f"{near} less {far}"
-        yield mean("soft-gain-most-near-half", column, label, saved_near - saved_far, cannot=cannot)
+        yield mean("time-saved-near-half-less-far", column, label, saved_near - saved_far, cannot=cannot)
     for strategy in ("none", "soft"):
         key = (column, HARDEST, strategy)
         yield mean(
-            "printed-times", column, strategy, work.values(key, time), less=printed[f"{strategy}_s"],
+            "time-less-printed", column, strategy, work.values(key, time), less=printed[f"{strategy}_s"],
             published_runs=published("simulation.runs"), cannot=work.cannot(key),
         )  # fmt: skip
 
@@ -153,14 +157,20 @@ def _measured_sizes(work: Work, column: str) -> Iterator[Row]:
     words = f"{many} less {few} robots"
     for strategy in STRATEGIES:
         pair = (column, many, strategy), (column, few, strategy)
-        for claim, name in (("size-time", "decision_time_s"), ("size-belief", "belief_in_truth")):
-            yield work.change(claim, column, f"{words}, {strategy}", name, *pair)
+        for value_name, name in (
+            ("time-many-less-few", "decision_time_s"),
+            ("belief-many-less-few", "belief_in_truth"),
+        ):
+            yield work.change(value_name, column, f"{words}, {strategy}", name, *pair)
     pair = (column, many, "none"), (column, few, "none")
-    for claim, name in (("size-avoidance", "avoid_per_sample_s"), ("size-distance", "distance_m")):
-        yield work.change(claim, column, words, name, *pair)
+    for value_name, name in (
+        ("avoidance-many-less-few", "avoid_per_sample_s"),
+        ("distance-many-less-few", "distance_m"),
+    ):
+        yield work.change(value_name, column, words, name, *pair)
     for robots in sizes():
         pair = (column, robots, "soft"), (column, robots, "none")
-        yield work.change("size-soft", column, f"{robots} robots", "decision_time_s", *pair)
+        yield work.change("time-soft-less-none-by-size", column, f"{robots} robots", "decision_time_s", *pair)
 
 
 def pictures_of_sizes(tables: Tables, settings: Settings) -> Iterator[Picture]:

@@ -123,9 +123,9 @@ def _measured(work: Work, key: tuple[str, str]) -> Iterator[Row]:
     sampling error, because runs with the same seed must be equal.
     """
     words = f"{key[0]}, {key[1]}"
-    yield mean("headline-seeds", COLUMN, words, _against(work, key, "other seeds"))
+    yield mean("time-on-other-seeds-less-first", COLUMN, words, _against(work, key, "other seeds"))
     largest_s = float(np.abs(_against(work, key, "fixed-step")).max())
-    yield exact("headline-engine", COLUMN, words, largest_s)
+    yield exact("largest-time-between-engines", COLUMN, words, largest_s)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:

@@ -144,7 +144,7 @@ def compute(work: Work) -> Tables:
             if variant == "soft" and threshold == PUBLISHED and name == "wrong_share":
                 keys = [(robots, floor, one, threshold) for floor in FLOORS for one in ("none", "soft")]
                 words = f"{robots} robots, fill ratios 0.48 and 0.52"
-                measured.append(mean("soft-beyond-threshold", COLUMN, words, gain, cannot=work.cannot(*keys)))
+                measured.append(mean("wrong-at-equal-time", COLUMN, words, gain, cannot=work.cannot(*keys)))
         rows.append(row)
     fronts = [
         {"robots": robots, "strategy": variant, "p_c": threshold}

@@ -68,7 +68,12 @@ def compute_difficulty(work: Work) -> Tables:
     table = _difficulty_table()
     # Nothing is simulated, so the claim does not depend on a preset; it is decided in the column "paper" alone.
     measured = [
-        exact("difficulty-printed", "paper", f"{row['pattern']}, {row['measure']}", row["printed less right"])
+        exact(
+            "printed-difficulty-less-right",
+            "paper",
+            f"{row['pattern']}, {row['measure']}",
+            row["printed less right"],
+        )
         for row in table.to_dicts()
     ]
     return {"difficulty": table, CLAIMS: frame(measured)}
@@ -139,7 +144,9 @@ def _measured(work: Work, column: str) -> Iterator[Row]:
             yield from _of_beliefs(work, column, fill, strategy)
         for pattern in PATTERNS.values():
             pair = ((column, OPTIMISED, fill, pattern, name) for name in ("soft", "none"))
-            yield work.change("patterns-soft", column, f"{pattern}:{fill}", "decision_time_s", *pair)
+            yield work.change(
+                "time-soft-less-none-by-pattern", column, f"{pattern}:{fill}", "decision_time_s", *pair
+            )
 
 
 def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[Row]:
@@ -147,10 +154,10 @@ def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[R
 
     Each value is a difference (first - second) of beliefs, run by run:
 
-    - "patterns-steady", each pattern: belief with P* - mean belief with P* over all patterns.
-    - "patterns-start-drops", each hard pattern: belief with P0 - mean belief with P0 over the easy patterns.
-    - "patterns-optimised-better", each hard pattern: belief with P* - belief with P0.
-    - "patterns-start-easy", each easy pattern: belief with P0 - belief with P*.
+    - "belief-on-pattern-less-mean", each pattern: belief with P* - mean belief with P* over all patterns.
+    - "start-belief-hard-less-easy", each hard pattern: belief with P0 - mean belief with P0 over the easy patterns.
+    - "belief-found-less-start", each hard pattern: belief with P* - belief with P0.
+    - "belief-start-less-found", each easy pattern: belief with P0 - belief with P*.
 
     Args:
         column: preset. fill: fill ratio as the paper names it.
@@ -164,7 +171,7 @@ def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[R
         name: work.values(key, "belief_in_truth") for name, key in keys.items()
     }
 
-    def value(claim: str, label: str, values: Any, *patterns: str) -> Row:
+    def value(value_name: str, label: str, values: Any, *patterns: str) -> Row:
         """Return the row of a mean over runs; it states why if a pattern cannot answer the question (``Work.cannot``).
 
         Only the cells with P* are checked, because those with P0 have the same floors, sensors and decision boundary,
@@ -174,19 +181,19 @@ def _of_beliefs(work: Work, column: str, fill: str, strategy: str) -> Iterator[R
             values: difference of beliefs of each run, (runs,). patterns: patterns whose beliefs are in ``values``.
         """
         cannot = work.cannot(*(keys[OPTIMISED, pattern] for pattern in patterns))
-        return mean(claim, column, label, values, bounded=True, cannot=cannot)
+        return mean(value_name, column, label, values, bounded=True, cannot=cannot)
 
     mean_of_patterns = np.mean([belief[OPTIMISED, pattern] for pattern in PATTERNS.values()], axis=0)
     mean_of_easy = np.mean([belief[EMPIRICAL, pattern] for pattern in EASY], axis=0)
     for pattern in PATTERNS.values():
         label = f"{pattern}:{fill}, {strategy}"
         optimised, empirical = belief[OPTIMISED, pattern], belief[EMPIRICAL, pattern]
-        yield value("patterns-steady", label, optimised - mean_of_patterns, *PATTERNS.values())
+        yield value("belief-on-pattern-less-mean", label, optimised - mean_of_patterns, *PATTERNS.values())
         if pattern in HARD:
-            yield value("patterns-start-drops", label, empirical - mean_of_easy, pattern, *EASY)
-            yield value("patterns-optimised-better", label, optimised - empirical, pattern)
+            yield value("start-belief-hard-less-easy", label, empirical - mean_of_easy, pattern, *EASY)
+            yield value("belief-found-less-start", label, optimised - empirical, pattern)
         else:
-            yield value("patterns-start-easy", label, empirical - optimised, pattern)
+            yield value("belief-start-less-found", label, empirical - optimised, pattern)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:

@@ -97,10 +97,10 @@ def _measured(work: Work) -> Iterator[Row]:
     """
     for strategy in STRATEGIES:
         values = work.values((LABELS, strategy), "belief_in_truth")
-        yield mean("labels-printed", COLUMN, strategy, values, less=0.5, bounded=True)
+        yield mean("belief-with-printed-labels-less-half", COLUMN, strategy, values, less=0.5, bounded=True)
     sensor = work.settings.scenario(COLUMN, {"sensor.rms_threshold": 1.55}).sensor
     false_positive, false_negative = error_rates(sensor)
-    yield exact("threshold-printed", COLUMN, "1.55", false_positive - false_negative)
+    yield exact("false-positives-less-negatives", COLUMN, "1.55", false_positive - false_negative)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:
@@ -182,14 +182,16 @@ def _measured_timers(work: Work) -> Iterator[Row]:
     """
     # The distance between the samples of a robot, for one strategy: motion does not depend on the strategy.
     pair = (ALWAYS, "none"), (FROZEN, "none")
-    yield work.change("timer-near", COLUMN, "always less frozen in avoidance", "distance_m", *pair)
+    yield work.change(
+        "distance-timer-always-less-frozen", COLUMN, "always less frozen in avoidance", "distance_m", *pair
+    )
     for strategy in STRATEGIES:
         pair = (ALWAYS, strategy), (FROZEN, strategy)
-        for claim, name in (
-            ("timer-harder-time", "decision_time_s"),
-            ("timer-harder-belief", "belief_in_truth"),
+        for value_name, name in (
+            ("time-timer-always-less-frozen", "decision_time_s"),
+            ("belief-timer-always-less-frozen", "belief_in_truth"),
         ):
-            yield work.change(claim, COLUMN, strategy, name, *pair, check=False)
+            yield work.change(value_name, COLUMN, strategy, name, *pair, check=False)
 
 
 def pictures_of_timers(tables: Tables, settings: Settings) -> Iterator[Picture]:

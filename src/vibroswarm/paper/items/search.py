@@ -24,10 +24,9 @@ import numpy as np
 import polars as pl
 
 from vibroswarm.analysis.intervals import Interval, mean_interval
-from vibroswarm.optimize import Found, PsoSettings, Search, Truth, run_search, truth_of
-from vibroswarm.optimize.objective import Objective
+from vibroswarm.optimize import Found, Objective, PsoSettings, Search, Space, Truth, run_search, truth_of
 from vibroswarm.optimize.search_files import candidate_table, history_table
-from vibroswarm.optimize.space import PAPER, Space
+from vibroswarm.optimize.space import PAPER
 from vibroswarm.paper.claim_values import Row, exact, frame, mean, of_interval
 from vibroswarm.paper.columns import parameters, published
 from vibroswarm.paper.item import CLAIMS, Item, Picture, Settings, Tables, TableView, Work
@@ -142,8 +141,10 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     objective = found.search.objectives[0]
     scored = {scored_set.name: scored_set for scored_set in truth.others}
     start, star, other = scored["start"], scored["P*"], scored[ELSEWHERE]
-    yield of_interval("search-beats-start", COLUMN, "P0 less P*", paired_score(objective, start, star))
-    yield of_interval("search-is-best", COLUMN, f"{ELSEWHERE} less P*", paired_score(objective, other, star))
+    yield of_interval("cost-of-start-less-found", COLUMN, "P0 less P*", paired_score(objective, start, star))
+    yield of_interval(
+        "cost-elsewhere-less-found", COLUMN, f"{ELSEWHERE} less P*", paired_score(objective, other, star)
+    )
     # Mean of the particles after each iteration; each parameter as a share of its range, 0 to 1.
     mean_points = {iteration.number: iteration.mean_point for iteration in found.history}
     last = max(mean_points)
@@ -151,7 +152,7 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     least = round(LEAST_SHARE * published_iterations)
     too_short = None if last >= least else f"the search took fewer than {least} iterations"
     ratio = _ratio(truth.believed, truth.winner.score)
-    yield of_interval("search-score-holds", COLUMN, "this search", ratio, cannot=too_short)
+    yield of_interval("believed-score-over-fresh", COLUMN, "this search", ratio, cannot=too_short)
     # The iteration nearest to SETTLED_AT; in a shorter search, nearest to the same share of its length.
     settled = min(mean_points, key=lambda number: abs(number - SETTLED_AT * last / published_iterations))
     shortened = (  # why a search with fewer iterations than the paper's cannot answer the question, or None
@@ -162,7 +163,7 @@ def _measured(found: Found, truth: Truth) -> Iterator[Row]:
     for k, name in enumerate(found.search.space.names):
         moved = mean_points[last][k] - mean_points[settled][k]
         # Exact, because it is a property of this one search.
-        yield exact("search-settles", COLUMN, name.rpartition(".")[2], moved, cannot=shortened)
+        yield exact("late-change-of-parameter", COLUMN, name.rpartition(".")[2], moved, cannot=shortened)
 
 
 def _ratio(believed: float, true: Interval) -> Interval:
@@ -347,9 +348,9 @@ def _measured_repeats(table: pl.DataFrame, iterations: int) -> Iterator[Row]:
         if iterations >= LEAST_ITERATIONS
         else f"each search took fewer than {LEAST_ITERATIONS} iterations"
     )
-    for claim, name in (("search-bests-meet", "gap_left"), ("search-mean-falls", "cost_change")):
+    for value_name, name in (("gap-of-bests-left", "gap_left"), ("change-of-mean-cost", "cost_change")):
         cell = f"{table.height} short searches"
-        yield mean(claim, COLUMN, cell, table[name].to_numpy(), cannot=too_short)
+        yield mean(value_name, COLUMN, cell, table[name].to_numpy(), cannot=too_short)
 
 
 def pictures_of_repeats(tables: Tables, settings: Settings) -> Iterator[Picture]:

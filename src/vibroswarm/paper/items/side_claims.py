@@ -73,9 +73,9 @@ def compute(work: Work) -> Tables:
         )  # fmt: skip
     counts = pl.concat([_counts(column, timer, x, y) for (column, timer), (_, x, y) in placed.items()])
     measured = [row for column in columns for row in _measured(work, column, corners)]
-    # The keys of the cells are (column, floor, strategy), see ``cells``. The table shows only the floors that the claim
-    # "single-floor" compares; the cells on the other floors serve only the claims about the spread. All keys are
-    # tuples; ``isinstance`` is for the type checker, which knows only that keys are hashable.
+    # The keys of the cells are (column, floor, strategy), see ``cells``. The table shows only the floors of which times
+    # are compared; the cells on the other floors serve only the claims about the spread. All keys are tuples;
+    # ``isinstance`` is for the type checker, which knows only that keys are hashable.
     floors = (f"random:{published('parameters.pso.fill_ratio')}", REAL_FLOOR)
     shown = [key for key in work.cells if isinstance(key, tuple) and key[1] in floors]
     return {
@@ -149,20 +149,20 @@ def _measured(work: Work, column: str, corners: dict[tuple[str, str], Any]) -> I
     """
     time = "decision_time_s"
     ran, frozen = corners[column, TIMERS[0]], corners[column, TIMERS[2]]
-    yield mean("corners", column, "P0", ran, less=1.0)
-    yield mean("corners-timer", column, "P0", ran - frozen)
+    yield mean("corner-density-less-even", column, "P0", ran, less=1.0)
+    yield mean("corner-density-less-frozen-timer", column, "P0", ran - frozen)
     for fill in fills():
         # One strategy stands for all: whether decisions can answer the question does not depend on it.
         cannot = work.cannot((column, f"random:{fill}", "none"))
-        for claim, name in (("spread-alike", time), ("spread-alike-belief", "belief_in_truth")):
+        for value_name, name in (("log-spread-of-time", time), ("log-spread-of-belief", "belief_in_truth")):
             none = work.values((column, f"random:{fill}", "none"), name)
             for strategy in ("positive", "soft"):
                 values = work.values((column, f"random:{fill}", strategy), name)
                 words = f"{strategy} to none, fill ratio {fill}"
-                yield log_spread(claim, column, words, values, none, cannot=cannot)
+                yield log_spread(value_name, column, words, values, none, cannot=cannot)
     for strategy in STRATEGIES:
         pair = (column, REAL_FLOOR, strategy), (column, "random:0.48", strategy)
-        yield work.change("single-floor", column, strategy, time, *pair)
+        yield work.change("time-on-one-floor-less-random", column, strategy, time, *pair)
 
 
 def pictures(tables: Tables, settings: Settings) -> Iterator[Picture]:

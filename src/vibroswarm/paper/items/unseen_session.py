@@ -42,8 +42,8 @@ SIMULATED: Final = 12
 """Simulated sessions for each held-out session."""
 CONTROL: Final = {"sample.timer": "held_at_avoidance"}
 """Fields of the negative control."""
-SAMPLES, SIMILARITY = "unseen-samples", "unseen-similarity"
-"""Ids of the claims."""
+SAMPLES, SIMILARITY = "predicted-samples-over-recorded", "predicted-similarity-less-simulator"
+"""Names of the measured values."""
 
 
 class Predicted(NamedTuple):
@@ -114,7 +114,7 @@ def compute(work: Work) -> Tables:
     measured, turned = frame(list(rows_of(predicted))), frame(list(rows_of(control)))
     both = pl.DataFrame(
         {
-            "claim": measured["claim"],
+            "value": measured["value"],
             "cell": measured["cell"],
             "predicted": measured["estimate"],
             "error": measured["standard_error"],
