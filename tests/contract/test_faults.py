@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
@@ -221,6 +222,22 @@ def test_a_robot_stops_at_its_time_and_stays_and_the_others_go_round_it() -> Non
         assert samples["time_s"].max() <= first_s + 1.01
         changed += not mine.filter(mine["robot"] != 0).equals(theirs.filter(theirs["robot"] != 0))
     assert changed > 0, "nobody met it"
+
+
+@pytest.mark.parametrize("engine", ["event", "fixed-step"])
+@pytest.mark.parametrize(
+    "fault", [{"stopped": [0]}, {"battery_empty": [0], "battery_life_s": 0.0}], ids=["stopped", "empty"]
+)
+def test_a_robot_that_fails_at_the_start_never_moves(fault: dict[str, Any], engine: str) -> None:
+    result = simulate(faulty(fault, run__t_end_s=30.0), 3, 2, motion=engine, segments=True)
+    paths = result.segments
+    assert paths is not None
+    for run in range(2):
+        of_run = paths.filter(pl.col("run") == run)
+        own, others = of_run.filter(pl.col("robot") == 0), of_run.filter(pl.col("robot") > 0)
+        assert own.select("start_s", "speed_m_s", "turn_rate_rad_s").rows() == [(0.0, 0.0, 0.0)]
+        assert others.filter(pl.col("speed_m_s") > 0.0).height > 0
+    assert 0 not in result.motion["robot"]
 
 
 def test_a_robot_that_stops_goes_on_hearing_and_one_with_an_empty_battery_does_not() -> None:
