@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vibroswarm import Result, Scenario, preset, simulate
+from vibroswarm.analysis.decidability import decidability
 from vibroswarm.errors import InputError
 from vibroswarm.floors.floor import Floor
 from vibroswarm.floors.source import named_tiles
@@ -255,3 +256,23 @@ def test_files_of_digits_keep_their_kinds(tmp_path: Path) -> None:
     more = ["--set", "sensor.model=confusion", "--set", "run.t_end_s=20", "--out", str(tmp_path / "out")]
     assert main([*command, *more]) == 0
     assert Result.read(tmp_path / "out").floor(0).tiles.tolist() == [[0, 1, 2], [2, 1, 0]]
+
+
+@pytest.mark.parametrize(
+    ("params", "margin", "verdict"),
+    [
+        # Read as kind 0: .4 * .9 + .6 * .05 = .39; as kind 1: .36 * .9 + .64 * .05 = .356.
+        ({"kinds": 3, "accuracy": 0.9}, 0.39 - 0.356, "decidable"),
+        # A twentieth of kind 0 is read as kind 1: .38 and .38.
+        ({"rates": [(0.95, 0.05, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]}, 0.0, "on the boundary"),
+        # Three tenths: .28, .48 and .24.
+        ({"rates": [(0.7, 0.3, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)]}, 0.28 - 0.48, "wrong side"),
+    ],
+)
+def test_what_is_read_most_often_must_be_the_most_common_kind(
+    params: dict[str, Any], margin: float, verdict: str
+) -> None:
+    fields = {f"sensor.confusion.{name}": value for name, value in params.items()}
+    found = decidability(PAPER.with_values(THREE | fields))
+    assert found.margin == pytest.approx(margin, abs=1e-12)
+    assert found.verdict == verdict
