@@ -242,7 +242,7 @@ def test_compare_several(kept, tmp_path, capsys):
         ),
         (["lab", "export", "nowhere", "--format", "rugbt", "--out", "x"], "did you mean 'rugbot'"),
         (["lab", "export", "nowhere", "--session", "0", "--out", "x"], "--session: 0 is not 1 or more"),
-        (["calibrate", "compare", "nowhere", "nowhere"], "is not a vibroswarm result"),
+        (["calibrate", "compare", "nowhere", "nowhere"], "is not a run of vibroswarm"),
     ],
 )
 def test_wrong_input_is_said_in_one_line(arguments, words, capsys, tmp_path, monkeypatch):

@@ -202,8 +202,8 @@ def test_items_have_numbers_names_and_claims_that_are_measured(folder: Path) -> 
     numbers = [item.number for item in all_items()]
     assert numbers == sorted(set(numbers))
     measured = pl.read_parquet(folder / ITEMS / "fill-ratios" / f"{CLAIMS}.parquet")
-    wanted = {claim.id: claim.cells for claim in all_claims() if claim.item == "fill-ratios"}
-    counted = measured.filter(pl.col("column") == "paper").group_by("claim").len()
+    wanted = {claim.value or claim.id: claim.cells for claim in all_claims() if claim.item == "fill-ratios"}
+    counted = measured.filter(pl.col("column") == "paper").group_by("value").len()
     assert dict(counted.iter_rows()) == wanted
     with pytest.raises(InputError, match="fill-ratios"):
         items_named(["fill-ratio"])

@@ -217,7 +217,7 @@ def test_numbers_that_are_no_ports(port: Any) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nowhere"], "is not a vibroswarm result"),
+        (["nowhere"], "is not a run of vibroswarm"),
         (["DIR", "--run", "7"], "there is no run 7"),
         (["DIR", "--speed", "0"], "--speed: 0 is not from 1 to 200"),
         (["DIR", "--html", "page.txt"], "does not end in .html"),
