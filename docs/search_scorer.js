@@ -23,7 +23,9 @@ const bestSection = (page, words) => {
   return best;
 };
 
-const LISTS = ["commands", "scenario", "glossary", "paper"]; // they name everything, and explain little
+const LISTS = ["commands", "scenario", "glossary", "paper"];
+// Lists and the appendix of figures name everything, and explain little.
+const isList = (page) => LISTS.includes(page) || page.startsWith("figures/");
 const isName = (words) => words.some((word) => word.includes("_"));
 
 var Scorer = {
@@ -42,7 +44,7 @@ var Scorer = {
     const best = bestSection(page, words)?.weight ?? 0;
     const found = 4 * Math.log2(1 + best) + 2 * Math.log2(1 + weightOf(whole, words)) + 10 * inTitle
       + 3 * Math.log2(1 + phrase);
-    return found + (anchor ? 0 : 1) + Math.min(score, 15) / 4 - (LISTS.includes(page) ? 9 : 0);
+    return found + (anchor ? 0 : 1) + Math.min(score, 15) / 4 - (isList(page) ? 9 : 0);
   },
   objNameMatch: 11, objPartialMatch: 6, objPrio: { 0: 15, 1: 5, 2: -5 }, objPrioDefault: 0,
   title: 15, partialTitle: 7, term: 5, partialTerm: 2,

@@ -253,8 +253,8 @@ def test_motion_of_a_file(files: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert main(again) == 2
     assert "is not loaded" in capsys.readouterr().err
     assert main([*again, "--trust", "--executor", "processes", "--workers", "1"]) == 0
-    table = json.loads((study / "vibroswarm.json").read_text(encoding="utf-8"))
-    assert table["format"] == 3
+    manifest = json.loads((study / "vibroswarm.json").read_text(encoding="utf-8"))
+    assert manifest["kind"] == "study"
 
 
 @pytest.mark.parametrize(

@@ -255,7 +255,9 @@ def test_a_report_never_replaces_runs(tmp_path: Path) -> None:
     report = result.report(tmp_path / "own", replace=True)
     assert report.path == tmp_path / "own" / "report.html"
     assert StudyResult.open(tmp_path / "own").runs().height == 3
-    with pytest.raises(InputError, match=r"holds results \('vibroswarm\.json'\), which a report does not replace"):
+    with pytest.raises(
+        InputError, match=r"holds results \('vibroswarm\.json'\), which a report does not replace"
+    ):
         result.report(other.store.folder, replace=True)
     assert StudyResult.open(tmp_path / "other").runs().height == 3
     result.report(tmp_path / "third")
