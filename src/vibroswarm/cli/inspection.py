@@ -162,7 +162,7 @@ def inspect(
     work = hash_of(str(source), evidence, damage, planned, scenario, seed)
     claim(output, lambda folder: refuse_other(folder, "inspect", work))
     if planned.plan is not None:
-        _refuse(source is not None, "--plan", "is asked of a scenario; leave the result or file out")
+        _refuse(source is not None, "--plan", "plans with a scenario; leave out the result or file")
         deliver(_plan_document(planned, scenario, seed), output, "inspect", work)
         return
     found = _inspected(source, evidence, damage, scenario, seed)
