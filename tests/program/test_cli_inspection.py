@@ -232,4 +232,4 @@ def test_a_plan_says_what_robots_and_time_buy(capsys: pytest.CaptureFixture[str]
     assert rows[1]["samples"] > rows[0]["samples"]
     assert rows[1]["sweep_a90_m"] is None or rows[1]["sweep_a90_m"] > 0
     assert "25 cm" in document["answer"][0]
-    assert "leave the result or file out" in error_of(capsys, "plate.csv", "--plan", "3")
+    assert "leave out the result or file" in error_of(capsys, "plate.csv", "--plan", "3")

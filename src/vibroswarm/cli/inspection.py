@@ -159,10 +159,14 @@ def inspect(
     from vibroswarm.documents.saved import hash_of, refuse_other
     from vibroswarm.study.summary import write_table
 
+    _refuse(
+        planned.plan is not None and source is not None,
+        "--plan",
+        "plans with a scenario; leave out the result or file",
+    )
     work = hash_of(str(source), evidence, damage, planned, scenario, seed)
     claim(output, lambda folder: refuse_other(folder, "inspect", work))
     if planned.plan is not None:
-        _refuse(source is not None, "--plan", "plans with a scenario; leave out the result or file")
         deliver(_plan_document(planned, scenario, seed), output, "inspect", work)
         return
     found = _inspected(source, evidence, damage, scenario, seed)
