@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,13 @@ import polars as pl
 import pytest
 from polars.testing import assert_frame_equal
 
-from vibroswarm import Result, Scenario, Study, preset, simulate
+from vibroswarm import Result, Scenario, Study, preset, simulate, strategies
 from vibroswarm.analysis.answers_over_time import Answer, answers_in, course_of, judged, swarm_answers
 from vibroswarm.cli import main
 from vibroswarm.errors import InputError
 from vibroswarm.robot.belief import belief_below
+from vibroswarm.strategies.base import forget as forget_strategy
+from vibroswarm.strategies.reset import on_sample as count_reading
 
 GRID = {"floor.source": "random:0.3", "floor.rows": 10, "floor.columns": 10, "decision.min_observations": 40}
 INVERTED = {"change.at_s": 300, "change.to": "invert", "decision.revise": True, "run.t_end_s": 600.0}
@@ -245,6 +248,35 @@ def test_changed_asks_whether_the_floor_is_as_it_was() -> None:
     assert still.runs["right"].sum() > still.runs["wrong"].sum()
     few = result.scenario.with_values({"change.to": "redraw", "task.changed.more_than": 0.9})
     assert simulate(few, 3, 1).runs["truth"].to_list() == [0]
+
+
+def on_sample_with_news(s: Any, a: Any, x: Any, out: Any, d: Any, p: Any, w: Any) -> bool:
+    """Robot 1 tells with its third sample that it has counted anew, which it has not."""
+    sends = count_reading(s, a, x, out, d, p, w)
+    if w.robot == 1 and x.number == 2:
+        out.anew = 1
+    return sends
+
+
+@pytest.mark.parametrize("follows", [True, False])
+def test_news_of_a_change_is_believed_without_doubts_of_ones_own(follows: bool) -> None:
+    """All bits are 0 and there are enough of them, so that the cumulative sum of each robot is 0 when it is told."""
+    strategies.register(replace(strategies.strategy("reset"), name="teller", on_sample=on_sample_with_news))
+    try:
+        values = {
+            "task.name": "changed",
+            "sensor.model": "confusion",
+            "sensor.confusion.rates": [[1.0, 0.0], [0.0, 1.0]],
+            "floor.source": "random:0.0",
+            "strategy.teller.tells_change": True,
+            "strategy.teller.follows": follows,
+            "run.t_end_s": 300.0,
+        }
+        result = simulate(scenario("teller", **values), 1, 2)
+    finally:
+        forget_strategy("teller")
+    told = (result.robots["robot"] != 1) & follows
+    assert result.robots["decision"].to_list() == told.cast(int).to_list()
 
 
 @pytest.mark.parametrize(

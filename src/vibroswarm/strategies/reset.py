@@ -16,8 +16,9 @@ Counts that have not been contradicted are kept for ever, so that before a chang
 after one it holds the bits since the change was likely. The decision may change if ``decision.revise`` is set.
 
 - Message: the reading, and whether the robot has counted anew since its last message: 2 bits, 1 byte. A robot that is
-  told counts anew too, with its own excursion, if it ``follows``.
-- With ``tells_change`` the decision is whether the floor has changed (1) or not (0), for the task ``changed``.
+  told counts anew too, with its own excursion, if it ``follows`` and has one.
+- With ``tells_change`` the decision is whether the floor has changed (1) or not (0), for the task ``changed``. Who
+  ``follows`` takes the news for an answer, with an excursion of its own or without.
 
 ``s`` is the robot's state, ``a`` its arrays (none), ``x`` its reading, ``m`` a message heard, ``out`` the message to
 fill in, ``d`` random numbers, ``p`` the parameters, ``w`` what the robot knows.
@@ -102,9 +103,12 @@ def on_message(s: Row, a: Row, m: Row, sender: int, t_s: float, d: Draws, p: Row
     """Count another robot's reading; count anew if it did, and the robot follows."""
     s.received += 1
     take(s, m.bit, p, w)
-    if m.anew == 1 and p.follows and s.ones + s.zeros > 0:
-        count_anew(s, w)
-        s.is_told = True  # the others have heard it already
+    if m.anew == 1 and p.follows:
+        if s.ones + s.zeros > 0:
+            count_anew(s, w)
+            s.is_told = True  # the others have heard it already
+        elif p.tells_change:
+            s.changes = max(s.changes, 1)  # nothing to count anew, but the news is the answer
 
 
 def on_sample(s: Row, a: Row, x: Reading, out: Row, d: Draws, p: Row, w: World) -> bool:
