@@ -9,31 +9,12 @@ The public names are those of ``__all__``; each is imported when it is first use
 package costs next to nothing.
 """
 
-import os
-import sys
+from vibroswarm.core.start import leave_working_folder_out, listen_to_ctrl_c
 
+leave_working_folder_out(__path__[0])
+listen_to_ctrl_c()
 
-def _leave_working_folder_out() -> None:
-    """Take the working folder off the search path where ``python -m vibroswarm`` has put it.
-
-    Otherwise a file such as ``numpy.py`` in a folder of somebody else's data would be executed. The folder stays if
-    this package itself was found in it, and for other programs, which may need modules of their own from there.
-    """
-    # While ``python -m`` looks for the module, argv is "-m" and the arguments.
-    if sys.argv[:1] != ["-m"] or sys.flags.safe_path:
-        return
-    word = sys.orig_argv[
-        -len(sys.argv)
-    ]  # before the arguments: the module's name, or with its option, "-mNAME"
-    module = word.partition("m")[2] if word.startswith("-") else word
-    own_folder = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))  # noqa: PTH100, PTH120 - pathlib is slow
-    if module.partition(".")[0] == __name__ and sys.path[:1] == [os.getcwd()] != [own_folder]:  # noqa: PTH109
-        del sys.path[0]
-
-
-_leave_working_folder_out()
-
-import lazy_loader  # noqa: E402 - it must not be a file of the working folder either
+import lazy_loader  # noqa: E402 - it must not be a file of the working folder
 
 from vibroswarm.core.displayed import makers, writers  # noqa: E402 - as above
 from vibroswarm.study.verbs import providers  # noqa: E402 - as above

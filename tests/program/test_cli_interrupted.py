@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import shlex
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -124,3 +127,40 @@ def test_the_runs_of_another_tuning_are_not_mixed_in(here, monkeypatch, capsys):
         assert main(command) == 130
     assert main([*command, "--seed", "5"]) == 2
     assert "holds another study: seed" in capsys.readouterr().err
+
+
+def interrupted_after(module: str, *start: str) -> tuple[int, str, str]:
+    """Exit code, output and messages of a command that gets Ctrl-C once it has imported a module."""
+    line = [sys.executable, "-X", "importtime", *start, "check", "paper"]
+    process = subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    for said in process.stderr:
+        if said.endswith(f" {module}\n"):
+            process.send_signal(signal.SIGINT)
+            break
+    out, err = process.communicate(timeout=60)
+    return process.returncode, out, "".join(x for x in err.splitlines(True) if "import time:" not in x)
+
+
+FIRST = ["lazy_loader", "vibroswarm", "vibroswarm.cli", "vibroswarm.cli.commands"]
+LATER = ["polars", "pydantic", "numpy", "scipy", "numba"]
+
+
+@pytest.mark.parametrize("module", [*FIRST, *LATER])
+def test_ctrl_c_while_modules_are_imported_ends_with_one_line(module):
+    # A signal reaches a process a moment after it was sent: the modules that follow are then being imported.
+    assert interrupted_after(module, "-m", "vibroswarm") == (130, "", "vibroswarm: interrupted\n")
+
+
+@pytest.mark.parametrize("module", FIRST)
+def test_so_it_does_in_the_installed_program(module, tmp_path):
+    program = tmp_path / "vibroswarm"
+    program.write_text("import sys\nfrom vibroswarm.cli import main\nsys.exit(main())\n")
+    assert interrupted_after(module, str(program)) == (130, "", "vibroswarm: interrupted\n")
+
+
+@pytest.mark.parametrize("signals", ["signal.default_int_handler", "signal.SIG_IGN"])
+def test_a_program_that_imports_the_package_keeps_its_own_ctrl_c(signals):
+    code = f"import signal; signal.signal(signal.SIGINT, {signals}); import vibroswarm\n"
+    code += f"assert signal.getsignal(signal.SIGINT) == {signals}"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from vibroswarm.cli import interruption
+from vibroswarm.core.start import INTERRUPTED
 from vibroswarm.errors import InputError, RunError, shown_name
 
 PLAIN: Final = "--plain"
@@ -44,23 +45,35 @@ def main(argv: Sequence[str] | None = None) -> int:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # a file name may hold characters the terminal cannot show
             stream.reconfigure(errors="backslashreplace")
-    if argv is None:
-        interruption.listen()
+    try:
+        if argv is None:
+            interruption.listen()
+        code = _code(argv)
+        if argv is None:  # the process ends now: its exit need not search all that is loaded for garbage
+            interruption.ignore()
+            gc.freeze()
+        return code
+    except KeyboardInterrupt:
+        _failed(_resume_hint(), INTERRUPTED)
+        if argv is None:  # this process runs nothing but this command, so it may be ended
+            _leave_at_once(INTERRUPTED)
+        return INTERRUPTED
+
+
+def _code(argv: Sequence[str] | None) -> int:
+    """Run a command line and return its exit code, or that of its error, whose message is printed.
+
+    After Ctrl-C, any error counts as a result of the interruption: a KeyboardInterrupt that is raised while LLVM calls
+    Python is lost and leaves a kernel half compiled, and that kernel then fails with some other error.
+    """
     try:
         code = _command(argv)
         sys.stdout.flush()
-        if argv is None:  # the process ends now: its exit need not search all that is loaded for garbage
-            gc.freeze()
         return code
-    except (Exception, KeyboardInterrupt) as error:
-        # After Ctrl-C, any error counts as a result of the interruption: a KeyboardInterrupt that is raised while LLVM
-        # calls Python is lost and leaves a kernel half compiled, and that kernel then fails with some other error.
-        if not isinstance(error, KeyboardInterrupt) and not interruption.came():
-            return _code_of(error)
-        _failed(_resume_hint(), 130)
-        if argv is None:  # this process runs nothing but this command, so it may be ended
-            _leave_at_once(130)
-        return 130
+    except Exception as error:
+        if interruption.came():
+            raise KeyboardInterrupt from error
+        return _code_of(error)
 
 
 def _code_of(error: Exception) -> int:
@@ -184,7 +197,7 @@ def _failed(message: str, code: int) -> int:
         traceback.print_exc()
     with suppress(OSError):  # stderr may be closed
         print(
-            f"vibroswarm: {'error: ' if code != 130 else ''}{terminal.plain(message)}",
+            f"vibroswarm: {'error: ' if code != INTERRUPTED else ''}{terminal.plain(message)}",
             file=sys.stderr,
             flush=True,
         )

@@ -12,6 +12,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, Final
 
+from vibroswarm.core.start import end_at_once
 from vibroswarm.errors import InputError
 
 AGAIN_AFTER_S: Final = 0.05
@@ -36,7 +37,7 @@ def listen() -> None:
     exception is raised outside LLVM.
     """
     _came.clear()
-    if signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+    if signal.getsignal(signal.SIGINT) not in (signal.default_int_handler, end_at_once):
         # Ctrl-C is ignored, as under nohup, or handled by the program that imports this package; or an earlier call has
         # installed ``interrupt``, which continues to record.
         return
@@ -57,6 +58,12 @@ def listen() -> None:
 
     signal.signal(signal.SIGINT, interrupt)
     sys.unraisablehook = repeat_if_interrupt
+
+
+def ignore() -> None:
+    """Ignore Ctrl-C from now on: the work is done, and the process only ends."""
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_DFL:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _again() -> None:
