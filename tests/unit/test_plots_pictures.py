@@ -32,7 +32,12 @@ from vibroswarm.plots import (
     draw_heat,
     draw_incidence,
     draw_outcomes,
+    draw_parameters,
+    draw_reports,
+    draw_search,
+    draw_spectrum,
 )
+from vibroswarm.plots.certainty import draw_certainty
 from vibroswarm.plots.front import on_front
 from vibroswarm.plots.inputs import Group, quantile
 from vibroswarm.plots.picture import picture_bytes
@@ -158,6 +163,42 @@ def places(count: int) -> pl.DataFrame:
     return pl.DataFrame({"x_m": rng.beta(1.3, 1.3, count), "y_m": rng.beta(1.3, 1.3, count)})
 
 
+def scores(columns: list[str], rows: int = 30) -> pl.DataFrame:
+    rng = np.random.default_rng(7)
+    return pl.DataFrame(
+        {"iteration": range(1, rows + 1)} | {name: 600 * rng.random(rows) for name in columns}
+    )
+
+
+def fields(series: list[str]) -> pl.DataFrame:
+    return pl.concat(
+        pl.DataFrame({"iteration": range(9), "series": name, "share": np.linspace(0, 1 / (at + 1), 9)})
+        for at, name in enumerate(series)
+    )
+
+
+def spectra(series: list[str]) -> pl.DataFrame:
+    hz = np.linspace(5, 200, 300)
+    return pl.concat(
+        pl.DataFrame({"hz": hz, "series": name, "amplitude": 0.02 + 1 / (1 + (hz - 60 - 20 * at) ** 2)})
+        for at, name in enumerate(series)
+    )
+
+
+def reported(robots: int) -> pl.DataFrame:
+    rows = [
+        {"name": name, "robot": robot, "time_s": float(t), "value": t * 0.01 + robot}
+        for name in ("estimate", "trust")
+        for robot in range(robots)
+        for t in range(0, 1200, 100)
+    ]
+    return pl.DataFrame(rows)
+
+
+RASTER = np.random.default_rng(8).random((30, 40))
+LINES_HZ = pl.DataFrame(
+    {"hz": [60.0, 80.0], "low": [59.0, 79.0], "high": [61.0, 81.0], "amplitude": [1.0, 0.5]}
+)
 TILES = np.array([[1, 0, 0], [0, 1, 1], [0, 0, 1]], dtype=np.uint8)
 
 PICTURES: dict[str, Callable[[str], Picture]] = {
@@ -216,6 +257,15 @@ PICTURES: dict[str, Callable[[str], Picture]] = {
     "front, thousands": lambda style: draw_front(choices(5000), style=style),
     "detection": lambda style: draw_detection(misses(["600 s", "1200 s"]), boundary=0.03, tolerated=0.05, style=style),
     "detection, log": lambda style: draw_detection(misses(LONG), log=True, title="x", style=style),
+    "search": lambda style: draw_search(scores(["best", "mean"]), true=300.0, style=style),
+    "parameters": lambda style: draw_parameters(fields(list("abcdefgh")), style=style),
+    "parameters, long names": lambda style: draw_parameters(fields(LONG), title=LONG[1], style=style),
+    "spectrum": lambda style: draw_spectrum(spectra(["still", "vibrating"]), LINES_HZ, style=style),
+    "spectrum, long names": lambda style: draw_spectrum(spectra(LONG), LINES_HZ, title=LONG[1], style=style),
+    "reports": lambda style: draw_reports(reported(5), truth=0.48, style=style),
+    "certainty": lambda style: draw_certainty(RASTER, (1.0, 0.75), np.full((4, 2), 0.4), style=style),
+    "certainty, wide": lambda style: draw_certainty(RASTER, (9.0, 1.0), np.full((4, 2), 0.4), style=style),
+    "certainty, tall": lambda style: draw_certainty(RASTER, (0.5, 1.0), np.full((4, 2), 0.4), title="x", style=style),
 }  # fmt: skip
 
 
@@ -686,8 +736,6 @@ def test_odd_numbers_and_names_are_drawn(rows, title, style):
 
 
 def test_reports_over_time_have_a_line_for_each_robot_and_quartiles_of_many() -> None:
-    from vibroswarm.plots import draw_reports
-
     def reports(robots: int) -> pl.DataFrame:
         rows = [
             {"name": name, "robot": robot, "time_s": float(t), "value": t * 0.1 + robot}
@@ -701,6 +749,8 @@ def test_reports_over_time_have_a_line_for_each_robot_and_quartiles_of_many() ->
     panels = [axes for axes in few.figure.axes if axes.get_title()]
     assert [axes.get_title() for axes in panels] == ["estimate", "trust"]
     assert [len(axes.lines) for axes in panels] == [5, 4]  # and the truth
+    dashes = {str(line._unscaled_dash_pattern) for line in panels[1].lines}  # type: ignore[attr-defined]
+    assert len(dashes) == 4  # robots are told apart without colours
     assert [len(axes.lines) for axes in many.figure.axes[:2]] == [1, 1]
     assert "dashed" in few.caption
     assert "dashed" not in many.caption

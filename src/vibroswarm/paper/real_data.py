@@ -143,7 +143,7 @@ def draw_shares(frame: pl.DataFrame, *, x_label: str = "", title: str = "", styl
     """
     sizes = style_named(style)
     series = frame["series"].unique(maintain_order=True).to_list()
-    figure, axes = plain_axes(sizes, x_label, "share of samples", title=title, legend=series)
+    figure, axes = plain_axes(sizes, x_label, "share of samples", title=title)
     handles = []
     for index, name in enumerate(series):
         part, looks = frame.filter(pl.col("series") == name).sort("x"), look(index)

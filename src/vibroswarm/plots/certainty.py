@@ -10,7 +10,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.plots.layout import new_figure
+from vibroswarm.plots.layout import LINE_SPACING, few_ticks, new_figure
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import COLOUR_MAP, INK, PAPER, style_named
 
@@ -39,21 +39,24 @@ def draw_certainty(
     from matplotlib.patches import Rectangle
 
     sizes = style_named(style)
-    figure = new_figure(sizes, height_in=0.5 * sizes.width_in * size_m[1] / size_m[0] + 0.55, title=title)
+    # a map takes 0.4 of the width; ticks, the words above and the label below take five lines
+    height_in = 0.4 * sizes.width_in * size_m[1] / size_m[0] + 5 * sizes.font_pt * LINE_SPACING / 72
+    figure = new_figure(sizes, height_in=max(height_in, 0.5 * sizes.height_in), title=title)
     doubt = np.sqrt(probability * (1.0 - probability))
     extent = (0.0, size_m[0], 0.0, size_m[1])
     panels: Any = figure.subplots(1, 2)
     for axes, values, most, words in zip(
-        panels, (probability, doubt), (1.0, 0.5), ("probability", "standard deviation, samples"), strict=True
+        panels, (probability, doubt), (1.0, 0.5), ("probability", "standard deviation"), strict=True
     ):
         image = axes.imshow(
             values, cmap=COLOUR_MAP, vmin=0.0, vmax=most, extent=extent, interpolation="nearest"
         )
-        axes.set_title(words, fontsize=sizes.small_pt)
         axes.tick_params(labelsize=sizes.small_pt)
         axes.set_xlabel("x (m)", fontsize=sizes.small_pt)
-        bar = figure.colorbar(image, ax=axes, shrink=0.7)
+        few_ticks(axes.xaxis, sizes)
+        bar = figure.colorbar(image, ax=axes, location="top", pad=0.03)
         bar.ax.tick_params(labelsize=sizes.small_pt)
+        bar.set_label(words, fontsize=sizes.small_pt)
     panels[0].set_ylabel("y (m)", fontsize=sizes.small_pt)
     panels[1].plot(
         *places_m.T, ls="", marker=".", ms=1.2, color=PAPER, markeredgecolor=INK, mew=0.15, rasterized=True

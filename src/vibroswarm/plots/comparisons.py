@@ -18,16 +18,16 @@ from vibroswarm.plots.layout import (
     Rows,
     hatched,
     legend_below,
-    legend_lines,
     number,
     of_runs,
+    patch_handle,
     percent_axis,
     plain,
     rows_of,
     share,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, INK, OUTCOME_HATCHES, OUTCOMES, SERIES, Style, style_named
+from vibroswarm.plots.style import FAINT, INK, OUTCOME_HATCHES, OUTCOMES, SERIES, Look, Style, style_named
 
 
 @drawn
@@ -70,8 +70,7 @@ def draw_forest(
     )
     check_once(frame, ["comparison"])
     check_bounds(frame, "low", "difference", "high")
-    # ``text_lines``: lines of text above the rows, for a heading and the arrow
-    rows = rows_of(sizes, frame["comparison"].to_list(), label, title=title, text_lines=2 if better else 1)
+    rows = rows_of(sizes, frame["comparison"].to_list(), label, title=title)
     with_counts = frame["wins"].is_not_null().any()
     for row, values in enumerate(frame.to_dicts()):
         _row(rows, sizes, row, values, with_counts)
@@ -91,30 +90,17 @@ def draw_forest(
 
 
 def _row(rows: Rows, style: Style, row: int, values: dict[str, Any], with_counts: bool) -> None:
-    """Draw one difference with its interval at y = ``row``; a missing difference is written as "no value".
+    """Draw one difference with its interval at y = ``row``, open if the interval is not known or contains 0.
 
     Args:
         rows: the picture. style: its sizes. row: index of the comparison, from the top.
         values: the row of the frame, by column. with_counts: whether wins, ties and losses are written at the right.
     """
-    axes = rows.axes
-    if values["difference"] is None:
-        axes.annotate(
-            "no value", (0.02, row), xycoords=("axes fraction", "data"), va="center", fontsize=rows.font_pt,
-            color=FAINT,
-        )  # fmt: skip
-    else:
-        if values["low"] is not None and values["high"] is not None:
-            axes.plot(
-                [values["low"], values["high"]], [row, row], color=INK, linewidth=rows.line_pt * 1.3, marker="|",
-                markersize=style.marker_pt, zorder=2,
-            )  # fmt: skip
-        # an open mark: the interval is not known, or contains 0
-        is_open = values["low"] is None or values["high"] is None or values["low"] <= 0 <= values["high"]
-        axes.plot(
-            values["difference"], row, ls="", marker="D", markersize=style.marker_pt, markeredgecolor=SERIES[0],
-            markerfacecolor="#ffffff" if is_open else SERIES[0], markeredgewidth=rows.line_pt, zorder=3,
-        )  # fmt: skip
+    low, high = values["low"], values["high"]
+    is_open = low is None or high is None or low <= 0 <= high
+    look = Look(SERIES[0], "D", (0, ()), "", hollow=is_open)
+    estimate = values["difference"], low, high
+    rows.estimate(style, row, estimate, look, color=INK, linewidth=rows.line_pt * 1.3)
     if with_counts:
         # 7 digits, so that counts of a million and more are not rounded either
         counts = (number(values[name], digits=7) for name in ("wins", "ties", "losses"))
@@ -180,10 +166,7 @@ def draw_outcomes(
     seen = [kind for kind in kinds if frame[kind].sum() > 0] or kinds[:1]
     words = [kind.replace("_", " ") for kind in seen]
     names = words if unit == "run" else [f"{kind} ({unit}s)" for kind in words]
-    rows = rows_of(
-        sizes, frame["cell"].to_list(), f"share of {unit}s", title=title,
-        text_lines=legend_lines(sizes, names) + 1,  # lines of text below the rows: the legend and a line of space
-    )  # fmt: skip
+    rows = rows_of(sizes, frame["cell"].to_list(), f"share of {unit}s", title=title)
     shares = frame.with_columns(
         pl.when(pl.col("runs") > 0).then(pl.col(kind) / pl.col("runs")).alias(kind) for kind in kinds
     )
@@ -192,7 +175,8 @@ def draw_outcomes(
     rows.axes.set_xlim(0, 1)
     rows.axes.set_xticks([0, 0.25, 0.5, 0.75, 1])
     percent_axis(rows.axes.xaxis)
-    _legend(rows, sizes, seen, names)
+    looks = [Look(OUTCOMES[kind], "", (0, ()), OUTCOME_HATCHES[kind], hollow=False) for kind in seen]
+    legend_below(rows.figure, sizes, [patch_handle(sizes, look) for look in looks], names)
     rows.settle(sizes)  # sets the height of the figure, now that all else is drawn
     with_interval = frame["right_low"].is_not_null().any()
     caption = (
@@ -240,19 +224,3 @@ def _bar(
                     linewidth=rows.line_pt * width, zorder=3, solid_capstyle="butt",
                 )  # fmt: skip
     rows.note(row, plain(share(values["right"] or 0.0, 1.0)), colour=OUTCOMES["right"])
-
-
-def _legend(rows: Rows, style: Style, seen: list[str], names: list[str]) -> None:
-    """Draw the legend: the colour and hatch of each outcome in ``seen``, with its name in ``names``."""
-    from matplotlib.patches import Patch
-
-    handles = [
-        Patch(
-            facecolor=OUTCOMES[kind],
-            edgecolor=INK,
-            hatch=hatched(style, OUTCOME_HATCHES[kind]),
-            linewidth=style.line_pt / 2,
-        )
-        for kind in seen
-    ]
-    legend_below(rows.figure, style, handles, names)

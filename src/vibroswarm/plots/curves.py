@@ -84,7 +84,7 @@ def draw_incidence(
     check_bounds(frame, "right_low", "right", "right_high")
     check_bounds(frame, "wrong_low", "wrong", "wrong_high")
     named = series if len(series) > 1 else []  # a single series needs no name
-    figure, axes = plain_axes(sizes, "time (s)", f"share of {unit}s decided", title=title, legend=named)
+    figure, axes = plain_axes(sizes, "time (s)", f"share of {unit}s decided", title=title)
     few_ticks(axes.xaxis, sizes)
     end = max(most(frame["time_s"]), t_end or 0.0)
     parts = [thinned(_checked(frame.filter(pl.col("series") == name).sort("time_s"))) for name in series]
@@ -422,7 +422,7 @@ def draw_detection(
     # the columns get the names that ``checked_estimates`` and ``draw_estimates`` read
     frame, series = checked_estimates(frame.rename({"fill_ratio": "x", "missed": "estimate"}))
     named = series if len(series) > 1 else []
-    figure, axes = plain_axes(sizes, x_label, label, title=title, legend=named)
+    figure, axes = plain_axes(sizes, x_label, label, title=title)
     few_ticks(axes.xaxis, sizes)
     looks = looks_of(series)
     for one, name in zip(looks, series, strict=True):

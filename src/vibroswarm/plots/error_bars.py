@@ -16,7 +16,6 @@ from vibroswarm.plots.labels import label_ends
 from vibroswarm.plots.layout import (
     few_ticks,
     legend_below,
-    legend_lines,
     log_x,
     of_runs,
     percent_axis,
@@ -25,7 +24,7 @@ from vibroswarm.plots.layout import (
     ticks_at,
 )
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import FAINT, PAPER, Look, Style, looks_of, row_looks, strategy_in, style_named
+from vibroswarm.plots.style import PAPER, Look, Style, looks_of, row_looks, strategy_in, style_named
 
 BAND = 0.2
 """Opacity of a band that stands for a range."""
@@ -241,7 +240,7 @@ def _along(
         style: sizes of the picture. frame, series: as ``checked_estimates`` returns them. labels: of x and y.
     """
     named = series if len(series) > 1 else []
-    figure, axes = plain_axes(style, *labels, title=title, legend=named)
+    figure, axes = plain_axes(style, *labels, title=title)
     few_ticks(axes.xaxis, style)
     parts = [frame.filter(pl.col("series") == name).sort("x") for name in series]
     looks = looks_of(series)
@@ -264,7 +263,7 @@ def _along(
     if log:
         log_x(axes, frame["x"].to_list())
     else:
-        ticks_at(axes.xaxis, style, frame["x"].to_list())
+        ticks_at(figure, axes.xaxis, frame["x"].to_list())
     if percent:
         percent_axis(axes.yaxis)
     with_name = [k for k in range(len(named)) if k in varying or k in merged]  # a single series has no name
@@ -329,30 +328,15 @@ def _rows(
     named = list(series) if len(series) > 1 else []
     looks = looks_of(series)
     of_rows = row_looks(names) if not named else {}
-    rows = rows_of(
-        style, names, label, series=len(series), title=title, text_lines=legend_lines(style, named)
-    )
+    rows = rows_of(style, names, label, series=len(series), title=title)
     axes = rows.axes
     for values in frame.to_dicts():
         index = series.index(values["series"])
         # with one series, rows that are named after strategies have the looks of these strategies
         y, mark = rows.place(row_of[values["x"]], index, len(series)), of_rows.get(values["x"], looks[index])
-        if values["estimate"] is None:
-            axes.annotate(
-                "no value", (0.02, y), xycoords=("axes fraction", "data"), va="center",
-                fontsize=rows.font_pt, color=FAINT,
-            )  # fmt: skip
-            continue
-        if values["low"] is not None and values["high"] is not None:
-            axes.plot(
-                [values["low"], values["high"]], [y, y], color=mark.colour, zorder=2, solid_capstyle="butt",
-                linewidth=rows.line_pt * (5 if spans else 1), alpha=BAND if spans else 1.0,
-                marker="" if spans else "|", markersize=style.marker_pt,
-            )  # fmt: skip
-        axes.plot(
-            values["estimate"], y, ls="", marker=mark.marker, markersize=style.marker_pt,
-            markeredgecolor=mark.colour, markerfacecolor=PAPER if mark.hollow else mark.colour, zorder=3,
-        )  # fmt: skip
+        estimate = values["estimate"], values["low"], values["high"]
+        line: dict[str, Any] = {"linewidth": 5 * rows.line_pt, "alpha": BAND, "marker": ""} if spans else {}
+        rows.estimate(style, y, estimate, mark, solid_capstyle="butt", **line)
     if percent:
         percent_axis(axes.xaxis)
     axes.margins(x=0.05)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from vibroswarm.plots.curves import thinned
 from vibroswarm.plots.inputs import check_bounds, run_counts, tidy
 from vibroswarm.plots.labels import label_points
-from vibroswarm.plots.layout import few_ticks, legend_below, legend_lines, of_runs, percent_axis, plain_axes
+from vibroswarm.plots.layout import few_ticks, legend_below, of_runs, percent_axis, plain_axes
 from vibroswarm.plots.picture import Picture, drawn
 from vibroswarm.plots.style import FAINT, PAPER, SERIES, Look, Style, row_looks, style_named
 
@@ -117,10 +117,6 @@ def _write_names(
         figure, axes, sizes, _labels(beside, "name"), known, always=False
     ):
         names = [f"{place}  {name}" for place, name in named.select("number", "name").iter_rows()]
-        # The figure has room for two lines of names below, a slide for seven; it grows by the lines beyond that.
-        more = max(0, legend_lines(sizes, names) - (7 if sizes.fixed_height else 2))
-        # a line of a legend is 1.4 times as high as its letters
-        figure.set_figheight(figure.get_figheight() + more * sizes.small_pt * 1.4 / 72)
         legend_below(figure, sizes, [_empty_handle() for _ in names], names)
         label_points(figure, axes, sizes, _labels(named, "number"), known, always=True)
 

@@ -18,16 +18,15 @@ from numpy.typing import NDArray
 from vibroswarm.errors import InputError, nearest
 from vibroswarm.plots.layout import (
     Rows,
-    hatched,
+    crowded,
     legend_below,
-    legend_lines,
     number,
     of_runs,
+    patch_handle,
     rows_of,
     share,
-    width_pt,
 )
-from vibroswarm.plots.style import BAND, FAINT, PAPER, SERIES_UP_TO, Look, Style, looks_of, row_looks
+from vibroswarm.plots.style import BAND, FAINT, SERIES_UP_TO, Look, Style, looks_of, row_looks
 
 SERIES = "series"
 
@@ -242,9 +241,7 @@ def plane_of(
         raise InputError(f"holds {latest:g}, later than the end at {t_end:g}", field="value")
     cells = frame["cell"].unique(maintain_order=True).to_list()
     named = series if len(series) > 1 else []
-    # lines of text around the rows: the legend, and the heading ``missing``
-    lines = legend_lines(style, named) + 1
-    rows = rows_of(style, cells, label, series=len(series), title=title, text_lines=lines)
+    rows = rows_of(style, cells, label, series=len(series), title=title)
     of_rows = {} if named else row_looks(cells)  # looks by cell: colours show the series if there are several
     plane = Plane(
         rows=rows,
@@ -303,11 +300,13 @@ def _limits(plane: Plane, style: Style) -> float:
     axes.axvspan(high, high + band, color=BAND, linewidth=0, zorder=0)
     axes.axvline(high, color=FAINT, linewidth=axes.spines["bottom"].get_linewidth(), zorder=0.5)
     axes.set_xlim(left, high + band)
-    # The end gets a tick. Other ticks whose labels would overlap the label of this tick are left out. The factor 2.2 is
-    # well above 1, since the axis is narrower than the picture, by whose width points are converted here.
-    room = 2.2 * width_pt(number(high, 4), style.small_pt) / (style.width_in * 72) * span
-    ticks = [tick for tick in axes.get_xticks() if left <= tick <= high - room]
+    # The end gets a tick. The last of the other ticks are left out where labels would overlap.
+    ticks = [tick for tick in axes.get_xticks() if left <= tick < high]
     axes.set_xticks([*ticks, high], labels=[number(tick, 4) for tick in [*ticks, high]])
+    plane.rows.figure.draw_without_rendering()
+    while ticks and crowded(axes.xaxis):
+        ticks.pop()
+        axes.set_xticks([*ticks, high], labels=[number(tick, 4) for tick in [*ticks, high]])
     return high + band / 2
 
 
@@ -329,27 +328,14 @@ def series_legend(plane: Plane, style: Style, *, marks: bool = False) -> None:
     It shows the hatch of each series or, if ``marks``, its marker.
     """
     from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
 
     if len(plane.series) < 2:
         return
     handles: list[Any] = [
-        Line2D(
-            [],
-            [],
-            ls="",
-            marker=series_look.marker,
-            markeredgecolor=series_look.colour,
-            markerfacecolor="none",
-        )
+        Line2D([], [], ls="", marker=one.marker, markeredgecolor=one.colour, markerfacecolor="none")
         if marks
-        else Patch(
-            facecolor=PAPER,
-            edgecolor=series_look.colour,
-            hatch=hatched(style, series_look.hatch),
-            linewidth=style.line_pt,
-        )
-        for series_look in plane.looks
+        else patch_handle(style, one, edge=one.colour, filled=False)
+        for one in plane.looks
     ]
     legend_below(plane.rows.figure, style, handles, plane.series)
 

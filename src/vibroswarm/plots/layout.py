@@ -11,10 +11,11 @@ import unicodedata
 from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from textwrap import TextWrapper
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from vibroswarm.errors import InputError
-from vibroswarm.plots.style import FAINT, LINE, Style
+from vibroswarm.plots.style import FAINT, INK, LINE, PAPER, Look, Style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,8 +23,12 @@ if TYPE_CHECKING:
 
 
 ELLIPSIS = "…"
-NARROWEST_EM = 0.27
-"""Slightly less than the width of the letter i: a limit on how many letters can fit."""
+
+
+class _Lines(TextWrapper):
+    """Breaks lines after spaces, and after separators in paths and names; a longer word is cut anywhere."""
+
+    wordsep_re = re.compile(r"(\s+|[^\s/\\_=,;:.+-]*[/\\_=,;:.+-]+)")
 
 
 def plain(text: object) -> str:
@@ -39,24 +44,18 @@ def plain(text: object) -> str:
 
 
 def width_pt(text: str, size_pt: float) -> float:
-    """Return the width of a line of text in the pictures' font, points; letter by letter, without kerning."""
-    return size_pt * sum(map(_letter_em, text))
+    """Return the width of a line of text in the pictures' font as matplotlib lays it out, points."""
+    return size_pt * _width_em(text)
 
 
 @lru_cache(maxsize=4096)
-def _letter_em(letter: str) -> float:
-    """Return the advance width of a letter in units of the font size (em)."""
+def _width_em(text: str) -> float:
     from matplotlib.font_manager import FontProperties
     from matplotlib.textpath import text_to_path
 
     size = 100  # points; the width is divided by it
     font = FontProperties(family="DejaVu Sans", size=size)
-    # The letter is measured between bars, since matplotlib measures a single space as 0.
-    between = f"|{letter}|"
-    with_letter, bars_alone = (
-        text_to_path.get_text_width_height_descent(text, font, ismath=False)[0] for text in (between, "||")
-    )
-    return float(with_letter - bars_alone) / size
+    return float(text_to_path.get_text_width_height_descent(text, font, ismath=False)[0]) / size
 
 
 def fitted(text: object, size_pt: float, room_pt: float, lines: int = 1) -> str:
@@ -66,13 +65,13 @@ def fitted(text: object, size_pt: float, room_pt: float, lines: int = 1) -> str:
     much of its middle as necessary; if not even one letter fits, the ellipsis alone is left.
     """
     full = plain(text).strip()
-    # More letters than this never fit, so that they need not be tried.
-    most = int(lines * room_pt / (size_pt * NARROWEST_EM)) + 1
-    for letters in range(min(len(full), most), 0, -1):
+    letters = len(full)
+    while letters:
         shorter = full if letters == len(full) else _without_middle(full, letters)
         broken = _broken(shorter, size_pt, room_pt)
         if len(broken) <= lines:
             return "\n".join(broken)
+        letters = min(letters - 1, int(letters * 0.97))
     return ELLIPSIS if full else ""
 
 
@@ -102,26 +101,14 @@ def _without_middle(text: str, letters: int) -> str:
 
 
 def _broken(text: str, size_pt: float, room_pt: float) -> list[str]:
-    """Break text into lines of at most ``room_pt`` points, in letters of ``size_pt``.
-
-    Lines break after spaces and punctuation. A word that is longer than a line is cut anywhere.
-    """
-    lines = [""]
-    # each piece is a word with the spaces or punctuation after it
-    for piece in re.findall(r"[^\s/\\_=,;:.+-]*[\s/\\_=,;:.+-]+|[^\s/\\_=,;:.+-]+", text):
-        longer = lines[-1] + piece
-        if lines[-1] and width_pt(longer.rstrip(), size_pt) > room_pt:
-            lines.append(piece.lstrip())
-        else:
-            lines[-1] = longer
-        # A word that is longer than a line is cut where the line is full.
-        while width_pt(lines[-1].rstrip(), size_pt) > room_pt and len(lines[-1]) > 1:
-            cut = next(
-                (n for n in range(len(lines[-1]) - 1, 1, -1) if width_pt(lines[-1][:n], size_pt) <= room_pt),
-                1,
-            )
-            lines[-1:] = [lines[-1][:cut], lines[-1][cut:]]
-    return [line.strip() for line in lines]
+    """Break text into lines of at most ``room_pt`` points, in letters of ``size_pt``, but of at least one letter."""
+    letters = max(1, len(text))
+    while True:
+        lines = [line.strip() for line in _Lines(width=letters).wrap(text)]
+        widest_pt = max((width_pt(line, size_pt) for line in lines), default=0.0)
+        if widest_pt <= room_pt or letters == 1:
+            return lines
+        letters = max(1, min(letters - 1, int(max(map(len, lines)) * room_pt / widest_pt)))
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -194,21 +181,11 @@ def new_figure(style: Style, *, height_in: float | None = None, title: str = "")
     return figure
 
 
-def plain_axes(
-    style: Style, x_label: str, y_label: str, *, title: str = "", legend: Sequence[str] = ()
-) -> tuple[Figure, Axes]:
-    """Make a figure with numeric axes and their labels.
-
-    ``legend`` has the names of a legend that the caller will draw below the axes. If it has more than two lines, or
-    seven on a slide, the figure is made higher.
-    """
-    free_lines = 7 if style.fixed_height else 2  # lines of a legend for which the figure has room
-    # a line of a legend is 1.4 times as high as its letters
-    more_in = max(0, legend_lines(style, legend) - free_lines) * style.small_pt * 1.4 / 72
-    figure = new_figure(style, title=title, height_in=style.height_in + more_in)
+def plain_axes(style: Style, x_label: str, y_label: str, *, title: str = "") -> tuple[Figure, Axes]:
+    """Make a figure with numeric axes and their labels."""
+    figure = new_figure(style, title=title)
     axes = figure.add_subplot()
-    # the axes take about 0.68 of the style's height; what the legend adds to the figure is not theirs
-    name_axes(axes, style, x_label, y_label, share_of_height=0.68 * style.height_in / figure.get_figheight())
+    name_axes(axes, style, x_label, y_label, share_of_height=0.68)  # the axes' own, about
     axes.grid(True)
     return figure, axes
 
@@ -265,8 +242,8 @@ def whole_ticks(axis: Any) -> None:
     axis.get_major_locator().set_params(integer=True)
 
 
-def ticks_at(axis: Any, style: Style, values: Sequence[float]) -> None:
-    """Put ticks at the ``values`` themselves if the labels fit beside each other.
+def ticks_at(figure: Figure, axis: Any, values: Sequence[float]) -> None:
+    """Put ticks at the ``values`` themselves if their labels fit beside each other in the layout so far.
 
     If they do not fit and all values are whole, put ticks at whole numbers. Otherwise do not change the ticks.
     ``values`` has at least one number; it may have repeated ones.
@@ -274,16 +251,24 @@ def ticks_at(axis: Any, style: Style, values: Sequence[float]) -> None:
     from matplotlib.ticker import FixedLocator, FuncFormatter
 
     places = sorted({float(value) for value in values})
-    # The labels of ticks are written in the smaller ``small_pt``, so there is more space between them than required.
-    wide_pt = max(width_pt(f"{place:g}", style.font_pt) for place in places) + TICK_GAP_EM * style.font_pt
-    span = places[-1] - places[0]
-    # distances between neighbouring ticks; the axis takes about 0.7 of the picture's width
-    room_pt = [0.7 * 72 * style.width_in * (after - before) / span for before, after in pairwise(places)]
-    if all(room > wide_pt for room in room_pt):  # also if there is a single value, which has no distances
-        axis.set_major_locator(FixedLocator(places))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\u2212")))
-    elif all(place.is_integer() for place in places):
+    before = axis.get_major_locator(), axis.get_major_formatter()
+    axis.set_major_locator(FixedLocator(places))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}".replace("-", "\u2212")))
+    figure.draw_without_rendering()
+    if not crowded(axis):
+        return
+    axis.set_major_locator(before[0])
+    axis.set_major_formatter(before[1])
+    if all(place.is_integer() for place in places):
         whole_ticks(axis)
+
+
+def crowded(axis: Any) -> bool:
+    """Return whether labels of neighbouring ticks along x overlap, or nearly so, as they were laid out last."""
+    labels = [label for label in axis.get_ticklabels() if label.get_text()]
+    boxes = sorted((box.x0, box.x1) for box in (label.get_window_extent() for label in labels))
+    gap = TICK_GAP_EM * labels[0].get_fontsize() * axis.figure.dpi / 72 if labels else 0.0
+    return any(after[0] - before[1] < gap for before, after in pairwise(boxes))
 
 
 def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
@@ -298,18 +283,10 @@ def thin_ticks(figure: Figure, axes: Axes, style: Style) -> None:
     locator = axes.xaxis.get_major_locator()
     if not isinstance(locator, MaxNLocator):
         return
-    low, high = sorted(axes.get_xlim())
-    room_pt = axes_size_pt(figure, axes)[0]
-    most_bins = 4 if style.width_in < 5 else 7  # as set by ``few_ticks``
-    for bins in range(most_bins, 0, -1):
+    figure.draw_without_rendering()
+    for bins in range(4 if style.width_in < 5 else 7, 0, -1):  # from the number that ``few_ticks`` sets
         locator.set_params(nbins=bins)
-        ticks = [tick for tick in locator.tick_values(low, high) if low <= tick <= high]
-        words = axes.xaxis.get_major_formatter().format_ticks(ticks)
-        # The labels are written in the smaller ``small_pt``, so there is more space between them than required.
-        wide = (
-            max((width_pt(word, style.font_pt) for word in words), default=0.0) + TICK_GAP_EM * style.font_pt
-        )
-        if len(ticks) < 2 or wide <= room_pt * (ticks[1] - ticks[0]) / (high - low):
+        if not crowded(axes.xaxis):
             break
     power = axes.xaxis.get_major_formatter().get_offset()
     if power:  # at the end of the axis it could overlap the label of the axis
@@ -387,6 +364,30 @@ class Rows(NamedTuple):
         """Return y of a series within a row that is shared by ``of`` series; series 0 is the uppermost."""
         return row + (series - (of - 1) / 2) * self.band
 
+    def estimate(
+        self, style: Style, y: float, values: tuple[float | None, ...], look: Look, **line: Any
+    ) -> None:
+        """Draw an estimate and its interval at the height ``y``; a missing one is written as "no value".
+
+        Args:
+            values: estimate, low and high; None: not known. look: of the mark. line: how the interval differs from a
+                line with bars at its ends in the colour of the mark, as matplotlib's ``plot`` takes it.
+        """
+        value, low, high = values
+        if value is None:
+            self.axes.annotate(
+                "no value", (0.02, y), xycoords=("axes fraction", "data"), va="center", fontsize=self.font_pt,
+                color=FAINT,
+            )  # fmt: skip
+            return
+        if low is not None and high is not None:
+            bars: dict[str, Any] = {"color": look.colour, "linewidth": self.line_pt, "marker": "|"} | line
+            self.axes.plot([low, high], [y, y], markersize=style.marker_pt, zorder=2, **bars)
+        self.axes.plot(
+            value, y, ls="", marker=look.marker, markersize=style.marker_pt, markeredgecolor=look.colour,
+            markeredgewidth=self.line_pt, markerfacecolor=PAPER if look.hollow else look.colour, zorder=3,
+        )  # fmt: skip
+
     def note(self, y: float, text: str, *, colour: str = FAINT) -> None:
         """Write text right of the axes at the height ``y``, in the unit of the axes: a row has the height 1."""
         self.axes.annotate(
@@ -412,7 +413,6 @@ def rows_of(
     *,
     series: int = 1,
     title: str = "",
-    text_lines: int = 0,
 ) -> Rows:
     """Make a figure that grows with its rows; the names of the rows are at the left, broken or shortened to fit.
 
@@ -423,11 +423,10 @@ def rows_of(
         names: of the rows, at least one.
         x_label: of the axis below.
         series: how many series share a row.
-        title: above the rows; it counts as two lines.
-        text_lines: number of lines of text above and below the rows, such as a heading and a legend.
+        title: above the rows.
     """
-    # height of everything around the rows; the axis and its label take about 3.4 lines
-    around = style.font_pt * LINE_SPACING * (3.4 + text_lines + (2 if title else 0)) / 72
+    # What is around the rows takes about five lines, and a title two; ``Rows.settle`` measures it.
+    around = style.font_pt * LINE_SPACING * (7 if title else 5) / 72
     room_pt = style.width_in * 72 * LABEL_SHARE
     preferred = _preferred_row_in(style, names, series, room_pt)
     # A series that shares its row may have 0.75 of the least height of a row.
@@ -477,52 +476,45 @@ def _preferred_row_in(style: Style, names: Sequence[object], series: int, room_p
     return max(style.row_in * (0.4 + 0.6 * series), line * (broken + 0.35))
 
 
-def legend_lines(style: Style, names: Sequence[str]) -> int:
-    """Return the number of lines of a ``legend_below`` with these names; 0 without names."""
-    return math.ceil(len(names) / _legend_columns(style, names)) if names else 0
+def patch_handle(style: Style, look: Look, *, edge: str = INK, filled: bool = True) -> Any:
+    """Return a small area with the colour and the hatch of a look, for a legend."""
+    from matplotlib.patches import Patch
+
+    face = look.colour if filled else PAPER
+    return Patch(
+        facecolor=face,
+        edgecolor=edge,
+        hatch=hatched(style, look.hatch),
+        linewidth=style.line_pt * (1 - filled / 2),
+    )
+
+
+FREE_LINES: Final = 2
+"""Lines of a legend for which a figure has room; a slide has room for ``FREE_LINES_OF_SLIDE``."""
+FREE_LINES_OF_SLIDE: Final = 7
 
 
 def legend_below(figure: Figure, style: Style, handles: Sequence[Any], names: Sequence[str]) -> None:
-    """Draw a legend below the axes in as many columns as fit; long names are shortened.
+    """Draw a legend below the axes in as many columns as fit; the figure grows if it has many lines.
 
-    Without names, nothing is drawn.
+    Long names are shortened. Without names, nothing is drawn.
     """
     if not names:
         return
-    room = style.width_in * 72 - style.small_pt * 5  # without the margins and the mark before a name
-    labels = fitted_names(names, style.small_pt, room)
-    figure.legend(
-        list(handles), labels, loc="outside lower center", ncols=_legend_columns(style, names), columnspacing=1.4,
-        borderaxespad=0.2, borderpad=0.1, labelspacing=0.35,
-    )  # fmt: skip
-
-
-def _legend_columns(style: Style, names: Sequence[str]) -> int:
-    """Return the number of columns of a legend.
-
-    The largest number of columns that fits the width gives the fewest lines. Of all numbers of columns with as few
-    lines, the smallest is returned, so that no column is almost empty.
-    """
-    room_pt = style.width_in * 72 - style.small_pt * 2
-    handle_pt, gap_pt = style.small_pt * 3, style.small_pt * 1.4  # mark of a name, space between columns
-    labels = fitted_names(names, style.small_pt, room_pt - handle_pt)
-    for columns in range(len(labels), 1, -1):
-        widest = [max(width_pt(name, style.small_pt) for name in part) for part in _dealt(labels, columns)]
-        if sum(widest) + columns * handle_pt + (columns - 1) * gap_pt <= room_pt:
-            lines = math.ceil(len(labels) / columns)
-            return math.ceil(len(labels) / lines)
-    return 1
-
-
-def _dealt(names: Sequence[str], columns: int) -> list[Sequence[str]]:
-    """Return the names in each column of a legend, column by column, divided in the same way as by matplotlib.
-
-    If the names cannot be divided equally, the first columns have one name more than the others.
-    """
-    least, longer_columns = divmod(len(names), columns)
-    parts, start = [], 0
-    for column in range(columns):
-        end = start + least + (column < longer_columns)
-        parts.append(names[start:end])
-        start = end
-    return parts
+    labels = fitted_names(
+        names, style.small_pt, style.width_in * 72 - style.small_pt * 5
+    )  # 5: the mark, margins
+    columns = len(names)
+    while True:
+        lines = math.ceil(len(names) / columns)
+        legend = figure.legend(
+            list(handles), labels, loc="outside lower center", columnspacing=1.4, borderaxespad=0.2,
+            borderpad=0.1, labelspacing=0.35, ncols=math.ceil(len(names) / lines),
+        )  # fmt: skip
+        box = legend.get_window_extent()
+        if columns == 1 or box.width < 0.97 * figure.bbox.width:
+            break
+        legend.remove()
+        columns = min(columns - 1, int(columns * figure.bbox.width / box.width) + 1)
+    room = (FREE_LINES_OF_SLIDE if style.fixed_height else FREE_LINES) / lines
+    figure.set_figheight(figure.get_figheight() + max(0.0, box.height * (1 - room)) / figure.dpi)

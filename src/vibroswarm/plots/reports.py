@@ -12,7 +12,7 @@ from vibroswarm.errors import InputError
 from vibroswarm.plots.inputs import tidy
 from vibroswarm.plots.layout import few_ticks, new_figure
 from vibroswarm.plots.picture import Picture, drawn
-from vibroswarm.plots.style import INK, SERIES, style_named
+from vibroswarm.plots.style import INK, LINES, SERIES, style_named
 
 MOST_PANELS: Final = 6
 """Most values that are drawn, the first ones."""
@@ -77,7 +77,14 @@ def _draw_panel(axes: Any, rows: pl.DataFrame, line_pt: float) -> None:
     }
     if len(steps) <= MOST_LINES:
         for k, (time_s, value) in enumerate(steps.values()):
-            axes.plot(time_s, value, drawstyle="steps-post", lw=line_pt * 0.7, color=SERIES[k % len(SERIES)])
+            axes.plot(
+                time_s,
+                value,
+                drawstyle="steps-post",
+                lw=line_pt * 0.7,
+                color=SERIES[k % len(SERIES)],
+                ls=LINES[k % len(LINES)],
+            )
         return
     at_s = np.linspace(0.0, float(rows["time_s"].max()), POINTS)  # type: ignore[arg-type]
     last = np.full((len(steps), POINTS), np.nan)

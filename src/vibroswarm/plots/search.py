@@ -50,7 +50,7 @@ def draw_search(
     names = ["best as the search believes", "mean of the candidates"]
     names += ["best of each particle"] if personal is not None else []
     names += ["true, on fresh runs"] if true is not None else []
-    figure, axes = plain_axes(sizes, "iteration", label, title=title, legend=names)
+    figure, axes = plain_axes(sizes, "iteration", label, title=title)
     handles = []
     if personal is not None:
         own = tidy(personal, numbers=("iteration", "particle", "score"), complete=("iteration", "particle"))
@@ -113,14 +113,14 @@ def draw_parameters(
     check_once(frame, ["iteration", "series"])
     if not frame["share"].is_between(-1e-9, 1 + 1e-9).all():  # 1e-9: for rounding
         raise InputError("lies outside 0 to 1; give shares of the bounds", field="share")
-    figure, axes = plain_axes(sizes, "iteration", "mean, share of its bounds", title=title, legend=series)
+    figure, axes = plain_axes(sizes, "iteration", "mean, share of its bounds", title=title)
     for index, name in enumerate(series):
-        part, looks = frame.filter(pl.col("series") == name).sort("iteration"), look(index)
-        axes.plot(
-            part["iteration"], part["share"], color=looks.colour, linestyle=looks.line,
-            linewidth=sizes.line_pt, marker=looks.marker, markersize=sizes.marker_pt,
-            markevery=max(part.height // 8, 1),  # about eight marks per curve
-        )  # fmt: skip
+        part = frame.filter(pl.col("series") == name).sort("iteration")
+        line = series_handle(sizes, look(index))
+        line.set_data(part["iteration"], part["share"])
+        line.set_markevery(max(part.height // 8, 1))  # about eight marks per curve
+        axes.add_line(line)
+    axes.autoscale_view()
     axes.set_ylim(-0.02, 1.02)
     whole_ticks(axes.xaxis)
     if len(series) > 1:

@@ -43,7 +43,7 @@ def draw_spectrum(
         lines = tidy(lines, numbers=("hz", "low", "high", "amplitude"), complete=("hz", "amplitude"))
         check_bounds(lines, "low", "hz", "high")
     named = series if len(series) > 1 else []
-    figure, axes = plain_axes(sizes, "frequency (Hz)", label, title=title, legend=named)
+    figure, axes = plain_axes(sizes, "frequency (Hz)", label, title=title)
     looks = looks_of(series)
     for name, look in zip(series, looks, strict=True):
         part = frame.filter(pl.col("series") == name).sort("hz")
@@ -67,7 +67,7 @@ def draw_spectrum(
                 ha="center", va="bottom", fontsize=sizes.small_pt, color=INK,
             )  # fmt: skip
     if named:
-        legend_below(figure, sizes, [series_handle(sizes, look) for look in looks], named)
+        legend_below(figure, sizes, [series_handle(sizes, look, mark=False) for look in looks], named)
     caption = (
         f"Amplitude of sines in the readings over frequency; bands: 95 % intervals of {lines.height} lines."
     )

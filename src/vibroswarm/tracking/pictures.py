@@ -137,7 +137,7 @@ def draw_time_line(
     Returns: the picture; its numbers are ``robot, mark, start_s, end_s``, with the marks gap, stop and doubtful.
     """
     sizes = style_named(style)
-    rows = rows_of(sizes, [f"robot {robot}" for robot in robots], "time in the video (s)", text_lines=1)
+    rows = rows_of(sizes, [f"robot {robot}" for robot in robots], "time in the video (s)")
     axes: Any = rows.axes
     numbers: list[tuple[int, str, float, float]] = []
     handles: dict[str, Any] = {}
@@ -202,7 +202,7 @@ def draw_clock(matched: pl.DataFrame, *, style: str = "page") -> Picture:
     robots = sorted(paired["robot"].unique().to_list())
     looks = looks_for(robots)
     names = [f"robot {robot}" for robot in robots]
-    figure, axes = plain_axes(sizes, "time in the video (s)", "sample later than expected (ms)", legend=names)
+    figure, axes = plain_axes(sizes, "time in the video (s)", "sample later than expected (ms)")
     axes.axhline(0.0, color=FAINT, lw=sizes.line_pt)
     handles = [
         _points(axes, sizes, paired.filter(pl.col("robot") == robot), looks[robot]) for robot in robots
