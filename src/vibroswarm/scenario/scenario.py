@@ -327,11 +327,16 @@ def differences(scenario: Scenario, base: Scenario) -> dict[str, Any]:
     are left out. If such a field has a value in the base, the base plus the differences is not the scenario.
     """
     changed: dict[str, Any] = {}
-    for name in field_names():
+    for name in _fields_of_unequal_sections(scenario, base):
         value = value_of(scenario, name)
         if value is not None and value != value_of(base, name):
             changed[name] = list(value) if isinstance(value, tuple) else value
     return changed
+
+
+def _fields_of_unequal_sections(scenario: Scenario, base: Scenario) -> list[str]:
+    unequal = {name for name in Scenario.model_fields if getattr(scenario, name) != getattr(base, name)}
+    return [name for name in field_names() if name.partition(".")[0] in unequal]
 
 
 def kind_of(name: str) -> Any:
