@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from scipy.special import expit
 
 from helpers.inspections import drawn_samples, enumerated
 from vibroswarm.analysis.map_scores import calibration, map_scores
@@ -13,6 +17,8 @@ from vibroswarm.inspection.samples import Samples, check_law, ratios_of_values
 from vibroswarm.inspection.sources import grid_of
 from vibroswarm.inspection.tile_map import tile_map
 from vibroswarm.scenario.scenario import preset
+from vibroswarm.strategies.place_evidence import add_evidence
+from vibroswarm.strategies.place_map import share_place
 
 FLOORS = range(30)
 
@@ -76,6 +82,45 @@ def test_a_map_over_time_is_that_of_the_samples_so_far() -> None:
     over_time = tile_map(samples, [40.0, 90.0, 149.0])
     for time_s, found in zip((40.0, 90.0, 149.0), over_time, strict=True):
         assert abs(found - last_map(samples.by_time(time_s))).max() < 1e-4
+
+
+def robots_map(samples: Samples, reach_m: float) -> np.ndarray:
+    """The map of a robot of ``places`` that hears all samples, each once, in their order."""
+    assert samples.floor is not None
+    rows, columns, width_m, height_m, left_m, bottom_m = samples.floor.geometry
+    w = SimpleNamespace(
+        robots=1, rows=rows, columns=columns, tile_width_m=width_m, tile_height_m=height_m, left_m=left_m,
+        bottom_m=bottom_m,
+    )  # fmt: skip
+    a = SimpleNamespace(**{name: np.zeros(9) for name in ("odds", "of_column", "of_row", "p", "p_without")})
+    a.weight, a.of_all, p = np.ones(1), np.zeros(1), SimpleNamespace(edge_reach_m=reach_m)
+    names = ("x_m", "y_m", "spread_x_m", "spread_y_m", "log_ratio")
+    for *place, log_ratio in zip(*(samples.column(name).tolist() for name in names), strict=True):
+        add_evidence(a, 0, 0, log_ratio, *share_place(a, *place, p, w), w)
+    return expit(a.odds)
+
+
+@pytest.mark.parametrize("reach_m", [0.0, 0.02, 0.15])
+def test_one_sweep_is_the_map_of_a_robot(reach_m: float) -> None:
+    samples = drawn_samples(5, count=120, spread_m=0.03)
+    sensor = samples.law.sensor.model_copy(update={"edge_reach_m": reach_m})
+    felt = replace(samples, law=replace(samples.law, sensor=sensor))
+    assert last_map(felt, sweeps=1) == pytest.approx(robots_map(samples, reach_m), abs=1e-12)
+    # Negative control: vibration that is felt less or more far gives another map.
+    assert np.abs(last_map(felt, sweeps=1) - robots_map(samples, 0.08)).max() > 0.001
+
+
+@pytest.mark.parametrize("spread_m", [0.0, 0.001])
+def test_more_evidence_than_numbers_can_hold_is_weighed_exactly(spread_m: float) -> None:
+    """8,000 nats for and 8,008 against a tile: e^8000 is no number."""
+    count = 2001
+    samples = drawn_samples(6, count=count, spread_m=spread_m)
+    for turn in (1.0, -1.0):
+        ratio = turn * np.where(np.arange(count) < 1000, 8.0, -8.0)
+        at = {name: np.full(count, 0.1) for name in ("x_m", "y_m")}
+        p = last_map(samples.with_columns(**at, log_ratio=ratio))
+        assert p[6] == pytest.approx(expit(-8.0 * turn), rel=1e-9)
+        assert np.delete(p, 6) == pytest.approx(0.5, abs=1e-12)
 
 
 def test_the_prior_is_the_map_of_tiles_that_were_not_visited() -> None:

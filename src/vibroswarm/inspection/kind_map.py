@@ -17,99 +17,72 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import softmax
 
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.inspection.samples import Floats, Samples
-from vibroswarm.inspection.tile_map import (
-    CONVERGED,
-    SWEEPS,
-    Memory,
-    Reach,
-    Taken,
-    count_touched,
-    kernel_arguments,
-)
+from vibroswarm.inspection.tile_map import CONVERGED, SWEEPS, Integers, Shares, ends_of, place_shares
 from vibroswarm.observation.energy_model import log_ratios_of_classes, rates
 from vibroswarm.scenario.scenario import Scenario
-from vibroswarm.strategies.place_map import share_place
 
 
 @inner
 def _renew(
-    a: Memory, p: Reach, w: Any, taken: Taken, ratios: Floats, s: int, first: int, sites: Floats, odds: Floats
+    columns: int, at: Shares, s: int, ratios: Floats, sites: Floats, odds: Floats, likelihood: Floats
 ) -> float:
-    """Put the evidence of sample ``s``, given all others, in the place of its earlier evidence; return the change."""
-    kinds, most = odds.shape[1], 0.0
-    if taken.tile[s] >= 0:
-        for k in range(kinds):
-            change = ratios[s, k] - sites[first, k]
-            odds[taken.tile[s], k] += change
-            sites[first, k] = ratios[s, k]
-            most = max(most, abs(change))
-        return most
-    left, right, upper, lower = share_place(
-        a, taken.x_m[s], taken.y_m[s], taken.spread_x_m[s], taken.spread_y_m[s], p, w
-    )
-    if right < left:
-        return 0.0  # off the floor
-    width, expected = right - left + 1, 0.0
-    for row in range(upper, lower + 1):
-        for column in range(left, right + 1):
-            t, site = row * w.columns + column, first + (row - upper) * width + column - left
-            largest, total, likelihood = -math.inf, 0.0, 0.0
-            for k in range(kinds):
+    """Put the evidence of sample ``s``, given all others, in the place of its earlier evidence; return the change.
+
+    Args:
+        ratios: ln r_k of the sample, (kinds,). likelihood: room, (tiles,).
+    """
+    box, of_column, of_row, site, expected = at.box[s], at.of_column[s], at.of_row[s], at.first[s], 0.0
+    for row in range(box[2], box[3] + 1):
+        for column in range(box[0], box[1] + 1):
+            t, largest, total, found = row * columns + column, -math.inf, 0.0, 0.0
+            for k in range(ratios.size):
                 odds[t, k] -= sites[site, k]
                 largest = max(largest, odds[t, k])
-            for k in range(kinds):
+            for k in range(ratios.size):
                 part = math.exp(odds[t, k] - largest)
                 total += part
-                likelihood += part * math.exp(ratios[s, k])
-            a.p[t] = likelihood / total  # m_t
-            expected += a.of_column[2 * column] * a.of_row[2 * row] / a.of_all[0] * a.p[t]
-    for row in range(upper, lower + 1):
-        for column in range(left, right + 1):
-            t, site = row * w.columns + column, first + (row - upper) * width + column - left
-            share = a.of_column[2 * column] * a.of_row[2 * row] / a.of_all[0]
-            rest = max(expected - share * a.p[t], 0.0)  # R_t; rounding could make it negative
+                found += part * math.exp(ratios[k])
+            likelihood[t] = found / total  # m_t
+            expected += of_column[2 * column] * of_row[2 * row] * likelihood[t]
+            site += 1
+    most, site = 0.0, at.first[s]
+    for row in range(box[2], box[3] + 1):
+        for column in range(box[0], box[1] + 1):
+            t, share = row * columns + column, of_column[2 * column] * of_row[2 * row]
+            rest = max(expected - share * likelihood[t], 0.0)  # R_t; rounding could make it negative
             still = math.log(share + rest) if share + rest > 0.0 else 0.0
-            for k in range(kinds):
-                found = share * math.exp(ratios[s, k]) + rest
+            for k in range(ratios.size):
+                found = share * math.exp(ratios[k]) + rest
                 renewed = math.log(found) - still if found > 0.0 else 0.0
                 most = max(most, abs(renewed - sites[site, k]))
                 sites[site, k] = renewed
                 odds[t, k] += renewed
+            site += 1
     return most
 
 
 @kernel
 def _propagate_kinds(
-    a: Memory,
-    p: Reach,
-    w: Any,
-    taken: Taken,
-    ratios: Floats,
-    first: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    sites: Floats,
-    odds: Floats,
-    out: Floats,
-) -> None:
+    columns: int, at: Shares, ratios: Floats, ends: Integers, sites: Floats, odds: Floats, room: Floats, out: Floats
+) -> None:  # fmt: skip
     """Write the log odds of all kinds against kind 0 after each number of samples to ``out``, (ends, tiles, kinds).
 
     Args:
-        ratios: (samples, kinds), ln r_k. first: as ``count_touched`` writes it. sites: (touched, kinds), evidence of
-            each sample on each tile that it touches. odds: (tiles, kinds). Both are all 0 at first, and changed.
+        ratios: (samples, kinds), ln r_k. sites: (touched, kinds), evidence of each sample on each tile of its box.
+            odds: (tiles, kinds). Both are all 0 at first, and changed. room: (tiles,).
     """
     for e in range(ends.size):
         for _ in range(SWEEPS):
             change = 0.0
             for s in range(ends[e]):
-                change = max(change, _renew(a, p, w, taken, ratios, s, first[s], sites, odds))
+                change = max(change, _renew(columns, at, s, ratios[s], sites, odds, room))
             if change < CONVERGED:
                 break
         for t in range(odds.shape[0]):
@@ -125,18 +98,14 @@ def kind_map(samples: Samples, times_s: ArrayLike) -> Floats:
     Args:
         samples: with a grid, and with readings of classes as values. times_s: increasing.
     """
-    memory, reach, ground, taken, ends = kernel_arguments(samples, times_s)
+    at, ends = place_shares(samples), ends_of(samples, times_s)
     value, sensor = samples.column("value"), samples.law.sensor
     ratios = np.stack([log_ratios_of_classes(sensor, value, kind) for kind in range(sensor.kinds)], axis=1)
-    first = np.zeros(value.size + 1, dtype=np.int64)
-    count_touched(memory, reach, ground, taken, first)
-    odds, out = (
-        np.zeros((memory.odds.size, sensor.kinds)),
-        np.empty((ends.size, memory.odds.size, sensor.kinds)),
-    )
-    _propagate_kinds(
-        memory, reach, ground, taken, ratios, first, ends, np.zeros((first[-1], sensor.kinds)), odds, out
-    )
+    assert samples.floor is not None
+    tiles, columns = samples.floor.tiles.size, samples.floor.tiles.shape[1]
+    odds, sites = np.zeros((tiles, sensor.kinds)), np.zeros((at.first[-1], sensor.kinds))
+    out = np.empty((ends.size, *odds.shape))
+    _propagate_kinds(columns, at, ratios, ends, sites, odds, np.empty(tiles), out)
     return np.asarray(softmax(out, axis=-1))
 
 

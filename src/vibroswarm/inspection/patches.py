@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -104,34 +104,41 @@ class Shares(NamedTuple):
         return html_view(self)
 
 
-def interval_share(x_m: Floats, spread_m: Floats, low_m: Floats, high_m: Floats) -> Floats:
-    """Return the share of each place in each interval, (places, intervals); exact places are inside or outside."""
-    spread = np.maximum(spread_m, 1e-9)[:, None]
-    return np.asarray(ndtr((high_m - x_m[:, None]) / spread) - ndtr((low_m - x_m[:, None]) / spread))
-
-
 def shares_of(samples: Samples, patches: Patches) -> Shares:
     """Return the shares of the samples' places in the patches."""
-    sensor = samples.law.sensor
-    blur_m, reach_m = sensor.edge_blur_m or 0.0, sensor.edge_reach_m or 0.0
-    parts: list[NDArray[Any]] = []
-    for axis, low_m, side_m in (
-        ("x", patches.left_m, patches.width_m),
-        ("y", patches.bottom_m, patches.height_m),
-    ):
-        # Patches share few different intervals along an axis.
-        intervals, which = np.unique(np.stack([low_m, low_m + side_m]), axis=1, return_inverse=True)
-        spread_m = np.hypot(samples.column(f"spread_{axis}_m"), blur_m)
-        shares = interval_share(
-            samples.column(f"{axis}_m"), spread_m, intervals[0] - reach_m, intervals[1] + reach_m
+    (qx, of_x), (qy, of_y) = (
+        _along(samples, axis, low_m, side_m)
+        for axis, low_m, side_m in (
+            ("x", patches.left_m, patches.width_m),
+            ("y", patches.bottom_m, patches.height_m),
         )
-        parts += [np.ascontiguousarray(shares.T), which.astype(np.int64).ravel()]
+    )
     count = np.empty(patches.left_m.size + 1, dtype=np.int64)
-    _count(parts[0], parts[1], parts[2], parts[3], count)
+    _count(qx, of_x, qy, of_y, count)
     first = np.cumsum(count)
-    sample, share = np.empty(first[-1], dtype=np.int32), np.empty(first[-1], dtype=np.float32)
-    _fill(parts[0], parts[1], parts[2], parts[3], first, sample, share)
-    return Shares(first, sample, share)
+    # Only samples with a share along x can have one in the patch, and these are few.
+    interval, candidate = np.nonzero(qx > LEAST_SHARE)
+    begin = np.searchsorted(interval, np.arange(qx.shape[0] + 1))
+    sample, share = np.empty(first[-1] + 1, dtype=np.int32), np.empty(first[-1] + 1, dtype=np.float32)
+    _fill(qx, of_x, begin, candidate, qy, of_y, first, sample, share)
+    return Shares(first, sample[:-1], share[:-1])
+
+
+def _along(samples: Samples, axis: str, low_m: Floats, side_m: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """Return the shares of places along an axis in the patches' different intervals, and which is that of each patch.
+
+    Exact places are inside or outside.
+
+    Returns: (intervals, samples) and (patches,).
+    """
+    sensor = samples.law.sensor
+    reach_m = np.array([[-1.0], [1.0]]) * (sensor.edge_reach_m or 0.0)
+    intervals, which = np.unique(np.stack([low_m, low_m + side_m]), axis=1, return_inverse=True)
+    edges_m, edge = np.unique(intervals + reach_m, return_inverse=True)  # intervals share many edges
+    spread_m = np.maximum(np.hypot(samples.column(f"spread_{axis}_m"), sensor.edge_blur_m or 0.0), 1e-9)
+    below = ndtr((edges_m[:, None] - samples.column(f"{axis}_m")) / spread_m)
+    low, high = edge.reshape(intervals.shape)
+    return np.asarray(below[high] - below[low]), which.astype(np.int64).ravel()
 
 
 @kernel
@@ -148,15 +155,21 @@ def _count(
 
 
 @kernel
-def _fill(qx: Floats, of_x: NDArray[np.int64], qy: Floats, of_y: NDArray[np.int64], first: NDArray[np.int64],
-          sample: NDArray[np.int32], share: NDArray[np.float32]) -> None:  # fmt: skip
-    """Write the entries of each patch."""
+def _fill(qx: Floats, of_x: NDArray[np.int64], begin: NDArray[np.int64], candidate: NDArray[np.int64], qy: Floats,
+          of_y: NDArray[np.int64], first: NDArray[np.int64], sample: NDArray[np.int32],
+          share: NDArray[np.float32]) -> None:  # fmt: skip
+    """Write the entries of each patch.
+
+    Args:
+        begin, candidate: samples with a share in each interval along x, (intervals + 1,) and interval by interval.
+        sample, share: with room for one entry more.
+    """
     for j in range(of_x.size):
         x, y, k = qx[of_x[j]], qy[of_y[j]], first[j]
-        for s in range(x.size):
-            if x[s] * y[s] > LEAST_SHARE:
-                sample[k], share[k] = s, x[s] * y[s]
-                k += 1
+        for i in range(begin[of_x[j]], begin[of_x[j] + 1]):
+            s = candidate[i]
+            sample[k], share[k] = s, x[s] * y[s]  # replaced by the next entry, if it is too small
+            k += x[s] * y[s] > LEAST_SHARE
 
 
 @kernel

@@ -2,22 +2,28 @@
 
 | name | symbol | equation |
 |---|---|---|
-| share of a sample's place on tile t | q_t | normal in x and y, by ``strategies.place_map`` |
+| share of a sample's place in a region | s | normal in x and y, by ``strategies.place_map`` |
 | likelihood ratio of the sample | r | density where it vibrates over that where it is still |
-| likelihood of the sample, given the floor x | L | 1 + (r - 1) sum over t of q_t x_t, x_t = 1 where t vibrates |
-| evidence of the sample on tile t | l_t | ln((1 + (r - 1)(q_t + R_t)) / (1 + (r - 1) R_t)), R_t = sum of q_u p_u |
-| map | p_t | 1 / (1 + exp(-prior log odds - sum of l_t)) |
+| likelihood of the sample | L | 1 + (r - 1) F, F the probability that it feels vibration |
+| nothing vibrates in a region | - | product over its tiles u of c_u = 1 - p_u |
+| shares of tile t alone | A_t | sum over regions with t of s times the product of c_u over their other tiles |
+| other regions | R_t | sum over regions without t of s times the product of c_u |
+| evidence of the sample on tile t | e_t | (1 + (r - 1)(1 - R_t)) / (1 + (r - 1)(1 - R_t - A_t)) |
+| map | p_t | 1 - 1 / (1 + prior odds * product of e_t) |
 
-The sum in R_t is over the other tiles u that the place may be on, and p_u is their map without this sample. A robot of
-strategy ``places`` adds each sample once, in the order in which it hears them, so that its map depends on that order.
-Here the same update (``strategies.place_evidence``) is repeated, each time with the sample's earlier evidence taken
-out, until nothing changes: expectation propagation with independent tiles (Minka 2001). Exact places are on one tile
-each, and then the map is exact. Edges are felt as ``strategies.place_map`` says; the blur of an edge is a spread of the
-place.
+A region is a tile; where vibration is felt beyond edges also the strip around an edge or a corner, with the tiles on
+its sides. p_u is the map without this sample. A robot of strategy ``places`` adds each sample once, in the order in
+which it hears them, so that its map depends on that order (``strategies.place_evidence``, whose evidence is ln e_t).
+Here the same update is repeated, each time with the sample's earlier evidence taken out, until nothing changes:
+expectation propagation with independent tiles (Minka 2001). Exact places are on one tile each, and then the map is
+exact. The blur of an edge is a spread of the place.
+
+Evidence is multiplied, not added, and shares are computed once, which takes a quarter of the time.
 """
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -27,19 +33,21 @@ from scipy.special import expit, logit
 from vibroswarm.core.jit import inner, kernel
 from vibroswarm.errors import InputError
 from vibroswarm.inspection.samples import Floats, Samples
-from vibroswarm.strategies.place_evidence import add_evidence
 from vibroswarm.strategies.place_map import share_place
+
+Integers = NDArray[np.int64]
 
 SWEEPS: Final = 50
 """Most repetitions."""
 CONVERGED: Final = 1e-6
 """Largest change of log odds in the last repetition."""
+LARGEST: Final = 1e200
+"""Limit of odds within a repetition, and of products before their logarithm is taken."""
 
 
 class Ground(NamedTuple):
     """The grid, under the names by which ``place_map`` reads what a robot knows of it."""
 
-    robots: int
     rows: int
     columns: int
     tile_width_m: float
@@ -54,104 +62,161 @@ class Reach(NamedTuple):
     edge_reach_m: float
 
 
-class Memory(NamedTuple):
-    """A robot's arrays as ``place_evidence`` uses them: one map, one sender."""
+class Shares(NamedTuple):
+    """Shares of the samples' places, as ``place_map.share_place`` writes them, divided by their sum."""
 
-    odds: Floats
-    weight: Floats
+    box: Integers
+    """(samples, 4): first and last column, first and last row; the last column is before the first: off the grid."""
+    of_column: Floats
+    """(samples, 2 columns)."""
+    of_row: Floats
+    """(samples, 2 rows)."""
+    first: Integers
+    """(samples + 1,): where the evidence of each sample begins, one number for each tile of its box."""
+    has_strips: bool
+    """Whether vibration is felt beyond edges."""
+
+
+class Room(NamedTuple):
+    """Where ``place_map.share_place`` writes."""
+
     of_column: Floats
     of_row: Floats
     of_all: Floats
-    p: Floats
-    p_without: Floats
-    before: Floats
-    """(tiles,): room for the earlier evidence of a sample."""
-
-
-class Taken(NamedTuple):
-    """Where samples were taken and what they say, (samples,) each."""
-
-    tile: NDArray[np.int64]
-    """The tile of an exact place; -1: the place is not exact, or on no tile."""
-    x_m: Floats
-    y_m: Floats
-    spread_x_m: Floats
-    spread_y_m: Floats
-    log_ratio: Floats
 
 
 @kernel
-def count_touched(a: Memory, p: Reach, w: Any, taken: Taken, first: NDArray[np.int64]) -> None:
-    """Write to ``first``, (samples + 1,), where the evidence of each sample begins: one number for each tile."""
-    for s in range(taken.tile.size):
-        first[s + 1] = first[s] + 1
-        if taken.tile[s] < 0:
-            left, right, upper, lower = share_place(
-                a, taken.x_m[s], taken.y_m[s], taken.spread_x_m[s], taken.spread_y_m[s], p, w
-            )
-            first[s + 1] = first[s] + (right - left + 1) * (lower - upper + 1)
+def _share_places(
+    tile: Integers, x_m: Floats, y_m: Floats, spread_x_m: Floats, spread_y_m: Floats,
+    p: Reach, w: Any, box: Integers, of_column: Floats, of_row: Floats, of_all: Floats,
+) -> None:  # fmt: skip
+    """Write the shares of each place.
+
+    Args:
+        tile: tile of each exact place, -1: on none; -2: the place is not exact. of_all: room, (1,).
+    """
+    for s in range(tile.size):
+        if tile[s] >= 0:
+            row, column = tile[s] // w.columns, tile[s] % w.columns
+            box[s, 0], box[s, 1], box[s, 2], box[s, 3] = column, column, row, row
+            of_column[s, 2 * column], of_row[s, 2 * row] = 1.0, 1.0
+        elif tile[s] == -1:
+            box[s, 0], box[s, 1], box[s, 2], box[s, 3] = 0, -1, 0, -1
+        else:
+            room = Room(of_column[s], of_row[s], of_all)
+            left, right, upper, lower = share_place(room, x_m[s], y_m[s], spread_x_m[s], spread_y_m[s], p, w)
+            box[s, 0], box[s, 1], box[s, 2], box[s, 3] = left, right, upper, lower
+            for c in range(2 * left, 2 * right + 2):
+                of_column[s, c] /= of_all[0]
 
 
 @inner
-def _renew(a: Memory, p: Reach, w: Any, taken: Taken, s: int, first: int, sites: Floats) -> float:
-    """Put the evidence of sample ``s``, given all others, in the place of its earlier evidence; return the change."""
-    if taken.tile[s] >= 0:
-        change: float = abs(taken.log_ratio[s] - sites[first])
-        a.odds[taken.tile[s]] += taken.log_ratio[s] - sites[first]
-        sites[first] = taken.log_ratio[s]
-        return change
-    left, right, upper, lower = share_place(
-        a, taken.x_m[s], taken.y_m[s], taken.spread_x_m[s], taken.spread_y_m[s], p, w
-    )
-    if right < left:
-        return 0.0  # off the floor
-    width = right - left + 1
-    for row in range(upper, lower + 1):
-        for column in range(left, right + 1):
-            t, k = row * w.columns + column, first + (row - upper) * width + column - left
-            a.before[t] = sites[k]
-            a.odds[t] -= sites[k]
-            sites[k] = a.odds[t]  # the log odds without this sample, until its evidence is known
-    add_evidence(a, 0, 0, taken.log_ratio[s], left, right, upper, lower, w)
-    most = 0.0
-    for row in range(upper, lower + 1):
-        for column in range(left, right + 1):
-            t, k = row * w.columns + column, first + (row - upper) * width + column - left
-            sites[k] = a.odds[t] - sites[k]
-            most = max(most, abs(sites[k] - a.before[t]))
+def _add_strips(
+    columns: int, of_column: Floats, of_row: Floats, box: Integers, c: Floats, alone: Floats
+) -> float:
+    """Add the strips around edges and corners to ``alone``, A_t; return their sum of s times the products of c."""
+    total, right, lower = 0.0, box[1], box[3]
+    for row in range(box[2], lower + 1):
+        for column in range(box[0], right + 1):
+            t = row * columns + column
+            if column < right:
+                share = of_column[2 * column + 1] * of_row[2 * row]
+                alone[t] += share * c[t + 1]
+                alone[t + 1] += share * c[t]
+                total += share * c[t] * c[t + 1]
+            if row < lower:
+                below = t + columns
+                share = of_column[2 * column] * of_row[2 * row + 1]
+                alone[t] += share * c[below]
+                alone[below] += share * c[t]
+                total += share * c[t] * c[below]
+            if column < right and row < lower:
+                share = of_column[2 * column + 1] * of_row[2 * row + 1]
+                above, under = c[t] * c[t + 1], c[below] * c[below + 1]
+                alone[t] += share * c[t + 1] * under
+                alone[t + 1] += share * c[t] * under
+                alone[below] += share * c[below + 1] * above
+                alone[below + 1] += share * c[below] * above
+                total += share * above * under
+    return total
+
+
+@inner
+def _renew(
+    columns: int, at: Shares, s: int, more: float, sites: Floats, odds: Floats, c: Floats, alone: Floats
+) -> float:
+    """Put the evidence of sample ``s``, given all others, in the place of its earlier evidence; return the change.
+
+    Args:
+        more: r - 1. sites: evidence of the samples. odds: of the tiles. c, alone: room, (tiles,).
+    """
+    box, of_column, of_row, k, total = at.box[s], at.of_column[s], at.of_row[s], at.first[s], 0.0
+    for row in range(box[2], box[3] + 1):
+        for column in range(box[0], box[1] + 1):
+            t = row * columns + column
+            c[t] = 1.0 / (1.0 + odds[t] / sites[k])
+            alone[t] = of_column[2 * column] * of_row[2 * row]
+            total += alone[t] * c[t]
+            k += 1
+    if at.has_strips:
+        total += _add_strips(columns, of_column, of_row, box, c, alone)
+    most, k = 0.0, at.first[s]
+    for row in range(box[2], box[3] + 1):
+        for column in range(box[0], box[1] + 1):
+            t = row * columns + column
+            felt = 1.0 - (total - c[t] * alone[t])
+            found = (1.0 + more * felt) / (1.0 + more * (felt - alone[t]))
+            change = found / sites[k]
+            most = max(most, abs(change - 1.0))
+            sites[k] = found
+            odds[t] = min(max(odds[t] * change, 1.0 / LARGEST), LARGEST)
+            k += 1
     return most
+
+
+@inner
+def _sum_up(columns: int, at: Shares, samples: int, sites: Floats, product: Floats, log_odds: Floats) -> None:
+    """Add the logarithms of the evidence of the first samples to ``log_odds``; ``product`` is room, (tiles,)."""
+    product[:] = 1.0
+    for s in range(samples):
+        k = at.first[s]
+        for row in range(at.box[s, 2], at.box[s, 3] + 1):
+            for column in range(at.box[s, 0], at.box[s, 1] + 1):
+                t = row * columns + column
+                product[t] *= sites[k]
+                if not 1.0 / LARGEST < product[t] < LARGEST:
+                    log_odds[t] += math.log(product[t])
+                    product[t] = 1.0
+                k += 1
+    for t in range(product.size):
+        log_odds[t] += math.log(product[t])
 
 
 @kernel
 def _propagate(
-    a: Memory,
-    p: Reach,
-    w: Any,
-    taken: Taken,
-    first: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    sites: Floats,
-    sweeps: int,
-    out: Floats,
-) -> float:
-    """Write the log odds of all tiles after each number of samples in ``ends`` to ``out``, (ends, tiles).
+    columns: int, at: Shares, more: Floats, ends: Integers, sweeps: int, prior: float, sites: Floats, room: Floats,
+    log_odds: Floats,
+) -> None:  # fmt: skip
+    """Write the log odds of all tiles after each number of samples in ``ends`` to ``log_odds``, (ends, tiles).
 
     Args:
-        a: memory, with the prior log odds in ``odds``. first: as ``count_touched`` writes it.
-        sites: evidence of each sample on each tile that it touches, all 0 at first, changed.
-    Returns: the largest change of evidence in the last sweep.
+        more: r - 1 of each sample. prior: log odds of a tile before any sample. sites: evidence of the samples on the
+            tiles of their boxes, all 1 at first, changed. room: (3, tiles).
     """
-    change = 0.0
+    odds, c, alone = room[0], room[1], room[2]
     for e in range(ends.size):
+        log_odds[e] = prior
+        _sum_up(columns, at, ends[e], sites, c, log_odds[e])
         for _ in range(sweeps):
+            for t in range(odds.size):  # from all evidence anew, since within a repetition odds are limited
+                odds[t] = min(max(math.exp(min(log_odds[e, t], 700.0)), 1.0 / LARGEST), LARGEST)
             change = 0.0
             for s in range(ends[e]):
-                change = max(change, _renew(a, p, w, taken, s, first[s], sites))
+                change = max(change, _renew(columns, at, s, more[s], sites, odds, c, alone))
+            log_odds[e] = prior
+            _sum_up(columns, at, ends[e], sites, c, log_odds[e])
             if change < CONVERGED:
                 break
-        for t in range(a.odds.size):
-            out[e, t] = a.odds[t]
-    return change
 
 
 def tile_map(samples: Samples, times_s: ArrayLike, *, prior: float = 0.5, sweeps: int = SWEEPS) -> Floats:
@@ -163,24 +228,27 @@ def tile_map(samples: Samples, times_s: ArrayLike, *, prior: float = 0.5, sweeps
     Raises:
         InputError: there is no grid.
     """
-    return np.asarray(expit(_log_odds(samples, times_s, prior, sweeps)))
+    at, ends = place_shares(samples), ends_of(samples, times_s)
+    assert samples.floor is not None
+    rows, columns = samples.floor.tiles.shape
+    out, room, sites = (
+        np.empty((ends.size, rows * columns)),
+        np.empty((3, rows * columns)),
+        np.ones(at.first[-1]),
+    )
+    more = np.expm1(samples.column("log_ratio"))
+    _propagate(columns, at, more, ends, sweeps, float(logit(prior)), sites, room, out)
+    return np.asarray(expit(out))
 
 
-def _log_odds(samples: Samples, times_s: ArrayLike, prior: float, sweeps: int) -> Floats:
-    """Return the log odds of each tile of which ``tile_map`` returns the probabilities, (times, tiles)."""
-    memory, reach, ground, taken, ends = kernel_arguments(samples, times_s)
-    memory.odds[:] = logit(prior)
-    first = np.zeros(taken.tile.size + 1, dtype=np.int64)
-    count_touched(memory, reach, ground, taken, first)
-    out = np.empty((ends.size, memory.odds.size))
-    _propagate(memory, reach, ground, taken, first, ends, np.zeros(first[-1]), sweeps, out)
-    return out
+def ends_of(samples: Samples, times_s: ArrayLike) -> Integers:
+    """Return how many samples count by each time, (times,)."""
+    counted = np.searchsorted(samples.column("time_s"), np.atleast_1d(times_s), side="right")
+    return np.asarray(counted, dtype=np.int64)
 
 
-def kernel_arguments(
-    samples: Samples, times_s: ArrayLike
-) -> tuple[Memory, Reach, Ground, Taken, NDArray[np.int64]]:
-    """Return what kernels of maps need: empty memory, edges, the grid, the samples, and how many count by each time.
+def place_shares(samples: Samples) -> Shares:
+    """Return the shares of the samples' places; the blur of edges is added to the spread of places.
 
     Raises:
         InputError: there is no grid.
@@ -190,32 +258,16 @@ def kernel_arguments(
             "a map of tiles needs a grid; give --tiles, or leave it to the raster", field="--tiles"
         )
     rows, columns, *position = samples.floor.geometry
-    ground, taken, reach = Ground(1, int(rows), int(columns), *position), _taken(samples), _reach(samples)
-    tiles = ground.rows * ground.columns
-    memory = Memory(
-        odds=np.zeros(tiles),
-        weight=np.ones(1),
-        of_column=np.zeros(2 * ground.columns),
-        of_row=np.zeros(2 * ground.rows),
-        of_all=np.zeros(1),
-        p=np.zeros(tiles),
-        p_without=np.zeros(tiles),
-        before=np.zeros(tiles),
-    )
-    ends = np.searchsorted(samples.column("time_s"), np.atleast_1d(times_s), side="right").astype(np.int64)
-    return memory, reach, ground, taken, ends
-
-
-def _reach(samples: Samples) -> Reach:
-    return Reach(max(samples.law.sensor.edge_reach_m or 0.0, 0.0))
-
-
-def _taken(samples: Samples) -> Taken:
-    """Return the samples as the kernels read them; the blur of edges is added to the spread of places."""
-    assert samples.floor is not None
-    x_m, y_m = samples.column("x_m"), samples.column("y_m")
-    blur_m = samples.law.sensor.edge_blur_m or 0.0
+    ground, sensor = Ground(int(rows), int(columns), *position), samples.law.sensor
+    x_m, y_m, blur_m = samples.column("x_m"), samples.column("y_m"), sensor.edge_blur_m or 0.0
     spread_x_m, spread_y_m = (np.hypot(samples.column(name), blur_m) for name in ("spread_x_m", "spread_y_m"))
-    is_exact = (spread_x_m == 0.0) & (spread_y_m == 0.0) & (_reach(samples).edge_reach_m == 0.0)
-    tile = np.where(is_exact, samples.floor.tile_at(x_m, y_m), -1).astype(np.int64)
-    return Taken(tile, x_m, y_m, spread_x_m, spread_y_m, samples.column("log_ratio"))
+    reach_m = max(sensor.edge_reach_m or 0.0, 0.0)
+    is_exact = (spread_x_m == 0.0) & (spread_y_m == 0.0) & (reach_m == 0.0)
+    tile = np.where(is_exact, samples.floor.tile_at(x_m, y_m), -2).astype(np.int64)
+    box = np.empty((tile.size, 4), dtype=np.int64)
+    of_column, of_row = np.empty((tile.size, 2 * ground.columns)), np.empty((tile.size, 2 * ground.rows))
+    _share_places(
+        tile, x_m, y_m, spread_x_m, spread_y_m, Reach(reach_m), ground, box, of_column, of_row, np.empty(1)
+    )
+    touched = (box[:, 1] - box[:, 0] + 1) * (box[:, 3] - box[:, 2] + 1)
+    return Shares(box, of_column, of_row, np.append(0, np.cumsum(touched)), reach_m > 0.0)
