@@ -154,6 +154,7 @@ def first_failure(clone: Path, fault: Fault, cache: Path) -> str:
     environment = os.environ | {
         "PYTHONPATH": os.pathsep.join(str(clone / name) for name in ("src", "benchmarks")),
         "XDG_CACHE_HOME": str(cache),
+        "PYTHONDONTWRITEBYTECODE": "",  # each program that a test starts would compile everything again
         FIRST: fault.file.stem,
     }
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", "seeded_faults"]
