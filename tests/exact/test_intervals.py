@@ -12,6 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from vibroswarm.analysis.figures import BY_NAME
+from vibroswarm.analysis.figures import interval as interval_of_figure
 from vibroswarm.analysis.intervals import (
     DRAWS,
     Interval,
@@ -21,6 +23,7 @@ from vibroswarm.analysis.intervals import (
     mean_interval,
     mean_share_interval,
     quantile_interval,
+    share_interval,
     sign_flip,
     sign_flip_interval,
     wilson,
@@ -253,6 +256,25 @@ def test_intervals_of_shares_stay_shares(shares: list[float]) -> None:
     found = mean_share_interval(shares)
     assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0
     assert found.estimate == mean_interval(shares).estimate
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=40))
+def test_means_of_shares_stay_shares_with_two_runs_too(shares: list[float]) -> None:
+    found, students = share_interval(shares), mean_interval(shares)
+    assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0
+    assert (found.low, found.high) == (max(students.low, 0.0), min(students.high, 1.0)), (
+        "nothing but the range"
+    )
+
+
+@pytest.mark.parametrize("name", [name for name, one in BY_NAME.items() if one.is_share])
+def test_no_share_of_two_runs_is_above_one_or_below_zero(name: str) -> None:
+    figure = BY_NAME[name]
+    by_run = {figure.by_run: np.array([0.0, 1.0]), "robots": np.array([10.0, 10.0])}
+    by_run |= dict.fromkeys((*figure.counted, "robots"), np.array([10.0, 10.0]))
+    found = interval_of_figure(name, by_run)
+    assert 0.0 <= found.low <= found.estimate <= found.high <= 1.0
+    assert mean_interval([0.0, 1.0]).high > 1.0, "as Student's limits would be"
 
 
 def test_intervals_of_small_shares_hold_as_often_as_they_say_and_students_leave_the_range() -> None:

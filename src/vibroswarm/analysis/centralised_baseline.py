@@ -37,6 +37,7 @@ from vibroswarm.analysis.intervals import (
     check_level,
     mean_interval,
     plain,
+    share_interval,
     sign_flip_interval,
     wilson,
 )
@@ -163,11 +164,11 @@ def pooled_counting(
         time_s=mean_interval(time_s, level),
         wrong=wilson(int(pooled_wrong.sum()), n, level),
         undecided=wilson(int(pooled_undecided.sum()), n, level),
-        error=mean_interval(error, level),
+        error=share_interval(error, level),
         strategy_time_s=mean_interval(strategy_time_s, level),
-        strategy_wrong=mean_interval(wrong[judged], level),
-        strategy_undecided=mean_interval(undecided[judged], level),
-        strategy_error=mean_interval(strategy_error, level),
+        strategy_wrong=share_interval(wrong[judged], level),
+        strategy_undecided=share_interval(undecided[judged], level),
+        strategy_error=share_interval(strategy_error, level),
         time_difference_s=sign_flip_interval(strategy_time_s - time_s, level, seed),
         error_difference=sign_flip_interval(strategy_error - error, level, seed),
     )

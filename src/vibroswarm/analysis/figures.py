@@ -5,7 +5,7 @@ interval that treats the run as the independent unit:
 
 | kind | figure of a cell | interval |
 |---|---|---|
-| mean | mean over the runs that have the figure | Student's t |
+| mean | mean over the runs that have the figure | Student's t; those of a share are clipped to [0, 1] |
 | runs | share of the runs, of those that have the figure, in which it is 1 and not 0 | Wilson |
 | robots | sum of a number of robots over runs / sum of another | cluster bootstrap over runs |
 | median | median over runs; a run without the figure counts as infinitely late | order statistics |
@@ -27,7 +27,14 @@ import numpy as np
 import polars as pl
 from numpy.typing import ArrayLike, NDArray
 
-from vibroswarm.analysis.intervals import Interval, cluster_share, mean_interval, quantile_interval, wilson
+from vibroswarm.analysis.intervals import (
+    Interval,
+    cluster_share,
+    mean_interval,
+    quantile_interval,
+    share_interval,
+    wilson,
+)
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
 from vibroswarm.inference.outcomes import (
@@ -298,6 +305,10 @@ class RunFigure(NotebookView):
         shares = ("forced_error", "estimate_coverage", "right_at_decision", "right_time_share")
         return self.kind in ("runs", "robots") or self.name in shares
 
+    def mean(self, by_run: ArrayLike, level: float = 0.95) -> Interval:
+        """Average it over runs, with Student's limits; those of a share stay between 0 and 1."""
+        return (share_interval if self.is_share else mean_interval)(by_run, level)
+
 
 def _decision_time_s(swarms: Swarms) -> Array:
     return swarms.mean(swarms.time_s)
@@ -564,7 +575,7 @@ def interval(name: str, by_run: Mapping[str, NDArray[Any]], level: float = 0.95,
         return cluster_share(count[known], of[known], level, seed)
     values = by_run[figure.by_run]
     if figure.kind == "mean":
-        return mean_interval(values, level)
+        return figure.mean(values, level)
     if figure.kind == "share":
         known, robots = ~np.isnan(values), by_run["robots"]
         return cluster_share(np.rint(values * robots)[known], robots[known], level, seed)

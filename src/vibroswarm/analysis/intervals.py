@@ -4,6 +4,7 @@
 |---|---|---|---|
 | ``wilson`` | share of runs | (k + z^2/2 +- z sqrt(k(n-k)/n + z^2/4)) / (n + z^2) | Wilson 1927 |
 | ``mean_interval`` | mean over runs | mean +- t s / sqrt(n) | Student 1908 |
+| ``share_interval`` | mean of shares | the same, clipped to [0, 1] | Student 1908 |
 | ``bootstrap_mean`` | mean over runs | percentiles of means of resampled runs | Efron 1979 |
 | ``cluster_share`` | share of robots | percentiles of shares in resampled runs | Davison & Hinkley 1997, 3.8 |
 | ``sign_flip`` | mean of differences | quantiles of means of random subsets | Hartigan 1969 |
@@ -151,6 +152,19 @@ def mean_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     return Interval(mean, mean - half, mean + half, level, runs.size, "t")
 
 
+def share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
+    """Compute a mean over runs of values between 0 and 1, with Student's limits clipped to that range.
+
+    The true mean lies in the range, so clipping costs no confidence. For one run the limits are 0 and 1.
+    """
+    return _clipped(mean_interval(values, level))
+
+
+def _clipped(found: Interval) -> Interval:
+    """Clip limits to [0, 1]; nan stays, because max and min return their first argument then."""
+    return found._replace(low=max(found.low, 0.0), high=min(found.high, 1.0))
+
+
 def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     """Compute a mean over runs of shares, with limits that stay in [0, 1]; values of nan are left out.
 
@@ -160,8 +174,7 @@ def mean_share_interval(values: ArrayLike, level: float = 0.95) -> Interval:
     shares = without_nan(values)
     of_shares = mean_interval(shares, level)
     if shares.size < 2:
-        # Without runs the limits are nan, which max and min return because it is their first argument.
-        return of_shares._replace(low=max(of_shares.low, 0.0), high=min(of_shares.high, 1.0))
+        return _clipped(of_shares)
     of_angles = mean_interval(np.arcsin(np.sqrt(np.clip(shares, 0.0, 1.0))), level)
     # The angle of a share is from 0 to pi / 2; limits outside that range become those of the shares 0 and 1.
     low, high = (math.sin(min(max(end, 0.0), math.pi / 2)) ** 2 for end in (of_angles.low, of_angles.high))

@@ -26,7 +26,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.intervals import Interval, share_interval
 from vibroswarm.calibrate.held_out_accuracy import mean_accuracy, scikit_learn
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError
@@ -174,10 +174,10 @@ def classifier_accuracy(
             field="sessions",
         )
     return ClassifierAccuracy(
-        simulated=_share_interval(
+        simulated=share_interval(
             [_held_out(real_stretches, simulated_stretches, i, robots) for i in range(len(real))], level
         ),
-        simulated_by_robot=_share_interval(
+        simulated_by_robot=share_interval(
             [
                 float(np.mean([_accuracy_between(own, other, robots) for other in simulated_stretches]))
                 for own in real_stretches
@@ -186,12 +186,6 @@ def classifier_accuracy(
         ),
         real=_accuracy_among(real_stretches, robots, level),
     )
-
-
-def _share_interval(shares: list[float], level: float) -> Interval:
-    """Return the interval of the mean of shares, with its limits clipped to [0, 1]; one share has the limits 0, 1."""
-    interval = mean_interval(shares, level)
-    return interval._replace(low=max(interval.low, 0.0), high=min(interval.high, 1.0))
 
 
 def _stretches_by_robot(samples: pl.DataFrame) -> Stretches:
@@ -279,4 +273,4 @@ def _accuracy_among(sessions: list[Stretches], robots: list[int], level: float) 
     by_session = [
         float(np.mean([accuracy for pair, accuracy in accuracies.items() if i in pair])) for i in numbers
     ]
-    return _share_interval(by_session, level)
+    return share_interval(by_session, level)

@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from vibroswarm.analysis.figures import run_figures
-from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.figures import BY_COLUMN, run_figures
+from vibroswarm.analysis.intervals import Interval
 from vibroswarm.analysis.paired import COMPARED, Confirmation, compare, confirmed
 from vibroswarm.core.notebook_view import NotebookView
 from vibroswarm.errors import InputError, whole_number_of
@@ -118,7 +118,7 @@ def _effect(name: str, place: int, strategies: int, blocks: Sequence[StudyResult
     comparisons = [compare(second, first) for first, second in tables]
     # Means and shares of outcomes, for each scenario, are those of the first seed.
     figures = [
-        {figure: mean_interval(table[figure].drop_nulls().to_numpy()) for figure in COMPARED}
+        {figure: BY_COLUMN[figure].mean(table[figure].drop_nulls().to_numpy()) for figure in COMPARED}
         for table in tables[0]
     ]
     shares = [

@@ -25,7 +25,7 @@ import numpy as np
 import polars as pl
 from numpy.typing import NDArray
 
-from vibroswarm.analysis.intervals import mean_interval, plain
+from vibroswarm.analysis.intervals import mean_interval, plain, share_interval
 from vibroswarm.errors import InputError, check_choice
 from vibroswarm.inference.outcomes import costs_of, forced_errors
 from vibroswarm.league.entries import Entry, floors_of
@@ -119,11 +119,7 @@ def fault_curves(
 
 
 def _cases(entry: Entry, kinds: Sequence[str], most: int) -> list[tuple[str, int]]:
-    """Return the kinds and numbers of faulty robots that are simulated for an entry.
-
-    The first is ("none", 0), which serves all kinds. "opposite" (robots that send the opposite of their message) is
-    left out for a strategy whose messages have no opposite.
-    """
+    """Return kinds and numbers of faulty robots of an entry; the first, ("none", 0), serves all kinds."""
     possible = [kind for kind in kinds if kind != "opposite" or strategy(entry.strategy).has_opposite]
     return [("none", 0), *((kind, count) for kind in possible for count in range(1, most + 1))]
 
@@ -163,8 +159,8 @@ def _row(case: Case, errors: dict[Case, Errors]) -> dict[str, Any]:
         np.where(works, found, 0.0).sum(axis=1) / works.sum(axis=1) for found in (with_faults, without_faults)
     )
     row: dict[str, Any] = {"name": name, "kind": kind, "faulty": count}
-    for figure, values in (("forced_error", of_run), ("rise", of_run - before)):
-        found = mean_interval(values)
+    found_of = {"forced_error": share_interval(of_run), "rise": mean_interval(of_run - before)}
+    for figure, found in found_of.items():
         row |= {
             figure: plain(found.estimate),
             f"{figure}_low": plain(found.low),

@@ -199,7 +199,8 @@ class Standings(NotebookView):
         Args:
             entry: index of the entry. figure: one of ``FIGURES``. floors: indices of floors; by default all.
         """
-        return mean_interval(self.by_unit(entry, figure, floors))
+        by_unit = self.by_unit(entry, figure, floors)
+        return BY_NAME[SHOWN[figure]].mean(by_unit) if figure in SHOWN else mean_interval(by_unit)
 
     def by_unit(self, entry: int, figure: str, floors: Sequence[int] | None = None) -> Array:
         """Average a figure of an entry over floors (by default all), for each unit: (units,).
@@ -235,7 +236,7 @@ class Standings(NotebookView):
         errors = self.values["forced_error"][entry][hard]  # (hard floors, units)
         choosing, estimating = errors[:, ::2], errors[:, 1::2]
         worst = int(choosing.mean(axis=1).argmax())
-        return floors[hard[worst]], mean_interval(estimating[worst])
+        return floors[hard[worst]], BY_NAME["forced_error"].mean(estimating[worst])
 
     @cached_property
     def table(self) -> pl.DataFrame:

@@ -27,7 +27,7 @@ import polars as pl
 from numpy.typing import NDArray
 
 from vibroswarm.analysis.decidability import Decidability, decidability_of_share, observed_share
-from vibroswarm.analysis.intervals import Interval, mean_interval
+from vibroswarm.analysis.intervals import Interval, share_interval
 from vibroswarm.analysis.sampling import effective_samples, effective_with_sensor
 from vibroswarm.core.distances import nearest_tiles
 from vibroswarm.core.jit import read_only
@@ -360,7 +360,7 @@ def at_threshold(
         high=high,
         all_samples=rates(data, value, chosen=np.ones(bits.size, dtype=np.bool_)),
         inner_samples=rates(data, value, chosen=far_from_edges),
-        share_by_session=mean_interval(by_session),
+        share_by_session=share_interval(by_session),
         decidable=_decidable(data, bits, value, recording),
     )
 
