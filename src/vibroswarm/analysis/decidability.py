@@ -420,10 +420,6 @@ def samples_needed(share: float, boundary: float, error: float = 0.05) -> int | 
 
 
 def _side(share: float, boundary: float, truth: int | None) -> Word:
-    """Return the verdict: "decidable" if the share of ones is on the side of the boundary that the truth requires.
-
-    Otherwise it is "wrong side", or "on the boundary" if the share equals the boundary or there is no truth.
-    """
     if truth is None or abs(share - boundary) < ON:
         return "on the boundary"
     return "decidable" if (share > boundary) == (truth == 1) else "wrong side"

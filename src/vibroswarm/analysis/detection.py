@@ -114,13 +114,7 @@ def _about(robots: pl.DataFrame, runs: pl.DataFrame, t_end_s: float) -> dict[str
 
 
 def _fill_ratio(fills: pl.Series) -> float:
-    """Return the mean, or exactly the value if all are equal.
-
-    Cells are grouped by this number, so rounding must not make equal fill ratios differ.
-
-    Args:
-        fills: fill ratio of each run, at least one.
-    """
+    """Return the mean; exactly the value if all are equal, since cells are grouped by it."""
     return float(fills[0] if fills.n_unique() == 1 else fills.mean())  # type: ignore[arg-type]
 
 

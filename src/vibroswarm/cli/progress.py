@@ -37,15 +37,7 @@ class _Lines:
 
 @contextmanager
 def _bar(what: str, total: float | None = None) -> Iterator[Callable[..., None]]:
-    """Show a progress bar on stderr, unless ``--quiet``; yield the function that updates it.
-
-    The function takes keywords: description, total, completed, and note, a text at the end of the bar.
-
-    Args:
-        what: description of the work.
-        total: 1 if ``completed`` will be the share done, which is shown in per cent. None if it will be a number of
-            runs, which is shown beside their total; the total is then set by the first update.
-    """
+    """Show a bar of shares (total 1) or runs, unless ``--quiet``; yield what updates it (total, completed, note)."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 

@@ -47,11 +47,7 @@ def _first_run(result: Result) -> str:
 
 
 def _frame(page: str, title: str, height_px: int) -> str:
-    """Return a frame with a whole page, which is sandboxed: its scripts run, but cannot reach the notebook.
-
-    Args:
-        title: what it shows, for screen readers.
-    """
+    """Return a frame with a whole page; it is sandboxed, so that its scripts cannot reach the notebook."""
     return (
         f'<iframe title="{escape(title)}" sandbox="allow-scripts allow-downloads" loading="lazy" '
         f'style="width: 100%; height: {height_px}px; border: 0" srcdoc="{escape(page)}"></iframe>'

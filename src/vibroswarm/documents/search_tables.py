@@ -349,11 +349,6 @@ def failure_table(archive: Archive) -> Table | None:
 
 
 def _stage(candidate: Candidate) -> str:
-    """Return the stage in which a candidate ran, "race" or "search".
-
-    Candidates that were added for the race have the origin "finalist KEY", "surface" or "start". Starts that the method
-    itself proposes have the origin of the method, such as "pso 1".
-    """
     of_race = candidate.origin in ("surface", "start") or candidate.origin.startswith("finalist ")
     return "race" if of_race else "search"
 

@@ -274,11 +274,7 @@ def _at_bounds(search: Search, values: Mapping[str, Any]) -> str:
 
 
 def _front_luck(front: Front) -> str:
-    """Warn of a front that fresh runs do not confirm.
-
-    They do not if a candidate of the search's front is not on the front that the scores on fresh runs make, or if the
-    median over the candidates of (true - believed) / abs(true) is beyond ``TELLING`` for an objective.
-    """
+    """Warn of a front that fresh runs do not confirm: a candidate leaves it, or scores are off by ``TELLING``."""
     is_left = not all(member.stays for member in front.members)
     is_biased = any(abs(share) > TELLING for share in front.too_little)
     return front.words if is_left or is_biased else ""

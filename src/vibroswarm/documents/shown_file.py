@@ -97,11 +97,7 @@ def _cells_of_grid(path: Path) -> int:
 
 
 def _is_settings(tables: dict[str, Any]) -> bool:
-    """Return whether a file holds settings of strategies, as ``league tune`` writes them.
-
-    Such a file has one table for each strategy, in which all keys are dotted names of fields, such as
-    ``"strategy.soft.eta"``.
-    """
+    """Return whether a file is one of ``league tune``: a table for each strategy, whose keys are names of fields."""
     return bool(tables) and all(
         isinstance(table, dict) and all("." in field for field in table) for table in tables.values()
     )

@@ -297,11 +297,7 @@ def _camera(tracking: Tracking) -> Section:
 def _rms(
     tracking: Tracking, residuals: dict[int, np.ndarray[tuple[int, ...], np.dtype[np.float64]]], marker: int
 ) -> tuple[float | None, float | None]:
-    """Return the root mean square error of a floor marker's corners in px and in mm; None if it was never seen.
-
-    Args:
-        residuals: result of ``doubts.floor_residuals``: errors of the corners of each marker, by its number.
-    """
+    """Return the root mean square error of a floor marker's corners, in px and mm; None if it was never seen."""
     if marker not in residuals:
         return None, None
     error = float(np.sqrt((residuals[marker] ** 2).sum(axis=1).mean()))

@@ -133,11 +133,7 @@ def belief_calibration(
 
 
 def _settings_of(entry: Entry) -> list[tuple[str, dict[str, Any]]]:
-    """Return the settings with which the beliefs of an entry are tested: (name, scenario fields to change) of each.
-
-    They are the entry's own settings and p_c = 0.95, O_c = 0. For a strategy that does not use p_c they are only its
-    own.
-    """
+    """Return the settings whose beliefs are tested: the entry's own, and p_c = 0.95, O_c = 0 if it uses p_c."""
     has_threshold = "credible_threshold" in fields_read(strategy(entry.strategy))
     return [(AS_PLAYED, {}), (AT_95, SURE)] if has_threshold else [(AS_PLAYED, {})]
 

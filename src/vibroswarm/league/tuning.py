@@ -210,11 +210,7 @@ def chosen_along(time_s: Array, error: Array, aims: Sequence[float] = AIMS) -> l
 
 
 def _piece_at(aim: float, error: Array) -> tuple[int, ...]:
-    """Return the two ends of a front's piece at an aim: none below its least error, the last piece beyond its end.
-
-    Args:
-        error: of the points of the front, rising.
-    """
+    """Return the ends of a front's piece at an aim: none below its least error, the last piece beyond its end."""
     if aim < error[0]:
         return ()
     upper = min(max(int(np.searchsorted(error, aim)), 1), error.size - 1)
@@ -333,10 +329,7 @@ def _chosen_within(
 
 
 def _borrowed(best: Sequence[Entry], chosen: Sequence[Mapping[str, Any]]) -> list[Entry]:
-    """Return entries with what was chosen for other strategies in the fields that both have.
-
-    Their other fields are those of ``OWN`` of the best settings, evenly spread along the front.
-    """
+    """Return entries of the best settings along the front, with what was chosen for other strategies."""
     own = best[:: max(1, len(best) // OWN)][:OWN]
     return [replace(one, settings={**one.settings, **other}) for other in chosen for one in own]
 

@@ -265,21 +265,13 @@ class Pso:
             self.personal[particle], self.kept[particle] = self.current[particle], scores[particle]
 
     def _score(self, key: int) -> float:
-        """Return the score by which candidates are compared.
-
-        With ``fixed`` and ``as-ran`` it is the plain score. Otherwise it is the score corrected for small-sample bias,
-        plus ``caution`` standard errors.
-        """
+        """Return the score that compares candidates: corrected and cautious, but for ``fixed`` and ``as-ran``."""
         if self.settings.keeps_scores:
             return self.archive.score(key)
         return self.archive.cautious(key, self.settings.caution)
 
     def _personal_scores(self) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-        """Return the scores of the personal bests, (particles,).
-
-        With ``fixed`` and ``as-ran``, each is the score with which the candidate became a personal best. Otherwise it
-        is computed from all runs of the candidate so far.
-        """
+        """Return the scores of the personal bests, from all their runs so far, but for ``fixed`` and ``as-ran``."""
         if self.settings.keeps_scores:
             return self.kept
         return np.array([self._score(key) for key in self.personal])

@@ -279,11 +279,6 @@ def read_step(path: Path, search: Search) -> pl.DataFrame:
 
 
 def _described_table(path: Path, kind: str, schema: Schema) -> pl.DataFrame:
-    """Read the table of a description that has one.
-
-    Raises:
-        InputError: the description, or the table, is damaged.
-    """
     _, files = read_described(path, kind)
     if list(files) != [kind]:
         raise InputError(f"is damaged: it must describe one table '{kind}'", field=str(path))

@@ -132,11 +132,6 @@ def _simulated_again(result: StudyResult, runs: int) -> Iterator[tuple[Cell, Res
 def _runs_of_cell(
     result: StudyResult, group: Group, cell: Cell, runs: list[int], earlier: Result | None
 ) -> Result:
-    """Return runs of a cell, replayed on the motion of another cell's runs if that is possible, else simulated.
-
-    Args:
-        group: of the cell. runs: their numbers. earlier: runs of another cell of the group; None if there are none yet.
-    """
     if earlier is not None and _has_motion_for(earlier, group, cell, runs):
         return replay(earlier, cell.scenario)
     return result.result(cell.number, runs)

@@ -308,12 +308,6 @@ def comparison_table(compared: Sequence[Compared]) -> pl.DataFrame:
 def _compared(
     cell: Cell, reference: Cell, name: str, paired: Paired, replicate: Paired | None, p: float
 ) -> Compared:
-    """Return the comparison of one figure of a pair.
-
-    Args:
-        name: the compared field. paired: the comparison in the study's own runs.
-        replicate: the comparison in the second block; None if there is none. p: the corrected p-value of ``paired``.
-    """
     first = replace(paired, p_holm=p)
     confirmation = None if replicate is None else confirmed(first, replicate)
     return Compared(cell=cell, reference=reference, field=name, first=first, replicate=confirmation)

@@ -311,10 +311,7 @@ def _nothing() -> None:
 
 
 def _hold_off_ctrl_c() -> None:
-    """Block Ctrl-C (SIGINT) in this thread, so that the processes that the thread starts inherit the block.
-
-    Without the block, Ctrl-C could end a process that has started but does not yet ignore Ctrl-C (``_begin_process``).
-    """
+    """Block Ctrl-C for processes that this thread starts, until they ignore it themselves (``_begin_process``)."""
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
 
@@ -324,12 +321,7 @@ _cancel: Any = None
 
 
 def _begin_process(cancel: _ProcessFlag, begun: _ProcessFlag) -> None:
-    """Initialise a worker process: it saves the flag ``cancel``, ignores Ctrl-C, and ends when its parent ends.
-
-    Args:
-        cancel: flag that is set when running batches have to stop; it becomes ``_cancel`` of this module.
-        begun: set here.
-    """
+    """Initialise a worker process: it keeps the flag that stops it, ignores Ctrl-C, and ends with its parent."""
     global _cancel
     _cancel = cancel
     begun.set()
@@ -529,10 +521,7 @@ def check_begun_by(theirs: Mapping[str, str], folder: Path) -> None:
 
 
 def _different_versions(theirs: Mapping[str, str]) -> str:
-    """Write how ``theirs`` differs from the ``simulation.versions`` of this process, as text; empty if in nothing.
-
-    What only ``theirs`` names does not count.
-    """
+    """Write how other versions differ from those of this process; empty if in nothing."""
     own = versions()
     return "; ".join(f"{k} {theirs.get(k)} there, {own[k]} here" for k in own if theirs.get(k) != own[k])
 

@@ -210,11 +210,7 @@ def fields_in(block: Any, name: str, may_have: tuple[str, ...] = ()) -> dict[str
 
 
 def _is_of_code(name: str) -> bool:
-    """Return whether a field is a parameter of user code, as ``strategy.voter.phase_s`` is of ``voter``.
-
-    The name of the code must be one that data files refer to (``plugins.is_code_name``). The code need not be loaded,
-    so any name of a parameter is accepted.
-    """
+    """Return whether a field is a parameter of user code, loaded or not, as ``strategy.voter.phase_s``."""
     parts = name.split(".")
     return len(parts) == 3 and parts[0] in plugins.KINDS and plugins.is_code_name(parts[1])
 

@@ -173,11 +173,7 @@ def run_batch(study: Study, folder: str | Path, batch: str, *, mixed: bool = Fal
 
 
 def _all_there(store: Store, plan: Plan, job: Job | None) -> bool:
-    """Return whether nothing is left to run: all runs of the study or of the job are stored, or all groups are settled.
-
-    The store's study has either a number of runs or a precision. With a precision, a group is settled if its figure is
-    precise enough, or if it has the most runs that are allowed.
-    """
+    """Return whether all runs of the study or the job are stored, or, with a precision, all groups are settled."""
     runs, until = store.study.runs, store.study.until
     if until is not None:
         return all(settled(store, group, until) is not None for group in plan.groups)
@@ -185,11 +181,6 @@ def _all_there(store: Store, plan: Plan, job: Job | None) -> bool:
 
 
 def _missing_batches(store: Store, wanted: Sequence[tuple[Group, int]], job: Job | None) -> Iterator[Batch]:
-    """Yield batches of the wanted runs that are not stored.
-
-    Args:
-        wanted: pairs of a group and the number of its runs that are wanted. job: only batches of this job; None: all.
-    """
     for group, runs in wanted:
         for block, first, last in store.missing(group, runs):
             if job is None or job.has(group, block):
@@ -264,15 +255,7 @@ class _Runner:
         self.failed += 1
 
     def _halves(self, work: Batch, why: str) -> list[tuple[Batch, int]]:
-        """Return the halves of a batch in which user code failed, so that runs in which it does not fail are saved.
-
-        A batch of one run cannot be halved. It is recorded as a failure, and [] is returned; so is any batch after
-        ``MOST_HALVINGS`` halvings.
-
-        Args:
-            why: the message of the code's error.
-        Returns: tasks, that is a batch and the number of its try, here 1.
-        """
+        """Return the halves of a batch in which user code failed; a batch of one run is a failure."""
         middle = (work.first + work.last) // 2
         if middle > work.first and self.halvings < MOST_HALVINGS:
             self.halvings += 1

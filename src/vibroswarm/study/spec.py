@@ -519,11 +519,7 @@ class Study(NotebookView):
 
     @cached_property
     def _whole_base(self) -> dict[str, Any]:
-        """All fields of the base, so that a version with other defaults reads the same study from the text.
-
-        Only the given fields are returned in two cases: if presets are varied, since a complete scenario would override
-        them; and if the base is invalid without the values of the varied fields.
-        """
+        """Return all fields of the base, so that other defaults change nothing; the given ones if presets vary."""
         if not any(PRESET in point for point in self._points):
             with suppress(InputError):
                 return self._scenario({}).model_dump(exclude_none=True)

@@ -410,10 +410,7 @@ NOT_OF_THE_CELLS: Final = ("format", "name", "runs", "until", "figure", "max_run
 
 
 def _fingerprint(text: str) -> str:
-    """Return a hash of a study's TOML without ``NOT_OF_THE_CELLS``.
-
-    The text is hashed, not the study that is read from it, so that all versions of this program agree on the hash.
-    """
+    """Hash a study's TOML without ``NOT_OF_THE_CELLS``: the text, so that all versions agree on it."""
     values = {k: v for k, v in tomllib.loads(text).items() if k not in NOT_OF_THE_CELLS}
     return hashlib.sha256(json.dumps(values, default=str).encode()).hexdigest()[:16]
 

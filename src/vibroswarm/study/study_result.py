@@ -226,14 +226,7 @@ class StudyResult(NotebookView):
         return self._scan("robots", cells)
 
     def _scan(self, table: str, cells: Sequence[int]) -> pl.LazyFrame:
-        """Return a table of the store, not read yet, for some cells.
-
-        Args:
-            table: ``robots``, ``samples``, ``failures``, ``agreements`` or ``maps``.
-            cells: by number; if empty, all selected cells.
-        Raises:
-            InputError: none of these cells has runs yet.
-        """
+        """Return a table of the store, not read yet, for some cells, or for all selected ones if none are given."""
         if frames := self._scans(table, cells):
             return pl.concat(frames)
         raise InputError("holds no runs of these cells yet", field=str(self.store.folder))

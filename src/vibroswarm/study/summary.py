@@ -185,14 +185,7 @@ def _with_runs(result: StudyResult) -> tuple[StudyResult, tuple[Cell, ...]]:
 def _with_corrected_interval(
     figures: CellSummary, result: StudyResult, cell: int, settled: Settled | None
 ) -> CellSummary:
-    """Return a cell's figures; the figure with the wanted precision gets an interval corrected for repeated looks.
-
-    The interval is computed after 100, 200, 400, ... runs until it is narrow enough, so its level must be corrected
-    (``precision``). If the study has no precision, or the cell needs more runs, the figures are returned unchanged.
-
-    Args:
-        cell: number of the cell. settled: its ``StudyResult.settled``, which has the corrected level.
-    """
+    """Correct the interval of the figure with the wanted precision for repeated looks (``precision``)."""
     until = result.study.until
     if settled is None or until is None:
         return figures
